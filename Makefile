@@ -1,0 +1,52 @@
+# Two commands do all: `make study` runs the study, `make test` lints and tests. Both make .venv first.
+CONFIG ?= config/config.yaml
+CORES ?= 2
+PYTHON ?= python3
+ENVIRONMENT := .venv/.installed
+SNAKEMAKE := snakemake --cores $(CORES) --configfile $(CONFIG)
+export PATH := $(CURDIR)/.venv/bin:$(PATH)
+
+.PHONY: study test lint format report smoke bench lock clean help
+.DEFAULT_GOAL := help
+
+help: ## list the targets
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 20
+
+$(ENVIRONMENT): environment.txt pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "error: Python 3.11 or later is needed, $$($(PYTHON) --version) was found; set PYTHON=/path/to/python3.11" >&2; exit 1; }
+	$(PYTHON) -m venv --clear .venv
+	.venv/bin/python -m pip install --quiet --require-hashes -r environment.txt
+	.venv/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	@touch $@
+
+study: $(ENVIRONMENT) ## run the study: make study [CONFIG=config/spmd.yaml] [CORES=2]
+	$(SNAKEMAKE)
+
+report: $(ENVIRONMENT) ## run the study and write its self-contained report under results/
+	$(SNAKEMAKE)
+	$(SNAKEMAKE) --report results/report.html
+
+smoke: ## a miniature of the whole study in under two minutes
+	$(MAKE) study CONFIG=config/smoke.yaml
+
+lint: $(ENVIRONMENT) ## ruff, snakefmt and snakemake --lint
+	ruff check .
+	ruff format --check .
+	snakefmt --check Snakefile workflow
+	snakemake --lint
+
+test: lint ## lint and run the tests
+	pytest
+
+format: $(ENVIRONMENT) ## rewrite the sources as the linters want them
+	ruff check --fix .
+	ruff format .
+	snakefmt Snakefile workflow
+
+lock: $(ENVIRONMENT) ## resolve environment.txt anew from pyproject.toml
+	uv pip compile pyproject.toml --extra study --extra dev --universal --python-version 3.11 \
+	  --generate-hashes --no-header --quiet --output-file environment.txt
+
+clean: ## remove what the study made, keep the environment
+	rm -rf results .snakemake

@@ -1,0 +1,47 @@
+"""What every distribution of the house can do."""
+
+from typing import Protocol, Self, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+@runtime_checkable
+class Distribution(Protocol):
+    """A univariate distribution on ``[lower, upper)``.
+
+    All functions work element by element on arrays of any shape. Tails are exact where they are far:
+    ``logsf`` in logarithms, ``isf`` down to the smallest positive double.
+    """
+
+    lower: float
+    upper: float
+
+    def logpdf(self, x: ArrayLike) -> Array:
+        """Log density; -inf outside the support."""
+
+    def cdf(self, x: ArrayLike) -> Array:
+        """P(X <= x)."""
+
+    def sf(self, x: ArrayLike) -> Array:
+        """P(X > x)."""
+
+    def logsf(self, x: ArrayLike) -> Array:
+        """Log P(X > x)."""
+
+    def ppf(self, q: ArrayLike) -> Array:
+        """Inverse of cdf on (0, 1)."""
+
+    def isf(self, q: ArrayLike) -> Array:
+        """Inverse of sf on (0, 1)."""
+
+    def mean(self) -> float:
+        """Return E X."""
+
+    def rvs(self, generator: np.random.Generator, size: int) -> Array:
+        """Independent draws, shape (size,)."""
+
+    def tilt(self, theta: float) -> Self:
+        """Exponential change of measure: density proportional to exp(theta x) f(x) (paper, section IV.B)."""

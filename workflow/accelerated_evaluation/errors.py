@@ -1,0 +1,38 @@
+"""Errors of the study: each says where, what was seen, what was expected and what to change."""
+
+
+class StudyError(Exception):
+    """Anything that a user of the study can mend; scripts and commands print it without a traceback."""
+
+
+class InputError(StudyError):
+    """Bad input: a file, row, column or configuration key that cannot be used.
+
+    Parameters
+    ----------
+    where
+        File and row, column or configuration key.
+    seen, expected
+        What was found there, and what should be.
+    change
+        What the user can do about it.
+    """
+
+    def __init__(self, where: str, *, seen: str, expected: str, change: str) -> None:
+        self.where, self.seen, self.expected, self.change = where, seen, expected, change
+        super().__init__(f"{where}: seen {seen}; expected {expected}. {change}")
+
+    def __reduce__(self) -> tuple:
+        """Pickle by keyword, so that the error survives a process boundary."""
+        return _rebuild_input_error, (self.where, self.seen, self.expected, self.change)
+
+
+class ConvergenceError(StudyError):
+    """An iteration ended without meeting its criterion; carries how far it came."""
+
+    def __init__(self, what: str, *, reached: str, limit: str, change: str) -> None:
+        super().__init__(f"{what} did not converge: reached {reached}; limit {limit}. {change}")
+
+
+def _rebuild_input_error(where: str, seen: str, expected: str, change: str) -> InputError:
+    return InputError(where, seen=seen, expected=expected, change=change)

@@ -1,0 +1,39 @@
+"""What a vehicle under test takes and gives."""
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Outcomes:
+    """What a batch of n simulated encounters ended in; every array has shape (n,).
+
+    Attributes
+    ----------
+    crash
+        Whether the range reached zero.
+    min_range
+        Smallest range [m], the start included; not positive where it crashed.
+    min_ttc
+        Smallest positive time to collision seen [s]; +inf if it never closed in.
+    impact_speed
+        Closing speed at the crash [m/s]; 0 where there was none.
+    """
+
+    crash: NDArray[np.bool_]
+    min_range: Array
+    min_ttc: Array
+    impact_speed: Array
+
+
+@runtime_checkable
+class Vehicle(Protocol):
+    """A car under test: deterministic, and simulated in batches."""
+
+    def simulate(self, lead_speed: Array, range_: Array, closing_speed: Array) -> Outcomes:
+        """Simulate n cut-ins: lead speed [m/s], initial range [m] and closing speed [m/s], each of shape (n,)."""
