@@ -12,8 +12,8 @@ Array = NDArray[np.float64]
 class Distribution(Protocol):
     """A univariate distribution on ``[lower, upper)``.
 
-    All functions work element by element on arrays of any shape. Tails are exact where they are far:
-    ``logsf`` in logarithms, ``isf`` down to the smallest positive double.
+    All functions work element by element on arrays of any shape. Far tails keep their digits: ``logsf``
+    in logarithms, ``isf`` down to the smallest positive double.
     """
 
     lower: float
@@ -32,10 +32,10 @@ class Distribution(Protocol):
         """Log P(X > x)."""
 
     def ppf(self, q: ArrayLike) -> Array:
-        """Inverse of cdf on (0, 1)."""
+        """Inverse of cdf on [0, 1]."""
 
     def isf(self, q: ArrayLike) -> Array:
-        """Inverse of sf on (0, 1)."""
+        """Inverse of sf on [0, 1]."""
 
     def mean(self) -> float:
         """Return E X."""
@@ -43,5 +43,15 @@ class Distribution(Protocol):
     def rvs(self, generator: np.random.Generator, size: int) -> Array:
         """Independent draws, shape (size,)."""
 
+
+@runtime_checkable
+class Tiltable(Distribution, Protocol):
+    """A distribution with an exponential change of measure (paper, section IV.B)."""
+
+    theta_limit: float
+
+    def cumulant(self, theta: float) -> float:
+        """Return kappa(theta) = log E exp(theta X), the log moment generating function."""
+
     def tilt(self, theta: float) -> Self:
-        """Exponential change of measure: density proportional to exp(theta x) f(x) (paper, section IV.B)."""
+        """Change the measure exponentially: the density becomes exp(theta x - kappa(theta)) f(x)."""

@@ -1,0 +1,42 @@
+"""Empirical distribution: the lead speeds as they were recorded."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from accelerated_evaluation.distributions.protocol import Array
+
+
+class Empirical:
+    """Every recorded value with the same probability."""
+
+    def __init__(self, values: ArrayLike) -> None:
+        self.values = np.sort(np.asarray(values, dtype=float))
+        if self.values.size == 0:
+            raise ValueError("an empirical distribution needs at least one value")
+        self.lower, self.upper = float(self.values[0]), float(self.values[-1])
+
+    def cdf(self, x: ArrayLike) -> Array:
+        """P(X <= x)."""
+        return np.searchsorted(self.values, x, side="right") / self.values.size
+
+    def sf(self, x: ArrayLike) -> Array:
+        """P(X > x)."""
+        return 1 - self.cdf(x)
+
+    def ppf(self, q: ArrayLike) -> Array:
+        """Smallest recorded value with a share of at least ``q`` at or below it."""
+        index = np.ceil(np.asarray(q, dtype=float) * self.values.size).astype(int) - 1
+        return self.values[np.clip(index, 0, self.values.size - 1)]
+
+    def isf(self, q: ArrayLike) -> Array:
+        """Inverse of sf."""
+        index = self.values.size - 1 - np.floor(np.asarray(q, dtype=float) * self.values.size).astype(int)
+        return self.values[np.clip(index, 0, self.values.size - 1)]
+
+    def mean(self) -> float:
+        """Return E X."""
+        return float(self.values.mean())
+
+    def rvs(self, generator: np.random.Generator, size: int) -> Array:
+        """Independent draws, shape (size,)."""
+        return self.values[generator.integers(self.values.size, size=size)]

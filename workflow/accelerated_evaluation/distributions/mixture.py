@@ -1,0 +1,218 @@
+"""Finite mixtures, and the piecewise mixture of the paper: a mixture whose components do not overlap."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import brentq
+from scipy.optimize.elementwise import find_root
+from scipy.special import logsumexp
+
+from accelerated_evaluation.distributions.protocol import Array, Tiltable
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """Weighted sum of distributions (paper, section III.B.3).
+
+    Parameters
+    ----------
+    weights
+        Shares of the components: positive, summing to one.
+    components
+        The distributions; a mixture may hold mixtures.
+    """
+
+    weights: tuple[float, ...]
+    components: tuple[Tiltable, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "weights", tuple(float(weight) for weight in self.weights))
+        object.__setattr__(self, "components", tuple(self.components))
+        if len(self.weights) != len(self.components) or not self.weights:
+            raise ValueError(f"{len(self.weights)} weights for {len(self.components)} components")
+        if min(self.weights) <= 0 or abs(math.fsum(self.weights) - 1) > 1e-9:
+            raise ValueError(f"weights must be positive and sum to one, got {self.weights}")
+
+    @property
+    def lower(self) -> float:
+        """Lower bound of the support."""
+        return min(component.lower for component in self.components)
+
+    @property
+    def upper(self) -> float:
+        """Upper bound of the support."""
+        return max(component.upper for component in self.components)
+
+    @property
+    def n_parameters(self) -> int:
+        """Number of free parameters: those of the components, and the weights less one."""
+        return sum(component.n_parameters for component in self.components) + len(self.weights) - 1
+
+    @cached_property
+    def _log_weights(self) -> Array:
+        return np.log(np.asarray(self.weights))
+
+    def _log_sum(self, method: str, x: ArrayLike) -> Array:
+        """Log of the weighted sum of a function that the components give in logarithms."""
+        terms = [
+            log_weight + getattr(component, method)(x)
+            for log_weight, component in zip(self._log_weights, self.components, strict=True)
+        ]
+        return np.logaddexp.reduce(terms)
+
+    def logpdf(self, x: ArrayLike) -> Array:
+        """Log density; -inf outside the support."""
+        return self._log_sum("logpdf", x)
+
+    def logsf(self, x: ArrayLike) -> Array:
+        """Log P(X > x)."""
+        return self._log_sum("logsf", x)
+
+    def cdf(self, x: ArrayLike) -> Array:
+        """P(X <= x)."""
+        return self._average([component.cdf(x) for component in self.components])
+
+    def sf(self, x: ArrayLike) -> Array:
+        """P(X > x)."""
+        return self._average([component.sf(x) for component in self.components])
+
+    def mean(self) -> float:
+        """Return E X."""
+        return float(self._average([component.mean() for component in self.components]))
+
+    def _average(self, values: Sequence[ArrayLike]) -> Array:
+        return np.minimum(np.tensordot(self.weights, np.asarray(values, dtype=float), axes=1), np.inf)
+
+    def ppf(self, q: ArrayLike) -> Array:
+        """Inverse of cdf: no closed form, solved between the components' quantiles."""
+        return self._invert(q, "ppf", "cdf")
+
+    def isf(self, q: ArrayLike) -> Array:
+        """Inverse of sf, solved between the components' quantiles."""
+        return self._invert(q, "isf", "sf")
+
+    def _invert(self, q: ArrayLike, inverse: str, function: str) -> Array:
+        q = np.asarray(q, dtype=float)
+        quantiles = [getattr(component, inverse)(q) for component in self.components]
+        low, high = np.minimum.reduce(quantiles), np.maximum.reduce(quantiles)
+        # A relative difference, so that a far tail is solved to as many digits as the middle.
+        scale = np.maximum(q, np.finfo(float).tiny)
+        result = find_root(lambda x, p, s: (getattr(self, function)(x) - p) / s, (low, high), args=(q, scale))
+        # Where rounding hides the change of sign, the bracket itself is as narrow as rounding.
+        return np.where(result.success, result.x, np.where(high - low < 1e-9, low, result.x))
+
+    def rvs(self, generator: np.random.Generator, size: int) -> Array:
+        """Independent draws, shape (size,): a component for each, then a draw of it."""
+        which = generator.choice(len(self.weights), size=size, p=self.weights)
+        draws = np.empty(size)
+        for index, component in enumerate(self.components):
+            chosen = which == index
+            draws[chosen] = component.rvs(generator, int(np.count_nonzero(chosen)))
+        return draws
+
+    @property
+    def theta_limit(self) -> float:
+        """Tilts must stay below this: the smallest limit of the components."""
+        return min(component.theta_limit for component in self.components)
+
+    def _cumulants(self, theta: float) -> Array:
+        return self._log_weights + [component.cumulant(theta) for component in self.components]
+
+    def cumulant(self, theta: float) -> float:
+        """Return kappa(theta) = log E exp(theta X)."""
+        return float(logsumexp(self._cumulants(theta)))
+
+    def tilt(self, theta: float) -> Self:
+        """Exponential change of measure: every component is tilted and its weight follows its moment."""
+        cumulants = self._cumulants(theta)
+        weights = np.exp(cumulants - logsumexp(cumulants))
+        # A component that the tilt has emptied keeps a weight too small to matter, but positive.
+        weights = np.maximum(weights, np.finfo(float).tiny)
+        return type(self)(weights / weights.sum(), [component.tilt(theta) for component in self.components])
+
+
+class PiecewiseMixture(Mixture):
+    """The paper's piecewise mixture: component i lives on [gamma_(i-1), gamma_i) (equation 5).
+
+    Raises
+    ------
+    ValueError
+        If the components do not join end to end.
+    """
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for left, right in zip(self.components, self.components[1:], strict=False):
+            if left.upper != right.lower:
+                raise ValueError(f"pieces must join: one ends at {left.upper}, the next begins at {right.lower}")
+
+    @property
+    def knots(self) -> tuple[float, ...]:
+        """The inner truncation points gamma_1 .. gamma_(k-1)."""
+        return tuple(component.lower for component in self.components[1:])
+
+    def piece_index(self, x: ArrayLike) -> np.ndarray:
+        """Index of the piece that holds each x."""
+        return np.searchsorted(self.knots, x, side="right")
+
+    def ppf(self, q: ArrayLike) -> Array:
+        """Inverse of cdf, piece by piece (paper, appendix A)."""
+        return self._invert_pieces(q, "ppf", np.cumsum(self.weights[:-1]), range(len(self.weights)))
+
+    def isf(self, q: ArrayLike) -> Array:
+        """Inverse of sf, piece by piece from the right, so that far tails keep their digits."""
+        order = range(len(self.weights) - 1, -1, -1)
+        return self._invert_pieces(q, "isf", np.cumsum(self.weights[:0:-1]), order)
+
+    def _invert_pieces(self, q: ArrayLike, inverse: str, ends: Array, order: Sequence[int]) -> Array:
+        """Invert where the pieces, taken in ``order``, end at the cumulative shares ``ends``."""
+        q = np.asarray(q, dtype=float)
+        position = np.searchsorted(ends, q, side="right")
+        starts = np.concatenate([[0.0], ends])
+        x = np.full(q.shape, np.nan)
+        for place, index in enumerate(order):
+            chosen = position == place
+            if np.any(chosen):
+                share = np.clip((q[chosen] - starts[place]) / self.weights[index], 0, 1)
+                x[chosen] = getattr(self.components[index], inverse)(share)
+        return x
+
+    def accelerated(self, thetas: Sequence[float], weights: Sequence[float]) -> "PiecewiseMixture":
+        """Return f*: every piece tilted by its own theta, with new weights (paper, section V.B)."""
+        pieces = [piece.tilt(theta) for piece, theta in zip(self.components, thetas, strict=True)]
+        return PiecewiseMixture(tuple(weights), tuple(pieces))
+
+
+def match_mean(distribution: Tiltable, mean: float) -> float:
+    """Return the theta whose exponential change of measure gives the distribution a mean.
+
+    The mean of the tilted distribution, kappa'(theta), rises strictly, so there is one root: the
+    maximum-likelihood and Cross-Entropy equations of a one-parameter exponential family (section V.B).
+
+    Raises
+    ------
+    ValueError
+        If no finite tilt reaches the mean, as when it is not inside the support.
+    """
+    if not distribution.lower < mean < distribution.upper:
+        raise ValueError(f"the mean must lie inside ({distribution.lower}, {distribution.upper}), got {mean}")
+
+    def excess(theta: float) -> float:
+        return distribution.tilt(theta).mean() - mean
+
+    start = excess(0.0)
+    if start == 0:
+        return 0.0
+    limit = distribution.theta_limit
+    for doubling in range(60):
+        step = math.copysign(2.0**doubling / (mean - distribution.lower), -start)
+        if step >= limit:
+            step = limit * (1 - 2.0 ** -(doubling + 1))
+        if excess(step) * start <= 0:
+            return brentq(excess, *sorted((0.0, step)), xtol=1e-12, rtol=1e-12)
+    raise ValueError(f"no tilt of {distribution} has the mean {mean}")

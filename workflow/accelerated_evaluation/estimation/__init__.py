@@ -1,0 +1,1 @@
+"""Estimates of the crash probability, their intervals, and when to stop."""

@@ -1,0 +1,1 @@
+"""Accelerated distributions f*: what is drawn instead of f, and how it is searched."""

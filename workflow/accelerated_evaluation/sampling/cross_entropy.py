@@ -1,0 +1,198 @@
+"""The Cross-Entropy search for f*, through relaxed events that shrink to the crash (section V, appendix C)."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.errors import ConvergenceError
+from accelerated_evaluation.sampling.cut_in import CutIn, Proposal, Sample
+from accelerated_evaluation.sampling.families import Family, PiecewiseFamily
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How the search is run.
+
+    Attributes
+    ----------
+    sample_size
+        Simulations N of an iteration.
+    event_quantile
+        Share of a sample that the next relaxed event is to hold, while the crash is too rare.
+    range_per_ttc
+        Range threshold t_R [m] for each second of the threshold t_TTC; small, because encounters that
+        merely begin close are not dangerous and would mislead the search.
+    minimum_events
+        Events that an iteration needs; N is adjusted to find them (section V.C.2).
+    maximum_batches
+        Batches of N that one iteration may take to find its events.
+    crash_iterations
+        The search ends when this many updates in a row have used the crash itself.
+    maximum_iterations
+        Limit of the search.
+    """
+
+    sample_size: int = 1000
+    event_quantile: float = 0.1
+    range_per_ttc: float = 0.1
+    minimum_events: int = 50
+    maximum_batches: int = 5
+    crash_iterations: int = 2
+    maximum_iterations: int = 60
+
+
+@dataclass(frozen=True)
+class Search:
+    """Where a search stands: the families at their present parameters, and the trace, a row an iteration."""
+
+    inverse_range: Family
+    inverse_ttc: Family
+    trace: list[dict[str, float]] = field(default_factory=list)
+
+    @property
+    def proposal(self) -> Proposal:
+        """The accelerated distribution f*."""
+        return Proposal(self.inverse_range.distribution, self.inverse_ttc.distribution)
+
+    @property
+    def simulations(self) -> int:
+        """Simulations spent so far."""
+        return int(self.trace[-1]["simulations_total"]) if self.trace else 0
+
+    def advance(self, inverse_range: Family, inverse_ttc: Family, row: dict[str, float]) -> "Search":
+        """Return the next state, its parameters written into the row of the trace."""
+        parameters = {
+            f"{variable}_{name}": value
+            for variable, family in (("inverse_range", inverse_range), ("inverse_ttc", inverse_ttc))
+            for name, value in family.parameters().items()
+        }
+        row = {"iteration": len(self.trace) + 1, **row, **parameters}
+        return Search(inverse_range, inverse_ttc, [*self.trace, row])
+
+
+@dataclass(frozen=True)
+class Shift:
+    """Steps by which the heuristic moves truncation points up (section V.C.5): [1/m] and [1/s]."""
+
+    inverse_range: float = 0.0
+    inverse_ttc: float = 0.0
+
+
+def search(
+    problem: CutIn,
+    inverse_range: Family,
+    inverse_ttc: Family,
+    settings: Settings,
+    generator: np.random.Generator,
+    *,
+    shift: Shift | None = None,
+    on_iteration: Callable[[dict[str, float]], None] = lambda _: None,
+) -> Search:
+    """Search f* by the Cross-Entropy method, starting from the families' present parameters.
+
+    Every iteration draws N cut-ins from f*, takes as event the widest relaxed event "R hits t_R or TTC
+    hits t_TTC" that is rare enough (section V.C.1), and maximizes the weighted likelihood of the events.
+
+    Parameters
+    ----------
+    problem
+        The cut-ins, the vehicle and f.
+    inverse_range, inverse_ttc
+        Where the search begins; their kind decides between the methods single and piecewise.
+    settings
+        Sample size, thresholds and limits.
+    generator
+        Source of all randomness.
+    shift
+        Steps by which the heuristic moves truncation points; none for the plain method.
+    on_iteration
+        Called with every row of the trace.
+
+    Returns
+    -------
+    Search
+        The last f*, and the trace: thresholds, events, effective sample size, parameters, simulations.
+
+    Raises
+    ------
+    ConvergenceError
+        If the crash itself was not the event of the last ``crash_iterations`` updates.
+    """
+    start = {"threshold_ttc_s": math.nan, "threshold_range_m": math.nan, "simulations_total": 0}
+    state = Search(inverse_range, inverse_ttc).advance(inverse_range, inverse_ttc, start)
+    on_iteration(state.trace[-1])
+    threshold, at_crash = math.inf, 0
+    while len(state.trace) <= settings.maximum_iterations:
+        sample, threshold = _draw_level(problem, state.proposal, settings, threshold, generator)
+        is_event = event_score(sample, settings.range_per_ttc) <= threshold
+        log_ratio = sample.log_ratio[is_event]
+        weight = np.exp(log_ratio - log_ratio.max())
+        x_range, x_ttc = sample.inverse_range[is_event], sample.inverse_ttc[is_event]
+        families = state.inverse_range.update(x_range, weight), state.inverse_ttc.update(x_ttc, weight)
+        at_crash = at_crash + 1 if threshold == 0 else 0
+        if shift is not None:
+            moved = (
+                _shifted(families[0], shift.inverse_range, x_range),
+                _shifted(families[1], shift.inverse_ttc, x_ttc),
+            )
+            at_crash = at_crash if moved == families else 0
+            families = moved
+        row = {
+            "threshold_ttc_s": threshold,
+            "threshold_range_m": threshold * settings.range_per_ttc,
+            "simulations": is_event.size,
+            "simulations_total": state.simulations + is_event.size,
+            "events": int(is_event.sum()),
+            "crashes": int(sample.outcomes.crash.sum()),
+            "effective_sample_size": weight.sum() ** 2 / (weight @ weight),
+        }
+        state = state.advance(*families, row)
+        on_iteration(state.trace[-1])
+        if at_crash == settings.crash_iterations:
+            return state
+    raise ConvergenceError(
+        "Cross-Entropy",
+        reached=f"events down to a time to collision of {threshold:.3g} s",
+        limit=f"{settings.maximum_iterations} iterations of {settings.sample_size} simulations",
+        change="Raise cross_entropy.sample_size or cross_entropy.maximum_iterations.",
+    )
+
+
+def event_score(sample: Sample, range_per_ttc: float) -> Array:
+    """Smallest t such that "R hits t range_per_ttc or TTC hits t"; 0 at a crash, shape (n,)."""
+    outcomes = sample.outcomes
+    near = np.minimum(outcomes.min_ttc, outcomes.min_range / range_per_ttc)
+    return np.where(outcomes.crash, 0.0, near)
+
+
+def _draw_level(
+    problem: CutIn, proposal: Proposal, settings: Settings, threshold: float, generator: np.random.Generator
+) -> tuple[Sample, float]:
+    """Draw an iteration's sample and its threshold, which never rises.
+
+    The threshold is the event quantile of the sample. Where that is no longer below the last one, f* is
+    as good as this event can teach it: N is adjusted until there are crashes enough, or at least
+    events enough under a smaller threshold.
+    """
+    sample = problem.sample(proposal, generator, settings.sample_size)
+    rank = max(int(settings.event_quantile * settings.sample_size), 1)
+    quantile = np.partition(event_score(sample, settings.range_per_ttc), rank - 1)[rank - 1]
+    if quantile < threshold:
+        return sample, float(quantile)
+    for _ in range(settings.maximum_batches - 1):
+        if np.count_nonzero(sample.outcomes.crash) >= settings.minimum_events:
+            break
+        sample = sample.join(problem.sample(proposal, generator, settings.sample_size))
+    rank = settings.minimum_events
+    smallest = np.partition(event_score(sample, settings.range_per_ttc), rank - 1)[rank - 1]
+    return sample, min(threshold, float(smallest))
+
+
+def _shifted(family: Family, step: float, events: Array) -> Family:
+    """Shift truncation points up by one step where the tail is full and keeps a step below all events."""
+    if not (step > 0 and isinstance(family, PiecewiseFamily) and family.tail_is_full):
+        return family
+    return family.shifted(step) if family.model.knots[-1] + 2 * step <= events.min() else family

@@ -1,0 +1,144 @@
+"""Families of accelerated distributions of one variable and their Cross-Entropy updates (section V.B)."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Protocol, Self
+
+import numpy as np
+
+from accelerated_evaluation.distributions import BoundedExponential, PiecewiseMixture, Tiltable, match_mean
+from accelerated_evaluation.distributions.protocol import Array
+
+
+class Family(Protocol):
+    """A parametric family of f* for one variable, at its present parameters."""
+
+    @property
+    def distribution(self) -> Tiltable:
+        """The distribution at the present parameters."""
+
+    def update(self, x: Array, weight: Array) -> Self:
+        """Maximize sum_n weight_n log f_theta(x_n) over the parameters (the Cross-Entropy step).
+
+        ``x`` and ``weight`` have shape (n,); only events, with positive weights, are passed.
+        """
+
+    def parameters(self) -> dict[str, float]:
+        """Name the parameters, for the trace."""
+
+
+@dataclass(frozen=True)
+class SingleFamily:
+    """One exponential on [lower, inf): the authors' earlier, single parametric f*."""
+
+    distribution: BoundedExponential
+
+    @classmethod
+    def start(cls, model: Tiltable) -> "SingleFamily":
+        """Start at the exponential nearest to the model: the one with its mean."""
+        return cls(BoundedExponential.from_mean(model.mean(), model.lower))
+
+    def update(self, x: Array, weight: Array) -> "SingleFamily":
+        """Match the weighted mean of the events."""
+        mean = float(np.average(x, weights=weight))
+        return SingleFamily(BoundedExponential.from_mean(mean, self.distribution.lower))
+
+    def parameters(self) -> dict[str, float]:
+        """Return the rate."""
+        return {"rate": self.distribution.rate}
+
+
+@dataclass(frozen=True)
+class PiecewiseFamily:
+    """Every piece of the model tilted by its own theta, with its own weight (18 parameters in all).
+
+    Parameters
+    ----------
+    model
+        The pieces that are tilted: f, or f with its truncation points shifted.
+    thetas, weights
+        Tilt and weight of each of the k pieces.
+    minimum_weight
+        Lower bound of the weights, so that f* keeps the support of f (section V.C.3).
+    minimum_events
+        A piece with fewer events keeps its theta (section V.C.4).
+    """
+
+    model: PiecewiseMixture
+    thetas: tuple[float, ...]
+    weights: tuple[float, ...]
+    minimum_weight: float
+    minimum_events: int
+
+    @classmethod
+    def start(cls, model: PiecewiseMixture, minimum_weight: float, minimum_events: int) -> "PiecewiseFamily":
+        """Start at the model itself, no piece lighter than the lower bound."""
+        weights = bounded_weights(np.asarray(model.weights), minimum_weight)
+        return cls(model, (0.0,) * len(weights), weights, minimum_weight, minimum_events)
+
+    @property
+    def distribution(self) -> PiecewiseMixture:
+        """f* at the present parameters."""
+        return self.model.accelerated(self.thetas, self.weights)
+
+    def update(self, x: Array, weight: Array) -> "PiecewiseFamily":
+        """Update the weights by equation (pi_update), and the theta of every piece with enough events."""
+        piece = self.model.piece_index(x)
+        shares = np.bincount(piece, weights=weight, minlength=len(self.weights)) / weight.sum()
+        thetas = list(self.thetas)
+        for index, component in enumerate(self.model.components):
+            inside = piece == index
+            if np.count_nonzero(inside) >= self.minimum_events:
+                mean = _inner_mean(float(np.average(x[inside], weights=weight[inside])), component)
+                thetas[index] = match_mean(component, mean)
+        return replace(self, thetas=tuple(thetas), weights=bounded_weights(shares, self.minimum_weight))
+
+    @property
+    def tail_is_full(self) -> bool:
+        """Whether the tail piece has the largest weight that the lower bound allows."""
+        return self.weights[-1] >= 1 - (len(self.weights) - 1) * self.minimum_weight - 1e-9
+
+    def shifted(self, shift: float) -> "PiecewiseFamily":
+        """Move every truncation point but the first up by ``shift`` (section V.C.5, the heuristic)."""
+        bounds = [self.model.lower, *(knot + shift for knot in self.model.knots), math.inf]
+        pieces = tuple(
+            _rebounded(component, low, high)
+            for component, low, high in zip(self.model.components, bounds, bounds[1:], strict=False)
+        )
+        return replace(self, model=PiecewiseMixture(self.model.weights, pieces))
+
+    def parameters(self) -> dict[str, float]:
+        """Return the weight, theta and lower bound of each piece, counted from 1."""
+        pieces = zip(self.weights, self.thetas, self.model.components, strict=True)
+        return {
+            f"{name}_{index}": value
+            for index, (weight, theta, component) in enumerate(pieces, start=1)
+            for name, value in (("weight", weight), ("theta", theta), ("from", component.lower))
+        }
+
+
+def bounded_weights(shares: Array, minimum: float) -> tuple[float, ...]:
+    """Raise shares below ``minimum`` to it and scale the others, so that they still sum to one."""
+    low = np.zeros(shares.size, dtype=bool)
+    while True:
+        free = np.where(low, 0.0, shares)
+        weights = np.where(low, minimum, free / free.sum() * (1 - minimum * low.sum()))
+        if np.all(weights >= minimum):
+            return tuple(weights.tolist())
+        low |= weights < minimum
+
+
+def _inner_mean(mean: float, component: Tiltable) -> float:
+    """Keep a mean from the very edge of a bounded piece, where f* would become a needle."""
+    if math.isinf(component.upper):
+        return mean
+    margin = 0.02 * (component.upper - component.lower)
+    return min(max(mean, component.lower + margin), component.upper - margin)
+
+
+def _rebounded(component: Tiltable, lower: float, upper: float) -> Tiltable:
+    """Return the same component on other bounds."""
+    if hasattr(component, "components"):
+        inner = tuple(_rebounded(part, lower, upper) for part in component.components)
+        return replace(component, components=inner)
+    return replace(component, lower=lower, upper=upper)
