@@ -36,4 +36,4 @@ class Vehicle(Protocol):
     """A car under test: deterministic, and simulated in batches."""
 
     def simulate(self, lead_speed: Array, range_: Array, closing_speed: Array) -> Outcomes:
-        """Simulate n cut-ins: lead speed [m/s], initial range [m] and closing speed [m/s], each of shape (n,)."""
+        """Simulate n cut-ins: lead speed [m/s], range [m], closing speed [m/s], each of shape (n,)."""

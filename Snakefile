@@ -1,0 +1,55 @@
+# From lane-change records to a crash probability: the study of Huang, Zhao, Lam and LeBlanc as a workflow.
+#
+#   snakemake --cores 2                                     the embedded twin of the real lane changes
+#   snakemake --cores 2 --configfile config/spmd.yaml       the real ones
+#
+# Every path holds the name of the study, so studies never share a file.
+
+from snakemake.utils import min_version
+
+min_version("9.1")
+
+
+configfile: "config/config.yaml"
+
+
+include: "workflow/rules/common.smk"
+include: "workflow/rules/ingest.smk"
+include: "workflow/rules/fit.smk"
+include: "workflow/rules/accelerate.smk"
+include: "workflow/rules/estimate.smk"
+include: "workflow/rules/publish.smk"
+
+
+# Jobs run in the environment that make sets up from environment.txt, or in an image of the same Python.
+container: "docker://python:3.11-slim"
+
+
+report: "workflow/report/workflow.rst"
+
+
+localrules:
+    all,
+    figures,
+    tables,
+
+
+rule all:
+    """Everything: figures, tables and rendered notebooks."""
+    default_target: True
+    input:
+        published("html"),
+        published("figures"),
+        published("tables"),
+
+
+rule figures:
+    """All figures of the paper, each with its data."""
+    input:
+        published("figures"),
+
+
+rule tables:
+    """All tables."""
+    input:
+        published("tables"),

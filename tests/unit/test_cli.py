@@ -1,0 +1,193 @@
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation import cli
+from accelerated_evaluation.vehicles import AccAeb
+from accelerated_evaluation.vehicles.checks import INPUTS, OUTCOMES
+
+LABELS = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "simulink" / "crash_labels.csv"
+HEADER = "lead_speed,range,closing_speed\n"
+CAR = """
+import numpy as np
+from accelerated_evaluation.vehicles import Outcomes
+
+
+class Ghost:
+    def simulate(self, lead_speed, range_, closing_speed):
+        never = np.zeros(len(range_), dtype=bool)
+        return Outcomes(never, range_, np.full(len(range_), np.inf), closing_speed * never)
+
+
+class Failing:
+    def simulate(self, lead_speed, range_, closing_speed):
+        raise RuntimeError("two\\nlines")
+"""
+
+
+def command(*arguments, cwd):
+    line = [sys.executable, "-m", "accelerated_evaluation.cli", *map(str, arguments)]
+    return subprocess.run(line, cwd=cwd, capture_output=True, text=True, check=False)
+
+
+@pytest.fixture
+def table(tmp_path):
+    """Write a table of cut-ins and return a function that simulates it in this process."""
+
+    def simulate(text, *options):
+        source, target = tmp_path / "in.csv", tmp_path / "out.csv"
+        source.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return cli.main(["simulate", str(source), str(target), *options]), target
+
+    return simulate
+
+
+def test_every_published_verdict(tmp_path):
+    if not LABELS.is_file():
+        pytest.skip(f"{LABELS} is not here: it is published with the paper's vehicle, not with this project")
+    done = command("simulate", LABELS, "out.csv", cwd=tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    labels, out = pd.read_csv(LABELS), pd.read_csv(tmp_path / "out.csv")
+    assert list(out) == [*INPUTS, "source", *OUTCOMES]
+    assert (out.crash == labels.crash).sum() == 4695
+    assert out[[*INPUTS, "source"]].equals(labels[[*INPUTS, "source"]])
+
+
+def test_carries_columns_and_round_trips_outcomes(table, monkeypatch):
+    monkeypatch.setattr(cli, "CHUNK", 2)
+    text = "\ufeffid,range, lead_speed ,crash,closing_speed,note\n" + "".join(
+        f'00{i},{range_},20,old,{closing},"a, ""b"""\n'
+        for i, (range_, closing) in enumerate(((1, 15), (50, 1e-3), (9, 0)))
+    )
+    status, target = table(text + "\n")
+    assert status == 0
+    out = pd.read_csv(target, dtype={"id": str})
+    assert list(out) == ["id", "range", "lead_speed", "closing_speed", "note", *OUTCOMES]
+    assert list(out.id) == ["000", "001", "002"]
+    assert set(out.note) == {'a, "b"'}
+    outcomes = AccAeb().simulate(out.lead_speed, out.range, out.closing_speed)
+    for name in OUTCOMES:
+        np.testing.assert_array_equal(out[name], getattr(outcomes, name))
+    assert target.read_text().splitlines()[1].split(",")[6] == "1"
+
+
+def test_output_may_replace_the_input(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text(HEADER + "20,1,15\n")
+    assert cli.main(["simulate", str(path), str(path)]) == 0
+    once = path.read_bytes()
+    assert cli.main(["simulate", str(path), str(path)]) == 0
+    assert path.read_bytes() == once
+
+
+def test_closing_speed_max(table):
+    _, target = table(HEADER + "5,30,28\n5,30,23.49\n5,30,20\n", "--closing-speed-max", "23.49")
+    out = pd.read_csv(target)
+    assert list(out.closing_speed) == [28, 23.49, 20]
+    assert out.loc[0, list(OUTCOMES)].equals(out.loc[1, list(OUTCOMES)])
+    assert (out.loc[1, list(OUTCOMES)] != out.loc[2, list(OUTCOMES)]).any()
+    _, target = table(HEADER + "5,30,28\n")
+    assert pd.read_csv(target).impact_speed[0] > out.impact_speed[0]
+
+
+def test_vehicles(table, tmp_path):
+    (tmp_path / "car.py").write_text(CAR)
+    crashes = {}
+    for name in ("acc_aeb", "acc_only", f"{tmp_path}/car.py:Ghost"):
+        status, target = table(HEADER + "20,2,15\n20,7.5,9\n", "--vehicle", name)
+        assert status == 0
+        crashes[name] = pd.read_csv(target).crash.tolist()
+    assert list(crashes.values()) == [[1, 0], [1, 1], [0, 0]]
+
+
+def test_only_a_header(table):
+    status, target = table(HEADER)
+    assert status == 0
+    assert target.read_text() == HEADER.strip() + "," + ",".join(OUTCOMES) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "row 1: seen no column lead_speed among: none"),
+        (
+            "lead_speed,range\n1,2\n",
+            "row 1: seen no column closing_speed among: lead_speed, range; expected a header",
+        ),
+        (HEADER.replace("range", "range,range") + "1,2,3,4\n", "row 1: seen more than one column range"),
+        (HEADER + "1,2,3\n\n1,far,3\n", "row 4, column range: seen 'far'; expected a number"),
+        (HEADER + "1,,3\n", "row 2, column range: seen ''; expected a number"),
+        (HEADER + "1,2,3\n1,2,nan\n", "row 3, column closing_speed: seen nan; expected a finite number"),
+        (HEADER + "1,2,3\n1,-2,3\n", "row 3, column range: seen -2.0; expected a range above 0 m"),
+        (HEADER + "-1,2,3\n", "row 2, column lead_speed: seen -1.0"),
+        (HEADER + "1,2,3\n" * 5 + "1,2\n", "row 7: seen 2 fields; expected 3, as in the header"),
+        (HEADER.encode() + b"1,2,3\n1,2,\xff\n", "expected CSV text in UTF-8"),
+    ],
+)
+def test_bad_tables(table, capsys, monkeypatch, text, message):
+    monkeypatch.setattr(cli, "CHUNK", 2)
+    status, target = table(text)
+    assert status == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith(f"error: {target.with_name('in.csv')}")
+    assert message in lines[0]
+    assert [path.name for path in target.parent.iterdir()] == ["in.csv"]
+
+
+def test_old_output_survives_an_error(table, tmp_path):
+    (tmp_path / "out.csv").write_text("old")
+    assert table(HEADER + "1,x,3\n")[0] == 2
+    assert (tmp_path / "out.csv").read_text() == "old"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            ["nowhere.csv", "out.csv"],
+            "error: nowhere.csv: seen no such file or directory; expected a CSV file",
+        ),
+        (
+            ["in.csv", "out.csv", "--vehicle", "acc"],
+            "error: vehicle: seen 'acc'; expected acc_aeb, acc_only or",
+        ),
+        (["in.csv", "out.csv", "--vehicle", "car.py:Failing"], "simulate: seen RuntimeError: two lines;"),
+        (["in.csv", "in.csv/out.csv"], "error:"),
+    ],
+)
+def test_bad_arguments(tmp_path, arguments, message):
+    (tmp_path / "in.csv").write_text(HEADER + "1,2,3\n")
+    (tmp_path / "car.py").write_text(CAR)
+    done = command("simulate", *arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.count("\n") == 1
+    assert message in done.stderr
+    assert not (tmp_path / "out.csv").exists()
+
+
+@pytest.mark.parametrize("speed", ["0", "nan", "fast"])
+def test_bad_closing_speed_max(table, capsys, speed):
+    with pytest.raises(SystemExit) as stop:
+        table(HEADER, "--closing-speed-max", speed)
+    assert stop.value.code == 2
+    assert f"invalid positive speed value: '{speed}'" in capsys.readouterr().err
+
+
+def test_help_is_complete(capsys):
+    for arguments, words in (
+        (["--help"], ["simulate"]),
+        (
+            ["simulate", "--help"],
+            [*INPUTS, *OUTCOMES, "--vehicle", "acc_only", "--closing-speed-max", "[m/s]", "[s]"],
+        ),
+    ):
+        with pytest.raises(SystemExit) as stop:
+            cli.main(arguments)
+        assert stop.value.code == 0
+        text = capsys.readouterr().out
+        assert all(word in text for word in words)

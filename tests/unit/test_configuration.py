@@ -1,0 +1,320 @@
+import copy
+import pickle
+from functools import reduce
+from operator import getitem
+from pathlib import Path
+
+import pytest
+import yaml
+from accelerated_evaluation import configuration
+from accelerated_evaluation.configuration import ConfigurationError, load, parameter_table, validate
+from accelerated_evaluation.encounters.table import UNITS
+from accelerated_evaluation.errors import InputError
+from jsonschema import Draft202012Validator
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+PUBLISHED = REPOSITORY / ".." / "shared" / "data" / "spmd" / "README.md"
+SCHEMA = yaml.safe_load((REPOSITORY / "workflow" / "schemas" / "config.schema.yaml").read_text())
+
+
+def changed(**values):
+    """Return the default configuration with the values of dotted keys, written with __ for the dots."""
+    config = copy.deepcopy(load())
+    for key, value in values.items():
+        *parents, name = key.split("__")
+        reduce(getitem, parents, config)[name] = value
+    return config
+
+
+def violations(config):
+    with pytest.raises(ConfigurationError) as error:
+        validate(config)
+    return list(error.value.args)
+
+
+def parts_of(schema, path=()):
+    """Yield each part of a schema that describes a value, with its path."""
+    if "$ref" not in schema:
+        yield path, schema
+    for name, part in schema.get("properties", {}).items():
+        yield from parts_of(part, (*path, name))
+    for name, part in schema.get("$defs", {}).items():
+        yield from parts_of(part, ("$defs", name))
+    if "items" in schema:
+        yield from parts_of(schema["items"], (*path, "items"))
+
+
+# ---------------------------------------------------------------- the shipped files
+
+
+@pytest.mark.parametrize("name", ["config", "spmd", "smoke"])
+def test_shipped_configurations_are_valid_studies_of_their_own(name):
+    config = load([REPOSITORY / "config" / f"{name}.yaml"])
+    assert config["study"] == {"config": "twin"}.get(name, name)
+    assert config["data"]["source"] == {"spmd": "spmd"}.get(name, "twin")
+
+
+def test_twin_is_called_a_twin_and_the_real_events_are_not():
+    data = load()["data"]
+    assert data["twin"]["description"] == "simulated twin of SPMD"
+    assert "twin" not in data["spmd"]["description"]
+
+
+@pytest.mark.skipif(not PUBLISHED.exists(), reason="no description of the published SPMD file")
+def test_address_and_checksum_are_the_published_ones():
+    spmd, published = load()["data"]["spmd"], PUBLISHED.read_text()
+    assert spmd["url"] in published
+    assert spmd["sha256"] in published
+
+
+def test_table_in_the_readme_is_that_of_the_schema():
+    readme = (REPOSITORY / "config" / "README.md").read_text()
+    start, end = configuration.MARKS
+    assert readme.split(start)[1].split(end)[0] == parameter_table(), (
+        "run: python -m accelerated_evaluation.configuration"
+    )
+
+
+def test_command_restores_the_table_in_the_readme(tmp_path, monkeypatch):
+    readme = tmp_path / "README.md"
+    start, end = configuration.MARKS
+    readme.write_text(f"before\n{start}stale\n{end}after\n")
+    monkeypatch.setattr(configuration, "README", readme)
+    configuration.main()
+    assert readme.read_text() == f"before\n{start}{parameter_table()}{end}after\n"
+
+
+# ---------------------------------------------------------------- the schema
+
+
+def test_schema_is_valid_draft_2020_12():
+    assert SCHEMA["$schema"] == Draft202012Validator.META_SCHEMA["$id"]
+    Draft202012Validator.check_schema(SCHEMA)
+
+
+@pytest.mark.parametrize(
+    ("path", "part"), [pytest.param(*item, id=".".join(item[0])) for item in parts_of(SCHEMA)]
+)
+def test_schema_leaves_nothing_open(path, part):
+    types = [part["type"]] if isinstance(part["type"], str) else part["type"]
+    if "properties" in part:
+        assert part["additionalProperties"] is False
+        assert sorted(part["required"]) == sorted(part["properties"])
+    elif path[-1] != "items":
+        assert part["description"].endswith(".")
+    if {"integer", "number"} & set(types):
+        assert {"minimum", "exclusiveMinimum"} & set(part)
+        assert {"maximum", "exclusiveMaximum"} & set(part)
+    if "array" in types:
+        assert {"minItems", "items"} <= set(part)
+
+
+def test_units_of_the_schema_are_those_that_tables_are_read_with():
+    table = SCHEMA["properties"]["data"]["properties"]["table"]["properties"]["columns"]["properties"]
+    known = {
+        quantity: [unit for factors in inverses.values() for unit in factors]
+        for quantity, inverses in UNITS.items()
+    }
+    assert table["lead_speed"]["properties"]["unit"]["enum"] == known["lead_speed"]
+    assert table["range"]["properties"]["unit"]["enum"] == known["range"]
+    closing = table["closing"]["properties"]
+    assert closing["unit"]["enum"] == known["closing_speed"] + known["ttc"]
+    assert set(closing["quantity"]["enum"]) == set(known) - {"lead_speed", "range"}
+
+
+# ---------------------------------------------------------------- what is refused
+
+WRONG = {
+    "wrong type": ("cross_entropy__seeds", "five", 'seen "five"; expected integer >= 1 and <= 1,000'),
+    "number as text": ("importance_sampling__beta", "1e-5", 'seen "1e-5"; expected number > 0 and < 1'),
+    "fraction for a count": ("cross_entropy__seeds", 5.0, "seen 5.0; expected integer"),
+    "true for a number": ("filters__range_max", True, "seen true; expected number"),
+    "not a number": ("filters__range_max", float("nan"), "seen NaN; expected number > 0"),
+    "infinite": ("filters__lead_speed_min", float("-inf"), "seen -Infinity; expected number >= 0"),
+    "impossible value": ("importance_sampling__alpha", 1.5, "seen 1.5; expected number > 0 and < 1"),
+    "negative": ("seed", -1, "seen -1; expected integer >= 0"),
+    "unknown source": ("data__source", "smpd", 'seen "smpd"; expected one of twin, spmd, table'),
+    "unknown unit": ("data__table__columns__range__unit", "furlong", "expected one of m, km, ft, 1/m, 1/ft"),
+    "unsafe name": ("study", "a/b", 'seen "a/b"; expected text matching'),
+    "short checksum": ("data__spmd__sha256", "93fc", 'seen "93fc"; expected text matching'),
+    "empty path": ("data__spmd__path", "", 'seen ""; expected non-empty text'),
+    "twin in disguise": ("data__twin__description", "real events", "text matching `simulated twin`"),
+    "null section": ("vehicle", None, "seen null; expected mapping"),
+    "number of knots": (
+        "models__inverse_range__two_pieces__quantiles",
+        [0.5, 0.9],
+        "seen [0.5, 0.9]; expected list of 1, each number > 0 and < 1",
+    ),
+    "vehicle parameter": ("vehicle__parameters", {"kp": [1]}, "seen [1]; expected number or true or false"),
+}
+
+
+@pytest.mark.parametrize(("key", "value", "message"), WRONG.values(), ids=WRONG)
+def test_wrong_values_are_refused(key, value, message):
+    (line,) = violations(changed(**{key: value}))
+    assert line.startswith(key.replace("__", "."))
+    assert message in line
+
+
+def test_each_item_of_a_list_is_named():
+    (line,) = violations(changed(segments__lead_speed_edges=[0, 5, 35, 200]))
+    assert line == "segments.lead_speed_edges[3]: seen 200; expected number >= 0 and <= 100"
+
+
+@pytest.mark.parametrize(
+    ("key", "nearest"),
+    [
+        ("cross_entropy__sampel_size", "cross_entropy.sample_size"),
+        ("filter", "filters"),
+        ("cross_entropy__alpha", "importance_sampling.alpha"),  # a known key in the wrong section
+        ("models__inverse_range__two_pieces__quantile", "models.inverse_range.two_pieces.quantiles"),
+    ],
+)
+def test_unknown_keys_are_refused_with_the_nearest_known_one(key, nearest):
+    (line,) = violations(changed(**{key: 1}))
+    assert line.startswith(f"{key.replace('__', '.')}: seen an unknown key; expected one of ")
+    assert line.endswith(f"; nearest known key: {nearest}")
+
+
+def test_unknown_key_like_no_other_gets_no_suggestion():
+    (line,) = violations(changed(xyzzy=1))
+    assert "nearest" not in line
+
+
+def test_missing_key_is_refused():
+    config = changed()
+    del config["cross_entropy"]["truncation_shift"]["inverse_ttc"]
+    (line,) = violations(config)
+    assert line.startswith("cross_entropy.truncation_shift.inverse_ttc: seen nothing; expected number > 0")
+
+
+THREE = "models__inverse_range__three_pieces"
+INCONSISTENT = {
+    "filter": ({"filters__lead_speed_min": 35}, "lead_speed_min below lead_speed_max"),
+    "edges": ({"segments__lead_speed_edges": [5, 25, 15, 35]}, "edges in increasing order"),
+    "equal edges": ({"segments__lead_speed_edges": [5, 15, 15, 35]}, "edges in increasing order"),
+    "edges too high": (
+        {"segments__lead_speed_edges": [6, 35]},
+        "edges that begin at or below lead_speed_min",
+    ),
+    "edges too low": ({"segments__lead_speed_edges": [5, 34]}, "end at or above lead_speed_max"),
+    "quantiles": ({f"{THREE}__quantiles": [0.9, 0.5]}, "quantiles in increasing order"),
+    "knots": ({f"{THREE}__values": [0.1, 0.05]}, "knots in increasing order"),
+    "knots out of range": ({f"{THREE}__values": [0.01, 0.05]}, "knots above 1 / range_max"),
+    "no knots": (
+        {"models__inverse_ttc__knots__method": "values"},
+        "as the method is values",
+    ),
+    "grid": ({f"{THREE}__profile__low": 0.999}, "low below high"),
+    "weights": (
+        {"cross_entropy__minimum_weight": 0.34, "models__inverse_range__variant": "three_pieces"},
+        "less than 1 / pieces",
+    ),
+    "events": (
+        {"importance_sampling__maximum_simulations": 100, "importance_sampling__minimum_events": 101},
+        "not above",
+    ),
+    "no table": ({"data__source": "table"}, "the path of the table"),
+    "unit of another quantity": (
+        {"data__table__columns__closing__quantity": "ttc"},
+        "a unit of that quantity",
+    ),
+}
+
+
+@pytest.mark.parametrize(("values", "message"), INCONSISTENT.values(), ids=INCONSISTENT)
+def test_values_that_do_not_fit_together_are_refused(values, message):
+    (line,) = violations(changed(**values))
+    assert message in line
+    assert any(key.replace("__", ".") in line for key in values)
+
+
+def test_weights_that_fit_fewer_pieces_are_accepted_for_these():
+    validate(changed(cross_entropy__minimum_weight=0.34))
+
+
+def test_all_violations_are_reported_one_a_line():
+    config = changed(
+        seed="x",
+        filters__range_max=0,
+        cross_entropy__sampel_size=1,
+        segments__lead_speed_edges=[5, 35, 15, 36],
+    )
+    del config["study"]
+    lines = violations(config)
+    assert {line.split(":")[0] for line in lines} == {
+        "study",
+        "seed",
+        "filters.range_max",
+        "cross_entropy.sampel_size",
+        "segments.lead_speed_edges",
+    }
+    assert len(lines) == 5
+    with pytest.raises(ConfigurationError) as error:
+        validate(config)
+    assert str(error.value).splitlines()[1:] == [f"  {line}" for line in lines]
+
+
+def test_conditions_on_wrong_values_are_not_reported_twice():
+    (line,) = violations(changed(filters__lead_speed_max="fast"))
+    assert line.startswith("filters.lead_speed_max: ")
+
+
+def test_no_configuration_at_all_is_refused():
+    assert violations([]) == ["top level: seen []; expected mapping"]
+
+
+def test_error_survives_a_process_boundary():
+    error = ConfigurationError("a: seen 1; expected 2", "b: seen 3; expected 4")
+    assert str(pickle.loads(pickle.dumps(error))) == str(error)
+
+
+# ---------------------------------------------------------------- loading
+
+
+def test_later_files_overrule_earlier_ones_key_by_key(tmp_path):
+    for name, text in {
+        "a": "seed: 1\nfilters: {range_max: 50}",
+        "b": "filters: {lead_speed_min: 6}\nseed: 2",
+    }.items():
+        (tmp_path / name).write_text(text)
+    config = load([tmp_path / "a", tmp_path / "b"])
+    assert config["seed"] == 2
+    assert config["filters"] == {"lead_speed_min": 6, "lead_speed_max": 35, "range_max": 50}
+    assert load()["filters"]["range_max"] == 75
+
+
+@pytest.mark.parametrize(
+    ("base", "change"),
+    [
+        ({"a": {"b": 1, "c": 2}}, {"a": {"b": 3}, "d": 4}),
+        ({"a": {"b": 1}}, {"a": None}),
+        ({"a": {"b": 1}}, {"a": {}}),
+        ({"a": None}, {"a": {"b": {"c": 1}}}),
+        ({"a": 1}, {"a": {"b": 2}}),
+        ({"a": [1, 2]}, {"a": [3]}),
+    ],
+)
+def test_files_are_merged_as_snakemake_merges_them(base, change):
+    snakemake = pytest.importorskip("snakemake.utils")
+    merged = configuration._merged(base, change)
+    snakemake.update_config(base, change)
+    assert merged == base
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "No such file"),
+        ("seed: [1, 2", "line 1"),
+        ("- seed", "expected keys and values"),
+        ("", "expected keys and values"),
+    ],
+)
+def test_files_that_are_no_configuration_are_refused(tmp_path, content, message):
+    path = tmp_path / "study.yaml"
+    if content is not None:
+        path.write_text(content)
+    with pytest.raises(InputError, match=message) as error:
+        load([path])
+    assert error.value.where == str(path)

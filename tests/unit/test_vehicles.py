@@ -1,0 +1,379 @@
+import inspect
+from pathlib import Path
+from types import ModuleType
+
+import numba.core.caching
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.vehicles import AccAeb, Vehicle, kernel, load_vehicle, reference
+from accelerated_evaluation.vehicles.acc_aeb import available_threads, simulate_encounters
+from accelerated_evaluation.vehicles.checks import INPUTS, OUTCOMES
+
+SHARED = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "simulink"
+CARS = {
+    "acc_aeb": AccAeb(),
+    "acc_only": AccAeb(aeb=False),
+    "weak": AccAeb(aeb_deceleration=5.8, aeb_jerk=12.0, aeb_ttc=0.7),
+}
+
+
+def shared_table(name):
+    path = SHARED / name
+    if not path.is_file():
+        pytest.skip(f"{path} is not here: it is published with the paper's vehicle, not with this project")
+    return pd.read_csv(path)
+
+
+def inputs(table):
+    return [table[name].to_numpy() for name in INPUTS]
+
+
+# lead_speed, range, closing_speed; crash, min_range, min_ttc, impact_speed
+BY_HAND = pd.DataFrame.from_dict(
+    {
+        # AEB at once: a = -1.6, v = 35 - 0.16, R = 1 + (20 - 34.92) 0.1.
+        "crash in the first step": (20, 1, 15, 1, -0.492, 1 / 15, 14.84),
+        # Three steps of AEB: v = 0.84, 0.52, 0.04 and R = 0.408, 0.34, 0.312; TTC = 7.8 releases it, the ACC
+        # commands 5, the actuator comes from -4.8 to -2.8, and the host stands: R = 0.312 - (0.04 + 0) 0.05.
+        "stop": (0, 0.5, 1, 0, 0.310, 0.408 / 0.84, 0),
+        # e = 0 and equal speeds: nothing ever changes.
+        "at the desired headway": (35, 70, 0, 0, 70, np.inf, 0),
+        # By a scalar transcription of the model page. The ACC stops accelerating at 90 / 2.236 = 40.25 m/s.
+        "top speed of the ACC": (35, 400, 0, 0, 372.015355363376, 70.2073749803905, 0),
+        # AEB in steps 13 and 14; on again in 19, from the command 5 it asks for 3.4, 1.8, 0.2, -1.4.
+        "second onset": (0, 0.9, 0.7, 1, -0.062219425130046, 0.016937467253038, 0.693341132769373),
+    },
+    orient="index",
+    columns=[*INPUTS, *OUTCOMES],
+)
+
+
+def random_encounters(n=100_000):
+    """Plausible ones, then ones of any magnitude, overflowing included, and ones that do not close."""
+    generator = np.random.default_rng(20)
+    lead_speed = generator.uniform(0, 40, n)
+    yield lead_speed, np.exp(generator.uniform(-3, 5, n)), generator.exponential(8, n)
+    some = generator.random((2, n)) < 0.9
+    yield (
+        10 ** generator.uniform(-320, 308, n) * some[0],
+        10 ** generator.uniform(-320, 308, n) + 5e-324,
+        10 ** generator.uniform(-320, 308, n) * some[1],
+    )
+    yield (
+        lead_speed,
+        np.exp(generator.uniform(-3, 5, n)),
+        -lead_speed * generator.choice([0, 0.3, 0.99, 1.0], n),
+    )
+
+
+def assert_same_bits(got, wanted):
+    for name in OUTCOMES:
+        assert getattr(got, name).dtype == getattr(wanted, name).dtype
+        assert getattr(got, name).tobytes() == getattr(wanted, name).tobytes(), name
+
+
+def largest_difference(outcomes, table):
+    """Largest difference over the four outcomes, infinite where only one side is."""
+    with np.errstate(invalid="ignore"):
+        differences = [
+            np.where(got == wanted, 0, np.abs(got - wanted))
+            for got, wanted in ((getattr(outcomes, name) * 1.0, table[name].to_numpy()) for name in OUTCOMES)
+        ]
+    return np.max(differences)
+
+
+def test_every_published_verdict():
+    table = shared_table("crash_labels.csv")
+    assert len(table) == 4695
+    np.testing.assert_array_equal(AccAeb().simulate(*inputs(table)).crash, table.crash == 1)
+
+
+def test_reference_outcomes():
+    table = shared_table("reference_outcomes.csv")
+    assert len(table) == 749
+    assert largest_difference(AccAeb().simulate(*inputs(table)), table) <= 1e-9
+
+
+@pytest.mark.parametrize(
+    "parameters",
+    [
+        {"aeb": False},
+        {"aeb_ttc": 0.91},  # constant T(v)
+        {"aeb_release_ttc": 0.91},  # no hysteresis from 40 km/h up
+        {"ki": 0},
+        {"aeb_deceleration": 9.0},
+        {"aeb_jerk": 15.9},
+        {"headway": 1.99},
+        {"acc_limit": 4.9},
+        {"acc_top_speed": 40.7},
+        {"friction_limit": 10.0},
+        {"actuator_jerk": 19.0},
+        {"top_start_speed": 36.0},
+    ],
+    ids=str,
+)
+def test_another_parameter_is_not_the_published_car(parameters):
+    table = pd.concat([shared_table("reference_outcomes.csv"), BY_HAND])
+    assert largest_difference(AccAeb(**parameters).simulate(*inputs(table)), table) > 1e-6
+
+
+@pytest.mark.parametrize(
+    ("line", "wrong"),
+    [
+        ("np.where(was_on, 0, error)", "error"),  # the error before the AEB counts after it
+        ("np.where(was_on, timer, 0) + STEP", "np.where(on, timer + STEP, timer)"),  # the timer goes on
+        ("on & ~was_on, command, onset", "on & (onset == 0), command, onset"),  # the first onset's command
+        ("np.where(on & ~was_on, command, onset)", "np.zeros_like(command)"),
+        ("on, aeb_command", "on, -5 + 0 * aeb_command"),
+        ("stays_on = was_on &", "stays_on = False &"),
+        ("running & (ttc > 0) & (ttc < min_ttc)", "(ttc > 0) & (ttc < min_ttc)"),
+        ("(speed + new_speed) / 2", "speed"),
+        ("(speed + new_speed) / 2", "new_speed"),
+        ("np.maximum(speed - lead_speed, 0), 0)", "speed, 0)"),
+        ("+ acceleration * STEP, 0)", "+ acceleration * STEP, -9)"),
+        ("car.ki * STEP / 2 * (error + last_error)", "car.ki * STEP * error"),
+    ],
+)
+def test_another_line_is_not_the_published_model(line, wrong):
+    table = pd.concat([shared_table("reference_outcomes.csv"), BY_HAND])
+    source = inspect.getsource(reference)
+    assert source.count(line) == 1
+    mutant = ModuleType("mutant")
+    exec(source.replace(line, wrong), vars(mutant))
+    assert largest_difference(mutant.simulate(AccAeb(), *inputs(table)), table) > 1e-6
+
+
+@pytest.mark.parametrize("car", CARS.values(), ids=CARS)
+def test_compiled_equals_reference_to_the_bit(car):
+    for encounters in random_encounters():
+        assert_same_bits(car.simulate(*encounters), reference.simulate(car, *encounters))
+
+
+def test_compiled_equals_reference_on_published_inputs():
+    for name in ("crash_labels.csv", "reference_outcomes.csv"):
+        encounters = inputs(shared_table(name))
+        assert_same_bits(AccAeb().simulate(*encounters), reference.simulate(AccAeb(), *encounters))
+
+
+@pytest.mark.parametrize("case", BY_HAND.index)
+def test_by_hand(case):
+    table = BY_HAND.loc[[case]]
+    assert largest_difference(AccAeb().simulate(*inputs(table)), table) < 1e-9
+
+
+def test_threshold_of_the_v60():
+    speeds = np.array([0, 16, 28, 40, 41, 120]) / 3.6
+    expected = [0.86 - 0.05 * 16 / 24, 0.86, 0.885, 0.91, 0.91, 0.91]
+    np.testing.assert_allclose(reference.aeb_threshold(AccAeb(), speeds), expected, rtol=1e-15)
+    np.testing.assert_array_equal(reference.aeb_threshold(CARS["weak"], speeds), 0.7)
+    np.testing.assert_array_equal(reference.aeb_threshold(CARS["acc_only"], speeds), 0)
+
+
+def test_switch_and_commands_by_hand():
+    ttc = np.array([0.5, 0.905, 0.905, 1.0, 1.001, -0.5, -np.inf])
+    speed = np.array([20, 20, 9, 20, 20, 20, 20.0])
+    for was_on, expected in ((False, [1, 1, 0, 0, 0, 0, 0]), (True, [1, 1, 1, 1, 0, 0, 0])):
+        switch = reference.aeb_switch(AccAeb(), ttc, speed, np.full(7, was_on))
+        np.testing.assert_array_equal(switch, np.array(expected) == 1)
+    np.testing.assert_allclose(reference.aeb_command(AccAeb(), -5.0, np.array([0.1, 0.4])), [-6.6, -10])
+    np.testing.assert_allclose(reference.actuator(AccAeb(), np.array([-10, 10, 0]), 9.0), [7, 9.8, 7])
+    # Kp 0.1 = -3.8625 and Ki 0.05 1.9 = -0.1286 from the errors 0.9 and 1.0, at 30 and at 41 m/s.
+    command = np.array([4.5, 4.5, 0.0, 4.5])
+    errors = np.array([1.0, 0.9, 1.0, 0.9]), np.array([0.9, 1.0, 0.9, 1.0])
+    acc = reference.acc_command(AccAeb(), np.array([30, 30, 41, 41]), command, *errors)
+    np.testing.assert_allclose(acc, [4.5 - 3.991171, 5, -3.991171, 0], atol=1e-6)
+
+
+def test_cars_differ_as_they_should():
+    table = shared_table("reference_outcomes.csv")
+    crashes = {name: car.simulate(*inputs(table)).crash.sum() for name, car in CARS.items()}
+    assert crashes["acc_aeb"] == table.crash.sum() < min(crashes["weak"], crashes["acc_only"])
+
+
+@pytest.mark.parametrize("encounter", [(0.0, 9.0, 0.0), (12.0, 9.0, -12.0)])
+def test_host_at_rest_is_safe_at_once(encounter):
+    outcomes = AccAeb().simulate(*([value] for value in encounter))
+    assert [getattr(outcomes, name)[0] for name in OUTCOMES] == [False, 9.0, np.inf, 0.0]
+
+
+def test_same_bits_on_any_threads_in_any_batch():
+    encounters = np.array(next(random_encounters()))
+    wanted = simulate_encounters(AccAeb(), encounters, threads=1)
+    for threads in (2, 3, 6):
+        assert_same_bits(simulate_encounters(AccAeb(), encounters, threads=threads), wanted)
+    some = np.random.default_rng(4).permutation(encounters.shape[1])[: kernel.LANES + 7]
+    alone = AccAeb().simulate(*encounters[:, some])
+    for name in OUTCOMES:
+        np.testing.assert_array_equal(getattr(alone, name), getattr(wanted, name)[some])
+
+
+def test_threads_follow_the_environment(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    assert available_threads() == 3
+    monkeypatch.setenv("OMP_NUM_THREADS", "all")
+    assert available_threads() == numba.config.NUMBA_NUM_THREADS
+
+
+def test_compiles_without_a_place_for_the_cache(monkeypatch):
+    monkeypatch.setattr(numba.core.caching.CompileResultCacheImpl, "_locator_classes", [])
+    assert kernel.compiled(lambda x: x + 1)(2) == 3
+
+
+def test_empty_batch():
+    assert AccAeb().simulate([], [], []).crash.shape == (0,)
+
+
+@pytest.mark.parametrize(
+    ("encounters", "message"),
+    [
+        (([1, 2], [3, 4], [5]), r"shapes \(2,\), \(2,\), \(1,\)"),
+        ((1, 2, 3), "one dimension"),
+        ((["a"], [1], [1]), "expected numbers"),
+        (([1, np.nan, 1], [1, 1, 0], [1, 1, 1]), "row 1, column lead_speed: seen nan; expected a finite"),
+        (([1, 1], [2, np.inf], [1, 1]), "row 1, column range: seen inf"),
+        (([1, 1], [2, 2], [1, -np.inf]), "row 1, column closing_speed: seen -inf"),
+        (([1, 1, -1], [2, 0.0, 2], [1, 1, 1]), "row 1, column range: seen 0.0; expected a range above 0 m"),
+        (([-0.5], [2], [1]), "row 0, column lead_speed: seen -0.5"),
+        (([3.0], [2], [-3.5]), "row 0, column closing_speed: seen -3.5; expected at least minus the lead"),
+    ],
+)
+def test_bad_encounters(encounters, message):
+    with pytest.raises(InputError, match=message):
+        AccAeb().simulate(*encounters)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"aeb": 1}, "parameter aeb: seen 1; expected true or false"),
+        ({"aeb_jerk": -1}, "parameter aeb_jerk: seen -1; expected a positive"),
+        ({"aeb_ttc": "0.7"}, "parameter aeb_ttc: seen '0.7'; expected a finite"),
+        ({"kp": np.nan}, "parameter kp: seen nan"),
+        ({"aeb_ttc": 1.2}, "aeb_ttc: seen 1.2; expected at most aeb_release_ttc = 1 s"),
+    ],
+)
+def test_bad_parameters(parameters, message):
+    with pytest.raises(InputError, match=message):
+        AccAeb(**parameters)
+
+
+def test_built_in_vehicles():
+    assert load_vehicle("acc_aeb") == CARS["acc_aeb"]
+    assert load_vehicle("acc_only") == CARS["acc_only"]
+    assert load_vehicle("acc_aeb", aeb_deceleration=5.8, aeb_jerk=12.0, aeb_ttc=0.7) == CARS["weak"]
+    assert isinstance(load_vehicle("acc_aeb"), Vehicle)
+
+
+USER_FILE = """
+from dataclasses import dataclass
+
+import numpy as np
+from accelerated_evaluation.vehicles import Outcomes
+
+
+@dataclass(frozen=True)
+class Coasting:
+    seconds: float = 8.0
+
+    def simulate(self, lead_speed, range_, closing_speed):
+        last = range_ - np.maximum(closing_speed, 0) * self.seconds
+        crash = last <= 0
+        with np.errstate(divide="ignore"):
+            ttc = np.where(closing_speed > 0, np.maximum(last, 1e-9) / closing_speed, np.inf)
+        return Outcomes(crash, last, ttc, np.where(crash, closing_speed, 0))
+
+
+class Odd:
+    def __init__(self, outcome, value):
+        self.change = {outcome: value}
+
+    def simulate(self, lead_speed, range_, closing_speed):
+        fields = vars(Coasting().simulate(lead_speed, range_, closing_speed)) | self.change
+        return Outcomes(**fields)
+
+
+class Broken:
+    def simulate(self, lead_speed, range_, closing_speed):
+        range_[:] = 0
+        return 1 // 0
+
+
+class Nothing:
+    def simulate(self, lead_speed, range_, closing_speed):
+        return None
+
+
+class Inert:
+    pass
+"""
+
+
+@pytest.fixture
+def user_file(tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text(USER_FILE)
+    return path
+
+
+def test_users_own_vehicle(user_file):
+    vehicle = load_vehicle(f"{user_file}:Coasting", seconds=4)
+    assert isinstance(vehicle, Vehicle)
+    outcomes = vehicle.simulate([20, 20], [10, 10], [5, 2])
+    assert outcomes.crash.tolist() == [True, False]
+    assert outcomes.min_range.tolist() == [-10.0, 2.0]
+    with pytest.raises(InputError, match="row 1, column range"):
+        vehicle.simulate([20, 20], [10, 0], [5, 2])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("crash", [False]), r"crash: seen shape \(1,\); expected shape \(2,\)"),
+        (("crash", [1, 0]), "crash: seen an array of int64; expected an array of booleans"),
+        (("min_ttc", ["a", "b"]), "min_ttc: seen an array of <U1; expected an array of real numbers"),
+        (("min_range", [-1, np.nan]), r"min_range\[1\]: seen nan"),
+        (("min_range", [-1, 11]), r"min_range\[1\]: seen 11.0; expected at most the initial range"),
+        (("min_range", [1, 1]), r"min_range\[0\]: seen 1.0; expected 0 m or less where crash is true"),
+        (("min_range", [-1, -1]), r"min_range\[1\]: seen -1.0; expected above 0 m where crash is false"),
+        (("min_ttc", [1, 0]), r"min_ttc\[1\]: seen 0.0"),
+        (("min_ttc", [1, np.nan]), r"min_ttc\[1\]: seen nan"),
+        (("impact_speed", [np.inf, 0]), r"impact_speed\[0\]: seen inf"),
+        (("impact_speed", [1, 2]), r"impact_speed\[1\]: seen 2.0; expected 0 m/s where crash is false"),
+    ],
+)
+def test_users_vehicle_that_breaks_the_protocol(user_file, change, message):
+    vehicle = load_vehicle(f"{user_file}:Odd", outcome=change[0], value=change[1])
+    with pytest.raises(InputError, match=message):
+        vehicle.simulate([20, 20], [10, 10], [5, 1])
+
+
+@pytest.mark.parametrize(
+    ("class_name", "message"), [("Broken", "simulate: seen ZeroDivisionError"), ("Nothing", "seen NoneType")]
+)
+def test_users_vehicle_that_fails(user_file, class_name, message):
+    with pytest.raises(InputError, match=message):
+        load_vehicle(f"{user_file}:{class_name}").simulate([20], [10], [5])
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "message"),
+    [
+        ("acc_abe", {}, "seen 'acc_abe'; expected acc_aeb, acc_only or .* Did you mean acc_aeb?"),
+        ("acc_aeb", {"aeb_jrk": 1}, "parameter 'aeb_jrk'.* Did you mean aeb_jerk?"),
+        ("acc_only", {"aeb": True}, "parameter 'aeb'"),
+        ("nowhere.py:Car", {}, "no file nowhere.py"),
+        ("{file}", {}, "mine.py: seen no class; expected path/to/file.py:ClassName"),
+        ("{file}:Costing", {}, "no class 'Costing'; .* Coasting, Odd, .* Did you mean Coasting?"),
+        ("{file}:Inert", {}, "no method simulate"),
+        ("{file}:Coasting", {"minutes": 1}, "TypeError: .*minutes"),
+        ("{folder}/wrong.py:Car", {}, "SyntaxError"),
+        ("{folder}/plain.txt:Car", {}, "ends in .py"),
+    ],
+)
+def test_vehicles_that_cannot_be_loaded(user_file, name, parameters, message):
+    user_file.with_name("wrong.py").write_text("def")
+    user_file.with_name("plain.txt").write_text("")
+    with pytest.raises(InputError, match=message):
+        load_vehicle(name.format(file=user_file, folder=user_file.parent), **parameters)

@@ -1,0 +1,298 @@
+"""The configuration: loaded, validated and documented against ``workflow/schemas/config.schema.yaml``.
+
+``python -m accelerated_evaluation.configuration`` writes the table of keys into ``config/README.md`` anew.
+"""
+
+import json
+import math
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import cache, reduce
+from itertools import pairwise
+from operator import eq, getitem
+from pathlib import Path
+from typing import Any
+
+import yaml
+from jsonschema import Draft202012Validator, ValidationError, validators
+
+from accelerated_evaluation.encounters.table import UNITS
+from accelerated_evaluation.errors import InputError, StudyError
+from accelerated_evaluation.files import write_text
+
+WORKFLOW = Path(__file__).resolve().parents[1]
+SCHEMA = WORKFLOW / "schemas" / "config.schema.yaml"
+DEFAULTS = WORKFLOW.parent / "config" / "config.yaml"
+README = WORKFLOW.parent / "config" / "README.md"
+MARKS = ("<!-- parameters: made from the schema -->\n", "<!-- end of parameters -->\n")
+
+TYPES = {"boolean": "true or false", "object": "mapping"}
+BOUNDS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
+PIECES = {"two_pieces": 2, "three_pieces": 3}
+KNOTS = ("models.inverse_range.two_pieces", "models.inverse_range.three_pieces", "models.inverse_ttc.knots")
+
+
+# YAML knows .nan and .inf, and jsonschema takes 5.0 for an integer: neither is of use here
+_NUMBERS = Draft202012Validator.TYPE_CHECKER.redefine_many(
+    {
+        "integer": lambda _, value: type(value) is int,
+        "number": lambda _, value: type(value) in (int, float) and -math.inf < value < math.inf,
+    }
+)
+StrictValidator = validators.extend(Draft202012Validator, type_checker=_NUMBERS)
+
+
+class ConfigurationError(StudyError):
+    """Everything that is wrong with a configuration; ``args`` has one line for each violation."""
+
+    def __str__(self) -> str:
+        """Return all lines."""
+        return "\n  ".join(("The configuration cannot be used:", *self.args))
+
+
+@dataclass(frozen=True)
+class Check:
+    """A condition on the values of several keys; skipped where one of them is wrong already."""
+
+    keys: tuple[str, ...]
+    holds: Callable[..., bool]
+    expected: str
+
+
+def _rising(values: Sequence[float] | None) -> bool:
+    return values is None or all(low < high for low, high in pairwise(values))
+
+
+CHECKS = (
+    Check(
+        ("filters.lead_speed_min", "filters.lead_speed_max"),
+        lambda low, high: low < high,
+        "lead_speed_min below lead_speed_max",
+    ),
+    Check(("segments.lead_speed_edges",), _rising, "edges in increasing order"),
+    Check(
+        ("segments.lead_speed_edges", "filters.lead_speed_min", "filters.lead_speed_max"),
+        lambda edges, low, high: edges[0] <= low and high <= edges[-1],
+        "edges that begin at or below lead_speed_min and end at or above lead_speed_max",
+    ),
+    *(
+        check
+        for knots in KNOTS
+        for check in (
+            Check((f"{knots}.quantiles",), _rising, "quantiles in increasing order"),
+            Check((f"{knots}.values",), _rising, "knots in increasing order"),
+            Check(
+                (f"{knots}.method", f"{knots}.values"),
+                lambda method, values: method != "values" or values is not None,
+                "a list of knots, as the method is values",
+            ),
+            Check(
+                (f"{knots}.profile.low", f"{knots}.profile.high"),
+                lambda low, high: low < high,
+                "low below high",
+            ),
+        )
+    ),
+    *(
+        Check(
+            (f"models.inverse_range.{variant}.values", "filters.range_max"),
+            lambda values, range_max: values is None or min(values) > 1 / range_max,
+            "knots above 1 / range_max, where R^-1 begins",
+        )
+        for variant in PIECES
+    ),
+    Check(
+        ("cross_entropy.minimum_weight", "models.inverse_range.variant"),
+        lambda weight, variant: weight * PIECES[variant] < 1,
+        "a minimum weight that all pieces can have at once: less than 1 / pieces",
+    ),
+    Check(
+        ("importance_sampling.minimum_events", "importance_sampling.maximum_simulations"),
+        lambda events, simulations: events <= simulations,
+        "minimum_events not above maximum_simulations",
+    ),
+    Check(
+        ("data.source", "data.table.path"),
+        lambda source, path: source != "table" or path is not None,
+        "the path of the table, as the source is table",
+    ),
+    Check(
+        ("data.table.columns.closing.quantity", "data.table.columns.closing.unit"),
+        lambda quantity, unit: any(unit in factors for factors in UNITS[quantity].values()),
+        "a unit of that quantity",
+    ),
+)
+
+
+def load(paths: Sequence[str | os.PathLike] = ()) -> dict[str, Any]:
+    """Load the configuration as Snakemake does with ``--configfile``, and validate it.
+
+    Parameters
+    ----------
+    paths
+        Files that state what differs from ``config/config.yaml``; a later one overrules an earlier one.
+
+    Returns
+    -------
+    dict
+        The complete configuration.
+
+    Raises
+    ------
+    InputError
+        If a file is missing or is not a YAML mapping.
+    ConfigurationError
+        If the configuration is not valid.
+    """
+    config: dict[str, Any] = {}
+    for path in (DEFAULTS, *paths):
+        config = _merged(config, _read_yaml(Path(path)))
+    validate(config)
+    return config
+
+
+def validate(config: Mapping[str, Any]) -> None:
+    """Check a complete configuration against the schema and the conditions that tie keys together.
+
+    Raises
+    ------
+    ConfigurationError
+        With all violations, one line each.
+    """
+    validator = StrictValidator(_schema())
+    violations = [violation for error in validator.iter_errors(config) for violation in _violations(error)]
+    lines = [line for _, line in violations]
+    for check in CHECKS:
+        paths = [key.split(".") for key in check.keys]
+        if any(all(map(eq, path, wrong)) for path in paths for wrong, _ in violations):
+            continue
+        values = [reduce(getitem, path, config) for path in paths]
+        if not check.holds(*values):
+            lines.append(
+                f"{', '.join(check.keys)}: seen {', '.join(map(_shown, values))}; expected {check.expected}"
+            )
+    if lines:
+        raise ConfigurationError(*dict.fromkeys(lines))
+
+
+def parameter_table() -> str:
+    """Return the Markdown table of all keys: default, what is allowed, meaning."""
+    defaults = _read_yaml(DEFAULTS)
+    rows = ["| key | default | allowed | meaning |", "| --- | --- | --- | --- |"]
+    for key, schema in _nodes(_schema()):
+        if "properties" in schema:
+            continue
+        default = reduce(getitem, key.split("."), defaults)
+        cells = (f"`{key}`", f"`{_shown(default)}`", _expected(schema), schema["description"])
+        rows.append(f"| {' | '.join(cell.replace('|', '&#124;') for cell in cells)} |")
+    return "\n".join(rows) + "\n"
+
+
+def _read_yaml(path: Path) -> dict[str, Any]:
+    try:
+        config = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        seen = " ".join(str(error).split())
+        raise InputError(
+            str(path), seen=seen, expected="a YAML file", change="Correct the path or mend the file."
+        ) from error
+    if not isinstance(config, Mapping):
+        raise InputError(
+            str(path), seen=_shown(config), expected="keys and values", change="See config/config.yaml."
+        )
+    return dict(config)
+
+
+def _merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
+    """Return ``base`` with ``change`` over it, mapping by mapping, as snakemake.utils.update_config does."""
+    merged = dict(base)
+    for key, value in change.items():
+        if isinstance(value, Mapping):
+            below = merged.get(key)
+            value = _merged(below if isinstance(below, Mapping) else {}, value)
+        merged[key] = value
+    return merged
+
+
+@cache
+def _schema() -> dict[str, Any]:
+    return yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))
+
+
+def _nodes(schema: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yield every key of the schema, sections before what is in them, with its part of the schema."""
+    for name, part in schema.get("properties", {}).items():
+        if "$ref" in part:
+            part = _schema()["$defs"][part["$ref"].rsplit("/", 1)[1]]
+        yield prefix + name, part
+        yield from _nodes(part, f"{prefix}{name}.")
+
+
+def _violations(error: ValidationError) -> Iterator[tuple[list, str]]:
+    """Yield the path and the line of each violation that an error of jsonschema stands for."""
+    path = list(error.absolute_path)
+    if error.validator == "additionalProperties":
+        known = error.schema["properties"]
+        for name in sorted(map(str, error.instance.keys() - known)):
+            seen = f"seen an unknown key; expected one of {', '.join(known)}"
+            yield [*path, name], f"{_key([*path, name])}: {seen}{_suggestion(path, name, known)}"
+    elif error.validator == "required":
+        for name in error.validator_value:
+            if name not in error.instance:
+                expected = _expected(dict(_nodes(_schema()))[_key([*path, name])])
+                yield [*path, name], f"{_key([*path, name])}: seen nothing; expected {expected}"
+    else:
+        seen, expected = _shown(error.instance), _expected(error.schema)
+        yield path, f"{_key(path) or 'top level'}: seen {seen}; expected {expected}"
+
+
+def _key(path: Sequence[str | int]) -> str:
+    """Write a path as in ``models.inverse_range.two_pieces.values[0]``."""
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).removeprefix(".")
+
+
+def _suggestion(path: Sequence[str | int], name: str, siblings: Iterable[str]) -> str:
+    """Name the nearest known key, of the same section if one is near, else of any."""
+    near = [_key([*path, sibling]) for sibling in get_close_matches(name, siblings, n=1)]
+    elsewhere = {key.rsplit(".", 1)[-1]: key for key, _ in _nodes(_schema())}
+    near += [elsewhere[match] for match in get_close_matches(name, elsewhere, n=1)]
+    return f"; nearest known key: {near[0]}" if near else ""
+
+
+def _expected(schema: Mapping[str, Any]) -> str:
+    """Say in words what a part of the schema allows."""
+    if "enum" in schema:
+        return f"one of {', '.join(schema['enum'])}"
+    if "pattern" in schema:
+        return f"text matching `{schema['pattern']}`"
+    types = [schema["type"]] if isinstance(schema["type"], str) else schema["type"]
+    bounds = " and ".join(f"{sign} {schema[bound]:,}" for bound, sign in BOUNDS.items() if bound in schema)
+    return " or ".join(_expected_type(name, schema, bounds) for name in types)
+
+
+def _expected_type(name: str, schema: Mapping[str, Any], bounds: str) -> str:
+    if name == "array":
+        low, high = schema["minItems"], schema.get("maxItems")
+        return f"list of {low if low == high else f'at least {low}'}, each {_expected(schema['items'])}"
+    if name in ("integer", "number"):
+        return f"{name} {bounds}".rstrip()
+    if name == "string":
+        return "non-empty text" if "minLength" in schema else "text"
+    return TYPES.get(name, name)
+
+
+def _shown(value: Any) -> str:  # noqa: ANN401
+    return json.dumps(value, default=str, ensure_ascii=False)
+
+
+def main() -> None:
+    """Write the table of keys into ``config/README.md`` anew."""
+    before, rest = README.read_text(encoding="utf-8").split(MARKS[0])
+    after = rest.split(MARKS[1])[1]
+    write_text(README, before + MARKS[0] + parameter_table() + MARKS[1] + after)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Lane-change records: their sources, validation, filters and segments of lead speed."""

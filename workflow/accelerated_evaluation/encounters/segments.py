@@ -1,0 +1,104 @@
+"""Segments of lead speed, and whether the variables are independent inside them as the paper assumes."""
+
+from collections.abc import Sequence
+from itertools import combinations, pairwise
+
+import numpy as np
+import pandas as pd
+from scipy.stats import kendalltau, t
+
+from accelerated_evaluation.errors import InputError
+
+VARIABLES = ("lead_speed", "inverse_range", "inverse_ttc")
+BLOCKS = 30
+
+
+def segment_names(lead_speed_edges: Sequence[float]) -> list[str]:
+    """Return the names of the segments between increasing edges [m/s], such as ``"5-15"``."""
+    return [f"{low:g}-{high:g}" for low, high in pairwise(lead_speed_edges)]
+
+
+def assign_segments(encounters: pd.DataFrame, lead_speed_edges: Sequence[float]) -> pd.DataFrame:
+    """Add the column ``segment``: lower edge included, upper edge not (paper, section II).
+
+    Parameters
+    ----------
+    encounters
+        With ``lead_speed`` [m/s], all of it between the first edge and the last.
+    lead_speed_edges
+        Increasing edges [m/s], shape (number of segments + 1,).
+
+    Raises
+    ------
+    InputError
+        If a segment has no row.
+    """
+    names = segment_names(lead_speed_edges)
+    index = np.searchsorted(lead_speed_edges, encounters["lead_speed"], side="right") - 1
+    empty = [name for number, name in enumerate(names) if number not in index]
+    if empty:
+        raise InputError(
+            f"segment {', '.join(empty)} m/s",
+            seen=f"none of the {len(encounters):,} rows that passed the filters",
+            expected="at least one row in each segment",
+            change="Check the unit of the lead speed, the filters and segments.lead_speed_edges.",
+        )
+    return encounters.assign(segment=np.array(names)[index])
+
+
+def segment_counts(encounters: pd.DataFrame) -> pd.DataFrame:
+    """Count the rows of each segment.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``segment``, ``rows`` and ``share``, in order of lead speed.
+    """
+    order = encounters.groupby("segment")["lead_speed"].min().sort_values().index
+    rows = encounters["segment"].value_counts().reindex(order)
+    return pd.DataFrame({"segment": order, "rows": rows.to_numpy(), "share": (rows / rows.sum()).to_numpy()})
+
+
+def dependence(encounters: pd.DataFrame, confidence: float = 0.95) -> pd.DataFrame:
+    """Kendall's tau of each pair of variables in each segment, with a confidence interval.
+
+    The intervals hold for dependent variables and for rows that are not independent, see `tau_interval`.
+
+    Parameters
+    ----------
+    encounters
+        Encounter table, its rows in the order of the record.
+    confidence
+        Level of the intervals.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``segment``, ``pair``, ``tau`` (tau-b), ``ci_low``, ``ci_high``, ``n``. NaN for the tau of a
+        variable that does not vary, and for the interval of fewer rows than two a block.
+    """
+    lines = []
+    for segment in segment_counts(encounters)["segment"]:
+        rows = encounters[encounters["segment"] == segment]
+        for pair in combinations(VARIABLES, 2):
+            x, y = (rows[name].to_numpy() for name in pair)
+            tau, half_width = tau_interval(x, y, confidence)
+            lines.append((segment, " vs ".join(pair), tau, tau - half_width, tau + half_width, len(rows)))
+    return pd.DataFrame(lines, columns=["segment", "pair", "tau", "ci_low", "ci_high", "n"])
+
+
+def tau_interval(x: np.ndarray, y: np.ndarray, confidence: float) -> tuple[float, float]:
+    """Kendall's tau-b of rows in the order of the record, shape (n,), and the half-width of its interval.
+
+    The standard error comes from the jackknife that leaves out one of 30 blocks of consecutive rows (Kuensch
+    1989, Annals of Statistics 17, 1217). It assumes neither that tau is zero nor that rows are independent:
+    repeated rows, and rows alike because of one trip, share a block. The interval is symmetric, Student's t
+    with 29 degrees of freedom; its half-width is NaN for fewer rows than two a block.
+    """
+    tau = kendalltau(x, y).statistic
+    if len(x) < 2 * BLOCKS:
+        return tau, np.nan
+    blocks = np.array_split(np.arange(len(x)), BLOCKS)
+    without = [kendalltau(np.delete(x, block), np.delete(y, block)).statistic for block in blocks]
+    standard_error = np.sqrt((BLOCKS - 1) * np.var(without))
+    return tau, t.ppf((1 + confidence) / 2, BLOCKS - 1) * standard_error

@@ -1,0 +1,100 @@
+"""From the encounter table to lane-change models: piecewise (sections III, VI.A) and single (section II)."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from accelerated_evaluation.distributions import BoundedExponential, Distribution, Pareto, PiecewiseMixture
+from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
+from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.fitting.piecewise import (
+    PieceFamily,
+    fit_piecewise,
+    knots_at_quantiles,
+    knots_by_profile_likelihood,
+)
+
+EXPONENTIAL = PieceFamily("exponential")
+
+
+def choose_knots(x: Array, lower: float, families: list[PieceFamily], settings: Mapping[str, Any]) -> list[float]:
+    """Choose knots as the configuration says: at quantiles, at given values, or by profile likelihood."""
+    if settings["method"] == "quantiles":
+        return knots_at_quantiles(x, settings["quantiles"])
+    if settings["method"] == "values":
+        return list(settings["values"])
+    grid = np.linspace(settings["profile"]["low"], settings["profile"]["high"], settings["profile"]["points"])
+    return knots_by_profile_likelihood(x, lower, families, grid)
+
+
+def fit_lane_change_models(
+    encounters: pd.DataFrame, models: Mapping[str, Any], range_max: float, description: str
+) -> dict[str, LaneChangeModel]:
+    """Fit the models ``two_pieces`` and ``three_pieces`` of R^-1, and ``single``.
+
+    Parameters
+    ----------
+    encounters
+        Encounter table.
+    models
+        Section ``models`` of the configuration.
+    range_max
+        Largest range [m]; R^-1 begins at its inverse.
+    description
+        What the encounters are.
+    """
+    lower = 1 / range_max
+    inverse_range = encounters["inverse_range"].to_numpy()
+    body = PieceFamily("normal", models["inverse_ttc"]["body_components"])
+
+    def piecewise_range(pieces: int, settings: Mapping[str, Any]) -> Distribution:
+        families = [EXPONENTIAL] * pieces
+        return fit_piecewise(
+            inverse_range, lower, choose_knots(inverse_range, lower, families, settings), families
+        )
+
+    def piecewise_ttc(x: Array) -> Distribution:
+        families = [body, EXPONENTIAL]
+        knots = choose_knots(x, 0.0, families, models["inverse_ttc"]["knots"])
+        return fit_piecewise(x, 0.0, knots, families)
+
+    ttc = _by_segment(encounters, piecewise_ttc)
+    ranges = {
+        "two_pieces": (piecewise_range(2, models["inverse_range"]["two_pieces"]), ttc),
+        "three_pieces": (piecewise_range(3, models["inverse_range"]["three_pieces"]), ttc),
+        "single": (fit_pareto(inverse_range, lower), _by_segment(encounters, fit_exponential_from_zero)),
+    }
+    events = {segment: len(rows) for segment, rows in _segments(encounters)}
+    return {name: LaneChangeModel(description, events, *laws) for name, laws in ranges.items()}
+
+
+def fit_pareto(x: Array, lower: float) -> Pareto:
+    """Fit a Pareto distribution that begins at ``lower``: shape n / sum log(x / lower)."""
+    return Pareto(float(x.size / np.log(x / lower).sum()), lower)
+
+
+def fit_exponential_from_zero(x: Array) -> BoundedExponential:
+    """Fit an exponential distribution to the whole of x."""
+    return BoundedExponential.from_mean(float(np.mean(x)))
+
+
+def _segments(encounters: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
+    groups = encounters.groupby("segment", sort=False)
+    return sorted(groups, key=lambda group: group[1]["lead_speed"].min())
+
+
+def _by_segment(encounters: pd.DataFrame, fit: Callable[[Array], Distribution]) -> dict[str, Distribution]:
+    return {segment: fit(rows["inverse_ttc"].to_numpy()) for segment, rows in _segments(encounters)}
+
+
+def refit(law: PiecewiseMixture, x: Array) -> PiecewiseMixture:
+    """Fit the pieces of a piecewise mixture to another sample, at the same knots."""
+    families = [
+        EXPONENTIAL
+        if isinstance(piece, BoundedExponential)
+        else PieceFamily("normal", len(getattr(piece, "components", (piece,))))
+        for piece in law.components
+    ]
+    return fit_piecewise(x, law.lower, law.knots, families)

@@ -1,0 +1,1 @@
+"""Figures and tables, drawn from finished results; nothing is simulated here."""

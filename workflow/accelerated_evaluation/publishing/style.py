@@ -1,0 +1,80 @@
+"""One look for all figures: IEEE column width, readable in print and in grey; and how they are saved."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import pandas as pd
+from matplotlib.figure import Figure
+
+from accelerated_evaluation.files import atomic_path, write_csv
+
+COLUMN_WIDTH = 3.5  # [in], one column of an IEEE journal
+FORMATS = ("pdf", "svg", "png")
+
+# Dark to light, and never told apart by colour alone.
+METHODS = {
+    "single": {"color": "#b2182b", "linestyle": "--", "marker": "s"},
+    "piecewise": {"color": "#08306b", "linestyle": "-", "marker": "o"},
+    "heuristic": {"color": "#41ab5d", "linestyle": "-.", "marker": "^"},
+    "crude": {"color": "#777777", "linestyle": ":", "marker": "D"},
+}
+PIECES = ("#08306b", "#4292c6", "#9ecae1")
+
+_RC = {
+    "figure.figsize": (COLUMN_WIDTH, 2.4),
+    "figure.dpi": 150,
+    "figure.constrained_layout.use": True,
+    "savefig.dpi": 300,
+    "font.family": "serif",
+    "font.serif": ["DejaVu Serif"],
+    "mathtext.fontset": "dejavuserif",
+    "font.size": 8,
+    "axes.labelsize": 8,
+    "axes.titlesize": 8,
+    "legend.fontsize": 7,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.linewidth": 0.3,
+    "grid.color": "#d0d0d0",
+    "lines.linewidth": 1.2,
+    "lines.markersize": 4,
+    "legend.frameon": False,
+    # The same figure is the same file, byte by byte.
+    "svg.hashsalt": "accelerated-evaluation",
+    "svg.fonttype": "none",
+    "pdf.fonttype": 42,
+}
+
+
+@contextmanager
+def paper_style() -> Iterator[None]:
+    """Draw in the style of the paper within the block."""
+    with mpl.rc_context(_RC):
+        yield
+
+
+def save_figure(figure: Figure, data: pd.DataFrame, folder: str | os.PathLike, name: str) -> Figure:
+    """Save a figure as PDF, SVG and PNG, and its data as CSV beside it; return it for display.
+
+    Parameters
+    ----------
+    data
+        Tidy table of everything that is drawn, units in the column names.
+    folder, name
+        Files are called ``folder/name.pdf`` and so on.
+    """
+    undated = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {}}
+    for extension in FORMATS:
+        with paper_style(), atomic_path(Path(folder) / f"{name}.{extension}") as temporary:
+            figure.savefig(temporary, format=extension, metadata=undated[extension])
+    write_csv(Path(folder) / f"{name}.csv", data)
+    plt.close(figure)
+    return figure

@@ -1,0 +1,149 @@
+"""What may go into a vehicle and what may come out of it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.vehicles.protocol import Array, Outcomes
+
+INPUTS = ("lead_speed", "range", "closing_speed")
+OUTCOMES = ("crash", "min_range", "min_ttc", "impact_speed")
+
+
+def checked_encounters(
+    lead_speed: ArrayLike,
+    range_: ArrayLike,
+    closing_speed: ArrayLike,
+    *,
+    source: str = "encounters",
+    rows: Sequence[int] | None = None,
+) -> Array:
+    """Stack the inputs of a simulation in one new array of shape (3, n), or refuse them.
+
+    Parameters
+    ----------
+    lead_speed, range_, closing_speed
+        Lead speed [m/s], range [m], closing speed [m/s], each of shape (n,).
+    source, rows
+        Name of the inputs and number of each of their rows in messages; without ``rows`` counted from 0.
+
+    Raises
+    ------
+    InputError
+        If shapes differ, a value is not finite, a range is not positive, or lead or host would start with a
+        negative speed; names the first such row.
+    """
+    encounters = _stacked(lead_speed, range_, closing_speed, source)
+    fault = _first_fault(encounters)
+    if fault:
+        row, column, expected = fault
+        raise InputError(
+            f"{source}, row {row if rows is None else rows[row]}, column {INPUTS[column]}",
+            seen=repr(encounters[column, row].item()),
+            expected=expected,
+            change="Correct or remove this encounter.",
+        )
+    return encounters
+
+
+def _stacked(lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, source: str) -> Array:
+    """Return the inputs as one array of numbers."""
+    columns = [np.asarray(column) for column in (lead_speed, range_, closing_speed)]
+    shapes = [column.shape for column in columns]
+    if columns[0].ndim != 1 or len(set(shapes)) > 1:
+        raise InputError(
+            source,
+            seen=f"{', '.join(INPUTS)} of shapes {', '.join(map(str, shapes))}",
+            expected="three arrays of one dimension and equal length",
+            change="Pass one value of each for every encounter.",
+        )
+    try:
+        return np.array(columns, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        change = "Pass arrays of floating-point numbers."
+        raise InputError(source, seen=str(error), expected="numbers", change=change) from error
+
+
+def _first_fault(encounters: Array) -> tuple[int, int, str] | None:
+    """Return row, column and what is expected there, for the first encounter outside the model."""
+    lead_speed, range_, closing_speed = encounters
+    finite = np.isfinite(encounters)
+    with np.errstate(over="ignore", invalid="ignore"):
+        rules = [
+            (~finite[0], 0, "a finite number"),
+            (~finite[1], 1, "a finite number"),
+            (~finite[2], 2, "a finite number"),
+            (lead_speed < 0, 0, "a speed of 0 m/s or more"),
+            (range_ <= 0, 1, "a range above 0 m"),
+            (lead_speed + closing_speed < 0, 2, "at least minus the lead speed: the host drives forwards"),
+        ]
+    faults = [(int(np.argmax(wrong)), column, expected) for wrong, column, expected in rules if wrong.any()]
+    return min(faults, key=lambda fault: fault[0], default=None)
+
+
+def checked_outcomes(outcomes: object, count: int, range_: Array, *, vehicle: str) -> Outcomes:
+    """Return what a user's vehicle gave for ``count`` encounters with the protocol's types, or refuse it.
+
+    Parameters
+    ----------
+    outcomes
+        What ``simulate`` returned.
+    count
+        Number n of encounters.
+    range_
+        Initial range of each [m], shape (n,).
+    vehicle
+        The vehicle's name in messages.
+
+    Raises
+    ------
+    InputError
+        If an outcome is missing, has another shape or type, or contradicts itself; names the first such row.
+    """
+    columns = {name: _checked_column(outcomes, name, count, vehicle) for name in OUTCOMES}
+    crash, min_range, min_ttc, impact_speed = columns.values()
+    rules = [
+        ("min_range", ~np.isfinite(min_range), "a finite number"),
+        ("min_range", min_range > range_, "at most the initial range"),
+        ("min_range", crash & (min_range > 0), "0 m or less where crash is true"),
+        ("min_range", ~crash & (min_range <= 0), "above 0 m where crash is false"),
+        ("min_ttc", ~(min_ttc > 0), "above 0 s, infinity if the host never closed in"),
+        (
+            "impact_speed",
+            ~(np.isfinite(impact_speed) & (impact_speed >= 0)),
+            "a finite speed of 0 m/s or more",
+        ),
+        ("impact_speed", ~crash & (impact_speed != 0), "0 m/s where crash is false"),
+    ]
+    for name, wrong, expected in rules:
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise outcome_error(vehicle, f"{name}[{row}]", repr(columns[name][row].item()), expected)
+    return Outcomes(**columns)
+
+
+def outcome_error(vehicle: str, what: str, seen: str, expected: str) -> InputError:
+    """Say that a user's vehicle does not keep to the protocol."""
+    return InputError(
+        f"vehicle {vehicle}, {what}",
+        seen=seen,
+        expected=expected,
+        change="Correct the vehicle; accelerated_evaluation.vehicles.protocol says what it gives.",
+    )
+
+
+def _checked_column(outcomes: object, name: str, count: int, vehicle: str) -> NDArray:
+    """Return one attribute of a user's outcomes as an array of the protocol's type."""
+    if not hasattr(outcomes, name):
+        raise outcome_error(
+            vehicle, "simulate", type(outcomes).__name__, f"Outcomes with {', '.join(OUTCOMES)}"
+        )
+    column = np.asarray(getattr(outcomes, name))
+    if column.shape != (count,):
+        raise outcome_error(vehicle, name, f"shape {column.shape}", f"shape ({count},)")
+    kinds, meaning = ("b", "booleans") if name == "crash" else ("fiu", "real numbers")
+    if column.dtype.kind not in kinds:
+        raise outcome_error(vehicle, name, f"an array of {column.dtype}", f"an array of {meaning}")
+    return column if name == "crash" else column.astype(np.float64)

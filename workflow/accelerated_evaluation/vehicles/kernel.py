@@ -1,0 +1,168 @@
+"""The compiled ACC + AEB car: many encounters abreast, so that each line becomes vector instructions.
+
+`reference.py` says the same readably, and the tests hold both to the same bits. Every function and constant
+of the compiled code is in this file, because numba's cache on disk only notices an edit of the file itself.
+
+Loops over lanes read the state first and write it last: LLVM turns an early write of a minimum into a
+masked store, which is slow. A step is three loops: in a single one the chain of operations is too long for
+the processor to overlap.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+STEP = 0.1  # [s], part of the model: sub-stepping changes verdicts
+STEPS = 80  # 8 s
+
+LANES = 320  # encounters abreast; their state, 25.6 kB, stays in the level-1 cache
+SWEEP = 8  # steps between two removals of encounters that have ended; divides STEPS
+
+# The rows of a block's state. A timer above 0 says that the AEB was on in the last step.
+LEAD, RANGE, SPEED, ACCELERATION, COMMAND, ERROR, TIMER, ONSET, MIN_RANGE, MIN_TTC = range(10)
+FIELDS = 10
+
+
+class Car(NamedTuple):
+    """The numbers that the compiled code needs of an `AccAeb`, all of them floats in SI units."""
+
+    top_start_speed: float
+    headway: float
+    kp: float
+    ki_half_step: float
+    acc_limit: float
+    acc_top_speed: float
+    threshold_base: float
+    threshold_slope: float
+    threshold_speed: float
+    threshold_top: float
+    release_ttc: float
+    aeb_deceleration: float
+    aeb_jerk: float
+    friction_limit: float
+    acceleration_step: float
+
+
+def compiled(function: Callable) -> Callable:
+    """Compile ``function``, and keep the result on disk where numba finds a place that can be written."""
+    options = {"error_model": "numpy", "nogil": True}
+    try:
+        return njit(cache=True, **options)(function)
+    except RuntimeError:  # no such place
+        return njit(**options)(function)
+
+
+@compiled
+def _start(encounters: NDArray, first: int, count: int, car: Car, state: NDArray, index: NDArray) -> None:
+    """Place ``count`` encounters, from column ``first`` on, in the lanes."""
+    for i in range(count):
+        index[i] = first + i
+        for field in range(FIELDS):
+            state[field, i] = 0.0
+        state[LEAD, i] = encounters[0, first + i]
+        state[RANGE, i] = state[MIN_RANGE, i] = encounters[1, first + i]
+        state[SPEED, i] = min(encounters[0, first + i] + encounters[2, first + i], car.top_start_speed)
+        state[MIN_TTC, i] = np.inf
+
+
+@compiled
+def _watch(state: NDArray, count: int, car: Car) -> None:
+    """Time to collision, its minimum, and the AEB's switch."""
+    for i in range(count):
+        range_, speed, timer, min_ttc = state[RANGE, i], state[SPEED, i], state[TIMER, i], state[MIN_TTC, i]
+        command, onset = state[COMMAND, i], state[ONSET, i]
+        ttc = -range_ / (state[LEAD, i] - speed)  # -inf at equal speeds: not closing
+        threshold = car.threshold_base + car.threshold_slope * (speed - car.threshold_speed)
+        threshold = min(threshold, car.threshold_top)
+        closing = ttc > 0.0
+        was_on = timer > 0.0
+        on = closing & ((ttc <= threshold) | (was_on & (ttc <= car.release_ttc)))
+        running = (range_ > 0.0) & (speed > 0.0)
+        state[TIMER, i] = timer + STEP if on else 0.0
+        state[ONSET, i] = onset if was_on else command
+        state[MIN_TTC, i] = ttc if running & closing & (ttc < min_ttc) else min_ttc
+
+
+@compiled
+def _command(state: NDArray, count: int, car: Car) -> None:
+    """Acceleration that the ACC or the AEB asks for; a headway error counts as 0 after a step with AEB."""
+    for i in range(count):
+        speed, command, last, timer = state[SPEED, i], state[COMMAND, i], state[ERROR, i], state[TIMER, i]
+        error = car.headway - state[RANGE, i] / speed
+        acc = command + car.kp * (error - last) + car.ki_half_step * (error + last)
+        acc = min(max(acc, -car.acc_limit), 0.0 if speed >= car.acc_top_speed else car.acc_limit)
+        aeb = max(state[ONSET, i] - car.aeb_jerk * timer, -car.aeb_deceleration)
+        on = timer > 0.0
+        state[COMMAND, i] = aeb if on else acc
+        state[ERROR, i] = 0.0 if on else error
+
+
+@compiled
+def _move(state: NDArray, count: int, car: Car) -> None:
+    """Actuator and motion; an encounter that has ended keeps its range and speed."""
+    for i in range(count):
+        lead, range_, speed, last = state[LEAD, i], state[RANGE, i], state[SPEED, i], state[ACCELERATION, i]
+        min_range = state[MIN_RANGE, i]
+        running = (range_ > 0.0) & (speed > 0.0)
+        wanted = min(max(state[COMMAND, i], -car.friction_limit), car.friction_limit)
+        acceleration = min(max(wanted, last - car.acceleration_step), last + car.acceleration_step)
+        new_speed = max(speed + acceleration * STEP, 0.0)
+        new_range = range_ + (lead - (speed + new_speed) / 2) * STEP
+        new_range = new_range if running else range_
+        state[ACCELERATION, i] = acceleration
+        state[SPEED, i] = new_speed if running else speed
+        state[RANGE, i] = new_range
+        state[MIN_RANGE, i] = new_range if new_range < min_range else min_range
+
+
+@compiled
+def _sweep(state: NDArray, index: NDArray, count: int, over: bool, outcomes: NDArray) -> int:
+    """Write the outcomes of ended encounters, fill their lanes from the end, and count the others."""
+    i = 0
+    while i < count:
+        if not over and state[RANGE, i] > 0.0 and state[SPEED, i] > 0.0:
+            i += 1
+            continue
+        crash = state[RANGE, i] <= 0.0
+        outcomes[0, index[i]] = crash
+        outcomes[1, index[i]] = state[MIN_RANGE, i]
+        outcomes[2, index[i]] = state[MIN_TTC, i]
+        outcomes[3, index[i]] = max(state[SPEED, i] - state[LEAD, i], 0.0) if crash else 0.0
+        count -= 1
+        index[i] = index[count]
+        for field in range(FIELDS):
+            state[field, i] = state[field, count]
+    return count
+
+
+@compiled
+def simulate_slice(encounters: NDArray, begin: int, end: int, car: Car, outcomes: NDArray) -> None:
+    """Simulate the columns ``begin`` to ``end`` of ``encounters``, each independent of all others.
+
+    Parameters
+    ----------
+    encounters
+        Lead speed [m/s], range [m] and closing speed [m/s], shape (3, n).
+    begin, end
+        The slice to simulate.
+    car
+        The car's numbers.
+    outcomes
+        Receives crash (0 or 1), min_range [m], min_ttc [s] and impact_speed [m/s], shape (4, n).
+    """
+    state = np.empty((FIELDS, LANES))
+    index = np.empty(LANES, np.int64)
+    for first in range(begin, end, LANES):
+        count = min(LANES, end - first)
+        _start(encounters, first, count, car, state, index)
+        step = 0
+        while count > 0:
+            step += 1
+            _watch(state, count, car)
+            _command(state, count, car)
+            _move(state, count, car)
+            if step % SWEEP == 0:
+                count = _sweep(state, index, count, step == STEPS, outcomes)

@@ -1,0 +1,54 @@
+# Accelerate: the Cross-Entropy search for f* (paper, section V).
+#
+# In: encounters.parquet (for v_L), the model under study, the vehicle. Out: for each method and seed the
+# accelerated distributions of all segments, and the trace of every iteration.
+
+VEHICLE = config["vehicle"]["name"]
+VEHICLE_FILES = [VEHICLE.rsplit(":", 1)[0]] if ".py:" in VEHICLE else []
+
+
+rule search_proposals:
+    """Search the accelerated distributions of one method from one seed, segment by segment."""
+    input:
+        encounters=rules.ingest_encounters.output.encounters,
+        model=rules.fit_models.output[MODEL],
+        vehicle=VEHICLE_FILES,
+        library=library("distributions", "vehicles", "sampling"),
+    output:
+        proposals=result("cross_entropy", "{method}_{seed}.json"),
+        trace=result("cross_entropy", "{method}_{seed}_trace.csv"),
+    log:
+        log_of("search_proposals", "{method}_{seed}.log"),
+    benchmark:
+        benchmark_of("search_proposals", "{method}_{seed}.tsv")
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        seed=config["seed"],
+        vehicle=config["vehicle"],
+        cross_entropy=config["cross_entropy"],
+    message:
+        "Cross-Entropy search, method {wildcards.method}, seed {wildcards.seed}"
+    script:
+        "../scripts/search_proposals.py"
+
+
+rule collect_traces:
+    """Join the traces of all searches."""
+    input:
+        trace=expand(rules.search_proposals.output.trace, method=METHODS, seed=SEEDS),
+        library=library(),
+    output:
+        trace=result("cross_entropy_trace.csv"),
+    log:
+        log_of("collect_traces.log"),
+    benchmark:
+        benchmark_of("collect_traces.tsv")
+    threads: 1
+    resources:
+        mem_mb=500,
+    message:
+        "Collecting the traces of the Cross-Entropy searches"
+    script:
+        "../scripts/collect_tables.py"

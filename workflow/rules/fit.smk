@@ -1,0 +1,72 @@
+# Fit: lane-change models and their comparison (paper, sections II, III and VI.A).
+#
+# In: encounters.parquet. Out: a model file for each of two_pieces, three_pieces and single, and the table of
+# candidate families with log-likelihood, AIC, BIC and rank.
+
+
+rule fit_models:
+    """Fit the piecewise mixtures, their knots chosen as configured, and the single parametric model."""
+    input:
+        encounters=rules.ingest_encounters.output.encounters,
+        library=library("distributions", "fitting"),
+    output:
+        **{model: result("models", f"{model}.json") for model in MODELS},
+    log:
+        log_of("fit_models.log"),
+    benchmark:
+        benchmark_of("fit_models.tsv")
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        models=config["models"],
+        range_max=config["filters"]["range_max"],
+    message:
+        "Fitting the lane-change models"
+    script:
+        "../scripts/fit_models.py"
+
+
+rule fit_candidates:
+    """Fit 18 common families to one variable in one segment, the piecewise models beside them."""
+    input:
+        encounters=rules.ingest_encounters.output.encounters,
+        models=[rules.fit_models.output.two_pieces, rules.fit_models.output.three_pieces],
+        library=library("distributions", "fitting"),
+    output:
+        table=result("candidates", "{variable}_{segment}.csv"),
+    log:
+        log_of("fit_candidates", "{variable}_{segment}.log"),
+    benchmark:
+        benchmark_of("fit_candidates", "{variable}_{segment}.tsv")
+    threads: 1
+    resources:
+        mem_mb=1000,
+    message:
+        "Comparing candidate families of {wildcards.variable}, segment {wildcards.segment}"
+    script:
+        "../scripts/fit_candidates.py"
+
+
+rule collect_candidates:
+    """Join the comparisons of all variables and segments."""
+    input:
+        candidates=[
+            result("candidates", f"{variable}_{segment}.csv")
+            for variable in ("inverse_range", "inverse_ttc")
+            for segment in (["all"] if variable == "inverse_range" else []) + SEGMENTS
+        ],
+        library=library(),
+    output:
+        candidates=result("candidates.csv"),
+    log:
+        log_of("collect_candidates.log"),
+    benchmark:
+        benchmark_of("collect_candidates.tsv")
+    threads: 1
+    resources:
+        mem_mb=500,
+    message:
+        "Collecting the candidate families"
+    script:
+        "../scripts/collect_tables.py"

@@ -1,0 +1,12 @@
+"""Count the segments and test the independence that the model assumes."""
+
+import pandas as pd
+from accelerated_evaluation.encounters.segments import dependence, segment_counts
+from accelerated_evaluation.files import write_csv
+from accelerated_evaluation.jobs import job
+
+if __name__ == "__main__":
+    with job(snakemake.log[0]):
+        table = pd.read_parquet(snakemake.input.encounters)
+        write_csv(snakemake.output.segments, segment_counts(table))
+        write_csv(snakemake.output.dependence, dependence(table))

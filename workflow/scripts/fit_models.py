@@ -1,0 +1,22 @@
+"""Fit the piecewise models and the single parametric one to the encounters."""
+
+import pandas as pd
+from accelerated_evaluation.distributions.lane_change_model import write_model
+from accelerated_evaluation.fitting.lane_change import fit_lane_change_models
+from accelerated_evaluation.jobs import job
+
+
+def main(config: dict, encounters_path: str, outputs: dict[str, str]) -> None:
+    """Write one model file for each name in ``outputs``."""
+    source = config["data"][config["data"]["source"]]
+    encounters = pd.read_parquet(encounters_path)
+    fitted = fit_lane_change_models(
+        encounters, config["models"], config["filters"]["range_max"], source["description"]
+    )
+    for name, path in outputs.items():
+        write_model(path, fitted[name])
+
+
+if __name__ == "__main__":
+    with job(snakemake.log[0]):
+        main(snakemake.config, snakemake.input.encounters, dict(snakemake.output.items()))
