@@ -21,10 +21,6 @@ include: "workflow/rules/estimate.smk"
 include: "workflow/rules/publish.smk"
 
 
-# Jobs run in the environment that make sets up from environment.txt, or in an image of the same Python.
-container: "docker://python:3.11-slim"
-
-
 report: "workflow/report/workflow.rst"
 
 
@@ -38,7 +34,7 @@ rule all:
     """Everything: figures, tables and rendered notebooks."""
     default_target: True
     input:
-        published("html"),
+        published("notebooks"),
         published("figures"),
         published("tables"),
 

@@ -37,7 +37,11 @@ wildcard_constraints:
 def library(*rooms: str) -> list[str]:
     """Modules of the library's rooms: Snakemake does not see that a script imports them."""
     shared = sorted(LIBRARY.glob("*.py"))
-    return [str(path) for path in shared + [m for room in rooms for m in sorted((LIBRARY / room).glob("*.py"))]]
+    return [
+        str(path)
+        for path in shared
+        + [m for room in rooms for m in sorted((LIBRARY / room).glob("*.py"))]
+    ]
 
 
 def result(*parts: str) -> str:

@@ -31,7 +31,10 @@ rule fit_candidates:
     """Fit 18 common families to one variable in one segment, the piecewise models beside them."""
     input:
         encounters=rules.ingest_encounters.output.encounters,
-        models=[rules.fit_models.output.two_pieces, rules.fit_models.output.three_pieces],
+        models=[
+            rules.fit_models.output.two_pieces,
+            rules.fit_models.output.three_pieces,
+        ],
         library=library("distributions", "fitting"),
     output:
         table=result("candidates", "{variable}_{segment}.csv"),

@@ -1,2 +1,140 @@
+# Publish: one notebook a section of the paper, each making its figures and tables from finished results.
+#
+# In: everything under results/<study>/. Out: figures/<study>/*.{pdf,svg,png,csv}, figures/<study>/tables/*, the
+# executed notebooks and their HTML. The table below says what each notebook reads and makes.
+
+FIGURE_FORMATS = ["png", "pdf", "svg", "csv"]
+TABLE_FORMATS = ["csv", "md", "tex"]
+ENCOUNTERS = {"encounters": rules.ingest_encounters.output.encounters}
+FITTED = ENCOUNTERS | {
+    "models": [result("models", f"{model}.json") for model in MODELS]
+}
+SEARCHED = FITTED | {
+    "trace": rules.collect_traces.output.trace,
+    "proposals": expand(
+        rules.search_proposals.output.proposals, method=METHODS, seed=SEEDS
+    ),
+}
+ESTIMATED = SEARCHED | dict(rules.collect_estimates.output.items())
+
+NOTEBOOKS = {
+    "01_introduction": {"reads": SEARCHED, "figures": ["fig01_concept"]},
+    "02_single_parametric_models": {
+        "reads": FITTED
+        | {
+            "account": rules.ingest_encounters.output.account,
+            "description": list(rules.describe_encounters.output),
+            "candidates": rules.collect_candidates.output.candidates,
+        },
+        "figures": ["fig02_data"],
+        "tables": ["encounters_account", "candidates"],
+    },
+    "03_piecewise_mixture_models": {
+        "reads": FITTED | {"candidates": rules.collect_candidates.output.candidates}
+    },
+    "04_accelerated_evaluation": {"reads": FITTED},
+    "05_cross_entropy": {"reads": SEARCHED, "figures": ["fig03_cross_entropy_flow"]},
+    "06_simulation_analysis": {
+        "reads": ESTIMATED,
+        "figures": [
+            "fig04_inverse_range_fit",
+            "fig05_inverse_ttc_fit",
+            "fig06_inverse_range_comparison",
+            "fig07_inverse_ttc_comparison",
+            "fig08_thresholds",
+            "fig09_inverse_range_parameters",
+            "fig10_inverse_ttc_parameters",
+            "fig11_inverse_ttc_density",
+            "fig12_crash_probability",
+            "fig13_relative_half_width",
+        ],
+        "tables": ["table1_sample_size"],
+    },
+    "07_conclusions": {
+        "reads": ESTIMATED,
+        "tables": ["table2_computation", "estimates", "claims"],
+    },
+}
+
+
+def in_report(path, category, name):
+    """Show a file in the report, under its category and with the caption of its name."""
+    caption = f"../report/{name if category != 'Notebooks' else 'notebook'}.rst"
+    return report(path, caption=caption, category=category, labels={"name": name})
+
+
+def made(notebook, kind):
+    """Files of a kind, figures or tables, that a notebook makes; the first format goes into the report."""
+    folder, formats = {
+        "figures": (FIGURES, FIGURE_FORMATS),
+        "tables": (FIGURES / "tables", TABLE_FORMATS),
+    }[kind]
+    paths = []
+    for name in NOTEBOOKS[notebook].get(kind, []):
+        first, *others = [str(folder / f"{name}.{extension}") for extension in formats]
+        paths += [in_report(first, kind.capitalize(), name), *others]
+    return paths
+
+
 def published(kind):
-    return [result("candidates.csv"),result("estimates.csv"),result("estimates_course.csv"),result("cross_entropy_trace.csv"),result("dependence.csv")]
+    """Files of a kind that all notebooks make: notebooks (as HTML), figures or tables."""
+    if kind == "notebooks":
+        return [result("notebooks", f"{notebook}.html") for notebook in NOTEBOOKS]
+    return [path for notebook in NOTEBOOKS for path in made(notebook, kind)]
+
+
+rule record_configuration:
+    """Write the resolved configuration beside the results."""
+    input:
+        library=library(),
+    output:
+        config=result("config.json"),
+    log:
+        log_of("record_configuration.log"),
+    benchmark:
+        benchmark_of("record_configuration.tsv")
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        config=config,
+    message:
+        "Recording the configuration"
+    script:
+        "../scripts/record_configuration.py"
+
+
+for _notebook in NOTEBOOKS:
+
+    rule:
+        name:
+            f"run_{_notebook}"
+        input:
+            **NOTEBOOKS[_notebook]["reads"],
+            notebook=f"notebooks/{_notebook}.ipynb",
+            config=rules.record_configuration.output.config,
+            library=library("publishing", "distributions", "sampling", "estimation"),
+        output:
+            figures=made(_notebook, "figures"),
+            tables=made(_notebook, "tables"),
+            executed=result("notebooks", f"{_notebook}.ipynb"),
+            html=in_report(
+                result("notebooks", f"{_notebook}.html"), "Notebooks", _notebook
+            ),
+        log:
+            log_of("notebooks", f"{_notebook}.log"),
+        benchmark:
+            benchmark_of("notebooks", f"{_notebook}.tsv")
+        threads: 1
+        resources:
+            mem_mb=1500,
+        params:
+            parameters={
+                "study": STUDY,
+                "results": str(RESULTS),
+                "figures": str(FIGURES),
+            },
+        message:
+            f"Running the notebook {_notebook}"
+        script:
+            "../scripts/run_notebook.py"

@@ -14,9 +14,10 @@ from collections.abc import Callable
 from functools import wraps
 
 import numpy as np
+from scipy import optimize, special
+
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.errors import StudyError
-from scipy import optimize, special
 
 Estimator = Callable[[Array], tuple[float, ...]]
 Objective = Callable[[Array], tuple[float, Array]]

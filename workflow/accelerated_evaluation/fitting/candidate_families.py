@@ -29,12 +29,13 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.fitting import candidate_estimators as mle
-from accelerated_evaluation.fitting.candidate_estimators import Estimator, NoMaximumError
 from numpy.typing import NDArray
 from scipy import special, stats
 from scipy.stats.distributions import rv_frozen
+
+from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.fitting import candidate_estimators as mle
+from accelerated_evaluation.fitting.candidate_estimators import Estimator, NoMaximumError
 
 DIVERGES = "small shapes have an infinite density and an unbounded likelihood"
 VANISHES = "the density is zero whatever the parameters"

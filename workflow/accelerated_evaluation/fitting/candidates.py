@@ -9,11 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
+
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.fitting.candidate_estimators import NoMaximumError
 from accelerated_evaluation.fitting.candidate_families import FAMILIES, Family
-from numpy.typing import ArrayLike
 
 
 @dataclass(frozen=True)
@@ -156,17 +157,8 @@ def compare(fits: Iterable[CandidateFit]) -> pd.DataFrame:
         share the lower), parameters (JSON text), reason.
     """
     table = pd.DataFrame([vars(fit) for fit in fits])
-    table["rank"] = table["aic"].rank(method="min").astype("Int64")
-    table["parameters"] = table["parameters"].map(json.dumps)
-    columns = [
-        "family",
-        "n_parameters",
-        "log_likelihood",
-        "aic",
-        "bic",
-        "ks_distance",
-        "rank",
-        "parameters",
-        "reason",
-    ]
-    return table[columns].sort_values("rank", kind="stable", ignore_index=True)
+    rank = table["aic"].rank(method="min").astype("Int64")
+    parameters = table.pop("parameters").map(json.dumps)
+    table.insert(table.columns.get_loc("reason"), "rank", rank)
+    table.insert(table.columns.get_loc("reason"), "parameters", parameters)
+    return table.sort_values("rank", kind="stable", ignore_index=True)

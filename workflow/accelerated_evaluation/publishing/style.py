@@ -61,6 +61,18 @@ def paper_style() -> Iterator[None]:
         yield
 
 
+def note_source(figure: Figure, source: str) -> None:
+    """Say in small print under a figure what data it shows; the layout keeps the place free.
+
+    Parameters
+    ----------
+    source
+        Description of the data, such as "simulated twin of SPMD". It takes the place of the figure's
+        common label of x, so label the axes one by one.
+    """
+    figure.supxlabel(f"Data: {source}", x=0.99, ha="right", fontsize=5.5, color="#555555")
+
+
 def save_figure(figure: Figure, data: pd.DataFrame, folder: str | os.PathLike, name: str) -> Figure:
     """Save a figure as PDF, SVG and PNG, and its data as CSV beside it; return it for display.
 

@@ -1,0 +1,8 @@
+"""Write the resolved configuration beside the results."""
+
+from accelerated_evaluation.files import write_json
+from accelerated_evaluation.jobs import job
+
+if __name__ == "__main__":
+    with job(snakemake.log[0]):
+        write_json(snakemake.output.config, snakemake.params.config)
