@@ -23,6 +23,8 @@ LIBRARY = Path("workflow/accelerated_evaluation")
 SEGMENTS = segment_names(config["segments"]["lead_speed_edges"])
 SEEDS = range(config["cross_entropy"]["seeds"])
 MODELS = ["two_pieces", "three_pieces", "single"]
+FIGURE_FORMATS = ["png", "pdf", "svg", "csv"]
+TABLE_FORMATS = ["csv", "md", "tex"]
 MODEL = config["models"]["inverse_range"]["variant"]
 
 
@@ -36,7 +38,9 @@ wildcard_constraints:
 
 def library(*rooms: str) -> list[str]:
     """Modules of the library's rooms: Snakemake does not see that a script imports them."""
-    shared = sorted(LIBRARY.glob("*.py"))
+    shared = [
+        LIBRARY / name for name in ("errors.py", "files.py", "jobs.py", "randomness.py")
+    ]
     return [
         str(path)
         for path in shared
@@ -57,3 +61,29 @@ def log_of(*parts: str) -> str:
 def benchmark_of(*parts: str) -> str:
     """Path of a benchmark of this study: seconds and memory of the jobs of a rule."""
     return str(RESULTS.joinpath("benchmarks", *parts))
+
+
+def in_report(path, category, name):
+    """Show a file in the report, under its category and with the caption of its name."""
+    caption = f"../report/{name if category != 'Notebooks' else 'notebook'}.rst"
+    return report(path, caption=caption, category=category, labels={"name": name})
+
+
+def made(notebook, kind):
+    """Files of a kind, figures or tables, that a notebook makes; the first format goes into the report."""
+    folder, formats = {
+        "figures": (FIGURES, FIGURE_FORMATS),
+        "tables": (FIGURES / "tables", TABLE_FORMATS),
+    }[kind]
+    paths = []
+    for name in NOTEBOOKS[notebook].get(kind, []):
+        first, *others = [str(folder / f"{name}.{extension}") for extension in formats]
+        paths += [in_report(first, kind.capitalize(), name), *others]
+    return paths
+
+
+def published(kind):
+    """Files of a kind that all notebooks make: notebooks (as HTML), figures or tables."""
+    if kind == "notebooks":
+        return [result("notebooks", f"{notebook}.html") for notebook in NOTEBOOKS]
+    return [path for notebook in NOTEBOOKS for path in made(notebook, kind)]

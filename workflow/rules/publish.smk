@@ -3,8 +3,6 @@
 # In: everything under results/<study>/. Out: figures/<study>/*.{pdf,svg,png,csv}, figures/<study>/tables/*, the
 # executed notebooks and their HTML. The table below says what each notebook reads and makes.
 
-FIGURE_FORMATS = ["png", "pdf", "svg", "csv"]
-TABLE_FORMATS = ["csv", "md", "tex"]
 ENCOUNTERS = {"encounters": rules.ingest_encounters.output.encounters}
 FITTED = ENCOUNTERS | {
     "models": [result("models", f"{model}.json") for model in MODELS]
@@ -55,32 +53,6 @@ NOTEBOOKS = {
         "tables": ["table2_computation", "estimates", "claims"],
     },
 }
-
-
-def in_report(path, category, name):
-    """Show a file in the report, under its category and with the caption of its name."""
-    caption = f"../report/{name if category != 'Notebooks' else 'notebook'}.rst"
-    return report(path, caption=caption, category=category, labels={"name": name})
-
-
-def made(notebook, kind):
-    """Files of a kind, figures or tables, that a notebook makes; the first format goes into the report."""
-    folder, formats = {
-        "figures": (FIGURES, FIGURE_FORMATS),
-        "tables": (FIGURES / "tables", TABLE_FORMATS),
-    }[kind]
-    paths = []
-    for name in NOTEBOOKS[notebook].get(kind, []):
-        first, *others = [str(folder / f"{name}.{extension}") for extension in formats]
-        paths += [in_report(first, kind.capitalize(), name), *others]
-    return paths
-
-
-def published(kind):
-    """Files of a kind that all notebooks make: notebooks (as HTML), figures or tables."""
-    if kind == "notebooks":
-        return [result("notebooks", f"{notebook}.html") for notebook in NOTEBOOKS]
-    return [path for notebook in NOTEBOOKS for path in made(notebook, kind)]
 
 
 rule record_configuration:

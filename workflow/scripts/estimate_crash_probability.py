@@ -13,7 +13,12 @@ from tqdm import trange
 
 
 def main(
-    config: dict, inputs: dict[str, str], proposals: list[str], scope: str, method: str, outputs: dict[str, str]
+    config: dict,
+    inputs: dict[str, str],
+    proposals: list[str],
+    scope: str,
+    method: str,
+    outputs: dict[str, str],
 ) -> None:
     """Write an estimate for each replicate, and how it ran; replicates take the searches' seeds in turn."""
     vehicle = load_vehicle(config["vehicle"]["name"], **config["vehicle"]["parameters"])

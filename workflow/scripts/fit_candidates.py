@@ -11,7 +11,11 @@ from tqdm import tqdm
 
 
 def main(encounters: str, models: list[str], variable: str, segment: str, table: str) -> None:
-    """Write the table of all families and models, best AIC first; knots count as parameters."""
+    """Write the table of all families and models, best AIC first; knots count as parameters.
+
+    Rows exactly on the edge of the support (R = 75 m) are counted and left out for all alike: they would
+    rule out every family whose density is zero or infinite there.
+    """
     rows = pd.read_parquet(encounters)
     x = rows.loc[(rows["segment"] == segment) | (segment == "all"), variable].to_numpy()
     laws: dict[int, PiecewiseMixture] = {}
@@ -19,14 +23,17 @@ def main(encounters: str, models: list[str], variable: str, segment: str, table:
         model = read_model(path)
         law = model.inverse_range if variable == "inverse_range" else model.inverse_ttc[segment]
         laws[len(law.components)] = law
-    fits = fit_candidates(x, law.lower, progress=tqdm)
+    inside = x[x > law.lower]
+    fits = fit_candidates(inside, law.lower, progress=tqdm)
     for pieces, law in laws.items():
-        fitted = refit(law, x)
+        fitted = refit(law, inside)
         parameters = fitted.n_parameters + len(fitted.knots)
-        fits.append(score(f"piecewise ({pieces} pieces)", fitted.logpdf, fitted.cdf, parameters, x))
+        fits.append(score(f"piecewise ({pieces} pieces)", fitted.logpdf, fitted.cdf, parameters, inside))
     comparison = compare(fits)
     comparison.insert(0, "variable", variable)
     comparison.insert(1, "segment", segment)
+    comparison.insert(2, "rows", inside.size)
+    comparison.insert(3, "rows_on_edge", x.size - inside.size)
     write_csv(table, comparison)
 
 

@@ -13,7 +13,9 @@ def main(notebook: str, parameters: dict[str, str], executed: str, html: str) ->
     """Execute the notebook with papermill in the folder of the project; its code makes figures and tables."""
     with atomic_path(executed) as temporary:
         try:
-            papermill.execute_notebook(notebook, temporary, parameters, kernel_name="python3", progress_bar=True)
+            papermill.execute_notebook(
+                notebook, temporary, parameters, kernel_name="python3", progress_bar=True
+            )
         except PapermillExecutionError as error:
             raise StudyError(f"{notebook}, cell {error.exec_count}: {error.ename}: {error.evalue}") from error
         content = nbformat.read(temporary, as_version=4)

@@ -1,16 +1,65 @@
 """Tables as CSV, Markdown and LaTeX."""
 
+import math
+import numbers
 import os
+import re
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
 from accelerated_evaluation.files import write_csv, write_text
 
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_PLAIN = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
-def save_table(table: pd.DataFrame, folder: str | os.PathLike, name: str) -> pd.DataFrame:
-    """Save a table as ``folder/name`` with the endings csv, md and tex; return it for display."""
+
+def save_table(
+    table: pd.DataFrame,
+    folder: str | os.PathLike,
+    name: str,
+    *,
+    digits: int | None = None,
+    digest: pd.DataFrame | None = None,
+) -> pd.DataFrame:
+    """Save a table as ``folder/name`` with the endings csv, md and tex; return it for display.
+
+    Parameters
+    ----------
+    digits
+        Significant digits of the numbers in Markdown and LaTeX, see `readable`; all by default. The CSV
+        file has all of them in any case.
+    digest
+        What Markdown and LaTeX show in place of a table that is too long for them.
+    """
+    shown = table if digest is None else digest
+    shown = shown if digits is None else shown.map(lambda value: readable(value, digits))
     write_csv(Path(folder) / f"{name}.csv", table)
-    write_text(Path(folder) / f"{name}.md", table.to_markdown(index=False, disable_numparse=True) + "\n")
-    write_text(Path(folder) / f"{name}.tex", table.to_latex(index=False, escape=True))
+    write_text(Path(folder) / f"{name}.md", shown.to_markdown(index=False, disable_numparse=True) + "\n")
+    write_text(Path(folder) / f"{name}.tex", _plain_latex(shown.to_latex(index=False, escape=True)))
     return table
+
+
+def readable(value: Any, digits: int = 3) -> Any:  # noqa: ANN401
+    """Write a number as in running text: 7,840 or 1.57 or 7.4 × 10⁻⁷; a missing one as a dash.
+
+    Counts below a million are written in full, and everything that is not a number is left as it is.
+    """
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        return value
+    size = abs(float(value))
+    if math.isnan(size):
+        return "–"
+    if size == 0 or 1e-3 <= size < 1e6:
+        whole = size == int(size)
+        decimals = 0 if whole else max(digits - 1 - math.floor(math.log10(size)), 0)
+        return f"{value:,.{decimals}f}"
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    return f"{mantissa.rstrip('0').rstrip('.')} × 10{str(int(exponent)).translate(_SUPERSCRIPT)}"
+
+
+def _plain_latex(text: str) -> str:
+    """Replace the characters that LaTeX's plain fonts lack."""
+    text = re.sub("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda found: f"$^{{{found[0].translate(_PLAIN)}}}$", text)
+    return text.replace("×", r"$\times$").replace("–", "--")

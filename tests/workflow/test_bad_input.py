@@ -1,0 +1,84 @@
+"""Bad input ends in one message, a status that is not 0, and no output left behind."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from scipy.io import savemat
+
+pytestmark = pytest.mark.xdist_group("bad input")
+
+
+def study(project, **data):
+    """Write a configuration whose data differ from the default, and run its ingest step."""
+    config = project.folder / "bad.yaml"
+    config.write_text(yaml.safe_dump({"study": "bad", **data}))
+    return project.run("results/bad/encounters.parquet", config="bad.yaml")
+
+
+def message(run) -> str:
+    output = run.stdout + run.stderr
+    assert run.returncode != 0
+    assert "Traceback" not in output, output[-3000:]
+    return output
+
+
+def left_behind(project) -> list:
+    return [path for path in project.folder.glob("results/bad/**/*") if path.suffix in (".parquet", ".csv")]
+
+
+def table(project, name="events.csv", **columns):
+    """Write a user's table and return the part of the configuration that names it."""
+    good = {"lead_speed": [10.0] * 60, "range": [20.0] * 60, "closing_speed": [1.0] * 60}
+    pd.DataFrame({**good, **columns}).to_csv(project.folder / name, index=False)
+    return {"data": {"source": "table", "table": {"path": name}}}
+
+
+@pytest.mark.parametrize(
+    ("columns", "told"),
+    [
+        ({"range": [20.0] * 59 + [-1.0]}, "60"),
+        ({"closing_speed": [1.0] * 30 + ["fast"] + [1.0] * 29}, "fast"),
+        ({"lead_speed": [np.nan] + [10.0] * 59}, "missing"),
+        ({"lead_speed": [10.0] * 60}, "segment"),
+    ],
+)
+def test_rows_that_cannot_be_used(project, columns, told):
+    assert told in message(study(project, **table(project, **columns)))
+    assert not left_behind(project)
+
+
+def test_missing_file(project):
+    output = message(study(project, data={"source": "table", "table": {"path": "nowhere.csv"}}))
+    assert "nowhere.csv" in output
+
+
+def test_missing_column(project):
+    config = table(project)
+    config["data"]["table"]["columns"] = {"range": {"name": "distance"}}
+    assert "distance" in message(study(project, **config))
+    assert not left_behind(project)
+
+
+def test_unknown_unit_and_unknown_key_are_told_at_once(project):
+    config = table(project)
+    config["data"]["table"]["columns"] = {"range": {"unit": "furlong"}}
+    config["cross_entropi"] = {"seeds": 3}
+    output = message(study(project, **config))
+    assert "furlong" in output
+    assert "cross_entropy" in output
+
+
+@pytest.mark.parametrize("content", [b"not a matrix", b""])
+def test_a_file_that_is_not_the_published_one(project, content):
+    (project.folder / "lane_changes.mat").write_bytes(content)
+    output = message(study(project, data={"source": "spmd", "spmd": {"path": "lane_changes.mat"}}))
+    assert "sha256" in output.lower() or "checksum" in output.lower()
+    assert not left_behind(project)
+
+
+def test_another_matrix_has_the_wrong_checksum(project):
+    savemat(project.folder / "lane_changes.mat", {"mixture_data": np.ones((3, 3))})
+    output = message(study(project, data={"source": "spmd", "spmd": {"path": "lane_changes.mat"}}))
+    assert "93fc1041" in output
+    assert not left_behind(project)

@@ -1,0 +1,69 @@
+"""Rules that the files of the project keep."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import nbformat
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+ROOT = Path(__file__).resolve().parents[2]
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+LIBRARY = sorted((ROOT / "workflow" / "accelerated_evaluation").rglob("*.py"))
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebooks_are_parameterised_and_committed_without_outputs(path):
+    notebook = nbformat.read(path, as_version=4)
+    nbformat.validate(notebook)
+    code = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    assert notebook.cells[0].cell_type == "markdown"
+    assert code[0].metadata.get("tags") == ["parameters"]
+    for cell in code:
+        assert not cell.outputs
+        assert cell.execution_count is None
+        assert not re.search(r"^\s*(def|class) ", cell.source, flags=re.MULTILINE)
+
+
+@pytest.mark.parametrize("path", LIBRARY, ids=lambda path: f"{path.parent.name}/{path.stem}")
+def test_the_library_draws_only_from_generators_handed_down(path):
+    allowed = {"Generator", "SeedSequence"} | ({"default_rng"} if path.stem == "randomness" else set())
+    assert set(re.findall(r"np\.random\.(\w+)", path.read_text())) <= allowed
+
+
+def test_environment_pins_what_the_project_asks_for():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    wanted = (
+        project["dependencies"]
+        + project["optional-dependencies"]["study"]
+        + project["optional-dependencies"]["dev"]
+    )
+    text = (ROOT / "environment.txt").read_text()
+    pins: dict[str, list[str]] = {}
+    for name, version in re.findall(
+        r"^([\w.-]+)==([^ ;\\]+)", (ROOT / "environment.txt").read_text(), re.MULTILINE
+    ):
+        pins.setdefault(canonicalize_name(name), []).append(version)
+    for line in wanted:
+        requirement = Requirement(line)
+        versions = pins.get(canonicalize_name(requirement.name))
+        assert versions, f"{requirement.name} is not in environment.txt; run make lock"
+        assert all(requirement.specifier.contains(version) for version in versions), requirement
+
+
+def test_every_pin_has_a_hash_and_none_names_a_host():
+    text = (ROOT / "environment.txt").read_text()
+    assert "://" not in text
+    for entry in re.split(r"\n(?=\S)", text):
+        if "==" in entry:
+            assert "--hash=sha256:" in entry, entry
+
+
+def test_rooms_import_only_rooms_to_their_left():
+    rooms = ["encounters", "distributions", "fitting", "vehicles", "sampling", "estimation", "publishing"]
+    for index, room in enumerate(rooms):
+        for path in (ROOT / "workflow" / "accelerated_evaluation" / room).glob("*.py"):
+            imported = set(re.findall(r"^from accelerated_evaluation\.(\w+)", path.read_text(), re.MULTILINE))
+            assert not imported & set(rooms[index + 1 :]), path

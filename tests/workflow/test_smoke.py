@@ -1,0 +1,119 @@
+"""The whole study in miniature: complete, repeatable, resumable."""
+
+import os
+import re
+import signal
+import subprocess
+import time
+
+import pytest
+
+TABLES = (
+    "encounters_account",
+    "candidates",
+    "table1_sample_size",
+    "table2_computation",
+    "estimates",
+    "claims",
+)
+pytestmark = pytest.mark.xdist_group("smoke")
+
+
+def jobs(output: str) -> set[str]:
+    """Rules that a dry run would run."""
+    statistics = output.split("Job stats:")[-1].split("\n\n")[0]
+    return set(re.findall(r"^(\w+) +\d+$", statistics, flags=re.MULTILINE)) - {"total"}
+
+
+def test_dry_run_plans_every_phase(project):
+    run = project.run("--dry-run")
+    assert run.returncode == 0, run.stderr
+    planned = jobs(run.stdout + run.stderr)
+    assert {"ingest_encounters", "fit_models", "search_proposals", "estimate_crash_probability"} <= planned
+    assert {f"run_{path.stem}" for path in (project.folder / "notebooks").glob("*.ipynb")} <= planned
+    assert not (project.folder / "results").exists()
+
+
+def test_every_figure_and_table_of_the_paper_is_made(finished):
+    figures = finished.folder / "figures" / "smoke"
+    for number in range(1, 14):
+        for extension in ("pdf", "svg", "png", "csv"):
+            paths = list(figures.glob(f"fig{number:02d}_*.{extension}"))
+            assert len(paths) == 1, (number, extension)
+            assert paths[0].stat().st_size > 0
+    for name in (
+        "table1_sample_size",
+        "table2_computation",
+        "candidates",
+        "encounters_account",
+        "estimates",
+        "claims",
+    ):
+        for extension in ("csv", "md", "tex"):
+            assert (figures / "tables" / f"{name}.{extension}").stat().st_size > 0
+    for notebook in (finished.folder / "notebooks").glob("*.ipynb"):
+        html = (finished.folder / "results" / "smoke" / "notebooks" / f"{notebook.stem}.html").read_text()
+        assert "simulated twin of SPMD" in html
+
+
+def test_published_tables_say_that_the_data_are_simulated(finished):
+    for path in (finished.folder / "figures" / "smoke" / "tables").glob("*.csv"):
+        assert "simulated twin of SPMD" in path.read_text(), path
+
+
+def test_a_second_run_does_nothing(finished):
+    run = finished.run()
+    assert run.returncode == 0, run.stderr
+    assert "Nothing to be done" in run.stdout + run.stderr
+
+
+def test_an_edited_module_reruns_what_depends_on_it_and_no_more(finished):
+    module = finished.folder / "workflow/accelerated_evaluation/estimation/importance_sampling.py"
+    before = module.stat()
+    try:
+        module.write_text(module.read_text() + "\n# edited\n")
+        run = finished.run("--dry-run")
+    finally:
+        module.write_text(module.read_text().removesuffix("\n# edited\n"))
+        os.utime(module, ns=(before.st_atime_ns, before.st_mtime_ns))
+    planned = jobs(run.stdout + run.stderr)
+    assert "estimate_crash_probability" in planned
+    assert not {"ingest_encounters", "fit_models", "fit_candidates", "search_proposals"} & planned
+
+
+def test_a_killed_run_resumes_on_one_core_and_ends_with_the_same_bytes(finished, project):
+    process = subprocess.Popen(
+        project.command(cores=1),
+        cwd=project.folder,
+        env=project.environment,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    deadline = time.monotonic() + 300
+    while not list(project.folder.glob("results/smoke/cross_entropy/*.json")):
+        assert process.poll() is None, "the run ended before it could be killed"
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    assert not (project.folder / "results/smoke/estimates.csv").exists()
+    assert project.run("--unlock").returncode == 0
+    run = project.run(cores=1)
+    assert run.returncode == 0, run.stderr[-5000:]
+    assert project.tables() == finished.tables()
+
+
+def test_the_report_holds_figures_tables_and_notebooks(finished):
+    run = finished.run("--report", "report.html")
+    assert run.returncode == 0, run.stderr[-3000:]
+    html = (finished.folder / "report.html").read_text()
+    for name in ("fig01_concept", "fig13_relative_half_width", "claims", "06_simulation_analysis"):
+        assert name in html
+
+
+def test_lint_asks_only_for_a_container(project):
+    """The environment is the lock file, installed by make; a container for each rule is not wanted."""
+    run = project.run("--lint", "json")
+    titles = set(re.findall(r"^ +\* (.+):$", run.stderr + run.stdout, flags=re.MULTILINE))
+    assert titles <= {"Specify a conda environment or container for each rule."}, titles

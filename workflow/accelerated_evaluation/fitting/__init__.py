@@ -1,0 +1,1 @@
+"""Maximum likelihood: piecewise mixtures, EM, candidate families and their comparison."""

@@ -1,0 +1,280 @@
+"""The numbers that the paper states, ours beside them, and a verdict by a stated rule."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import reduce
+from operator import getitem
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
+from accelerated_evaluation.publishing.paper_tables import (
+    PAPER_PARAMETERS,
+    PAPER_PROBABILITY,
+    PAPER_RATIOS,
+    PAPER_SEARCHES,
+    PAPER_SIMULATIONS,
+    Spread,
+    count,
+    crude_sample_size,
+    of_method,
+    pooled_probability,
+    sample_size,
+    search_totals,
+    searched_parameters,
+    spread_over,
+)
+
+# What a study must share with the paper before their numbers can be compared.
+PREMISES = {
+    "data.source": "spmd",
+    "vehicle.name": "acc_aeb",
+    "vehicle.parameters": {},
+    "importance_sampling.alpha": 0.2,
+    "importance_sampling.beta": 0.2,
+}
+
+_KNOTS = (
+    "the paper does not print its knots; on the SPMD events the exact probability of the model with two "
+    "pieces of R^-1 is about 9.2e-7 with the TTC^-1 knots at the 95 % quantiles and about 6.2e-7 at 90 %, "
+    "and the paper's lies between"
+)
+_SEARCH = (
+    "the number measures how close f* comes to f given a crash; the paper prints neither the knots nor the "
+    "thresholds that led to its f*, so its search cannot be repeated step by step"
+)
+_COUNTS = "it follows from the numbers of simulations above"
+_ADAPTIVE = (
+    "the paper's amounts to {} iterations of 1000 in each of three segments; ours goes on in each segment "
+    "until the crash itself was the event of two updates in a row, however rare it is there"
+)
+_RATES = (
+    "the search moves the rates of R^-1 and TTC^-1 in each of the segments; the paper counts those of its "
+    "fit, which has one R^-1 for all"
+)
+_PIECES = "the paper's count belongs to two pieces of R^-1, two of TTC^-1, and three segments"
+_LAWS = "the paper's count belongs to one law of R^-1 and one of TTC^-1 in each of three segments"
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A number that the paper states.
+
+    Attributes
+    ----------
+    claim, source
+        What it is a number of, and where in the paper it stands.
+    paper, tolerance
+        The number, and how far it may be off: half a unit of the last digit printed, or half the interval.
+    reason
+        Why ours may differ.
+    rests_on_study
+        Whether it depends on the data, the vehicle and the settings.
+    """
+
+    claim: str
+    source: str
+    paper: float
+    tolerance: float
+    reason: str
+    rests_on_study: bool = True
+
+
+CLAIMS = {
+    "probability": Claim(
+        "crash probability of one lane change", "section VI.C", PAPER_PROBABILITY, 0.4e-7, _KNOTS
+    ),
+    "probability_low": Claim("80 % interval of it, lower end", "section VI.C", 7.0e-7, 0.05e-7, _KNOTS),
+    "probability_high": Claim("80 % interval of it, upper end", "section VI.C", 7.8e-7, 0.05e-7, _KNOTS),
+    "piecewise": Claim(
+        "simulations to converge, piecewise, mean", "table I", PAPER_SIMULATIONS["piecewise"], 0.5, _SEARCH
+    ),
+    "single": Claim(
+        "simulations to converge, single, mean", "table I", PAPER_SIMULATIONS["single"], 0.5, _SEARCH
+    ),
+    "crude": Claim(
+        "simulations to converge, crude Monte Carlo",
+        "table I",
+        PAPER_SIMULATIONS["crude"],
+        0.05e7,
+        "it is inverse to the crash probability, see there",
+    ),
+    "ratio_single": Claim("single / piecewise", "table I", PAPER_RATIOS["single"], 0.005, _COUNTS),
+    "ratio_crude": Claim("crude / piecewise", "table I, section VII", PAPER_RATIOS["crude"], 0.5e3, _COUNTS),
+    "piecewise_run": Claim("simulations to converge, piecewise, one run", "section VI.C", 7800, 50, _SEARCH),
+    "single_run": Claim("simulations to converge, single, one run", "section VI.C", 13800, 50, _SEARCH),
+    "saving_run": Claim("share saved by piecewise, one run", "section VI.C", 0.44, 0.005, _COUNTS),
+    "saving": Claim(
+        "share saved by piecewise, mean",
+        "section VII",
+        0.33,
+        0.005,
+        "the paper's own table I gives 36 %",
+    ),
+    "search_piecewise": Claim(
+        "Cross-Entropy simulations, piecewise",
+        "table II",
+        PAPER_SEARCHES["piecewise"],
+        500,
+        _ADAPTIVE.format(8),
+    ),
+    "search_single": Claim(
+        "Cross-Entropy simulations, single", "table II", PAPER_SEARCHES["single"], 500, _ADAPTIVE.format(10)
+    ),
+    "moved_piecewise": Claim(
+        "Cross-Entropy parameters, piecewise", "table II", PAPER_PARAMETERS["piecewise"], 0, _PIECES, False
+    ),
+    "moved_single": Claim(
+        "Cross-Entropy parameters, single", "table II", PAPER_PARAMETERS["single"], 0, _RATES, False
+    ),
+    "fitted_piecewise": Claim(
+        "fitted parameters, piecewise", "table II", PAPER_PARAMETERS["piecewise"], 0, _PIECES, False
+    ),
+    "fitted_single": Claim(
+        "fitted parameters, single", "table II", PAPER_PARAMETERS["single"], 0, _LAWS, False
+    ),
+    "identified": Claim("lane changes identified", "section II", 403581, 0, ""),
+    "closing": Claim(
+        "lane changes with negative range rate",
+        "section II",
+        173692,
+        0,
+        "the published records hold fewer of them, and the paper does not state the rest of its selection",
+    ),
+}
+
+
+def verdict(claim: Claim, ours: Spread) -> str:
+    """Judge by the rule: ``agrees`` if the paper's number, give or take its tolerance, lies in our spread."""
+    inside = ours.low - claim.tolerance <= claim.paper <= ours.high + claim.tolerance
+    return "agrees" if inside else "differs"
+
+
+def claims_table(
+    models: Mapping[str, LaneChangeModel],
+    trace: pd.DataFrame,
+    estimates: pd.DataFrame,
+    course: pd.DataFrame,
+    config: Mapping[str, Any],
+) -> pd.DataFrame:
+    """Set each number that the paper states beside ours.
+
+    Parameters
+    ----------
+    models
+        The fitted models of the methods ``piecewise`` and ``single``.
+    trace, estimates, course
+        ``cross_entropy_trace.csv``, ``estimates.csv`` and ``estimates_course.csv`` of a study.
+    config
+        The study's configuration.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row for each claim. The verdict is ``agrees`` or ``differs`` by the rule of `verdict`, or ``not
+        comparable`` where the study departs from the paper's premises or has no like quantity.
+    """
+    source = config["data"][config["data"]["source"]]["description"]
+    ours = _counts(models, trace) | _searches(trace)
+    ours |= _samples(estimates, course, config["importance_sampling"])
+    general, particular = _departure(config, source), _obstacles(estimates)
+    rows = []
+    for key, claim in CLAIMS.items():
+        number = ours[key]
+        obstacle = (general if claim.rests_on_study else "") or particular.get(key, "")
+        judged = "not comparable" if obstacle else verdict(claim, number)
+        rows.append(
+            {
+                "claim": claim.claim,
+                "source": claim.source,
+                "paper": claim.paper,
+                "paper_low": float(f"{claim.paper - claim.tolerance:.6g}"),
+                "paper_high": float(f"{claim.paper + claim.tolerance:.6g}"),
+                "ours": number.value,
+                "ours_low": number.low,
+                "ours_high": number.high,
+                "spread": number.of,
+                "verdict": judged,
+                "why": obstacle or _why(judged, number, claim),
+            }
+        )
+    return pd.DataFrame(rows).assign(data=source)
+
+
+def _why(judged: str, ours: Spread, claim: Claim) -> str:
+    away = (
+        f"ours is {abs(ours.value / claim.paper - 1):.0%} {'above' if ours.value > claim.paper else 'below'}"
+    )
+    if judged == "agrees":
+        return "the same count" if ours.low == ours.high else f"within our spread; {away}"
+    return f"{away}: {claim.reason}"
+
+
+def _departure(config: Mapping[str, Any], source: str) -> str:
+    """Name the first premise of the paper that a study does not share, or nothing."""
+    for key, expected in PREMISES.items():
+        seen = reduce(getitem, key.split("."), config)
+        if seen != expected:
+            return f"{key} is {seen}, the paper's is {expected}; data: {source}"
+    return ""
+
+
+def _obstacles(estimates: pd.DataFrame) -> dict[str, str]:
+    """Say which numbers have no like among ours, and why."""
+    obstacles = {"identified": "the published records are the closing ones only"}
+    for method, keys in {
+        "piecewise": ("piecewise", "piecewise_run", "ratio_single", "ratio_crude", "saving_run", "saving"),
+        "single": ("single", "single_run", "ratio_single", "saving_run", "saving"),
+    }.items():
+        missing = int((~of_method(estimates, method)["converged"]).sum())
+        if missing:
+            obstacles |= dict.fromkeys(keys, f"{missing} replicates of {method} did not converge")
+    return obstacles
+
+
+def _counts(models: Mapping[str, LaneChangeModel], trace: pd.DataFrame) -> dict[str, Spread]:
+    events = count(sum(models["piecewise"].events.values()))
+    numbers = {"identified": events, "closing": events}
+    for method in ("piecewise", "single"):
+        numbers[f"fitted_{method}"] = count(models[method].n_parameters)
+        numbers[f"moved_{method}"] = count(searched_parameters(trace, method))
+    return numbers
+
+
+def _searches(trace: pd.DataFrame) -> dict[str, Spread]:
+    totals = search_totals(trace)
+    return {f"search_{method}": spread_over(totals[method], "seeds") for method in ("piecewise", "single")}
+
+
+def _samples(estimates: pd.DataFrame, course: pd.DataFrame, settings: Mapping[str, Any]) -> dict[str, Spread]:
+    """Probability, simulations to convergence and their ratios; the first replicate is the single run."""
+    alpha = settings["alpha"]
+    pooled = pooled_probability(course, "piecewise", alpha)
+    crude = crude_sample_size(pooled, alpha, settings["beta"])
+    means = {method: sample_size(estimates, method) for method in ("piecewise", "single")}
+    runs = {method: of_method(estimates, method)["simulations"].to_numpy(float) for method in means}
+    n, m = runs["piecewise"], runs["single"]
+    ratio_of_means = means["single"].value / means["piecewise"].value
+    pairs = spread_over(np.divide.outer(m, n), "pairs of replicates")
+    savings = spread_over(1 - np.divide.outer(n, m), "pairs of replicates")
+    return {
+        "probability": pooled,
+        "probability_low": _end(pooled, pooled.low),
+        "probability_high": _end(pooled, pooled.high),
+        **means,
+        "crude": crude,
+        "ratio_single": pairs._replace(value=ratio_of_means),
+        "ratio_crude": spread_over(crude.value / n, "replicates")._replace(
+            value=crude.value / means["piecewise"].value
+        ),
+        "piecewise_run": means["piecewise"]._replace(value=n[0]),
+        "single_run": means["single"]._replace(value=m[0]),
+        "saving_run": savings._replace(value=1 - n[0] / m[0]),
+        "saving": savings._replace(value=1 - 1 / ratio_of_means),
+    }
+
+
+def _end(interval: Spread, value: float) -> Spread:
+    return Spread(value, value, value, f"none, an end of the {interval.of}")

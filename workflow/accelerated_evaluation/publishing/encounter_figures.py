@@ -1,0 +1,144 @@
+"""The lane changes and what acceleration does to them: figures 1 and 2 of the paper."""
+
+from collections.abc import Mapping, Sequence
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+
+from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
+from accelerated_evaluation.publishing.model_figures import (
+    INVERSE_TTC,
+    RECORDS,
+    Curve,
+    density_table,
+    draw_curve,
+    draw_histogram,
+    histogram,
+)
+from accelerated_evaluation.publishing.style import COLUMN_WIDTH, METHODS, note_source, paper_style
+from accelerated_evaluation.sampling.cut_in import Proposal
+
+ACCELERATION = {
+    "fitted f": {"color": METHODS["piecewise"]["color"], "linestyle": "-", "marker": "o"},
+    "accelerated f*": {"color": METHODS["single"]["color"], "linestyle": "--", "marker": "s"},
+}
+BINS = 50
+POINTS = 300
+
+
+def fig01_concept(
+    encounters: pd.DataFrame,
+    models: Mapping[str, LaneChangeModel],
+    proposals: Mapping[str, Proposal],
+    segment: str,
+    source: str,
+) -> tuple[Figure, pd.DataFrame]:
+    """Acceleration by a single parametric and by a piecewise mixture distribution (paper, figure 1).
+
+    Parameters
+    ----------
+    encounters
+        Encounter table.
+    models, proposals
+        f, and f* of one segment, both by method: single and piecewise.
+    segment
+        Segment of v_L whose TTC^-1 is shown.
+    source
+        What the encounters are, to be printed.
+
+    Returns
+    -------
+    figure, data
+        A panel a method, with the histogram of the records, f and f*; and all that is drawn: method, curve,
+        inverse_ttc_per_s, bin_width_per_s, count, density_s, is_knot.
+    """
+    x = encounters.loc[encounters["segment"] == segment, "inverse_ttc"].to_numpy()
+    edges = np.linspace(0.0, 1.05 * x.max(), BINS + 1)
+    records = histogram(x, edges, INVERSE_TTC)
+    points = np.linspace(edges[0], edges[-1], POINTS)
+    with paper_style():
+        figure, axes = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.0), sharex=True, sharey=True)
+        tables = []
+        for axis, letter, method in zip(axes, "ab", ("single", "piecewise"), strict=True):
+            laws = models[method].inverse_ttc[segment], proposals[method].inverse_ttc
+            draw_histogram(axis, records, INVERSE_TTC, f"{RECORDS}, n = {x.size:,}")
+            parts = [records]
+            for (name, style), law in zip(ACCELERATION.items(), laws, strict=True):
+                curve = Curve(law, style)
+                parts.append(density_table(name, curve, points, INVERSE_TTC))
+                draw_curve(axis, parts[-1], (INVERSE_TTC.column, INVERSE_TTC.density), name, curve)
+            tables += [part.assign(method=method) for part in parts]
+            axis.set_title(f"({letter}) {method}", loc="left")
+            axis.set_ylabel("density [s]")
+        axes[-1].set_xlabel(f"$TTC^{{-1}}$ [1/s], $v_L$ {segment.replace('-', '–')} m/s")
+        figure.legend(*axes[1].get_legend_handles_labels(), loc="outside upper left", ncols=2)
+        note_source(figure, source)
+    table = pd.concat(tables, ignore_index=True).astype({"count": "Int64", "is_knot": "boolean"})
+    return figure, table[["method", *table.columns.drop("method")]]
+
+
+def fig02_data(
+    encounters: pd.DataFrame, lead_speed_edges: Sequence[float], source: str
+) -> tuple[Figure, pd.DataFrame]:
+    """Range and inverse time to collision of the lane changes by lead speed, as counts (paper, figure 2).
+
+    Parameters
+    ----------
+    encounters
+        Encounter table.
+    lead_speed_edges
+        Edges of the segments [m/s].
+    source
+        What the encounters are, to be printed.
+
+    Returns
+    -------
+    figure, data
+        Two maps of counts, and the counts of all bins that hold an event: panel, lower and upper edges in
+        lead_speed [m/s], range [m] or inverse_ttc [1/s], count. No record can be read off it.
+    """
+    panels = {"range": ("m", "range $R$ [m]"), "inverse_ttc": ("per_s", "$TTC^{-1}$ [1/s]")}
+    speed_edges = np.linspace(lead_speed_edges[0], lead_speed_edges[-1], BINS + 1)
+    tables = []
+    with paper_style():
+        figure, axes = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.2), sharex=True)
+        for axis, letter, (name, (unit, label)) in zip(axes, "ab", panels.items(), strict=True):
+            edges = np.linspace(0.0, encounters[name].max() * (1 + 1e-9), BINS + 1)
+            count = np.histogram2d(encounters["lead_speed"], encounters[name], (speed_edges, edges))[0]
+            tables.append(_count_table(name, unit, count.astype(int), speed_edges, edges))
+            shade = axis.pcolormesh(
+                speed_edges,
+                edges,
+                np.ma.masked_equal(count.T, 0),
+                norm=LogNorm(vmin=1),
+                cmap="cividis_r",
+                rasterized=True,
+            )
+            for edge in lead_speed_edges[1:-1]:
+                axis.axvline(edge, color="black", linewidth=0.8, linestyle="--")
+            figure.colorbar(shade, ax=axis, label="lane changes per bin")
+            axis.set_title(f"({letter}) n = {int(count.sum()):,}", loc="left")
+            axis.set_ylabel(label)
+        axes[-1].set_xlabel("lead speed $v_L$ [m/s], segments between dashed lines")
+        note_source(figure, source)
+    return figure, pd.concat(tables, ignore_index=True)
+
+
+def _count_table(
+    name: str, unit: str, count: np.ndarray, speeds: np.ndarray, edges: np.ndarray
+) -> pd.DataFrame:
+    """List the bins that hold events; count has shape (speeds - 1, edges - 1)."""
+    row, column = np.nonzero(count)
+    return pd.DataFrame(
+        {
+            "panel": name,
+            "lead_speed_low_m_per_s": speeds[row],
+            "lead_speed_high_m_per_s": speeds[row + 1],
+            f"{name}_low_{unit}": edges[column],
+            f"{name}_high_{unit}": edges[column + 1],
+            "count": count[row, column],
+        }
+    )
