@@ -21,10 +21,10 @@ $(ENVIRONMENT): environment.txt pyproject.toml
 	@touch $@
 
 study: $(ENVIRONMENT) ## run the study: make study [CONFIG=config/spmd.yaml] [CORES=2]
+	@$(SNAKEMAKE) --unlock --quiet all 2>/dev/null || true  # a killed run leaves its lock
 	$(SNAKEMAKE)
 
-report: $(ENVIRONMENT) ## run the study and write its self-contained report under results/
-	$(SNAKEMAKE)
+report: study ## run the study, then write its self-contained HTML report to results/report.html
 	$(SNAKEMAKE) --report results/report.html
 
 smoke: ## a miniature of the whole study in under two minutes

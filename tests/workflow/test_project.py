@@ -11,6 +11,7 @@ from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+ENVIRONMENT = (ROOT / "environment.txt").read_text()
 LIBRARY = sorted((ROOT / "workflow" / "accelerated_evaluation").rglob("*.py"))
 
 
@@ -35,18 +36,11 @@ def test_the_library_draws_only_from_generators_handed_down(path):
 
 def test_environment_pins_what_the_project_asks_for():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    wanted = (
-        project["dependencies"]
-        + project["optional-dependencies"]["study"]
-        + project["optional-dependencies"]["dev"]
-    )
-    text = (ROOT / "environment.txt").read_text()
+    extras = project["optional-dependencies"]
     pins: dict[str, list[str]] = {}
-    for name, version in re.findall(
-        r"^([\w.-]+)==([^ ;\\]+)", (ROOT / "environment.txt").read_text(), re.MULTILINE
-    ):
+    for name, version in re.findall(r"^([\w.-]+)==([^ ;\\]+)", ENVIRONMENT, re.MULTILINE):
         pins.setdefault(canonicalize_name(name), []).append(version)
-    for line in wanted:
+    for line in project["dependencies"] + extras["study"] + extras["dev"]:
         requirement = Requirement(line)
         versions = pins.get(canonicalize_name(requirement.name))
         assert versions, f"{requirement.name} is not in environment.txt; run make lock"
@@ -54,9 +48,8 @@ def test_environment_pins_what_the_project_asks_for():
 
 
 def test_every_pin_has_a_hash_and_none_names_a_host():
-    text = (ROOT / "environment.txt").read_text()
-    assert "://" not in text
-    for entry in re.split(r"\n(?=\S)", text):
+    assert "://" not in ENVIRONMENT
+    for entry in re.split(r"\n(?=\S)", ENVIRONMENT):
         if "==" in entry:
             assert "--hash=sha256:" in entry, entry
 

@@ -5,10 +5,12 @@ closing speed varies: it is scanned from 0 to a top, and every change of an even
 what is left of a line is a list of intervals. TTC^-1 is closing speed times R^-1.
 """
 
+import json
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +23,6 @@ from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
 
 LINES_PER_CELL = 2  # their difference tells the error of the cell's mean
 ENCOUNTERS_AT_ONCE = 500_000  # bounds the memory: about 100 MB
-FORMAT = "accelerated-evaluation crash map 1"
 
 
 @dataclass(frozen=True, order=True)
@@ -77,8 +78,9 @@ class Grid:
         How many cells.
     closing_speed_top
         Where the scan ends [m/s].
-    closing_speed_step
-        Distance of its points [m/s]: what is narrower may be missed.
+    closing_speed_points
+        How many points it has, equal in the square root of the closing speed, as crashes at short ranges need
+        but small ones. What is narrower than the distance of two points may be missed.
     """
 
     lead_speed_min: float
@@ -87,7 +89,7 @@ class Grid:
     lead_speed_cells: int
     range_cells: int
     closing_speed_top: float
-    closing_speed_step: float
+    closing_speed_points: int
 
     @cached_property
     def lead_speed_edges(self) -> Array:
@@ -116,14 +118,8 @@ class Grid:
 
     def refined(self, factor: float) -> "Grid":
         """Return the same grid with ``factor`` times as many cells of both kinds and points of the scan."""
-        cells = {name: round(getattr(self, name) * factor) for name in ("lead_speed_cells", "range_cells")}
-        step = self.closing_speed_step / factor
-        return Grid(**vars_of(self) | cells | {"closing_speed_step": step})
-
-
-def vars_of(grid: Grid) -> dict[str, float]:
-    """Return the attributes that a grid is made from."""
-    return {name: getattr(grid, name) for name in Grid.__dataclass_fields__}
+        counts = ("lead_speed_cells", "range_cells", "closing_speed_points")
+        return replace(self, **{name: max(1, round(getattr(self, name) * factor)) for name in counts})
 
 
 @dataclass(frozen=True)
@@ -187,25 +183,25 @@ def map_crashes(
     """
     events = sorted({CRASH, *events})
     lead_speed, inverse_range = grid.draw_lines(generator)
-    offset = 1 - generator.random(grid.lines)
-    steps = int(np.ceil(grid.closing_speed_top / grid.closing_speed_step))
+    offset = generator.random(grid.lines)
     found: dict[Event, list[Intervals]] = {event: [] for event in events}
-    batch = max(1, ENCOUNTERS_AT_ONCE // (steps + 1))
+    batch = max(1, ENCOUNTERS_AT_ONCE // grid.closing_speed_points)
     with tqdm(total=grid.lines, desc="crash map", unit=" lines") as progress:
         for first in range(0, grid.lines, batch):
             part = slice(first, min(first + batch, grid.lines))
             scan = _Scan(vehicle, lead_speed[part], 1 / inverse_range[part])
-            points = _scan_points(offset[part], steps, grid.closing_speed_top)
+            points = _scan_points(offset[part], grid)
             for event, intervals in scan.find(points, events, halvings).items():
                 found[event].append(Intervals(intervals.line + first, intervals.start, intervals.end))
             progress.update(part.stop - first)
     return CrashMap(grid, lead_speed, inverse_range, {event: _join(parts) for event, parts in found.items()})
 
 
-def _scan_points(offset: Array, steps: int, top: float) -> Array:
-    """Closing speeds [m/s] at which each line is scanned, shape (lines, steps + 1); the last is the top."""
-    points = (np.arange(steps) + offset[:, None]) * (top / steps)
-    return np.column_stack([np.minimum(points, top), np.full(offset.size, top)])
+def _scan_points(offset: Array, grid: Grid) -> Array:
+    """Closing speeds [m/s] at which each line is scanned, shape (lines, points), rising; the last is the top."""
+    steps = grid.closing_speed_points - 1
+    share = np.column_stack([(np.arange(steps) + offset[:, None]) / steps, np.ones(offset.size)])
+    return grid.closing_speed_top * share**2
 
 
 def _join(parts: list[Intervals]) -> Intervals:
@@ -271,10 +267,34 @@ def _pair(flag: NDArray[np.bool_], line: NDArray, begins: NDArray[np.bool_], whe
 
 def write_crash_map(path: str | os.PathLike, crash_map: CrashMap) -> None:
     """Write a map as a compressed NumPy archive, atomically; equal maps give equal bytes."""
-    arrays = {"format": np.array(FORMAT), "grid": np.array(list(vars_of(crash_map.grid).values()))}
+    arrays = {"grid": np.array(json.dumps(asdict(crash_map.grid)))}
     arrays |= {"lead_speed": crash_map.lead_speed, "inverse_range": crash_map.inverse_range}
     for event, intervals in crash_map.events.items():
         for name, values in vars(intervals).items():
             arrays[f"{event.quantity} {event.threshold!r} {name}"] = values
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **arrays)
+
+
+def read_crash_map(path: str | os.PathLike) -> CrashMap:
+    """Read what `write_crash_map` wrote.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or no crash map.
+    """
+    try:
+        with np.load(path) as archive:
+            arrays = dict(archive)
+        grid = Grid(**json.loads(str(arrays.pop("grid"))))
+        lead_speed, inverse_range = arrays.pop("lead_speed"), arrays.pop("inverse_range")
+        columns: dict[Event, dict[str, NDArray]] = {}
+        for key, values in arrays.items():
+            quantity, threshold, name = key.split()
+            columns.setdefault(Event(quantity, float(threshold)), {})[name] = values
+        events = {event: Intervals(**parts) for event, parts in columns.items()}
+    except (OSError, ValueError, KeyError, TypeError, BadZipFile) as error:
+        seen, expected = f"{type(error).__name__}: {error}", "a crash map"
+        raise InputError(str(path), seen=seen, expected=expected, change="Map the crashes anew.") from error
+    return CrashMap(grid, lead_speed, inverse_range, events)

@@ -18,13 +18,14 @@ from accelerated_evaluation.publishing.model_figures import (
     draw_histogram,
     histogram,
 )
-from accelerated_evaluation.publishing.style import COLUMN_WIDTH, METHODS, note_source, paper_style
+from accelerated_evaluation.publishing.style import COLUMN_WIDTH, note_source, paper_style
 from accelerated_evaluation.sampling.cut_in import Proposal
 
-ACCELERATION = {
-    "fitted f": {"color": METHODS["piecewise"]["color"], "linestyle": "-", "marker": "o"},
-    "accelerated f*": {"color": METHODS["single"]["color"], "linestyle": "--", "marker": "s"},
+DENSITIES = {
+    "f": ("fitted $f$", {"color": "#08306b", "linestyle": "-", "marker": "o"}),
+    "f*": ("accelerated $f^*$", {"color": "#b2182b", "linestyle": "--", "marker": "s"}),
 }
+TITLES = {"single": "(a) single parametric distribution", "piecewise": "(b) piecewise mixture, knot marked"}
 BINS = 50
 POINTS = 300
 
@@ -62,16 +63,16 @@ def fig01_concept(
     with paper_style():
         figure, axes = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.0), sharex=True, sharey=True)
         tables = []
-        for axis, letter, method in zip(axes, "ab", ("single", "piecewise"), strict=True):
+        for axis, (method, title) in zip(axes, TITLES.items(), strict=True):
             laws = models[method].inverse_ttc[segment], proposals[method].inverse_ttc
             draw_histogram(axis, records, INVERSE_TTC, f"{RECORDS}, n = {x.size:,}")
             parts = [records]
-            for (name, style), law in zip(ACCELERATION.items(), laws, strict=True):
+            for (name, (label, style)), law in zip(DENSITIES.items(), laws, strict=True):
                 curve = Curve(law, style)
                 parts.append(density_table(name, curve, points, INVERSE_TTC))
-                draw_curve(axis, parts[-1], (INVERSE_TTC.column, INVERSE_TTC.density), name, curve)
+                draw_curve(axis, parts[-1], (INVERSE_TTC.column, INVERSE_TTC.density), label, curve)
             tables += [part.assign(method=method) for part in parts]
-            axis.set_title(f"({letter}) {method}", loc="left")
+            axis.set_title(title, loc="left")
             axis.set_ylabel("density [s]")
         axes[-1].set_xlabel(f"$TTC^{{-1}}$ [1/s], $v_L$ {segment.replace('-', '–')} m/s")
         figure.legend(*axes[1].get_legend_handles_labels(), loc="outside upper left", ncols=2)
@@ -120,9 +121,10 @@ def fig02_data(
             for edge in lead_speed_edges[1:-1]:
                 axis.axvline(edge, color="black", linewidth=0.8, linestyle="--")
             figure.colorbar(shade, ax=axis, label="lane changes per bin")
-            axis.set_title(f"({letter}) n = {int(count.sum()):,}", loc="left")
+            axis.set_title(f"({letter}) {int(count.sum()):,} lane changes", loc="left")
             axis.set_ylabel(label)
-        axes[-1].set_xlabel("lead speed $v_L$ [m/s], segments between dashed lines")
+            axis.grid(visible=False)
+        axes[-1].set_xlabel("lead speed $v_L$ [m/s]")
         note_source(figure, source)
     return figure, pd.concat(tables, ignore_index=True)
 
