@@ -3,8 +3,10 @@
 import os
 import sys
 import threading
+import traceback
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from typing import BinaryIO
 
 from accelerated_evaluation.errors import StudyError
 
@@ -13,31 +15,34 @@ from accelerated_evaluation.errors import StudyError
 def job(log: str | os.PathLike) -> Iterator[None]:
     """Run a rule's script: standard error goes to the terminal and to ``log``, warnings and progress alike.
 
-    A `StudyError` ends the process with status 1 and its message alone; others keep their traceback.
+    An error ends the process with status 1: a `StudyError` with its message alone, others with a traceback.
     """
+    file = open(log, "wb", buffering=0)  # noqa: SIM115, the thread closes it
     terminal = os.dup(2)
     read_end, write_end = os.pipe()
     os.dup2(write_end, 2)
     os.close(write_end)
-    copier = threading.Thread(target=_copy, args=(read_end, terminal, log))
+    copier = threading.Thread(target=_copy, args=(read_end, terminal, file), daemon=True)
     copier.start()
-    status = 0
+    failed = True
     try:
         yield
+        failed = False
     except StudyError as error:
         print(f"error: {error}", file=sys.stderr)
-        status = 1
+    except Exception:
+        traceback.print_exc()
     finally:
         sys.stderr.flush()
         os.dup2(terminal, 2)
-        copier.join()
-        os.close(terminal)
-    if status:
-        sys.exit(status)
+        copier.join(timeout=10)  # A process that was left behind may hold the pipe open.
+    if failed:
+        sys.exit(1)
 
 
-def _copy(read_end: int, terminal: int, log: str | os.PathLike) -> None:
-    with os.fdopen(read_end, "rb", buffering=0) as source, open(log, "wb", buffering=0) as file:
+def _copy(read_end: int, terminal: int, file: BinaryIO) -> None:
+    with os.fdopen(read_end, "rb", buffering=0) as source, file:
         while chunk := source.read(65536):
-            os.write(terminal, chunk)
             file.write(chunk)
+            with suppress(OSError):  # The log goes on where the terminal has gone.
+                os.write(terminal, chunk)

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
-from scipy.special import exprel
 
+from accelerated_evaluation.distributions.bounded import Bounded
 from accelerated_evaluation.distributions.protocol import Array
 
 
 @dataclass(frozen=True)
-class BoundedExponential:
+class BoundedExponential(Bounded):
     """Density proportional to exp(-rate x) on ``[lower, upper)``.
 
     Parameters
@@ -49,85 +49,65 @@ class BoundedExponential:
             raise ValueError(f"the mean must lie inside ({lower}, {upper}), got {mean}")
         if math.isinf(upper):
             return cls(1 / (mean - lower), lower, upper)
-        width = upper - lower
-        share = (mean - lower) / width
-        # The mean of exp(-s y) on [0, 1] lies below 1 / s, so the root is inside (-1/(1-share), 1/share).
-        scaled = brentq(lambda s: _unit_mean(s) - share, -1 / (1 - share), 1 / share, xtol=1e-13, rtol=1e-15)
-        return cls(scaled / width, lower, upper)
-
-    @property
-    def n_parameters(self) -> int:
-        """Number of free parameters: the rate."""
-        return 1
+        below, above, width = mean - lower, upper - mean, upper - lower
+        share = min(below, above) / width
+        # The mean of exp(-s y) on [0, 1] lies below 1 / s. Rounding may hide that, hence the wider bracket.
+        scaled = brentq(lambda s: _unit_mean(s) - share, -1, 2 / share, xtol=1e-13, rtol=1e-15)
+        return cls(math.copysign(scaled / width, above - below), lower, upper)
 
     @property
     def _width(self) -> float:
         return self.upper - self.lower
 
-    def _log_integral(self, width: ArrayLike) -> Array:
-        """Log of the integral of exp(-rate y) from 0 to ``width``, stable for every real rate."""
-        width = np.asarray(width, dtype=float)
-        if math.isinf(self._width) and np.ndim(width) == 0 and np.isinf(width):
-            return np.asarray(-math.log(self.rate))
-        with np.errstate(divide="ignore"):
-            exponent = -self.rate * width
-            return np.log(width) + np.maximum(exponent, 0) + np.log(exprel(-np.abs(exponent)))
+    @property
+    def _is_flat(self) -> bool:
+        """Whether the density is uniform to rounding."""
+        return abs(self.rate) * self._width < np.finfo(float).eps
 
-    def _log_integral_to_upper(self, y: Array) -> Array:
-        """Log of the integral of exp(-rate t) for t from y to the upper bound."""
-        if math.isinf(self._width):
-            return -self.rate * y - math.log(self.rate)
-        return -self.rate * y + self._log_integral(self._width - y)
+    def _peak(self, low: ArrayLike, high: ArrayLike) -> Array:
+        return np.asarray(low if self.rate >= 0 else high)
 
-    def _offset(self, x: ArrayLike) -> Array:
-        return np.clip(np.asarray(x, dtype=float), self.lower, self.upper) - self.lower
+    def _log_relative(self, x: ArrayLike, reference: ArrayLike) -> Array:
+        return -self.rate * np.subtract(x, reference)
 
-    def logpdf(self, x: ArrayLike) -> Array:
-        """Log density; -inf outside the support."""
-        x = np.asarray(x, dtype=float)
-        inside = (x >= self.lower) & (x < self.upper)
-        return np.where(inside, -self.rate * self._offset(x) - self._log_integral(self._width), -np.inf)
-
-    def cdf(self, x: ArrayLike) -> Array:
-        """P(X <= x)."""
-        y = self._offset(x)
-        if math.isinf(self._width):
-            return -np.expm1(-self.rate * y)
-        return np.exp(self._log_integral(y) - self._log_integral(self._width))
-
-    def sf(self, x: ArrayLike) -> Array:
-        """P(X > x)."""
-        return np.exp(self.logsf(x))
-
-    def logsf(self, x: ArrayLike) -> Array:
-        """Log P(X > x)."""
-        return self._log_integral_to_upper(self._offset(x)) - self._log_integral(self._width)
+    def _integral(self, low: ArrayLike, high: ArrayLike) -> Array:
+        width, steepness = np.subtract(high, low), abs(self.rate)
+        return width if self._is_flat else -np.expm1(-steepness * width) / steepness
 
     def ppf(self, q: ArrayLike) -> Array:
         """Inverse of cdf (paper, appendix A)."""
         q = np.asarray(q, dtype=float)
-        return self.upper - self._short_side(q) if self.rate < 0 else self.lower + self._long_side(q)
+        x = self.lower + (self._near_dense(q) if self.rate >= 0 else self._near_thin(q))
+        return np.clip(x, self.lower, self.upper)
 
     def isf(self, q: ArrayLike) -> Array:
         """Inverse of sf."""
         q = np.asarray(q, dtype=float)
-        return self.upper - self._long_side(q) if self.rate < 0 else self.lower + self._short_side(q)
+        x = self.lower + self._beyond(q) if self.rate >= 0 else self.upper - self._near_dense(q)
+        return np.clip(x, self.lower, self.upper)
 
-    def _long_side(self, q: Array) -> Array:
-        """Distance from the denser bound below which a share ``q`` of the mass lies."""
-        rate = abs(self.rate)
-        if rate * self._width < 1e-12:
+    @np.errstate(divide="ignore")
+    def _near_dense(self, q: Array) -> Array:
+        """Distance from the denser bound within which a share ``q`` of the mass lies."""
+        if self._is_flat:
             return q * self._width
-        with np.errstate(divide="ignore"):
-            return np.minimum(-np.log1p(q * np.expm1(-rate * self._width)) / rate, self._width)
+        return -np.log1p(q * math.expm1(-abs(self.rate) * self._width)) / abs(self.rate)
 
-    def _short_side(self, q: Array) -> Array:
+    @np.errstate(divide="ignore")
+    def _beyond(self, q: Array) -> Array:
         """Distance from the denser bound beyond which a share ``q`` of the mass lies."""
-        rate = abs(self.rate)
-        if rate * self._width < 1:
-            return self._long_side(1 - q)
-        with np.errstate(divide="ignore"):
-            return np.minimum(-np.log(q + (1 - q) * np.exp(-rate * self._width)) / rate, self._width)
+        fall = abs(self.rate) * self._width
+        if fall < 1:
+            return self._near_dense(1 - q)
+        return -np.log(q + (1 - q) * math.exp(-fall)) / abs(self.rate)
+
+    @np.errstate(divide="ignore")
+    def _near_thin(self, q: Array) -> Array:
+        """Distance from the thinner bound within which a share ``q`` of the mass lies; the support is bounded."""
+        if self._is_flat:
+            return q * self._width
+        fall = abs(self.rate) * self._width
+        return np.logaddexp(0, np.log(q) + fall + math.log(-math.expm1(-fall))) / abs(self.rate)
 
     def mean(self) -> float:
         """Return E X."""
@@ -135,21 +115,10 @@ class BoundedExponential:
             return self.lower + 1 / self.rate
         return self.lower + self._width * _unit_mean(self.rate * self._width)
 
-    def rvs(self, generator: np.random.Generator, size: int) -> Array:
-        """Independent draws, shape (size,), by the inverse cdf."""
-        return self.ppf(generator.random(size))
-
     @property
     def theta_limit(self) -> float:
         """Tilts must stay below this: the rate, on an unbounded support."""
         return self.rate if math.isinf(self._width) else math.inf
-
-    def cumulant(self, theta: float) -> float:
-        """Return kappa(theta) = log E exp(theta X)."""
-        tilted = self.tilt(theta)
-        return theta * self.lower + float(
-            tilted._log_integral(self._width) - self._log_integral(self._width)
-        )
 
     def tilt(self, theta: float) -> "BoundedExponential":
         """Exponential change of measure: the rate falls by ``theta`` (paper, section IV.B)."""

@@ -5,19 +5,27 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import log_ndtr, ndtri_exp
+from scipy.special import erfcx, log_ndtr, ndtri_exp
 
+from accelerated_evaluation.distributions.bounded import Bounded
 from accelerated_evaluation.distributions.protocol import Array
 
-_NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(16)
-_LOG_SQRT_2PI = 0.5 * math.log(2 * math.pi)
+_NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(12)
+_MOMENT_NODES, _MOMENT_WEIGHTS = np.polynomial.legendre.leggauss(64)
 
 
 @dataclass(frozen=True)
-class BoundedNormal:
+class BoundedNormal(Bounded):
     """Normal distribution with ``location`` and ``sd``, conditional on ``[lower, upper)``.
 
-    The paper fits it with mean 0; exponential tilting moves the mean to theta sd^2.
+    Parameters
+    ----------
+    sd
+        Standard deviation of the whole normal distribution, positive.
+    lower, upper
+        Bounds of the support; both may be infinite.
+    location
+        Mean of the whole normal distribution: 0 where the paper fits it, theta sd^2 after a tilt of that.
     """
 
     sd: float
@@ -31,47 +39,33 @@ class BoundedNormal:
         if not (self.sd > 0 and math.isfinite(self.sd) and math.isfinite(self.location)):
             raise ValueError(f"sd must be positive and finite, got sd {self.sd}, location {self.location}")
 
-    @property
-    def n_parameters(self) -> int:
-        """Number of free parameters: the standard deviation (the location is 0 in the paper's fits)."""
-        return 1
+    def _peak(self, low: ArrayLike, high: ArrayLike) -> Array:
+        return np.clip(self.location, low, high)
 
-    def _score(self, x: ArrayLike) -> Array:
-        return (np.clip(np.asarray(x, dtype=float), self.lower, self.upper) - self.location) / self.sd
+    def _log_relative(self, x: ArrayLike, reference: ArrayLike) -> Array:
+        distances = np.subtract(x, self.location) + np.subtract(reference, self.location)
+        return -np.subtract(x, reference) * distances / (2 * self.sd**2)
 
-    @property
-    def _a(self) -> float:
-        return (self.lower - self.location) / self.sd
+    def _integral(self, low: ArrayLike, high: ArrayLike) -> Array:
+        peak = self._peak(low, high)
+        offset = np.abs(peak - self.location)
+        return self._fall(offset, peak - low) + self._fall(offset, high - peak)
 
-    @property
-    def _b(self) -> float:
-        return (self.upper - self.location) / self.sd
-
-    @property
-    def _log_mass(self) -> float:
-        return float(log_normal_mass(self._a, self._b))
-
-    def logpdf(self, x: ArrayLike) -> Array:
-        """Log density; -inf outside the support."""
-        x = np.asarray(x, dtype=float)
-        inside = (x >= self.lower) & (x < self.upper)
-        density = -0.5 * self._score(x) ** 2 - _LOG_SQRT_2PI - math.log(self.sd) - self._log_mass
-        return np.where(inside, density, -np.inf)
-
-    def cdf(self, x: ArrayLike) -> Array:
-        """P(X <= x)."""
-        return np.exp(log_normal_mass(self._a, self._score(x)) - self._log_mass)
-
-    def sf(self, x: ArrayLike) -> Array:
-        """P(X > x)."""
-        return np.exp(self.logsf(x))
-
-    def logsf(self, x: ArrayLike) -> Array:
-        """Log P(X > x)."""
-        return log_normal_mass(self._score(x), self._b) - self._log_mass
+    def _fall(self, offset: Array, width: Array) -> Array:
+        """Integral over ``width`` of the falling side, from ``offset`` on, divided by the density there."""
+        exponent = width * (2 * offset + width) / (2 * self.sd**2)
+        scale = self.sd * math.sqrt(2)
+        far = erfcx(offset / scale) - np.exp(-exponent) * erfcx((offset + width) / scale)
+        short = exponent < 1
+        # There the two terms are nearly equal, and the density hardly changes.
+        width = np.where(short, width, 0.0)[..., None]
+        t = width * (_NODES + 1) / 2
+        density = np.exp(-t * (2 * offset[..., None] + t) / (2 * self.sd**2))
+        near = (density * _NODE_WEIGHTS).sum(axis=-1) * width[..., 0] / 2
+        return np.where(short, near, far * scale * math.sqrt(math.pi) / 2)
 
     def ppf(self, q: ArrayLike) -> Array:
-        """Inverse of cdf (paper, appendix A), solved in logarithms."""
+        """Inverse of cdf (paper, appendix A), solved in logarithms to the rounding of sd and x - location."""
         q = np.asarray(q, dtype=float)
         with np.errstate(divide="ignore"):
             return self._quantile(np.log(q), np.log1p(-q))
@@ -84,60 +78,38 @@ class BoundedNormal:
 
     def _quantile(self, log_below: Array, log_above: Array) -> Array:
         """Return the point with the given log shares of the mass below and above it."""
-        log_cdf = np.logaddexp(log_above + log_ndtr(self._a), log_below + log_ndtr(self._b))
-        log_sf = np.logaddexp(log_above + log_ndtr(-self._a), log_below + log_ndtr(-self._b))
+        a, b = ((bound - self.location) / self.sd for bound in (self.lower, self.upper))
+        log_cdf = np.logaddexp(log_above + log_ndtr(a), log_below + log_ndtr(b))
+        log_sf = np.logaddexp(log_above + log_ndtr(-a), log_below + log_ndtr(-b))
         # Each side is solved where it is the smaller, and so the more exact.
         score = np.where(log_cdf < log_sf, ndtri_exp(np.minimum(log_cdf, 0)), -ndtri_exp(np.minimum(log_sf, 0)))
         return np.clip(self.location + self.sd * score, self.lower, self.upper)
 
     def mean(self) -> float:
         """Return E X."""
-        log_density = [-0.5 * z * z - _LOG_SQRT_2PI - self._log_mass for z in (self._a, self._b)]
-        mean = self.location + self.sd * (math.exp(log_density[0]) - math.exp(log_density[1]))
-        return min(max(mean, self.lower), self.upper)
+        distance, share = self._quadrature()
+        return self._mode + float((distance * share).sum())
 
     def second_moment(self) -> float:
-        """Return E X^2 for location 0, what the maximum-likelihood equation of sd matches."""
-        edges = [
-            z * math.exp(-0.5 * z * z - _LOG_SQRT_2PI - self._log_mass) if math.isfinite(z) else 0.0
-            for z in (self._a, self._b)
-        ]
-        return self.sd**2 * (1 + edges[0] - edges[1])
+        """Return E X^2, what the maximum-likelihood equation of sd matches."""
+        distance, share = self._quadrature()
+        return float((np.square(self._mode + distance) * share).sum())
 
-    def rvs(self, generator: np.random.Generator, size: int) -> Array:
-        """Independent draws, shape (size,), by the inverse cdf."""
-        return self.ppf(generator.random(size))
+    def _quadrature(self) -> tuple[Array, Array]:
+        """Gauss-Legendre nodes, as distances from the mode, and their shares of the mass.
+
+        They span the support as far as the density is above exp(-40) of its largest value.
+        """
+        mode = self._mode
+        offset = abs(mode - self.location)
+        reach = 80 * self.sd**2 / (offset + math.sqrt(offset**2 + 80 * self.sd**2))
+        low, high = max(self.lower - mode, -reach), min(self.upper - mode, reach)
+        distance = (low + high) / 2 + (high - low) / 2 * _MOMENT_NODES
+        share = _MOMENT_WEIGHTS * np.exp(self._log_relative(mode + distance, mode))
+        return distance, share / share.sum()
 
     theta_limit = math.inf
-
-    def cumulant(self, theta: float) -> float:
-        """Return kappa(theta) = log E exp(theta X)."""
-        shift = theta * self.location + 0.5 * (theta * self.sd) ** 2
-        return shift + self.tilt(theta)._log_mass - self._log_mass
 
     def tilt(self, theta: float) -> "BoundedNormal":
         """Exponential change of measure: the location moves by theta sd^2 (paper, section IV.B)."""
         return BoundedNormal(self.sd, self.lower, self.upper, self.location + theta * self.sd**2)
-
-
-def log_normal_mass(a: ArrayLike, b: ArrayLike) -> Array:
-    """Log of Phi(b) - Phi(a), without a difference of nearly equal numbers.
-
-    Both tails are reduced to the lower one. Where the interval is so short that the density hardly
-    changes over it, the integral is taken by Gauss-Legendre quadrature instead of a difference.
-    """
-    a, b = np.broadcast_arrays(np.asarray(a, dtype=float), np.asarray(b, dtype=float))
-    flip = a > 0
-    low, high = np.where(flip, -b, a), np.where(flip, -a, b)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        tail = log_ndtr(high) + np.log1p(-np.exp(log_ndtr(low) - log_ndtr(high)))
-        width = high - low
-        reach = np.maximum(np.abs(low), np.abs(high))
-        short = width * np.maximum(reach, 1) < 1
-        if not np.any(short):
-            return tail
-        middle = np.where(short, 0.5 * (low + high), 0.0)
-        half = np.where(short, 0.5 * width, 1.0)
-        shape = -middle[..., None] * half[..., None] * _NODES - 0.5 * (half[..., None] * _NODES) ** 2
-        integral = np.log(half) + np.log(np.exp(shape) @ _NODE_WEIGHTS) - 0.5 * middle**2 - _LOG_SQRT_2PI
-    return np.where(short, integral, tail)

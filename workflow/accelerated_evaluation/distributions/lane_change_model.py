@@ -26,6 +26,7 @@ _LEAVES = {
 }
 _MIXTURES = {"mixture": Mixture, "piecewise mixture": PiecewiseMixture}
 _NAMES = {kind: name for name, kind in (_LEAVES | _MIXTURES).items()}
+_INFINITE = {"lower": -math.inf, "upper": math.inf}
 
 
 @dataclass(frozen=True)
@@ -38,12 +39,23 @@ class LaneChangeModel:
         What it was fitted to.
     events
         Number of lane changes by segment of v_L; their shares weigh the segments.
+
+    Raises
+    ------
+    ValueError
+        If counts and laws are not of the same segments, or a count is not positive.
     """
 
     description: str
     events: Mapping[str, int]
     inverse_range: Distribution
     inverse_ttc: Mapping[str, Distribution]
+
+    def __post_init__(self) -> None:
+        if not self.events or set(self.events) != set(self.inverse_ttc):
+            raise ValueError(f"events of segments {[*self.events]}, but TTC^-1 of {[*self.inverse_ttc]}")
+        if not all(isinstance(count, int) and count > 0 for count in self.events.values()):
+            raise ValueError(f"events must be positive whole numbers, got {dict(self.events)}")
 
     @property
     def segments(self) -> tuple[str, ...]:
@@ -99,7 +111,7 @@ def read_model(path: str | os.PathLike) -> LaneChangeModel:
             inverse_range=from_dict(content["inverse_range"]["distribution"]),
             inverse_ttc={segment: from_dict(law) for segment, law in laws.items()},
         )
-    except (KeyError, TypeError, ValueError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         seen = f"{type(error).__name__}: {error}"
         raise InputError(str(path), seen=seen, expected="a whole model file", change=change) from error
 
@@ -111,7 +123,7 @@ def to_dict(distribution: Distribution) -> dict[str, Any]:
         components = [to_dict(component) for component in distribution.components]
         return {"kind": kind, "weights": list(distribution.weights), "components": components}
     values = {name: float(value) for name, value in vars(distribution).items()}
-    return {"kind": kind, **{name: None if value == math.inf else value for name, value in values.items()}}
+    return {"kind": kind, **{name: None if math.isinf(value) else value for name, value in values.items()}}
 
 
 def from_dict(content: Mapping[str, Any]) -> Distribution:
@@ -120,4 +132,4 @@ def from_dict(content: Mapping[str, Any]) -> Distribution:
     kind = content.pop("kind")
     if kind in _MIXTURES:
         return _MIXTURES[kind](content["weights"], [from_dict(part) for part in content["components"]])
-    return _LEAVES[kind](**{name: math.inf if value is None else value for name, value in content.items()})
+    return _LEAVES[kind](**{name: _INFINITE[name] if value is None else value for name, value in content.items()})

@@ -1,7 +1,7 @@
 """Finite mixtures, and the piecewise mixture of the paper: a mixture whose components do not overlap."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Self
@@ -35,7 +35,7 @@ class Mixture:
         object.__setattr__(self, "components", tuple(self.components))
         if len(self.weights) != len(self.components) or not self.weights:
             raise ValueError(f"{len(self.weights)} weights for {len(self.components)} components")
-        if min(self.weights) <= 0 or abs(math.fsum(self.weights) - 1) > 1e-9:
+        if not (min(self.weights) > 0 and abs(math.fsum(self.weights) - 1) <= 1e-9):
             raise ValueError(f"weights must be positive and sum to one, got {self.weights}")
 
     @property
@@ -75,18 +75,18 @@ class Mixture:
 
     def cdf(self, x: ArrayLike) -> Array:
         """P(X <= x)."""
-        return self._average([component.cdf(x) for component in self.components])
+        return self._average(component.cdf(x) for component in self.components)
 
     def sf(self, x: ArrayLike) -> Array:
         """P(X > x)."""
-        return self._average([component.sf(x) for component in self.components])
+        return self._average(component.sf(x) for component in self.components)
 
     def mean(self) -> float:
         """Return E X."""
-        return float(self._average([component.mean() for component in self.components]))
+        return float(self._average(component.mean() for component in self.components))
 
-    def _average(self, values: Sequence[ArrayLike]) -> Array:
-        return np.minimum(np.tensordot(self.weights, np.asarray(values, dtype=float), axes=1), np.inf)
+    def _average(self, values: Iterable[ArrayLike]) -> Array:
+        return sum(weight * np.asarray(value) for weight, value in zip(self.weights, values, strict=True))
 
     def ppf(self, q: ArrayLike) -> Array:
         """Inverse of cdf: no closed form, solved between the components' quantiles."""
@@ -96,15 +96,21 @@ class Mixture:
         """Inverse of sf, solved between the components' quantiles."""
         return self._invert(q, "isf", "sf")
 
+    @np.errstate(over="ignore", invalid="ignore")
     def _invert(self, q: ArrayLike, inverse: str, function: str) -> Array:
         q = np.asarray(q, dtype=float)
         quantiles = [getattr(component, inverse)(q) for component in self.components]
         low, high = np.minimum.reduce(quantiles), np.maximum.reduce(quantiles)
-        # A relative difference, so that a far tail is solved to as many digits as the middle.
+        # A relative error, so that a far tail is solved to as many digits as the middle.
         scale = np.maximum(q, np.finfo(float).tiny)
-        result = find_root(lambda x, p, s: (getattr(self, function)(x) - p) / s, (low, high), args=(q, scale))
-        # Where rounding hides the change of sign, the bracket itself is as narrow as rounding.
-        return np.where(result.success, result.x, np.where(high - low < 1e-9, low, result.x))
+
+        def error(x: Array, q: Array, scale: Array) -> Array:
+            return (getattr(self, function)(x) - q) / scale
+
+        root = find_root(error, (low, high), args=(q, scale))
+        # Where rounding hides the change of sign, or an end is infinite, the better end is the solution.
+        end = np.where(np.abs(error(low, q, scale)) <= np.abs(error(high, q, scale)), low, high)
+        return np.where(root.success, root.x, end)
 
     def rvs(self, generator: np.random.Generator, size: int) -> Array:
         """Independent draws, shape (size,): a component for each, then a draw of it."""
@@ -173,12 +179,14 @@ class PiecewiseMixture(Mixture):
         """Invert where the pieces, taken in ``order``, end at the cumulative shares ``ends``."""
         q = np.asarray(q, dtype=float)
         position = np.searchsorted(ends, q, side="right")
-        starts = np.concatenate([[0.0], ends])
+        bounds = np.concatenate([[0.0], ends, [1.0]])
         x = np.full(q.shape, np.nan)
         for place, index in enumerate(order):
             chosen = position == place
             if np.any(chosen):
-                share = np.clip((q[chosen] - starts[place]) / self.weights[index], 0, 1)
+                before = (q[chosen] - bounds[place]) / self.weights[index]
+                after = (bounds[place + 1] - q[chosen]) / self.weights[index]
+                share = np.clip(np.where(before < after, before, 1 - after), 0, 1)
                 x[chosen] = getattr(self.components[index], inverse)(share)
         return x
 
@@ -197,10 +205,11 @@ def match_mean(distribution: Tiltable, mean: float) -> float:
     Raises
     ------
     ValueError
-        If no finite tilt reaches the mean, as when it is not inside the support.
+        If no finite tilt reaches the mean, as when it is not inside the support, or that is not bounded below.
     """
-    if not distribution.lower < mean < distribution.upper:
-        raise ValueError(f"the mean must lie inside ({distribution.lower}, {distribution.upper}), got {mean}")
+    if not -math.inf < distribution.lower < mean < distribution.upper:
+        bounds = f"({distribution.lower}, {distribution.upper}), bounded below"
+        raise ValueError(f"the mean must lie inside {bounds}, got {mean}")
 
     def excess(theta: float) -> float:
         return distribution.tilt(theta).mean() - mean
@@ -214,5 +223,5 @@ def match_mean(distribution: Tiltable, mean: float) -> float:
         if step >= limit:
             step = limit * (1 - 2.0 ** -(doubling + 1))
         if excess(step) * start <= 0:
-            return brentq(excess, *sorted((0.0, step)), xtol=1e-12, rtol=1e-12)
+            return brentq(excess, *sorted((0.0, step)), xtol=1e-14 * abs(step), rtol=1e-14)
     raise ValueError(f"no tilt of {distribution} has the mean {mean}")

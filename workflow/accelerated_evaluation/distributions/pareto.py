@@ -17,22 +17,24 @@ class Pareto:
     lower: float
 
     def __post_init__(self) -> None:
-        if not (self.shape > 0 and self.lower > 0):
-            raise ValueError(f"shape and lower must be positive, got {self.shape} and {self.lower}")
+        if not (0 < self.shape < math.inf and 0 < self.lower < math.inf):
+            raise ValueError(f"shape and lower must be positive and finite, got {self.shape} and {self.lower}")
 
     upper = math.inf
     n_parameters = 1
 
+    def _log_excess(self, x: ArrayLike) -> Array:
+        """Log of x / lower; 0 below the support."""
+        return np.log1p((np.maximum(np.asarray(x, dtype=float), self.lower) - self.lower) / self.lower)
+
     def logpdf(self, x: ArrayLike) -> Array:
         """Log density; -inf outside the support."""
-        x = np.asarray(x, dtype=float)
-        inside = np.maximum(x, self.lower)
-        density = math.log(self.shape / self.lower) - (self.shape + 1) * np.log(inside / self.lower)
-        return np.where(x >= self.lower, density, -np.inf)
+        density = math.log(self.shape / self.lower) - (self.shape + 1) * self._log_excess(x)
+        return np.where(np.asarray(x) < self.lower, -np.inf, density)
 
     def logsf(self, x: ArrayLike) -> Array:
         """Log P(X > x)."""
-        return -self.shape * np.log(np.maximum(np.asarray(x, dtype=float), self.lower) / self.lower)
+        return -self.shape * self._log_excess(x)
 
     def sf(self, x: ArrayLike) -> Array:
         """P(X > x)."""

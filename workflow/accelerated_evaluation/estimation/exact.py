@@ -15,8 +15,7 @@ from accelerated_evaluation.distributions import Distribution, Mixture
 from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.estimation.crash_map import CRASH, LINES_PER_CELL, CrashMap, Event, Grid
-from accelerated_evaluation.sampling.cut_in import Proposal
+from accelerated_evaluation.estimation.crash_map import CRASH, LINES_PER_CELL, CrashMap, Event
 
 ALL = "all"
 
@@ -46,63 +45,51 @@ def interval_probability(law: Distribution, start: ArrayLike, end: ArrayLike) ->
     return total
 
 
-def line_probabilities(
-    crash_map: CrashMap, inverse_ttc: Distribution, event: Event = CRASH, closing_speed_max: float = np.inf
-) -> Array:
-    """Return the probability of an event on each line of the map, shape (lines,), under a law of TTC^-1.
-
-    Parameters
-    ----------
-    closing_speed_max
-        Closing speeds above are capped at this [m/s] before simulating: all are as at the cap. Without a cap
-        all above the map's top are as at the top.
-
-    Raises
-    ------
-    InputError
-        If the cap lies above the top of the map.
-    """
-    top = crash_map.grid.closing_speed_top
-    if top < closing_speed_max < np.inf:
-        raise InputError(
-            "closing-speed cap",
-            seen=f"{closing_speed_max:g} m/s",
-            expected=f"at most {top:g} m/s, to which the crash map was made",
-            change="Raise crash_map.closing_speed_top in the configuration.",
-        )
+def line_probabilities(crash_map: CrashMap, inverse_ttc: Distribution, event: Event = CRASH) -> Array:
+    """Return the probability of an event on the lines of each cell, shape (cells, 2), for a law of TTC^-1."""
     intervals = crash_map.intervals(event)
-    reached = intervals.start <= closing_speed_max
-    line, start, end = intervals.line[reached], intervals.start[reached], intervals.end[reached]
-    end = np.where(end > closing_speed_max, np.inf, end)
-    inverse_range = crash_map.inverse_range[line]
-    probability = interval_probability(inverse_ttc, start * inverse_range, end * inverse_range)
-    return np.bincount(line, probability, crash_map.grid.lines)
+    inverse_range = crash_map.inverse_range[intervals.line]
+    probability = interval_probability(
+        inverse_ttc, intervals.start * inverse_range, intervals.end * inverse_range
+    )
+    return np.bincount(intervals.line, probability, crash_map.inverse_range.size).reshape(-1, LINES_PER_CELL)
 
 
-def cell_weights(grid: Grid, lead_speeds: ArrayLike, inverse_range: Distribution) -> Array:
-    """Return the probability of each cell of v_L and R^-1, shape (v_L cells, R^-1 cells); v_L is empirical.
+def cell_shares(crash_map: CrashMap, lead_speeds: ArrayLike) -> Array:
+    """Return the share of the lead speeds in each cell, shape (cells,).
 
     Raises
     ------
     InputError
-        If a lead speed or a share of R^-1 lies outside the grid.
+        If one lies outside the map.
     """
-    lead_speeds = np.asarray(lead_speeds, dtype=float)
-    edges, range_edges = grid.lead_speed_edges, grid.inverse_range_edges
-    if lead_speeds.min() < edges[0] or lead_speeds.max() > edges[-1]:
-        raise _outside(
-            "v_L", f"{lead_speeds.min():g} to {lead_speeds.max():g} m/s", f"{edges[0]:g} to {edges[-1]:g} m/s"
-        )
-    # The same inverse written two ways may differ in the last digit.
-    if inverse_range.lower < range_edges[0] * (1 - 1e-12):
-        raise _outside("R^-1", f"{inverse_range.lower:g} 1/m and more", f"{range_edges[0]:g} 1/m and more")
-    speeds = np.histogram(lead_speeds, edges)[0] / lead_speeds.size
-    return np.outer(speeds, interval_probability(inverse_range, range_edges[:-1], range_edges[1:]))
+    speeds, grid = np.sort(lead_speeds), crash_map.grid
+    if speeds[0] < grid.lead_speed_min or speeds[-1] >= grid.lead_speed_max:
+        mapped = f"[{grid.lead_speed_min:g}, {grid.lead_speed_max:g}) m/s"
+        raise _outside("v_L", f"{speeds[0]:g} to {speeds[-1]:g} m/s", mapped)
+    return np.diff(np.searchsorted(speeds, crash_map.cells.lead_speed), axis=1)[:, 0] / speeds.size
+
+
+def cell_weights(crash_map: CrashMap, lead_speeds: ArrayLike, inverse_range: Distribution) -> Array:
+    """Return the probability of each cell of v_L, which is empirical, and R^-1, shape (cells,).
+
+    Raises
+    ------
+    InputError
+        If a lead speed or a share of R^-1 lies outside the map.
+    """
+    range_max = crash_map.grid.range_max
+    # The same inverse written in two ways may differ in the last digit.
+    if inverse_range.lower * range_max < 1 - 1e-12:
+        mapped = f"{1 / range_max:g} 1/m and more"
+        raise _outside("R^-1", f"{inverse_range.lower:g} 1/m and more", mapped)
+    shares = cell_shares(crash_map, lead_speeds)
+    return shares * interval_probability(inverse_range, *crash_map.cells.inverse_range.T)
 
 
 def _outside(what: str, seen: str, mapped: str) -> InputError:
-    change = "Make the map for the limits of this model (configuration keys filters and crash_map)."
-    return InputError(f"{what} of the model", seen=seen, expected=f"within the crash map: {mapped}", change=change)
+    change = "Make the map for the limits of this model (configuration key filters)."
+    return InputError(f"{what} of the model", seen=seen, expected=f"within the map: {mapped}", change=change)
 
 
 def exact_probabilities(
@@ -110,7 +97,6 @@ def exact_probabilities(
     model: LaneChangeModel,
     encounters: pd.DataFrame,
     event: Event = CRASH,
-    closing_speed_max: float = np.inf,
 ) -> dict[str, Exact]:
     """Return the probability of an event in each segment of the model, and in ``all`` by their shares.
 
@@ -124,25 +110,39 @@ def exact_probabilities(
         Encounter table; the lead speeds of each segment are taken from it.
     event
         One of the map's.
-    closing_speed_max
-        Cap on closing speeds [m/s], as in `CutIn`.
     """
     speeds = encounters.groupby("segment")["lead_speed"]
     values = {}
     for segment in model.segments:
-        weights = cell_weights(crash_map.grid, speeds.get_group(segment), model.inverse_range)
-        lines = line_probabilities(crash_map, model.inverse_ttc[segment], event, closing_speed_max)
-        values[segment] = weighed_lines(weights, lines)
+        weights = cell_weights(crash_map, speeds.get_group(segment), model.inverse_range)
+        lines = line_probabilities(crash_map, model.inverse_ttc[segment], event)
+        values[segment] = weights[:, None] * lines
     everything = sum(model.share(segment) * lines for segment, lines in values.items())
     return {segment: summed(lines) for segment, lines in (values | {ALL: everything}).items()}
 
 
-def weighed_lines(weights: Array, lines: Array) -> Array:
-    """Multiply the lines of each cell by its weight: shape (v_L cells, R^-1 cells, lines per cell)."""
-    return weights[..., None] * lines.reshape(*weights.shape, LINES_PER_CELL)
-
-
 def summed(lines: Array) -> Exact:
     """Add up the means of all cells; the two lines of a cell tell the variance of their mean."""
-    probability = float(lines.mean(axis=-1).sum())
-    return Exact(probability, float(np.sqrt(np.square(lines[..., 0] - lines[..., 1]).sum()) / 2))
+    probability = float(lines.mean(axis=1).sum())
+    return Exact(probability, float(np.sqrt(np.square(np.diff(lines)).sum()) / 2))
+
+
+def exact_table(
+    crash_maps: Mapping[str, CrashMap], models: Mapping[str, LaneChangeModel], encounters: pd.DataFrame
+) -> pd.DataFrame:
+    """Tabulate the crash probability of each model by maps of different resolution.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``model``, ``segment``, ``resolution`` (name of the map), ``lines``, ``probability`` and
+        ``standard_error``.
+    """
+    rows = [
+        (model, segment, resolution, crash_map.lead_speed.size, value.probability, value.standard_error)
+        for model, law in models.items()
+        for resolution, crash_map in crash_maps.items()
+        for segment, value in exact_probabilities(crash_map, law, encounters).items()
+    ]
+    columns = ["model", "segment", "resolution", "lines", "probability", "standard_error"]
+    return pd.DataFrame(rows, columns=columns)

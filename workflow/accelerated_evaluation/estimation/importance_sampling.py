@@ -27,15 +27,15 @@ class Estimate:
     Attributes
     ----------
     probability, ci_low, ci_high
-        Estimate and interval; without a single crash the interval is [0, 1], never of zero width.
+        Estimate and interval; with fewer than two crashes, which have no spread, the interval is [0, 1].
     relative_half_width
-        Half-width of the interval over the estimate.
+        Half-width of the interval over the estimate; infinite with fewer than two crashes.
     simulations, events
         How many cut-ins were simulated, and how many crashed.
     effective_sample_size
-        (sum w)^2 / sum w^2 over the crashes.
+        (sum w)^2 / sum w^2 over the crashes; 0 without any.
     largest_weight_share
-        The largest weight over the sum of all: near one where a single crash decides.
+        The largest weight over the sum of all: near one where a single crash decides; NaN without any.
     """
 
     probability: float
@@ -56,7 +56,8 @@ def draw_crash_weights(strata: Mapping[str, Stratum], generator: np.random.Gener
     for index, stratum in enumerate(strata.values()):
         chosen = which == index
         count = int(np.count_nonzero(chosen))
-        weights[chosen] = stratum.problem.sample(stratum.proposal, generator, count).crash_weight
+        if count:
+            weights[chosen] = stratum.problem.sample(stratum.proposal, generator, count).crash_weight
     return weights
 
 
@@ -66,6 +67,8 @@ def estimate(weights: Array, alpha: float) -> Estimate:
     if events == 0:
         return Estimate(0.0, 0.0, 1.0, math.inf, n, 0, 0.0, math.nan)
     mean, total = float(weights.mean()), float(weights.sum())
+    if events == 1:
+        return Estimate(mean, 0.0, 1.0, math.inf, n, 1, 1.0, 1.0)
     half_width = float(-ndtri(alpha / 2) * weights.std(ddof=1) / math.sqrt(n))
     return Estimate(
         probability=mean,
@@ -74,7 +77,7 @@ def estimate(weights: Array, alpha: float) -> Estimate:
         relative_half_width=half_width / mean,
         simulations=n,
         events=events,
-        effective_sample_size=total**2 / float(weights @ weights),
+        effective_sample_size=total**2 / float(np.square(weights).sum()),
         largest_weight_share=float(weights.max()) / total,
     )
 
@@ -90,7 +93,7 @@ class Running:
 
 
 def running(weights: Array, alpha: float) -> Running:
-    """Follow an estimate simulation by simulation; without events its half-width is infinite."""
+    """Follow an estimate simulation by simulation; with fewer than two events its half-width is infinite."""
     n = np.arange(1, weights.size + 1)
     mean = np.cumsum(weights) / n
     # Welford's increments: no difference of large sums.

@@ -116,13 +116,21 @@ def _em_step(mixture: Mixture, squares: Array) -> tuple[Mixture, float]:
     total = np.logaddexp.reduce(joint)
     responsibility = np.exp(joint - total)
     share = responsibility.sum(axis=1)
-    second_moments = responsibility @ squares / share
+    # Not a product of matrices, whose rounding depends on the number of threads.
+    second_moments = (responsibility * squares).sum(axis=1) / share
     components = [fit_normal(float(moment), lower, upper) for moment in second_moments]
     return Mixture(share / share.sum(), components), float(total.sum())
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _extrapolate(path: tuple[Mixture, Mixture, Mixture]) -> Mixture:
-    """Squared extrapolation of three successive mixtures, in log shares and log standard deviations."""
+    """Squared extrapolation of three successive mixtures, in log shares and log standard deviations.
+
+    Raises
+    ------
+    ValueError
+        If it leads out of the range of numbers.
+    """
     start, first, second = (
         np.log([*mixture.weights, *(component.sd for component in mixture.components)])
         for mixture in path

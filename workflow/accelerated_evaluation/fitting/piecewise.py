@@ -41,8 +41,16 @@ def fit_piecewise(
     Raises
     ------
     InputError
-        If a piece holds fewer than two different values.
+        If a piece holds fewer than two different values, or a value lies outside the support.
     """
+    outside = np.count_nonzero(~((x >= lower) & (x < math.inf)))
+    if outside:
+        raise InputError(
+            f"sample of a piecewise mixture on [{lower:g}, inf)",
+            seen=f"{outside} of {x.size} values outside or not a number",
+            expected="all values in the support",
+            change="Filter the encounters as the model assumes (configuration key filters).",
+        )
     bounds = [lower, *knots, math.inf]
     pieces, weights = [], []
     for (low, high), family in zip(itertools.pairwise(bounds), families, strict=True):

@@ -46,6 +46,7 @@ _SEARCH = (
     "thresholds that led to its f*, so its search cannot be repeated step by step"
 )
 _COUNTS = "it follows from the numbers of simulations above"
+_INTERVAL = "the interval is that of a different probability, see above"
 _ADAPTIVE = (
     "the paper's amounts to {} iterations of 1000 in each of three segments; ours goes on in each segment "
     "until the crash itself was the event of two updates in a row, however rare it is there"
@@ -86,8 +87,8 @@ CLAIMS = {
     "probability": Claim(
         "crash probability of one lane change", "section VI.C", PAPER_PROBABILITY, 0.4e-7, _KNOTS
     ),
-    "probability_low": Claim("80 % interval of it, lower end", "section VI.C", 7.0e-7, 0.05e-7, _KNOTS),
-    "probability_high": Claim("80 % interval of it, upper end", "section VI.C", 7.8e-7, 0.05e-7, _KNOTS),
+    "probability_low": Claim("80 % interval of it, lower end", "section VI.C", 7.0e-7, 0.05e-7, _INTERVAL),
+    "probability_high": Claim("80 % interval of it, upper end", "section VI.C", 7.8e-7, 0.05e-7, _INTERVAL),
     "piecewise": Claim(
         "simulations to converge, piecewise, mean", "table I", PAPER_SIMULATIONS["piecewise"], 0.5, _SEARCH
     ),
@@ -204,9 +205,8 @@ def claims_table(
 
 
 def _why(judged: str, ours: Spread, claim: Claim) -> str:
-    away = (
-        f"ours is {abs(ours.value / claim.paper - 1):.0%} {'above' if ours.value > claim.paper else 'below'}"
-    )
+    side = "above" if ours.value > claim.paper else "below"
+    away = f"ours is {100 * abs(ours.value / claim.paper - 1):.0f} % {side}"
     if judged == "agrees":
         return "the same count" if ours.low == ours.high else f"within our spread; {away}"
     return f"{away}: {claim.reason}"
@@ -228,9 +228,10 @@ def _obstacles(estimates: pd.DataFrame) -> dict[str, str]:
         "piecewise": ("piecewise", "piecewise_run", "ratio_single", "ratio_crude", "saving_run", "saving"),
         "single": ("single", "single_run", "ratio_single", "saving_run", "saving"),
     }.items():
-        missing = int((~of_method(estimates, method)["converged"]).sum())
-        if missing:
-            obstacles |= dict.fromkeys(keys, f"{missing} replicates of {method} did not converge")
+        missing = ~of_method(estimates, method)["converged"]
+        if missing.any():
+            reason = f"{missing.sum()} of {missing.size} replicates of {method} did not converge"
+            obstacles |= dict.fromkeys(keys, reason)
     return obstacles
 
 
@@ -254,26 +255,29 @@ def _samples(estimates: pd.DataFrame, course: pd.DataFrame, settings: Mapping[st
     pooled = pooled_probability(course, "piecewise", alpha)
     crude = crude_sample_size(pooled, alpha, settings["beta"])
     means = {method: sample_size(estimates, method) for method in ("piecewise", "single")}
-    runs = {method: of_method(estimates, method)["simulations"].to_numpy(float) for method in means}
-    n, m = runs["piecewise"], runs["single"]
-    ratio_of_means = means["single"].value / means["piecewise"].value
-    pairs = spread_over(np.divide.outer(m, n), "pairs of replicates")
-    savings = spread_over(1 - np.divide.outer(n, m), "pairs of replicates")
+    n, m = (of_method(estimates, method)["simulations"].to_numpy(float) for method in means)
+    ratio = means["single"].value / means["piecewise"].value
+    ratios, savings = np.divide.outer(m, n), 1 - np.divide.outer(n, m)
     return {
         "probability": pooled,
         "probability_low": _end(pooled, pooled.low),
         "probability_high": _end(pooled, pooled.high),
         **means,
         "crude": crude,
-        "ratio_single": pairs._replace(value=ratio_of_means),
+        "ratio_single": spread_over(ratios, "pairs of replicates")._replace(value=ratio),
         "ratio_crude": spread_over(crude.value / n, "replicates")._replace(
             value=crude.value / means["piecewise"].value
         ),
-        "piecewise_run": means["piecewise"]._replace(value=n[0]),
-        "single_run": means["single"]._replace(value=m[0]),
-        "saving_run": savings._replace(value=1 - n[0] / m[0]),
-        "saving": savings._replace(value=1 - 1 / ratio_of_means),
+        "piecewise_run": _run(n[0], n, "replicates"),
+        "single_run": _run(m[0], m, "replicates"),
+        "saving_run": _run(1 - n[0] / m[0], savings, "pairs of replicates"),
+        "saving": spread_over(savings, "pairs of replicates")._replace(value=1 - 1 / ratio),
     }
+
+
+def _run(first: float, runs: np.ndarray, things: str) -> Spread:
+    """Return one run among all: a single run of the paper's is compared with each of ours."""
+    return Spread(first, runs.min(), runs.max(), f"range of {runs.size} {things}, ours the first")
 
 
 def _end(interval: Spread, value: float) -> Spread:

@@ -1,6 +1,6 @@
 """The fitted models beside the data: figures 4 to 7 of the paper."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,9 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from accelerated_evaluation.distributions import BoundedNormal, Distribution, Empirical, Mixture
-from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
+from accelerated_evaluation.distributions import BoundedNormal, Distribution, Empirical
+from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel, to_dict
 from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.publishing.model_tables import leaves
 from accelerated_evaluation.publishing.style import COLUMN_WIDTH, METHODS, PIECES, note_source, paper_style
 
 RECORDS = "empirical"
@@ -72,15 +73,6 @@ class Curve:
         """Return the rising ``points`` with both sides of every knot that they enclose."""
         knots = self.knots[(self.knots > points[0]) & (self.knots < points[-1])]
         return np.unique(np.concatenate([points, knots, np.nextafter(knots, -np.inf)]))
-
-
-def leaves(law: Distribution, weight: float = 1.0) -> Iterator[tuple[float, Distribution]]:
-    """Yield the distributions at the bottom of a mixture of mixtures, each with its weight in the whole."""
-    if isinstance(law, Mixture):
-        for share, component in zip(law.weights, law.components, strict=True):
-            yield from leaves(component, weight * share)
-    else:
-        yield weight, law
 
 
 def histogram(x: Array, edges: Array, variable: Variable) -> pd.DataFrame:
@@ -191,7 +183,7 @@ def fig05_inverse_ttc_fit(
         As of `fig04_inverse_range_fit`, in inverse_ttc_per_s, bin_width_per_s and density_s.
     """
     law = model.inverse_ttc[segment]
-    curves = {f"piecewise, {len(law.components)} pieces": Curve(law, METHODS["piecewise"])}
+    curves = {f"piecewise ({len(law.components)} pieces)": Curve(law, METHODS["piecewise"])}
     normals = [(weight, leaf) for weight, leaf in leaves(law) if isinstance(leaf, BoundedNormal)]
     for number, (weight, leaf) in enumerate(normals):
         style = {"color": "#444444", "linewidth": 0.9, "linestyle": ("--", ":", "-.")[number % 3]}
@@ -227,7 +219,7 @@ def _inverse_ttc(encounters: pd.DataFrame, segment: str) -> Array:
 
 
 def _compared(piecewise: Distribution, single: Distribution) -> dict[str, Curve]:
-    kind = {"BoundedExponential": "exponential"}.get(type(single).__name__, type(single).__name__)
+    kind = to_dict(single)["kind"].removeprefix("bounded ")
     return {
         f"single ({kind})": Curve(single, METHODS["single"]),
         f"piecewise ({len(piecewise.components)} pieces)": Curve(piecewise, METHODS["piecewise"]),

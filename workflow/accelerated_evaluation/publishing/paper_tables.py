@@ -67,7 +67,8 @@ def pooled_probability(course: pd.DataFrame, method: str, alpha: float, scope: s
     half_width = float(-ndtri(alpha / 2)) * math.sqrt(weight**2 @ last["variance"])
     simulations = last["simulations"].sum()
     of = f"{100 * (1 - alpha):g} % interval of {simulations:,} simulations"
-    return Spread(probability, max(probability - half_width, 0.0), probability + half_width, of)
+    low, high = max(probability - half_width, 0.0), min(probability + half_width, 1.0)
+    return Spread(probability, low, high, of)
 
 
 def sample_size(estimates: pd.DataFrame, method: str) -> Spread:
@@ -187,6 +188,54 @@ def table2_computation(
 def estimates_table(estimates: pd.DataFrame, source: str) -> pd.DataFrame:
     """Arrange the estimates of all replicates, methods and scopes for publication."""
     return estimates[list(ESTIMATE_COLUMNS)].assign(data=source)
+
+
+def probability_table(estimates: pd.DataFrame, course: pd.DataFrame, alpha: float) -> pd.DataFrame:
+    """Compare the estimates at convergence with the pooled one, a row for each scope and method.
+
+    Returns
+    -------
+    pandas.DataFrame
+        scope, method, pooled, ci_low, ci_high; at_convergence, the mean over the replicates; covering, how
+        many of their intervals hold the pooled estimate, of how many replicates.
+    """
+    rows = []
+    for (scope, method), ends in estimates.groupby(["scope", "method"], sort=False):
+        pooled = pooled_probability(course, method, alpha, scope)
+        covering = ends["ci_low"].le(pooled.value) & ends["ci_high"].ge(pooled.value)
+        rows.append(
+            {
+                "scope": scope,
+                "method": method,
+                "pooled": pooled.value,
+                "ci_low": pooled.low,
+                "ci_high": pooled.high,
+                "at_convergence": ends["probability"].mean(),
+                "covering": int(covering.sum()),
+                "replicates": len(ends),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def weight_health(estimates: pd.DataFrame) -> pd.DataFrame:
+    """Digest the weights at convergence, a row for each scope and method.
+
+    Returns
+    -------
+    pandas.DataFrame
+        scope, method; means over the replicates of simulations, crashes, effective_sample_size and crashes
+        for each effective one; the largest share that one crash has in any replicate; how many converged.
+    """
+    health = estimates.assign(crashes_per_effective=estimates["events"] / estimates["effective_sample_size"])
+    return health.groupby(["scope", "method"], sort=False, as_index=False).agg(
+        simulations=("simulations", "mean"),
+        crashes=("events", "mean"),
+        effective_sample_size=("effective_sample_size", "mean"),
+        crashes_per_effective=("crashes_per_effective", "mean"),
+        largest_weight_share=("largest_weight_share", "max"),
+        converged=("converged", "sum"),
+    )
 
 
 def search_digest(trace: pd.DataFrame, source: str) -> pd.DataFrame:

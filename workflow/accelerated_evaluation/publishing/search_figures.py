@@ -1,7 +1,7 @@
 """The Cross-Entropy search: figures 3 and 8 to 11 of the paper."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from itertools import pairwise
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -9,11 +9,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon, Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from accelerated_evaluation.distributions import PiecewiseMixture
 from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
+from accelerated_evaluation.publishing.flow_chart import Arrow, Box, draw_flow_chart, flow_table
 from accelerated_evaluation.publishing.style import COLUMN_WIDTH, PIECES, note_source, paper_style
 
 PIECE_STYLES = tuple(
@@ -21,44 +21,9 @@ PIECE_STYLES = tuple(
     for color, line, marker in zip(PIECES, ("-", "--", ":"), ("o", "s", "^"), strict=True)
 )
 CURVES = 5  # densities in figure 11
+LINES = ("--", ":", "-.", (0, (6, 1, 1, 1, 1, 1)), "-")
 DENSITY_FLOOR = 1e-4  # [s], the lower end of figure 11
-FLOW_HEIGHT = 5.7  # [in]
-
-
-@dataclass(frozen=True)
-class Box:
-    """A step of a flow chart, or a question: its text, middle, width and height [in]."""
-
-    text: str
-    x: float
-    y: float
-    width: float
-    height: float
-    question: bool = False
-
-    def side(self, side: str) -> tuple[float, float]:
-        """Return the middle of its left, right, top or bottom side."""
-        right = {"left": -1, "right": 1}.get(side, 0)
-        up = {"bottom": -1, "top": 1}.get(side, 0)
-        return self.x + right * self.width / 2, self.y + up * self.height / 2
-
-
-@dataclass(frozen=True)
-class Arrow:
-    """An arrow between sides of two boxes, along a vertical lane at x [in] if one is given."""
-
-    start: str
-    end: str
-    sides: tuple[str, str] = ("bottom", "top")
-    answer: str = ""
-    lane: float | None = None
-
-    def corners(self, boxes: Mapping[str, Box]) -> list[tuple[float, float]]:
-        """Return the points that it joins."""
-        first, last = boxes[self.start].side(self.sides[0]), boxes[self.end].side(self.sides[1])
-        if self.lane is not None:
-            return [first, (self.lane, first[1]), (self.lane, last[1]), last]
-        return [first, (last[0], first[1]), last]
+FLOW_HEIGHT = 5.6  # [in]
 
 
 FLOW_ARROWS = (
@@ -80,32 +45,57 @@ FLOW_ARROWS = (
 def flow_boxes(settings: Mapping[str, Any]) -> dict[str, Box]:
     """Describe the steps of `sampling.cross_entropy.search` with the settings that it runs with."""
     s = dict(settings)
-    x, full, narrow, right = 1.35, 2.3, 1.9, 2.94
+    few, batches = s["minimum_events"], s["maximum_batches"]
+    main, side, wide = 1.36, 2.98, 2.3
     return {
-        "start": Box(f"start: f, no weight below {s['minimum_weight']:g}\n(single: f's means)", x, 5.47, full, 0.36),
+        "start": Box(
+            f"f* starts as f, no weight below {s['minimum_weight']:g}\n(single: exponentials with f's means)",
+            *(main, 5.35, wide, 0.36),
+        ),
         "draw": Box(
-            f"draw N = {s['sample_size']:,} from f*, simulate, score t:\n"
-            f"least TTC, or least R / ({s['range_per_ttc']:g} m/s)\nif that is less; 0 in a crash",
-            *(x, 4.83, full, 0.5),
+            f"draw N = {s['sample_size']:,} cut-ins from f*, simulate\nthem; score t: the least of TTC and "
+            f"of\nR / ({s['range_per_ttc']:g} m/s); 0 if it is a crash",
+            *(main, 4.74, wide, 0.5),
         ),
         "rarer": Box(
-            f"is the {s['event_quantile']:.0%} quantile of t\nbelow the last threshold?", x, 4.1, full, 0.62, True
+            f"is the {100 * s['event_quantile']:g} % quantile of\nt below the last $t_{{TTC}}$?",
+            *(main, 4.02, wide, 0.62),
+            question=True,
         ),
         "more": Box(
-            f"draw more (to {s['maximum_batches']} N)\nuntil {s['minimum_events']} crashes;\n"
-            f"take {s['minimum_events']}th least t",
-            *(right, 3.4, 0.98, 0.5),
+            f"draw on, to {few}\ncrashes or {batches} N;\ntake the {few}th\nsmallest t",
+            side,
+            3.31,
+            0.84,
+            0.56,
         ),
-        "event": Box("lower $t_{TTC}$ to that t, $t_R$ with it;\nevent: TTC or R hits its own", x, 3.4, narrow, 0.36),
+        "event": Box(
+            "$t_{TTC}$ falls to it, and $t_R$ in step;\nevent: TTC hits $t_{TTC}$ or R hits $t_R$",
+            *(main, 3.31, 2.05, 0.4),
+        ),
         "update": Box(
-            "weigh events by f / f*; update weights, and\n$\\theta$ of each piece with "
+            "weigh events by f / f*; update weights,\n$\\theta$ of pieces with "
             f"{s['minimum_piece_events']} events (single: rates)",
-            *(x, 2.83, full, 0.36),
+            *(main, 2.71, wide, 0.4),
         ),
-        "full": Box("heuristic: tail full, and still\nbelow all events if shifted?", x, 2.13, full, 0.62, True),
-        "shift": Box("shift the\ntruncation\npoints up", right, 2.13, 0.66, 0.5),
-        "crash": Box(f"was the crash the event\n{s['crash_iterations']} times in a row?", x, 1.2, full, 0.62, True),
-        "end": Box("f*", x, 0.5, 0.5, 0.26),
+        "full": Box(
+            "heuristic: is the tail at full\nweight, with room below\nall events?",
+            main,
+            1.94,
+            wide,
+            0.74,
+            True,
+        ),
+        "shift": Box("shift the\ntruncation\npoints up", 3.06, 1.94, 0.62, 0.46),
+        "crash": Box(
+            f"was the crash itself the\nevent {s['crash_iterations']} times in a row?",
+            main,
+            1.08,
+            wide,
+            0.62,
+            True,
+        ),
+        "end": Box("f*", main, 0.45, 0.5, 0.24),
     }
 
 
@@ -122,38 +112,183 @@ def fig03_cross_entropy_flow(settings: Mapping[str, Any], source: str) -> tuple[
     Returns
     -------
     figure, data
-        The flow chart; its boxes and arrows: kind, name, text, start, end, x_in, y_in, width_in, height_in.
+        The flow chart, and its boxes and arrows as `flow_chart.flow_table` has them.
     """
     boxes = flow_boxes(settings)
     with paper_style():
         figure, axes = plt.subplots(figsize=(COLUMN_WIDTH, FLOW_HEIGHT))
         axes.set(xlim=(0, COLUMN_WIDTH), ylim=(0.3, FLOW_HEIGHT))
-        axes.axis("off")
-        for box in boxes.values():
-            sides = [box.side(name) for name in ("left", "top", "right", "bottom")]
-            corner = box.x - box.width / 2, box.y - box.height / 2
-            shape = Polygon(sides) if box.question else Rectangle(corner, box.width, box.height)
-            shape.set(facecolor="#e8e8e8" if box.question else "white", edgecolor="black", linewidth=0.7)
-            axes.add_patch(shape)
-            axes.text(box.x, box.y, box.text, ha="center", va="center", fontsize=6)
-        for arrow in FLOW_ARROWS:
-            _draw_arrow(axes, arrow, arrow.corners(boxes))
+        draw_flow_chart(axes, boxes, FLOW_ARROWS)
         note_source(figure, f"none; settings of the study of {source}")
-    rows = [{"kind": "box", "name": name, **asdict(box)} for name, box in boxes.items()]
-    rows += [
-        {"kind": "arrow", "text": arrow.answer, "start": arrow.start, "end": arrow.end} for arrow in FLOW_ARROWS
-    ]
-    inches = {name: f"{name}_in" for name in ("x", "y", "width", "height")}
-    return figure, pd.DataFrame(rows).rename(columns=inches)
+    return figure, flow_table(boxes, FLOW_ARROWS)
 
 
-def _draw_arrow(axes: Axes, arrow: Arrow, corners: list[tuple[float, float]]) -> None:
-    style = {"color": "black", "linewidth": 0.7}
-    axes.plot(*zip(*corners[:-1], strict=True), **style)
-    head = {"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, "mutation_scale": 6, **style}
-    axes.annotate("", corners[-1], corners[-2], arrowprops=head)
-    (x, y), (next_x, next_y) = corners[0], corners[1]
-    if next_y != y:
-        axes.text(x + 0.04, y - 0.02, arrow.answer, fontsize=6, va="top")
-    else:
-        axes.text(x + np.copysign(0.03, next_x - x), y + 0.03, arrow.answer, fontsize=6, ha="left" if next_x > x else "right")
+def fig08_thresholds(trace: pd.DataFrame, segment: str, source: str) -> tuple[Figure, pd.DataFrame]:
+    """Draw the thresholds of the relaxed events through the iterations (paper, figure 8).
+
+    Parameters
+    ----------
+    trace
+        ``cross_entropy_trace.csv`` of a study.
+    segment
+        The segment whose piecewise searches are drawn, the first seed's in front.
+    source
+        Description of the data.
+
+    Returns
+    -------
+    figure, data
+        The thresholds, t_R on the right scale; seed, iteration, threshold_ttc_s, threshold_range_m, events.
+    """
+    rows = _piecewise(trace, segment)
+    ratio = (rows["threshold_range_m"] / rows["threshold_ttc_s"]).max()
+    with paper_style():
+        figure, axes = plt.subplots()
+        for rank, (seed, search) in enumerate(rows.groupby("seed")):
+            style = PIECE_STYLES[0] | _depth(rank, f"seed {seed}", "other seeds")
+            axes.plot(search["iteration"], search["threshold_ttc_s"], **style)
+        _mark_crash(axes, rows[rows["seed"] == rows["seed"].min()])
+        _count_iterations(axes, rows, segment)
+        axes.set_ylabel("threshold $t_{TTC}$ [s]")
+        right = axes.secondary_yaxis("right", functions=(lambda t: t * ratio, lambda r: r / ratio))
+        right.set_ylabel("threshold $t_R$ [m]")
+        right.spines["right"].set_visible(True)
+        axes.legend()
+        note_source(figure, source)
+    columns = ["seed", "iteration", "threshold_ttc_s", "threshold_range_m", "events"]
+    return figure, rows[columns].reset_index(drop=True)
+
+
+def _mark_crash(axes: Axes, search: pd.DataFrame) -> None:
+    """Point at the first iteration whose event is the crash itself."""
+    crash = search[search["threshold_ttc_s"] == 0]
+    if len(crash):
+        at = crash["iteration"].iloc[0], 0
+        arrow = {"arrowstyle": "->", "linewidth": 0.6}
+        axes.annotate(
+            "the crash", at, (0, 22), textcoords="offset points", ha="center", fontsize=7, arrowprops=arrow
+        )
+
+
+def fig09_inverse_range_parameters(
+    trace: pd.DataFrame, segment: str, source: str
+) -> tuple[Figure, pd.DataFrame]:
+    """Draw weight and tilt of each piece of R^-1 through the iterations (paper, figure 9).
+
+    Parameters are as of `fig08_thresholds`.
+
+    Returns
+    -------
+    figure, data
+        The parameters; seed, iteration, piece, from_per_m, weight and theta_m.
+    """
+    return _parameters(trace, segment, "inverse_range", source)
+
+
+def fig10_inverse_ttc_parameters(
+    trace: pd.DataFrame, segment: str, source: str
+) -> tuple[Figure, pd.DataFrame]:
+    """Draw weight and tilt of each piece of TTC^-1 through the iterations (paper, figure 10).
+
+    As `fig09_inverse_range_parameters`, in from_per_s and theta_s.
+    """
+    return _parameters(trace, segment, "inverse_ttc", source)
+
+
+def _parameters(trace: pd.DataFrame, segment: str, variable: str, source: str) -> tuple[Figure, pd.DataFrame]:
+    symbol, unit = {"inverse_range": ("$R^{-1}$", "m"), "inverse_ttc": ("$TTC^{-1}$", "s")}[variable]
+    table = _piece_table(_piecewise(trace, segment), variable)
+    with paper_style():
+        figure, (upper, lower) = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 3.6), sharex=True)
+        seeds = sorted(table["seed"].unique())
+        for (piece, seed), rows in table.groupby(["piece", "seed"]):
+            label = f"{symbol} from {rows['from'].iloc[0]:.3g} 1/{unit}"
+            style = PIECE_STYLES[piece - 1] | _depth(seeds.index(seed), label)
+            upper.plot(rows["iteration"], rows["weight"], **style)
+            lower.plot(rows["iteration"], rows["theta"], **style)
+        upper.set(ylabel=r"weight $\tilde{\pi}$", yscale="log")
+        lower.set(ylabel=rf"tilt $\theta$ [{unit}]")
+        _count_iterations(lower, table, segment)
+        figure.legend(*upper.get_legend_handles_labels(), loc="outside upper center", ncols=2)
+        note_source(figure, source)
+    return figure, table.rename(columns={"from": f"from_per_{unit}", "theta": f"theta_{unit}"})
+
+
+def _piece_table(rows: pd.DataFrame, variable: str) -> pd.DataFrame:
+    """Return weight, theta and lower bound by seed, iteration and piece."""
+    names = [f"{variable}_{name}_" for name in ("from", "weight", "theta")]
+    table = pd.wide_to_long(rows, names, i=["seed", "iteration"], j="piece")[names]
+    table.columns = ["from", "weight", "theta"]
+    return table.dropna().reset_index().sort_values(["seed", "iteration", "piece"], ignore_index=True)
+
+
+def fig11_inverse_ttc_density(
+    trace: pd.DataFrame, model: LaneChangeModel, segment: str, source: str
+) -> tuple[Figure, pd.DataFrame]:
+    """Draw how the density of TTC^-1 moves from f to f* in the first seed's search (paper, figure 11).
+
+    Parameters
+    ----------
+    trace
+        ``cross_entropy_trace.csv`` of a study.
+    model
+        The piecewise model that was searched; the iterations' densities are rebuilt from its pieces.
+    segment
+        Segment of v_L.
+    source
+        Description of the data.
+
+    Returns
+    -------
+    figure, data
+        The densities, light to dark; iteration, inverse_ttc_per_s, density_s.
+    """
+    rows = _piecewise(trace, segment)
+    rows = rows[rows["seed"] == rows["seed"].min()].set_index("iteration")
+    chosen = np.unique(np.geomspace(1, rows.index.max(), CURVES).round().astype(int))
+    pieces = model.inverse_ttc[segment]
+    laws = {1: pieces} | {at: _rebuilt(pieces, rows.loc[at]) for at in chosen[1:].tolist()}
+    bounds = [pieces.lower, *pieces.knots, laws[chosen[-1]].isf(0.02)]
+    x = np.concatenate([np.linspace(low, np.nextafter(high, low), 200) for low, high in pairwise(bounds)])
+    tables = []
+    with paper_style():
+        figure, axes = plt.subplots()
+        for place, (at, law) in enumerate(laws.items()):
+            density = np.exp(law.logpdf(x))
+            label = {1: "f (iteration 1)", chosen[-1]: f"f* (iteration {at})"}.get(at, f"iteration {at}")
+            color = plt.get_cmap("Blues")(0.4 + 0.6 * place / (len(laws) - 1))
+            axes.plot(x, density, color=color, linestyle=LINES[place % len(LINES)], label=label)
+            tables.append(pd.DataFrame({"iteration": at, "inverse_ttc_per_s": x, "density_s": density}))
+        axes.set(xlabel=f"$TTC^{{-1}}$ [1/s], {_speeds(segment)}", ylabel="density [s]", yscale="log")
+        axes.set_ylim(DENSITY_FLOOR, 3 * max(table["density_s"].max() for table in tables))
+        axes.legend(loc="upper right")
+        note_source(figure, source)
+    return figure, pd.concat(tables, ignore_index=True)
+
+
+def _rebuilt(pieces: PiecewiseMixture, row: pd.Series) -> PiecewiseMixture:
+    """Return the f* of TTC^-1 whose parameters stand in a row of the trace."""
+    numbers = range(1, len(pieces.components) + 1)
+    thetas, weights = ([row[f"inverse_ttc_{name}_{n}"] for n in numbers] for name in ("theta", "weight"))
+    return pieces.accelerated(thetas, weights)
+
+
+def _piecewise(trace: pd.DataFrame, segment: str) -> pd.DataFrame:
+    return trace[(trace["method"] == "piecewise") & (trace["segment"] == segment)]
+
+
+def _depth(rank: int, label: str, others: str = "") -> dict[str, Any]:
+    """Style of the first search, in front, or of another, behind it; the second names all others."""
+    if rank == 0:
+        return {"label": label, "zorder": 3}
+    return {"label": others if rank == 1 else None, "alpha": 0.35, "linewidth": 0.6, "marker": None}
+
+
+def _count_iterations(axes: Axes, rows: pd.DataFrame, segment: str) -> None:
+    """Let the axis of figures 8 to 10 run from iteration 1, the start, in whole numbers."""
+    axes.set(xlabel=f"iteration, {_speeds(segment)}", xlim=(0.7, rows["iteration"].max() + 0.3))
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+
+
+def _speeds(segment: str) -> str:
+    return f"$v_L$ {segment.replace('-', '–')} m/s"

@@ -49,8 +49,8 @@ def readable(value: Any, digits: int = 3) -> Any:  # noqa: ANN401
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
         return value
     size = abs(float(value))
-    if math.isnan(size):
-        return "–"
+    if not math.isfinite(size):
+        return "–" if math.isnan(size) else "∞"
     if size == 0 or 1e-3 <= size < 1e6:
         whole = size == int(size)
         decimals = 0 if whole else max(digits - 1 - math.floor(math.log10(size)), 0)
@@ -62,4 +62,4 @@ def readable(value: Any, digits: int = 3) -> Any:  # noqa: ANN401
 def _plain_latex(text: str) -> str:
     """Replace the characters that LaTeX's plain fonts lack."""
     text = re.sub("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda found: f"$^{{{found[0].translate(_PLAIN)}}}$", text)
-    return text.replace("×", r"$\times$").replace("–", "--")
+    return text.replace("×", r"$\times$").replace("–", "--").replace("∞", r"$\infty$")

@@ -119,27 +119,24 @@ def search(
     Raises
     ------
     ConvergenceError
-        If the crash itself was not the event of the last ``crash_iterations`` updates.
+        If the crash itself was not the event of the last ``crash_iterations`` updates, or no simulation of
+        an iteration ended in the event.
     """
     start = {"threshold_ttc_s": math.nan, "threshold_range_m": math.nan, "simulations_total": 0}
     state = Search(inverse_range, inverse_ttc).advance(inverse_range, inverse_ttc, start)
     on_iteration(state.trace[-1])
-    threshold, at_crash = math.inf, 0
+    threshold, at_crash, steps = math.inf, 0, shift or Shift()
     while len(state.trace) <= settings.maximum_iterations:
         sample, threshold = _draw_level(problem, state.proposal, settings, threshold, generator)
         is_event = event_score(sample, settings.range_per_ttc) <= threshold
+        if not is_event.any():
+            raise _unconverged(settings, f"no event down to {threshold:.3g} s in {is_event.size} simulations")
         log_ratio = sample.log_ratio[is_event]
         weight = np.exp(log_ratio - log_ratio.max())
         x_range, x_ttc = sample.inverse_range[is_event], sample.inverse_ttc[is_event]
         families = state.inverse_range.update(x_range, weight), state.inverse_ttc.update(x_ttc, weight)
-        at_crash = at_crash + 1 if threshold == 0 else 0
-        if shift is not None:
-            moved = (
-                _shifted(families[0], shift.inverse_range, x_range),
-                _shifted(families[1], shift.inverse_ttc, x_ttc),
-            )
-            at_crash = at_crash if moved == families else 0
-            families = moved
+        moved = _shifted(families[0], steps.inverse_range, x_range), _shifted(families[1], steps.inverse_ttc, x_ttc)
+        at_crash = at_crash + 1 if threshold == 0 and moved == families else 0
         row = {
             "threshold_ttc_s": threshold,
             "threshold_range_m": threshold * settings.range_per_ttc,
@@ -147,15 +144,19 @@ def search(
             "simulations_total": state.simulations + is_event.size,
             "events": int(is_event.sum()),
             "crashes": int(sample.outcomes.crash.sum()),
-            "effective_sample_size": weight.sum() ** 2 / (weight @ weight),
+            "effective_sample_size": weight.sum() ** 2 / np.square(weight).sum(),
         }
-        state = state.advance(*families, row)
+        state = state.advance(*moved, row)
         on_iteration(state.trace[-1])
         if at_crash == settings.crash_iterations:
             return state
-    raise ConvergenceError(
+    raise _unconverged(settings, f"events down to a time to collision of {threshold:.3g} s")
+
+
+def _unconverged(settings: Settings, reached: str) -> ConvergenceError:
+    return ConvergenceError(
         "Cross-Entropy",
-        reached=f"events down to a time to collision of {threshold:.3g} s",
+        reached=reached,
         limit=f"{settings.maximum_iterations} iterations of {settings.sample_size} simulations",
         change="Raise cross_entropy.sample_size or cross_entropy.maximum_iterations.",
     )
@@ -186,9 +187,9 @@ def _draw_level(
         if np.count_nonzero(sample.outcomes.crash) >= settings.minimum_events:
             break
         sample = sample.join(problem.sample(proposal, generator, settings.sample_size))
-    rank = settings.minimum_events
-    smallest = np.partition(event_score(sample, settings.range_per_ttc), rank - 1)[rank - 1]
-    return sample, min(threshold, float(smallest))
+    scores = event_score(sample, settings.range_per_ttc)
+    rank = min(settings.minimum_events, scores.size)
+    return sample, min(threshold, float(np.partition(scores, rank - 1)[rank - 1]))
 
 
 def _shifted(family: Family, step: float, events: Array) -> Family:

@@ -85,9 +85,11 @@ class PiecewiseFamily:
         """Update the weights by equation (pi_update), and the theta of every piece with enough events."""
         piece = self.model.piece_index(x)
         shares = np.bincount(piece, weights=weight, minlength=len(self.weights)) / weight.sum()
+        # A weight that underflows has lost its digits, and a piece with no other has lost its mean.
+        heavy = weight > np.finfo(float).tiny
         thetas = list(self.thetas)
         for index, component in enumerate(self.model.components):
-            inside = piece == index
+            inside = (piece == index) & heavy
             if np.count_nonzero(inside) >= self.minimum_events:
                 mean = _inner_mean(float(np.average(x[inside], weights=weight[inside])), component)
                 thetas[index] = match_mean(component, mean)
@@ -118,7 +120,17 @@ class PiecewiseFamily:
 
 
 def bounded_weights(shares: Array, minimum: float) -> tuple[float, ...]:
-    """Raise shares below ``minimum`` to it and scale the others, so that they still sum to one."""
+    """Raise shares below ``minimum`` to it and scale the others, so that they still sum to one.
+
+    Of all such weights these maximize sum_i shares_i log weights_i.
+
+    Raises
+    ------
+    ValueError
+        If that many weights cannot all reach the minimum.
+    """
+    if not 0 < minimum * shares.size < 1:
+        raise ValueError(f"{shares.size} weights cannot all be at least {minimum}, positive, and sum to one")
     low = np.zeros(shares.size, dtype=bool)
     while True:
         free = np.where(low, 0.0, shares)

@@ -1,0 +1,129 @@
+"""Figures of the estimates: what they draw is what the tables say."""
+
+import math
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation.publishing.estimate_figures import (
+    fig12_crash_probability,
+    fig13_relative_half_width,
+)
+from accelerated_evaluation.publishing.style import FORMATS, METHODS, save_figure
+
+ALL = ("single", "piecewise", "heuristic")
+STEPS = np.arange(100, 1001, 100)
+
+
+@pytest.fixture(autouse=True)
+def _closed():
+    yield
+    plt.close("all")
+
+
+@pytest.fixture
+def course():
+    parts = [
+        pd.DataFrame(
+            {
+                "scope": scope,
+                "method": method,
+                "replicate": replicate,
+                "simulations": STEPS,
+                "probability": 1e-6 * (1 + 0.1 * replicate),
+                "relative_half_width": np.where(STEPS == 100, np.inf, 5 * (1 + rank) / np.sqrt(STEPS)),
+            }
+        )
+        for scope in ("all", "5-15")
+        for rank, method in enumerate(ALL)
+        for replicate in (0, 1)
+    ]
+    return pd.concat(parts, ignore_index=True)
+
+
+@pytest.fixture
+def estimates(course):
+    ends = course[course["simulations"] == 700].drop(columns="relative_half_width")
+    return ends.assign(
+        relative_half_width=0.19, ci_low=8e-7, ci_high=1.2e-6, converged=ends["replicate"] == 0
+    ).reset_index(drop=True)
+
+
+def test_estimates_come_with_their_intervals(estimates, course):
+    _, data = fig12_crash_probability(estimates, course, 0.2, "made up")
+    assert data.columns.tolist() == [
+        *("kind", "method", "replicate", "simulations", "probability", "ci_low", "ci_high")
+    ]
+    rows = data[(data["kind"] == "course") & (data["method"] == "single") & (data["replicate"] == 1)]
+    assert rows["simulations"].tolist() == STEPS.tolist()
+    # Half-width 5 / sqrt(400) of 1.1e-6; with an infinite one there is no interval to draw.
+    at = rows[rows["simulations"] == 400].iloc[0]
+    assert at[["ci_low", "ci_high"]].tolist() == pytest.approx([1.1e-6 * 0.75, 1.1e-6 * 1.25])
+    assert rows[["ci_low", "ci_high"]].iloc[0].isna().all()
+
+
+def test_only_all_segments_and_two_methods_are_in_figure_12(estimates, course):
+    course.loc[course["scope"] == "5-15", "probability"] = 9.0
+    _, data = fig12_crash_probability(estimates, course, 0.2, "made up")
+    assert data["probability"].max() < 1e-5
+    assert data["method"].dropna().unique().tolist() == ["piecewise", "single"]
+    paper = data[data["kind"] == "paper"]
+    assert paper["probability"].tolist() == [7.4e-7]
+
+
+def test_circles_are_where_replicates_converge(estimates, course):
+    for figure, data in (
+        fig12_crash_probability(estimates, course, 0.2, "made up"),
+        fig13_relative_half_width(estimates, course, "5-15", 0.2, "made up"),
+    ):
+        ends = data[data["kind"] == "converged"]
+        assert ends["replicate"].tolist() == [0] * data["method"].nunique()
+        circles = [
+            line for line in figure.axes[0].get_lines() if line.get_marker() == "o" and line.get_xdata().size
+        ]
+        assert {int(x) for line in circles for x in line.get_xdata()} == {700}
+
+
+def test_half_widths_are_those_of_the_segment_alone(estimates, course):
+    course.loc[course["scope"] == "all", "relative_half_width"] = 9.0
+    _, data = fig13_relative_half_width(estimates, course, "5-15", 0.15, "made up")
+    assert data.columns.tolist() == ["kind", "method", "replicate", "simulations", "relative_half_width"]
+    assert data["method"].dropna().unique().tolist() == list(ALL)
+    assert data["relative_half_width"].max() < 9
+    assert data.loc[data["kind"] == "beta", "relative_half_width"].tolist() == [0.15]
+
+
+def test_methods_differ_by_more_than_colour(estimates, course):
+    figure, _ = fig13_relative_half_width(estimates, course, "5-15", 0.2, "made up")
+    lines = {line.get_label(): line.get_linestyle() for line in figure.axes[0].get_lines()}
+    assert [lines[method] for method in ALL] == [METHODS[method]["linestyle"] for method in ALL]
+    assert len({lines[method] for method in ALL}) == len(ALL)
+
+
+def test_the_legend_is_outside_the_panels(estimates, course):
+    for figure, _ in (
+        fig12_crash_probability(estimates, course, 0.2, "made up"),
+        fig13_relative_half_width(estimates, course, "5-15", 0.2, "made up"),
+    ):
+        figure.draw_without_rendering()
+        (legend,) = figure.legends
+        assert not any(legend.get_window_extent().overlaps(axes.get_window_extent()) for axes in figure.axes)
+
+
+def test_a_study_without_crashes_is_drawn_all_the_same(estimates, course):
+    estimates = estimates.assign(probability=0.0, relative_half_width=math.inf, converged=False)
+    course = course.assign(probability=0.0, relative_half_width=math.inf)
+    figure, _ = fig12_crash_probability(estimates, course, 0.2, "made up")
+    assert figure.axes[0].get_ylim()[1] > 7.4e-7
+    fig13_relative_half_width(estimates, course, "5-15", 0.2, "made up")
+
+
+def test_the_same_tables_give_the_same_bytes(estimates, course, tmp_path):
+    for folder in ("one", "two"):
+        figure, data = fig12_crash_probability(estimates, course, 0.2, "made up")
+        assert figure.get_supxlabel() == "Data: made up"
+        save_figure(figure, data, tmp_path / folder, "fig12")
+    for ending in (*FORMATS, "csv"):
+        one, two = ((tmp_path / folder / f"fig12.{ending}").read_bytes() for folder in ("one", "two"))
+        assert one == two, ending

@@ -1,0 +1,125 @@
+"""Files whole or not at all, generators by name, and the log of a rule's script."""
+
+import itertools
+import json
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation.files import atomic_path, read_json, write_csv, write_json, write_text
+from accelerated_evaluation.randomness import child_generator
+
+
+class Interruption(BaseException):
+    """Stands for a keyboard interrupt."""
+
+
+@pytest.mark.parametrize("error", [ValueError, Interruption])
+@pytest.mark.parametrize("before", [None, "old"])
+def test_a_failed_write_leaves_nothing_behind(tmp_path, error, before):
+    path = tmp_path / "table.csv"
+    if before is not None:
+        path.write_text(before)
+
+    def fail():
+        with atomic_path(path) as temporary:
+            temporary.write_text("half")
+            assert temporary.suffix == ".csv"
+            raise error
+
+    with pytest.raises(error):
+        fail()
+    assert [file.read_text() for file in tmp_path.iterdir()] == ([] if before is None else [before])
+
+
+def test_a_write_appears_whole_where_folders_were_missing(tmp_path):
+    path = tmp_path / "new" / "folder" / "text.txt"
+    with atomic_path(path) as temporary:
+        temporary.write_text("whole")
+        assert not path.exists()
+    assert [file.name for file in path.parent.iterdir()] == ["text.txt"]
+    assert path.read_text() == "whole"
+    write_text(path, "Größe")
+    assert path.read_bytes() == "Größe".encode()
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, [1.0, {"a": -math.inf}], {1, 2}])
+def test_json_refuses_what_it_cannot_hold(tmp_path, value):
+    with pytest.raises((ValueError, TypeError)):
+        write_json(tmp_path / "value.json", value)
+    assert not any(tmp_path.iterdir())
+
+
+def test_numbers_come_back_equal(tmp_path):
+    numbers = [0.1, 1 / 3, 5e-324, 1.7976931348623157e308, -0.0, 1e22]
+    write_json(tmp_path / "numbers.json", numbers)
+    assert json.dumps(read_json(tmp_path / "numbers.json")) == json.dumps(numbers)
+    write_csv(tmp_path / "numbers.csv", pd.DataFrame({"number": numbers}))
+    header, *rows = (tmp_path / "numbers.csv").read_text().splitlines()
+    assert header == "number"
+    assert np.array(rows, dtype=float).tobytes() == np.array(numbers).tobytes()
+
+
+PATHS = [
+    (),
+    ("twin",),
+    ("cross_entropy", "single", "5-15", 0),
+    ("cross_entropy", "single", "5-15", 1),
+    ("cross_entropy", "single", "15-25", 0),
+    ("cross_entropy", "piecewise", "5-15", 0),
+    ("single", "cross_entropy", "5-15", 0),
+    ("cross_entropy", "single", "5-15"),
+    ("cross_entropy", "single", "5-15", 0, 0),
+]
+
+
+def test_a_generator_is_known_by_its_path_alone():
+    first = {path: child_generator(2016, *path).random(4).tolist() for path in PATHS}
+    again = {path: child_generator(2016, *path).random(4).tolist() for path in reversed(PATHS)}
+    assert first == again
+    for one, two in itertools.combinations(first.values(), 2):
+        assert not set(one) & set(two)
+    assert child_generator(2017, *PATHS[2]).random(4).tolist() not in first.values()
+    # Fixed, so that a study can be repeated in years to come.
+    assert child_generator(2016, "twin").integers(10**9) == 270569476
+
+
+SCRIPT = """
+import os, subprocess, sys, warnings
+from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.jobs import job
+with job(sys.argv[1]):
+    print("progress", file=sys.stderr)
+    warnings.warn("beware")
+    subprocess.run([sys.executable, "-c", "import os; os.write(2, b'from a child')"])
+    {}
+print("done")
+"""
+
+
+@pytest.mark.parametrize(
+    ("ending", "status", "message"),
+    [
+        ("pass", 0, ""),
+        (
+            "raise InputError('a.csv', seen='x', expected='y', change='Mend it.')",
+            1,
+            "error: a.csv: seen x; expected y. Mend it.",
+        ),
+        ("1 / 0", 1, "ZeroDivisionError: division by zero"),
+        ("sys.exit(3)", 3, ""),
+    ],
+)
+def test_a_job_keeps_its_log_and_ends_as_it_should(tmp_path, ending, status, message):
+    log = tmp_path / "job.log"
+    command = [sys.executable, "-c", SCRIPT.format(ending), str(log)]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert ended.returncode == status
+    assert ended.stdout == ("done\n" if status == 0 else "")
+    assert log.read_text() == ended.stderr
+    for part in ("progress", "UserWarning: beware", "from a child", message):
+        assert part in ended.stderr
+    assert ("Traceback" in ended.stderr) == ("division" in message)

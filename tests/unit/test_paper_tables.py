@@ -1,0 +1,263 @@
+"""The paper's tables beside ours: numbers against hand-computed ones, and how they are written."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation.distributions import BoundedExponential, PiecewiseMixture
+from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
+from accelerated_evaluation.estimation.importance_sampling import estimate, running
+from accelerated_evaluation.publishing import paper_tables
+from accelerated_evaluation.publishing.paper_tables import Spread
+from accelerated_evaluation.publishing.tables import readable, save_table
+
+Z = 1.2815515655446004  # 90 % quantile of the standard normal
+
+
+def estimates(simulations, scope="all", **columns):
+    rows = [
+        {"study": "test", "scope": scope, "method": method, "replicate": number, "simulations": n}
+        for method, values in simulations.items()
+        for number, n in enumerate(values)
+    ]
+    default = {
+        "probability": 1e-6,
+        "ci_low": 8e-7,
+        "ci_high": 1.2e-6,
+        "relative_half_width": 0.2,
+        "events": 120,
+        "effective_sample_size": 40.0,
+        "largest_weight_share": 0.1,
+        "converged": True,
+    }
+    return pd.DataFrame(rows).assign(**(default | columns))
+
+
+def course(rows, method="piecewise", scope="all"):
+    names = ["replicate", "simulations", "probability", "variance"]
+    return pd.DataFrame(rows, columns=names).assign(method=method, scope=scope)
+
+
+def trace(method, segment, seed, simulations, **parameters):
+    total = np.concatenate([[0], np.cumsum(simulations)])
+    iterations = range(1, total.size + 1)
+    table = pd.DataFrame({"iteration": iterations, "simulations_total": total, **parameters})
+    return table.assign(
+        method=method,
+        segment=segment,
+        seed=seed,
+        simulations=[math.nan, *simulations],
+        crashes=50.0,
+        effective_sample_size=10.0 + seed,
+    )
+
+
+TWO_PIECES = {
+    "inverse_range_weight_1": [0.8, 0.3, 0.2],
+    "inverse_range_weight_2": [0.2, 0.7, 0.8],
+    "inverse_range_theta_1": [0.0, 1.0, 2.0],
+    "inverse_range_theta_2": [0.0, 0.0, 0.0],
+    "inverse_range_from_1": [0.01, 0.01, 0.01],
+    "inverse_range_from_2": [0.04, 0.04, 0.04],
+    "inverse_ttc_from_2": [0.1, 0.1, 0.1],
+}
+ONE_RATE = {"inverse_range_rate": [9.0, 5.0, 4.0], "inverse_ttc_rate": [8.0, 3.0, 2.0]}
+
+
+def searches():
+    moved = TWO_PIECES | {"inverse_ttc_from_2": [0.1, 0.15, 0.2]}
+    return pd.concat(
+        [
+            trace(method, segment, seed, [1000, extra + 1000 * seed], **parameters)
+            for method, parameters in (("single", ONE_RATE), ("piecewise", TWO_PIECES), ("heuristic", moved))
+            for segment, extra in (("5-15", 1000), ("15-25", 3000))
+            for seed in (0, 1)
+        ],
+        ignore_index=True,
+    )
+
+
+def test_spread_is_mean_and_deciles():
+    spread = paper_tables.spread_over(range(1, 12), "seeds")
+    assert spread == Spread(6.0, 2.0, 10.0, "10-90 % over 11 seeds")
+
+
+def test_pooled_probability_by_hand():
+    rows = [(0, 50, 9.0, 9.0), (0, 100, 1e-6, 4e-14), (1, 300, 2e-6, 1e-14)]
+    pooled = paper_tables.pooled_probability(course(rows), "piecewise", 0.2)
+    half_width = Z * math.sqrt(0.25**2 * 4e-14 + 0.75**2 * 1e-14)
+    assert pooled.value == pytest.approx(1.75e-6, rel=1e-12)
+    assert pooled.low == pytest.approx(1.75e-6 - half_width, rel=1e-12)
+    assert pooled.high == pytest.approx(1.75e-6 + half_width, rel=1e-12)
+    assert pooled.of == "80 % interval of 400 simulations"
+
+
+def test_pooling_replicates_is_estimating_from_all_their_weights():
+    weights = 0.1 * np.random.default_rng(1).exponential(size=(10, 5000))
+    ends = [running(w, 0.2) for w in weights]
+    rows = [(k, 5000, end.probability[-1], end.variance[-1]) for k, end in enumerate(ends)]
+    pooled = paper_tables.pooled_probability(course(rows), "piecewise", 0.2)
+    whole = estimate(weights.ravel(), 0.2)
+    assert pooled.value == pytest.approx(whole.probability, rel=1e-12)
+    # The spread between replicates is left out of the pooled variance: ten of 50,000 degrees of freedom.
+    assert pooled.high - pooled.low == pytest.approx(whole.ci_high - whole.ci_low, rel=1e-3)
+
+
+def test_crude_sample_size_is_the_papers_for_the_papers_probability():
+    paper = Spread(7.4e-7, 7.0e-7, 7.8e-7, "interval")
+    size = paper_tables.crude_sample_size(paper, 0.2, 0.2)
+    assert float(f"{size.value:.1e}") == paper_tables.PAPER_SIMULATIONS["crude"]
+    assert size.value == pytest.approx(Z**2 * (1 - 7.4e-7) / (0.04 * 7.4e-7), rel=1e-12)
+    assert size.low < size.value < size.high
+
+
+def test_crude_sample_size_without_a_crash_is_infinite():
+    assert paper_tables.crude_sample_size(Spread(0.0, 0.0, 1e-6, ""), 0.2, 0.2).value == math.inf
+
+
+def test_table1_by_hand():
+    ends = estimates({"single": [300, 500], "piecewise": [100, 300], "heuristic": [40, 60]})
+    rows = course([(0, 1000, 1e-6, 1e-14)])
+    table = paper_tables.table1_sample_size(ends, rows, 0.2, 0.2, "made up").set_index("method")
+    assert list(table.index) == ["piecewise", "single", "crude", "heuristic"]
+    assert table["simulations"].drop("crude").to_dict() == {"piecewise": 200, "single": 400, "heuristic": 50}
+    assert table.loc["single", ["simulations_low", "simulations_high"]].tolist() == pytest.approx([320, 480])
+    assert table.loc["single", "ratio_to_piecewise"] == 2
+    assert table.loc["crude", "simulations"] == pytest.approx(Z**2 * (1 - 1e-6) / 0.04e-6)
+    assert table["paper_simulations"].tolist()[:3] == [7840, 12320, 5.5e7]
+    assert math.isnan(table.loc["heuristic", "paper_simulations"])
+    assert table.columns[-1] == "data"
+    assert set(table["data"]) == {"made up"}
+
+
+def test_replicates_of_a_segment_alone_do_not_enter_table1():
+    ends = estimates({"single": [300], "piecewise": [100], "heuristic": [40]})
+    others = estimates({"single": [7], "piecewise": [7], "heuristic": [7]}, scope="5-15")
+    rows = course([(0, 1000, 1e-6, 1e-14)])
+    one, two = (
+        paper_tables.table1_sample_size(table, rows, 0.2, 0.2, "x")
+        for table in (ends, pd.concat([ends, others]))
+    )
+    pd.testing.assert_frame_equal(one, two)
+
+
+def test_replicates_that_did_not_converge_are_said():
+    ends = estimates({"piecewise": [100, 300]}, converged=[True, False])
+    assert paper_tables.sample_size(ends, "piecewise").of == "10-90 % over 2 replicates, 1 not converged"
+
+
+def test_search_totals_add_segments_and_keep_seeds_apart():
+    totals = paper_tables.search_totals(searches())
+    # 1000 + 1000 and 1000 + 3000 simulations with seed 0, a thousand more in each segment with seed 1.
+    assert totals["single"].to_dict() == {0: 6000, 1: 8000}
+
+
+def test_parameters_are_counted_where_they_move():
+    table = searches()
+    # Two rates in two segments; a weight and a theta in each, theta_2 never moving; and the moved knot.
+    assert paper_tables.searched_parameters(table, "single") == 4
+    assert paper_tables.searched_parameters(table, "piecewise") == 4
+    assert paper_tables.searched_parameters(table, "heuristic") == 6
+    table.loc[table.index[-1], "inverse_range_theta_2"] = 1.0
+    assert paper_tables.searched_parameters(table, "heuristic") == 7
+
+
+def test_table2_by_hand():
+    exponential = BoundedExponential(5.0)
+    pieces = PiecewiseMixture(
+        (0.5, 0.5), (BoundedExponential(1.0, 0.0, 1.0), BoundedExponential(1.0, 1.0, math.inf))
+    )
+    events = {"5-15": 10, "15-25": 10}
+    models = {
+        name: LaneChangeModel("made up", events, law, dict.fromkeys(events, law))
+        for name, law in (("single", exponential), ("piecewise", pieces))
+    }
+    ends = estimates({"single": [300, 500], "piecewise": [100, 300], "heuristic": [40, 60]})
+    table1 = paper_tables.table1_sample_size(ends, course([(0, 1000, 1e-6, 1e-14)]), 0.2, 0.2, "made up")
+    table = paper_tables.table2_computation(table1, searches(), models, "made up")
+    ours = table.set_index(["stage", "quantity", "method"])["ours"]
+    assert ours["fitting", "parameters", "single"] == 3
+    assert ours["fitting", "parameters", "piecewise"] == 9
+    assert ours["Cross-Entropy", "simulations", "single"] == 7000
+    assert ours["Cross-Entropy", "parameters", "heuristic"] == 6
+    assert ours["simulation", "simulations", "piecewise"] == 200
+    assert table["stage"].unique().tolist() == ["fitting", "Cross-Entropy", "simulation"]
+    paper = table.dropna(subset="paper").set_index(["stage", "quantity", "method"])["paper"]
+    assert paper["Cross-Entropy", "simulations", "piecewise"] == 24000
+    assert "heuristic" not in paper.index.get_level_values("method")
+
+
+def test_estimates_begin_with_the_promised_columns():
+    table = paper_tables.estimates_table(estimates({"single": [300]}), "made up")
+    promised = ["study", "method", "replicate", "probability", "ci_low", "ci_high", "simulations"]
+    assert table.columns[:7].tolist() == promised
+    assert table.columns[-1] == "data"
+
+
+def test_probability_table_counts_intervals_that_cover():
+    ends = estimates({"piecewise": [1, 1, 1]}, ci_low=[1e-7, 1e-7, 3e-7], ci_high=[1e-6, 2e-7, 9e-7])
+    (row,) = paper_tables.probability_table(ends, course([(0, 100, 2.5e-7, 1e-16)]), 0.2).to_dict("records")
+    assert (row["covering"], row["replicates"], row["pooled"]) == (1, 3, 2.5e-7)
+    assert row["at_convergence"] == pytest.approx(1e-6)
+
+
+def test_weight_health_by_hand():
+    ends = estimates(
+        {"single": [100, 200]},
+        events=[80, 120],
+        effective_sample_size=[40.0, 40.0],
+        largest_weight_share=[0.1, 0.3],
+        converged=[True, False],
+    )
+    (row,) = paper_tables.weight_health(ends).to_dict("records")
+    assert row["crashes"] == 100
+    assert row["crashes_per_effective"] == 2.5
+    assert row["largest_weight_share"] == 0.3
+    assert row["converged"] == 1
+
+
+def test_digest_takes_the_last_iteration_of_each_search():
+    digest = paper_tables.search_digest(searches(), "made up").set_index(["method", "segment"])
+    row = digest.loc[("heuristic", "15-25")]
+    assert row[["seeds", "iterations", "simulations"]].tolist() == [2, 2, 4500]
+    assert row[["simulations_min", "simulations_max"]].tolist() == [4000, 5000]
+    assert row["crash_share"] == pytest.approx((50 / 3000 + 50 / 4000) / 2)
+    assert row["effective_sample_size"] == 10.5
+    assert row["knot_shift_inverse_ttc_per_s"] == pytest.approx(0.1)
+    assert digest.loc[("piecewise", "5-15"), "knot_shift_inverse_ttc_per_s"] == 0
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (7840, "7,840"),
+        (np.float64(6316.6), "6,317"),
+        (7.4e-7, "7.4 × 10⁻⁷"),
+        (5.5e7, "5.5 × 10⁷"),
+        (-4.47e7, "-4.47 × 10⁷"),
+        (1.5663, "1.57"),
+        (0.44, "0.440"),
+        (999.7, "1,000"),
+        (0.0, "0"),
+        (math.nan, "–"),
+        (math.inf, "∞"),
+        (True, True),
+        ("text", "text"),
+    ],
+)
+def test_readable_numbers(value, shown):
+    assert readable(value) == shown
+
+
+def test_tables_keep_numbers_in_csv_and_are_readable_elsewhere(tmp_path):
+    table = pd.DataFrame({"method": ["a_b"], "N": [12320.0], "p": [7.4e-7]})
+    for folder in ("one", "two"):
+        save_table(table, tmp_path / folder, "t", digits=3)
+    pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "one" / "t.csv"), table)
+    assert "| 12,320 | 7.4 × 10⁻⁷ |" in (tmp_path / "one" / "t.md").read_text()
+    assert r"a\_b & 12,320 & 7.4 $\times$ 10$^{-7}$" in (tmp_path / "one" / "t.tex").read_text()
+    for ending in ("csv", "md", "tex"):
+        assert (tmp_path / "one" / f"t.{ending}").read_bytes() == (
+            tmp_path / "two" / f"t.{ending}"
+        ).read_bytes()

@@ -1,0 +1,95 @@
+"""What the bounded exponential and the bounded normal have in common."""
+
+import math
+from abc import ABC, abstractmethod
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from accelerated_evaluation.distributions.protocol import Array
+
+
+class Bounded(ABC):
+    """A log-concave density on ``[lower, upper)``, known but for its norm.
+
+    Integrals are taken relative to the largest density on their interval, so that they neither overflow
+    nor vanish, and no tail is a difference of nearly equal numbers.
+    """
+
+    lower: float
+    upper: float
+    n_parameters = 1
+
+    @abstractmethod
+    def _peak(self, low: ArrayLike, high: ArrayLike) -> Array:
+        """Return the point of the interval with the largest density."""
+
+    @abstractmethod
+    def _log_relative(self, x: ArrayLike, reference: ArrayLike) -> Array:
+        """Log of f(x) / f(reference)."""
+
+    @abstractmethod
+    def _integral(self, low: ArrayLike, high: ArrayLike) -> Array:
+        """Integral of f over the interval, divided by f at its peak."""
+
+    @abstractmethod
+    def tilt(self, theta: float) -> Self:
+        """Change the measure exponentially."""
+
+    @abstractmethod
+    def ppf(self, q: ArrayLike) -> Array:
+        """Inverse of cdf."""
+
+    @property
+    def _mode(self) -> float:
+        return float(self._peak(self.lower, self.upper))
+
+    @property
+    def _total(self) -> float:
+        return float(self._integral(self.lower, self.upper))
+
+    def _clip(self, x: ArrayLike) -> Array:
+        """Return the nearest points of the support, finite ones whose sums are finite too."""
+        largest = np.finfo(float).max / 4
+        return np.clip(np.asarray(x, dtype=float), max(self.lower, -largest), min(self.upper, largest))
+
+    def _share(self, low: ArrayLike, high: ArrayLike) -> tuple[Array, Array]:
+        """Share of the mass between two points, as a factor and the logarithm of another."""
+        share = self._integral(low, high) / self._total
+        return share, self._log_relative(self._peak(low, high), self._mode)
+
+    @np.errstate(over="ignore")
+    def logpdf(self, x: ArrayLike) -> Array:
+        """Log density; -inf outside the support."""
+        x = np.asarray(x, dtype=float)
+        density = self._log_relative(self._clip(x), self._mode) - math.log(self._total)
+        return np.where((x < self.lower) | (x >= self.upper), -np.inf, density)
+
+    @np.errstate(over="ignore")
+    def cdf(self, x: ArrayLike) -> Array:
+        """P(X <= x)."""
+        share, log_factor = self._share(self.lower, self._clip(x))
+        return share * np.exp(log_factor)
+
+    @np.errstate(over="ignore")
+    def sf(self, x: ArrayLike) -> Array:
+        """P(X > x)."""
+        share, log_factor = self._share(self._clip(x), self.upper)
+        return share * np.exp(log_factor)
+
+    @np.errstate(over="ignore", divide="ignore")
+    def logsf(self, x: ArrayLike) -> Array:
+        """Log P(X > x)."""
+        share, log_factor = self._share(self._clip(x), self.upper)
+        return np.log(share) + log_factor
+
+    def rvs(self, generator: np.random.Generator, size: int) -> Array:
+        """Independent draws, shape (size,), by the inverse cdf."""
+        return self.ppf(generator.random(size))
+
+    def cumulant(self, theta: float) -> float:
+        """Return kappa(theta) = log E exp(theta X)."""
+        tilted = self.tilt(theta)
+        shift = float(self._log_relative(tilted._mode, self._mode))
+        return theta * tilted._mode + shift + math.log(tilted._total / self._total)

@@ -1,0 +1,148 @@
+"""The exact coefficient of variation of importance sampling: what f* is worth, without a simulation."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from accelerated_evaluation.distributions import Distribution, Mixture
+from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
+from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.estimation.crash_map import CRASH, LINES_PER_CELL, CrashMap
+from accelerated_evaluation.estimation.exact import ALL, cell_shares, cell_weights, line_probabilities
+from accelerated_evaluation.sampling.cut_in import Proposal
+
+_NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(8)
+POINTS = 4000  # of the grid on which the tail of f^2 / f* is added up
+DECADES = 60  # that f falls along it
+
+
+def exact_variation(
+    crash_map: CrashMap,
+    model: LaneChangeModel,
+    proposals: Mapping[str, Proposal],
+    encounters: pd.DataFrame,
+    *,
+    ignored_share: float = 0.0,
+) -> dict[str, float]:
+    """Return the coefficient of variation of one weight I f / f* in each segment, and over ``all`` segments.
+
+    N simulations estimate the crash probability with a relative standard error of this over sqrt(N). It is
+    infinite where f* falls too fast for the weights to have a variance.
+
+    Parameters
+    ----------
+    crash_map
+        Of the vehicle under test.
+    model
+        f; segments are drawn by their shares in it.
+    proposals
+        f* of each segment.
+    encounters
+        Encounter table, for the lead speeds.
+    ignored_share
+        Leave out the cells of the largest mean weights, as far as they hold no more than this share of the
+        crash probability: where f* hardly goes, no affordable number of simulations shows their variance.
+    """
+    speeds = encounters.groupby("segment")["lead_speed"]
+    moments = {}
+    for segment in model.segments:
+        f = Proposal(model.inverse_range, model.inverse_ttc[segment])
+        moments[segment] = cell_moments(crash_map, f, proposals[segment], speeds.get_group(segment))
+    moments[ALL] = np.hstack([model.share(segment) * moments[segment] for segment in model.segments])
+    return {name: _variation(*cells, ignored_share) for name, cells in moments.items()}
+
+
+def _variation(first: Array, second: Array, ignored_share: float) -> float:
+    """Return the coefficient of variation from the moments in cells; NaN if the probability underflows."""
+    probability = first.sum()
+    if probability**2 == 0:
+        return math.nan
+    with np.errstate(invalid="ignore", divide="ignore"):
+        order = np.argsort(np.nan_to_num(-second / first))
+    kept = order[np.cumsum(first[order]) >= ignored_share * probability]
+    return math.sqrt(max(float(second[kept].sum() / probability**2) - 1, 0.0))
+
+
+def cell_moments(crash_map: CrashMap, f: Proposal, proposal: Proposal, lead_speeds: ArrayLike) -> Array:
+    """Return E* I f / f* and E* (I f / f*)^2 cell by cell, shape (2, cells), for crashes."""
+    intervals, cells = crash_map.intervals(CRASH), crash_map.cells
+    line_inverse_range = crash_map.inverse_range[intervals.line]
+    start, end = intervals.start * line_inverse_range, intervals.end * line_inverse_range
+    squares = _squared_mass(f.inverse_ttc, proposal.inverse_ttc, start, end)
+    lines = np.bincount(intervals.line, squares, crash_map.lead_speed.size).reshape(-1, LINES_PER_CELL)
+    inverse_range = _squared_cell_mass(f.inverse_range, proposal.inverse_range, cells.root, cells.range_max)
+    weights = cell_weights(crash_map, lead_speeds, f.inverse_range)
+    speeds = cell_shares(crash_map, lead_speeds)
+    with np.errstate(invalid="ignore"):
+        second = np.where(lines.any(axis=1) & (speeds > 0), speeds * inverse_range * lines.mean(axis=1), 0.0)
+    return np.stack([weights * line_probabilities(crash_map, f.inverse_ttc).mean(axis=1), second])
+
+
+def _log_square(f: Distribution, proposal: Distribution, x: Array) -> Array:
+    """Log of f^2 / f*; -inf where f is zero."""
+    log_f = f.logpdf(x)
+    with np.errstate(invalid="ignore"):
+        return np.where(np.isneginf(log_f), -np.inf, 2 * log_f - proposal.logpdf(x))
+
+
+def _squared_cell_mass(f: Distribution, proposal: Distribution, root: Array, range_max: float) -> Array:
+    """Integrate f^2 / f* of R^-1 over cells of the square root of R / range_max, shape (cells,)."""
+    middle, half = root.mean(axis=1, keepdims=True), np.abs(np.diff(root)) / 2
+    nodes = middle + half * _NODES
+    inverse_range = 1 / (range_max * nodes**2)
+    log_slope = np.log(2 * inverse_range / nodes)
+    with np.errstate(over="ignore"):
+        return (np.exp(_log_square(f, proposal, inverse_range) + log_slope) @ _NODE_WEIGHTS) * half[:, 0]
+
+
+def _squared_mass(f: Distribution, proposal: Distribution, start: Array, end: Array) -> Array:
+    """Integrate f^2 / f* of TTC^-1 from ``start`` to ``end``, shape (n,); infinite with an endless tail."""
+    low = max(float(start.min(initial=np.inf)), f.lower)
+    far = float(f.isf(max(float(f.sf(low)) * 10.0**-DECADES, np.finfo(float).tiny)))
+    if not low < far:
+        return np.zeros(start.shape)
+    knots = [edge for law in (f, proposal) for edge in _edges(law) if low < edge < far]
+    grid = np.union1d(np.linspace(low, far, POINTS), knots)
+    half = np.diff(grid)[:, None] / 2
+    log_pieces = _log_square(f, proposal, grid[:-1, None] + half * (1 + _NODES))
+    if log_pieces[-1, -1] > log_pieces[0].max() - 1:
+        return np.full(start.shape, np.inf)
+    tail = np.cumsum(((np.exp(log_pieces) @ _NODE_WEIGHTS) * half[:, 0])[::-1])[::-1]
+    # Nearly exponential between the points of the grid, so interpolated in logarithms.
+    log_tail = np.log(np.maximum(tail, np.finfo(float).tiny))
+    above = [np.exp(np.interp(x, grid[:-1], log_tail)) * (x < far) for x in (np.maximum(start, low), end)]
+    return np.maximum(above[0] - above[1], 0)
+
+
+def _edges(law: Distribution) -> set[float]:
+    """Return the finite bounds of a law and its components, where densities jump."""
+    inner = [_edges(component) for component in law.components] if isinstance(law, Mixture) else []
+    return {edge for edge in (law.lower, law.upper) if math.isfinite(edge)}.union(*inner)
+
+
+def variation_table(
+    crash_map: CrashMap,
+    model: LaneChangeModel,
+    proposals: Mapping[tuple[str, int], Mapping[str, Proposal]],
+    encounters: pd.DataFrame,
+    ignored_share: float = 1e-3,
+) -> pd.DataFrame:
+    """Tabulate the exact coefficient of variation for f* of each method and seed.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``method``, ``seed``, ``segment``, ``variation`` and ``variation_trimmed``, the latter without
+        the cells of the largest weights, see `exact_variation`.
+    """
+    rows = []
+    for (method, seed), laws in proposals.items():
+        whole, trimmed = (
+            exact_variation(crash_map, model, laws, encounters, ignored_share=share)
+            for share in (0.0, ignored_share)
+        )
+        rows += [(method, seed, segment, whole[segment], trimmed[segment]) for segment in whole]
+    return pd.DataFrame(rows, columns=["method", "seed", "segment", "variation", "variation_trimmed"])

@@ -1,0 +1,186 @@
+"""What the crash probability depends on: the choices of the model, the data and the cap, one by one."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from accelerated_evaluation.distributions import Mixture, PiecewiseMixture
+from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
+from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.encounters.segments import assign_segments
+from accelerated_evaluation.estimation.crash_map import CrashMap
+from accelerated_evaluation.estimation.exact import ALL, Exact, exact_probabilities
+from accelerated_evaluation.estimation.mapping import map_crashes
+from accelerated_evaluation.fitting.lane_change import EXPONENTIAL
+from accelerated_evaluation.fitting.piecewise import PieceFamily, fit_piecewise, knots_at_quantiles
+from accelerated_evaluation.vehicles.protocol import Vehicle
+
+
+@dataclass(frozen=True)
+class Levels:
+    """The choices of a piecewise model that a refit repeats: its knots, as quantile levels of the data.
+
+    Attributes
+    ----------
+    inverse_range
+        Levels of the knots of R^-1, rising.
+    inverse_ttc
+        Level of the knot of TTC^-1 in every segment.
+    body_components
+        Normals of the body of TTC^-1.
+    """
+
+    inverse_range: tuple[float, ...]
+    inverse_ttc: float
+    body_components: int
+
+    @classmethod
+    def of(cls, model: LaneChangeModel) -> "Levels":
+        """Read them off a fitted model; the weight of its bodies, which may differ by ties, is pooled."""
+        bodies = [law.weights[0] * model.events[segment] for segment, law in model.inverse_ttc.items()]
+        first = next(iter(model.inverse_ttc.values())).components[0]
+        return cls(
+            tuple(np.cumsum(model.inverse_range.weights[:-1]).tolist()),
+            sum(bodies) / sum(model.events.values()),
+            len(first.components) if isinstance(first, Mixture) else 1,
+        )
+
+
+def fit_for_crashes(
+    encounters: pd.DataFrame, levels: Levels, range_max: float, smallest_inverse_ttc: float
+) -> LaneChangeModel:
+    """Fit a piecewise model whose crash probability, and nothing else of it, is to be known.
+
+    Where nothing crashes below the knot of TTC^-1, the body counts only by its weight: it is then fitted with
+    an exponential in place of the normal mixture, whose fit takes seconds.
+
+    Parameters
+    ----------
+    encounters
+        Encounter table.
+    levels
+        Where the knots are.
+    range_max
+        Largest range [m].
+    smallest_inverse_ttc
+        TTC^-1 below which nothing crashes [1/s], as the crash map shows.
+    """
+
+    def inverse_ttc(x: Array) -> PiecewiseMixture:
+        knots = knots_at_quantiles(x, [levels.inverse_ttc])
+        body = (
+            EXPONENTIAL if knots[0] <= smallest_inverse_ttc else PieceFamily("normal", levels.body_components)
+        )
+        return fit_piecewise(x, 0.0, knots, [body, EXPONENTIAL])
+
+    inverse_range = encounters["inverse_range"].to_numpy()
+    families = [EXPONENTIAL] * (len(levels.inverse_range) + 1)
+    knots = knots_at_quantiles(inverse_range, levels.inverse_range)
+    groups = encounters.groupby("segment")
+    return LaneChangeModel(
+        "refit",
+        {segment: len(rows) for segment, rows in groups},
+        fit_piecewise(inverse_range, 1 / range_max, knots, families),
+        {segment: inverse_ttc(rows["inverse_ttc"].to_numpy()) for segment, rows in groups},
+    )
+
+
+@dataclass(frozen=True)
+class Refit:
+    """The crash probability after a refit, by one crash map."""
+
+    crash_map: CrashMap
+    smallest_inverse_ttc: float
+
+    @classmethod
+    def by(cls, crash_map: CrashMap) -> "Refit":
+        """Prepare refits that are judged with a map."""
+        return cls(crash_map, crash_map.smallest_inverse_ttc())
+
+    def probability(self, encounters: pd.DataFrame, levels: Levels) -> Exact:
+        """Fit a model to encounters and return its crash probability over all segments."""
+        range_max = self.crash_map.grid.range_max
+        model = fit_for_crashes(encounters, levels, range_max, self.smallest_inverse_ttc)
+        return exact_probabilities(self.crash_map, model, encounters)[ALL]
+
+
+def is_repeated(encounters: pd.DataFrame) -> Array:
+    """Tell which rows repeat the row before them, shape (n,)."""
+    return (encounters == encounters.shift()).all(axis=1).to_numpy()
+
+
+def study_sensitivity(
+    crash_map: CrashMap,
+    models: Mapping[str, LaneChangeModel],
+    variant: str,
+    encounters: pd.DataFrame,
+    settings: Mapping[str, Any],
+) -> pd.DataFrame:
+    """Change one choice at a time, fit anew, and tabulate the crash probability over all segments.
+
+    Parameters
+    ----------
+    crash_map
+        Of the vehicle under test.
+    models, variant
+        The fitted models, and the name of the one that is simulated.
+    encounters
+        Encounter table, its rows in the order of the record.
+    settings
+        ``inverse_ttc_knots`` and ``inverse_range_knots``, quantile levels; ``lead_speed_edges``, lists of
+        edges [m/s]; ``outlier_rows``, rows of the encounter table, counted from 1, to leave out.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``choice``, ``value``, ``probability`` and ``standard_error``.
+    """
+    refit, base = Refit.by(crash_map), Levels.of(models[variant])
+    rows: list[tuple[str, str, Exact]] = [
+        ("model", name, exact_probabilities(crash_map, model, encounters)[ALL])
+        for name, model in models.items()
+    ]
+    cases: list[tuple[str, str, pd.DataFrame, Levels]] = []
+    for level in settings["inverse_ttc_knots"]:
+        cases.append(("knot of TTC^-1", f"{level:g}", encounters, replace(base, inverse_ttc=level)))
+    for level in settings["inverse_range_knots"]:
+        levels = replace(base, inverse_range=(level,))
+        cases.append(("knot of R^-1, two pieces", f"{level:g}", encounters, levels))
+    for edges in settings["lead_speed_edges"]:
+        cut = assign_segments(encounters, edges)
+        cases.append(("segments of v_L", " ".join(f"{edge:g}" for edge in edges), cut, base))
+    cases.append(("repeated rows", "drop", encounters[~is_repeated(encounters)], base))
+    if settings["outlier_rows"]:
+        rest = encounters.drop(encounters.index[np.array(settings["outlier_rows"]) - 1])
+        cases.append(("outliers", "drop", rest, base))
+    for choice, value, table, levels in tqdm(cases, desc="sensitivity", unit=" refits"):
+        rows.append((choice, value, refit.probability(table, levels)))
+    return _table(rows)
+
+
+def study_cap(
+    vehicle: Vehicle,
+    crash_map: CrashMap,
+    model: LaneChangeModel,
+    encounters: pd.DataFrame,
+    caps: Sequence[float],
+    generator: np.random.Generator,
+) -> pd.DataFrame:
+    """Tabulate the crash probability against caps on closing speeds [m/s], each with its own map."""
+    rows = []
+    for cap in caps:
+        other = map_crashes(vehicle, replace(crash_map.grid, closing_speed_max=cap), [], generator)
+        rows.append(
+            ("closing-speed cap [m/s]", f"{cap:g}", exact_probabilities(other, model, encounters)[ALL])
+        )
+    return _table(rows)
+
+
+def _table(rows: list[tuple[str, str, Exact]]) -> pd.DataFrame:
+    columns = ["choice", "value", "probability", "standard_error"]
+    values = [(choice, value, exact.probability, exact.standard_error) for choice, value, exact in rows]
+    return pd.DataFrame(values, columns=columns)
