@@ -18,6 +18,7 @@ include: "workflow/rules/ingest.smk"
 include: "workflow/rules/fit.smk"
 include: "workflow/rules/accelerate.smk"
 include: "workflow/rules/estimate.smk"
+include: "workflow/rules/ground_truth.smk"
 include: "workflow/rules/publish.smk"
 
 

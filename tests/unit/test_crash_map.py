@@ -105,10 +105,8 @@ def test_levels_of_impact_speed_range_and_ttc():
     np.testing.assert_allclose(near.start[far_lines], 11.5, atol=2e-3)
     assert np.all(near.start[~far_lines] == 0)
     short = crash_map.intervals(events[2])
-    ttc = 1 / (short.start * crash_map.inverse_range[short.line])
-    inside = short.start > 0
-    # The first step from 0 is finer than the others; elsewhere 1e-3 m/s of closing speed.
-    np.testing.assert_allclose(ttc[inside], 2, rtol=1e-2)
+    expected = 0.5 / crash_map.inverse_range[short.line]
+    np.testing.assert_allclose(short.start, expected, atol=2e-3)
 
 
 def test_no_crash_gives_an_empty_map():
@@ -161,7 +159,7 @@ def test_map_of_the_car_agrees_with_the_car():
         index = np.minimum(first + place, crash.line.size - 1)
         same = crash.line[index] == line
         inside |= same & (closing_speed >= crash.start[index]) & (closing_speed < crash.end[index])
-    assert 0.2 < outcomes.crash.mean() < 0.8
+    assert 0.1 < outcomes.crash.mean() < 0.9
     # What is left is holes and islands that fell between the points.
     assert np.mean(inside != outcomes.crash) < 2e-3
 

@@ -359,7 +359,9 @@ def test_matching_a_mean_agrees_with_the_closed_forms():
         assert match_mean(bounded, mean) == pytest.approx(106 - fitted.rate, rel=1e-9)
 
 
-@pytest.mark.parametrize("share", [1e-12, 0.0008569168177301864, 0.015368195603819145, 0.3, 0.5, 0.7, 0.98, 1 - 1e-6])
+@pytest.mark.parametrize(
+    "share", [1e-12, 0.0008569168177301864, 0.015368195603819145, 0.3, 0.5, 0.98, 1 - 1e-6]
+)
 @pytest.mark.parametrize(("lower", "upper"), [(0.0, 1.0), (1.0, 3.0), (0.2, INF)])
 def test_exponential_from_its_mean(lower, upper, share):
     mean = lower + share * (min(upper, 10.0) - lower)

@@ -64,7 +64,7 @@ def test_running_is_the_estimate_at_every_number_of_simulations():
         if at_n.events > 1:
             half_width = stats.norm.ppf(0.9) * math.sqrt(course.variance[n - 1])
             assert at_n.ci_high - at_n.probability == pytest.approx(half_width, rel=1e-12)
-            assert at_n.ci_low == max(at_n.probability - (at_n.ci_high - at_n.probability), 0)
+            assert at_n.ci_low == pytest.approx(max(at_n.probability - half_width, 0), rel=1e-9, abs=1e-20)
 
 
 @pytest.mark.parametrize(("scale", "offset"), [(1e-25, 0.0), (1e-7, 0.0), (1e-9, 1.0)])

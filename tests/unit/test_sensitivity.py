@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.distributions import BoundedExponential
+from accelerated_evaluation.distributions import BoundedExponential, BoundedNormal
 from accelerated_evaluation.encounters.segments import assign_segments
 from accelerated_evaluation.estimation.crash_map import Grid
 from accelerated_evaluation.estimation.exact import ALL, exact_probabilities
@@ -27,7 +27,7 @@ MODELS = {
         "two_pieces": {"method": "quantiles", "quantiles": [0.8]},
         "three_pieces": {"method": "quantiles", "quantiles": [0.7, 0.9]},
     },
-    "inverse_ttc": {"body_components": 2, "knots": {"method": "quantiles", "quantiles": [0.95]}},
+    "inverse_ttc": {"body_components": 1, "knots": {"method": "quantiles", "quantiles": [0.95]}},
 }
 SETTINGS = {
     "inverse_ttc_knots": [0.9, 0.95],
@@ -82,14 +82,14 @@ def test_body_is_fitted_in_full_where_crashes_reach_into_it(encounters, models):
     quick = fit_for_crashes(encounters, levels, 75.0, smallest_inverse_ttc=0.5)
     full = fit_for_crashes(encounters, levels, 75.0, smallest_inverse_ttc=0.05)
     assert all(isinstance(law.components[0], BoundedExponential) for law in quick.inverse_ttc.values())
-    assert all(len(law.components[0].components) == 2 for law in full.inverse_ttc.values())
+    assert all(isinstance(law.components[0], BoundedNormal) for law in full.inverse_ttc.values())
 
 
 def test_levels_of_a_model(models):
     levels = Levels.of(models["three_pieces"])
     assert levels.inverse_range == pytest.approx((0.7, 0.9), abs=1e-3)
     assert levels.inverse_ttc == pytest.approx(0.95, abs=1e-3)
-    assert levels.body_components == 2
+    assert levels.body_components == 1
 
 
 def test_repeated_rows():

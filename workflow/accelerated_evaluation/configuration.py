@@ -113,6 +113,7 @@ CHECKS = (
         lambda events, simulations: events <= simulations,
         "minimum_events not above maximum_simulations",
     ),
+    Check(("uncertainty.sampling_interval",), _rising, "the lower end first"),
     Check(
         ("data.source", "data.table.path"),
         lambda source, path: source != "table" or path is not None,

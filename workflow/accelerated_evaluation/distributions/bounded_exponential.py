@@ -103,7 +103,7 @@ class BoundedExponential(Bounded):
 
     @np.errstate(divide="ignore")
     def _near_thin(self, q: Array) -> Array:
-        """Distance from the thinner bound within which a share ``q`` of the mass lies; the support is bounded."""
+        """Distance from the thinner bound of two within which a share ``q`` of the mass lies."""
         if self._is_flat:
             return q * self._width
         fall = abs(self.rate) * self._width
@@ -128,8 +128,10 @@ class BoundedExponential(Bounded):
 def _unit_mean(scaled_rate: float) -> float:
     """Mean of the density proportional to exp(-s y) on [0, 1]: 1/s - 1/(e^s - 1)."""
     s = abs(scaled_rate)
-    if s < 1e-2:
+    if s < 1e-2:  # where the two terms are nearly equal
         mean = 0.5 - s / 12 + s**3 / 720
+    elif s < 700:
+        mean = 1 / s - 1 / math.expm1(s)
     else:
-        mean = 1 / s - (1 / math.expm1(s) if s < 700 else 0.0)
+        mean = 1 / s
     return mean if scaled_rate >= 0 else 1 - mean

@@ -1,4 +1,4 @@
-"""The lane-change model f(v_L) f(R^-1) f(TTC^-1 | segment), and its file: the one place that reads and writes it."""
+"""The lane-change model f(v_L) f(R^-1) f(TTC^-1 | segment), and its file, read and written here alone."""
 
 import math
 import os
@@ -132,4 +132,5 @@ def from_dict(content: Mapping[str, Any]) -> Distribution:
     kind = content.pop("kind")
     if kind in _MIXTURES:
         return _MIXTURES[kind](content["weights"], [from_dict(part) for part in content["components"]])
-    return _LEAVES[kind](**{name: _INFINITE[name] if value is None else value for name, value in content.items()})
+    values = {name: _INFINITE[name] if value is None else value for name, value in content.items()}
+    return _LEAVES[kind](**values)

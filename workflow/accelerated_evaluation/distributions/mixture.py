@@ -155,7 +155,9 @@ class PiecewiseMixture(Mixture):
         super().__post_init__()
         for left, right in zip(self.components, self.components[1:], strict=False):
             if left.upper != right.lower:
-                raise ValueError(f"pieces must join: one ends at {left.upper}, the next begins at {right.lower}")
+                raise ValueError(
+                    f"pieces must join: one ends at {left.upper}, the next is from {right.lower}"
+                )
 
     @property
     def knots(self) -> tuple[float, ...]:
@@ -205,7 +207,7 @@ def match_mean(distribution: Tiltable, mean: float) -> float:
     Raises
     ------
     ValueError
-        If no finite tilt reaches the mean, as when it is not inside the support, or that is not bounded below.
+        If no finite tilt reaches the mean, as when it is outside the support, or that is not bounded below.
     """
     if not -math.inf < distribution.lower < mean < distribution.upper:
         bounds = f"({distribution.lower}, {distribution.upper}), bounded below"

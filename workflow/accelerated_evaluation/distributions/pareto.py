@@ -18,7 +18,7 @@ class Pareto:
 
     def __post_init__(self) -> None:
         if not (0 < self.shape < math.inf and 0 < self.lower < math.inf):
-            raise ValueError(f"shape and lower must be positive and finite, got {self.shape} and {self.lower}")
+            raise ValueError(f"shape and lower must be positive and finite, got {self.shape}, {self.lower}")
 
     upper = math.inf
     n_parameters = 1

@@ -213,7 +213,7 @@ def read_crash_map(path: str | os.PathLike) -> CrashMap:
             quantity, threshold, name = key.split()
             columns.setdefault(Event(quantity, float(threshold)), {})[name] = values
         events = {event: Intervals(**parts) for event, parts in columns.items()}
-    except (OSError, ValueError, KeyError, TypeError, BadZipFile) as error:
+    except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile) as error:
         seen, expected = f"{type(error).__name__}: {error}", "a crash map"
         raise InputError(str(path), seen=seen, expected=expected, change="Map the crashes anew.") from error
     return CrashMap(grid, cells, lead_speed, inverse_range, events)

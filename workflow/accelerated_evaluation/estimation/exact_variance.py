@@ -1,7 +1,7 @@
 """The exact coefficient of variation of importance sampling: what f* is worth, without a simulation."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -25,8 +25,8 @@ def exact_variation(
     proposals: Mapping[str, Proposal],
     encounters: pd.DataFrame,
     *,
-    ignored_share: float = 0.0,
-) -> dict[str, float]:
+    ignored_shares: Sequence[float] = (0.0,),
+) -> dict[str, tuple[float, ...]]:
     """Return the coefficient of variation of one weight I f / f* in each segment, and over ``all`` segments.
 
     N simulations estimate the crash probability with a relative standard error of this over sqrt(N). It is
@@ -42,9 +42,10 @@ def exact_variation(
         f* of each segment.
     encounters
         Encounter table, for the lead speeds.
-    ignored_share
-        Leave out the cells of the largest mean weights, as far as they hold no more than this share of the
-        crash probability: where f* hardly goes, no affordable number of simulations shows their variance.
+    ignored_shares
+        Each gives one value: without the cells of the largest mean weights, as far as they hold no more than
+        this share of the crash probability. Where f* hardly goes, no affordable number of simulations shows
+        the variance.
     """
     speeds = encounters.groupby("segment")["lead_speed"]
     moments = {}
@@ -52,7 +53,9 @@ def exact_variation(
         f = Proposal(model.inverse_range, model.inverse_ttc[segment])
         moments[segment] = cell_moments(crash_map, f, proposals[segment], speeds.get_group(segment))
     moments[ALL] = np.hstack([model.share(segment) * moments[segment] for segment in model.segments])
-    return {name: _variation(*cells, ignored_share) for name, cells in moments.items()}
+    return {
+        name: tuple(_variation(*cells, share) for share in ignored_shares) for name, cells in moments.items()
+    }
 
 
 def _variation(first: Array, second: Array, ignored_share: float) -> float:
@@ -78,6 +81,8 @@ def cell_moments(crash_map: CrashMap, f: Proposal, proposal: Proposal, lead_spee
     speeds = cell_shares(crash_map, lead_speeds)
     with np.errstate(invalid="ignore"):
         second = np.where(lines.any(axis=1) & (speeds > 0), speeds * inverse_range * lines.mean(axis=1), 0.0)
+    # Where one factor has no end, another that underflows does not undo it: some other cell tells.
+    second = np.nan_to_num(second, nan=0.0, posinf=np.inf)
     return np.stack([weights * line_probabilities(crash_map, f.inverse_ttc).mean(axis=1), second])
 
 
@@ -140,9 +145,6 @@ def variation_table(
     """
     rows = []
     for (method, seed), laws in proposals.items():
-        whole, trimmed = (
-            exact_variation(crash_map, model, laws, encounters, ignored_share=share)
-            for share in (0.0, ignored_share)
-        )
-        rows += [(method, seed, segment, whole[segment], trimmed[segment]) for segment in whole]
+        found = exact_variation(crash_map, model, laws, encounters, ignored_shares=(0.0, ignored_share))
+        rows += [(method, seed, segment, *values) for segment, values in found.items()]
     return pd.DataFrame(rows, columns=["method", "seed", "segment", "variation", "variation_trimmed"])

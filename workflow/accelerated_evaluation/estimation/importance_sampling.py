@@ -49,7 +49,7 @@ class Estimate:
 
 
 def draw_crash_weights(strata: Mapping[str, Stratum], generator: np.random.Generator, size: int) -> Array:
-    """Draw cut-ins over all segments, v_L from its empirical law, and return I(x) f(x) / f*(x), shape (size,)."""
+    """Draw cut-ins over all segments, v_L as recorded, and return I(x) f(x) / f*(x), shape (size,)."""
     shares = np.array([stratum.share for stratum in strata.values()])
     which = generator.choice(len(shares), size=size, p=shares / shares.sum())
     weights = np.empty(size)

@@ -20,6 +20,7 @@ from accelerated_evaluation.estimation.crash_map import (
 )
 from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
 
+STANDSTILL = 1e-6  # first point of a scan: so slow that what happens there happens at any slower speed
 HALVINGS = 10  # bisections of a step of the scan
 MARGIN = 2  # steps of the coarse scan around what it found
 LEAST_EFFORT = 1 / 8  # of a row of v_L where crashes are rarest, against the row where they are not
@@ -116,9 +117,10 @@ class _Scan:
         """
         coarse = grid.closing_speed_points // 4
         fine = grid.closing_speed_points - coarse
-        offset = offset[:, None]
+        offset, ends = np.maximum(offset, STANDSTILL)[:, None], np.ones((offset.size, 1))
         # Shares of the square root of the largest closing speed.
-        share = np.column_stack([(np.arange(coarse - 1) + offset) / (coarse - 1), np.ones(offset.size)])
+        inner = (np.arange(coarse - 2) + offset) / (coarse - 2)
+        share = np.hstack([STANDSTILL * ends, inner, ends])
         outcomes = self._simulate(*self._flat(grid.closing_speed_max * share**2))
         crash = outcomes.crash.reshape(share.shape)
         changes = crash[:, 1:] != crash[:, :-1]
@@ -126,8 +128,10 @@ class _Scan:
         some = changes.any(axis=1)
         first = np.where(some, np.argmax(changes, axis=1), nearest) - MARGIN
         last = np.where(some, coarse - 1 - np.argmax(changes[:, ::-1], axis=1), nearest) + MARGIN
-        low, high = (np.clip((end[:, None] + offset) / (coarse - 1), 0, 1) for end in (first, last))
-        share = np.column_stack([share, low + (high - low) * (np.arange(fine) + offset) / fine])
+        low, high = (
+            np.take_along_axis(share, np.clip(end, 0, coarse - 1)[:, None], axis=1) for end in (first, last)
+        )
+        share = np.hstack([share, low + (high - low) * (np.arange(fine) + offset) / fine])
         return grid.closing_speed_max * np.sort(share, axis=1) ** 2
 
     def find(self, points: Array, events: list[Event]) -> dict[Event, Intervals]:
@@ -154,7 +158,7 @@ class _Scan:
         low, high = points[line, index], points[line, index + 1]
         begins = np.concatenate([~flag[change] for flag, change in zip(flags, changes, strict=True)])
         for _ in range(HALVINGS if line.size else 0):
-            middle = (low + high) / 2
+            middle = ((np.sqrt(low) + np.sqrt(high)) / 2) ** 2
             outcomes = self._simulate(line, middle)
             happens = np.empty(line.size, dtype=bool)
             for event, first, last in zip(events, ends, ends[1:], strict=False):

@@ -46,10 +46,11 @@ def bootstrap_probabilities(
     """
     refit = Refit.by(crash_map)
     starts = np.flatnonzero(~is_repeated(encounters))
+    needed = encounters[["lead_speed", "inverse_range", "inverse_ttc", "segment"]]
     probabilities = np.empty(replicates)
     for replicate in trange(replicates, desc="bootstrap", unit=" refits"):
         rows = resampled_rows(starts, len(encounters), block_runs, generator)
-        probabilities[replicate] = refit.probability(encounters.iloc[rows], levels).probability
+        probabilities[replicate] = refit.probability(needed.iloc[rows], levels).probability
     return probabilities
 
 

@@ -19,7 +19,9 @@ from accelerated_evaluation.fitting.piecewise import (
 EXPONENTIAL = PieceFamily("exponential")
 
 
-def choose_knots(x: Array, lower: float, families: list[PieceFamily], settings: Mapping[str, Any]) -> list[float]:
+def choose_knots(
+    x: Array, lower: float, families: list[PieceFamily], settings: Mapping[str, Any]
+) -> list[float]:
     """Choose knots as the configuration says: at quantiles, at given values, or by profile likelihood."""
     if settings["method"] == "quantiles":
         return knots_at_quantiles(x, settings["quantiles"])

@@ -36,10 +36,11 @@ def fit_normal(second_moment: float, lower: float, upper: float) -> BoundedNorma
 
     low, high = math.log(scale) - 7, math.log(scale) + 7
     if not excess(low) < 0 < excess(high):
+        flattest = second_moment + excess(high)
         raise ConvergenceError(
             f"bounded normal on [{lower:g}, {upper:g})",
             reached=f"second moment {second_moment:g}",
-            limit=f"{BoundedNormal(math.exp(high), lower, upper).second_moment():g}, that of a uniform density",
+            limit=f"{flattest:g}, that of a uniform density",
             change="The data do not fall from the lower bound; use an exponential piece or move the knots.",
         )
     return BoundedNormal(math.exp(brentq(excess, low, high, xtol=1e-13)), lower, upper)
@@ -132,8 +133,7 @@ def _extrapolate(path: tuple[Mixture, Mixture, Mixture]) -> Mixture:
         If it leads out of the range of numbers.
     """
     start, first, second = (
-        np.log([*mixture.weights, *(component.sd for component in mixture.components)])
-        for mixture in path
+        np.log([*mixture.weights, *(component.sd for component in mixture.components)]) for mixture in path
     )
     step, bend = first - start, second - 2 * first + start
     length = min(-math.sqrt(step @ step / (bend @ bend)), -1.0) if np.any(bend) else -1.0

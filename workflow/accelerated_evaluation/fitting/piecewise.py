@@ -113,7 +113,8 @@ def knots_by_profile_likelihood(
             piece = _fit_checked(inside, grid[start], grid[end], family)
         except ConvergenceError:
             continue
-        gain[start, end, family] = float(piece.logpdf(inside).sum()) + inside.size * math.log(inside.size / x.size)
+        share = inside.size / x.size
+        gain[start, end, family] = float(piece.logpdf(inside).sum()) + inside.size * math.log(share)
 
     def total(inner: tuple[int, ...]) -> float:
         intervals = itertools.pairwise((0, *inner, last))

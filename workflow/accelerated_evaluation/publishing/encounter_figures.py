@@ -44,12 +44,10 @@ def fig01_concept(
 
     Parameters
     ----------
-    encounters
-        Encounter table.
+    encounters, segment
+        Encounter table, and the segment of v_L whose TTC^-1 is shown.
     models, proposals
-        f, and f* of one segment, both by method: single and piecewise.
-    segment
-        Segment of v_L whose TTC^-1 is shown.
+        f, and f* of that segment, both by method: single and piecewise.
     source
         What the encounters are, to be printed.
 

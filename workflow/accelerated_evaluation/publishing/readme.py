@@ -12,7 +12,8 @@ from accelerated_evaluation.files import write_text
 ROOT = Path(__file__).resolve().parents[3]
 CLAIMS = ROOT / "figures" / "spmd" / "tables" / "claims.csv"
 README = ROOT / "README.md"
-BEGIN = "<!-- results: made from figures/spmd/tables by python -m accelerated_evaluation.publishing.readme -->\n"
+COMMAND = "python -m accelerated_evaluation.publishing.readme"
+BEGIN = f"<!-- results: made from figures/spmd/tables by {COMMAND} -->\n"
 END = "<!-- end of results -->\n"
 SHOWN = (
     "crash probability of one lane change",
@@ -29,9 +30,9 @@ def results_table(claims: pd.DataFrame) -> str:
     """Return the claims that the README shows as a Markdown table: paper, ours, spread, verdict."""
     lines = ["| | paper | ours | our spread | verdict |", "| --- | --- | --- | --- | --- |"]
     for claim, row in claims.set_index("claim").loc[list(SHOWN)].iterrows():
-        spread = f"{row.ours_low:,.3g} to {row.ours_high:,.3g} ({row.spread})"
-        same = row.ours_low == row.ours_high
-        lines.append(f"| {claim} | {_number(row.paper)} | {_number(row.ours)} | {'' if same else spread} | {row.verdict} |")
+        spread = f"{_number(row.ours_low)} to {_number(row.ours_high)} ({row.spread})"
+        cells = (claim, _number(row.paper), _number(row.ours), spread, row.verdict)
+        lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
 

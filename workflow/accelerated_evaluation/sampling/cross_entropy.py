@@ -1,4 +1,4 @@
-"""The Cross-Entropy search for f*, through relaxed events that shrink to the crash (section V, appendix C)."""
+"""The Cross-Entropy search for f* through relaxed events that shrink to the crash (section V, appendix C)."""
 
 import math
 from collections.abc import Callable
@@ -135,7 +135,10 @@ def search(
         weight = np.exp(log_ratio - log_ratio.max())
         x_range, x_ttc = sample.inverse_range[is_event], sample.inverse_ttc[is_event]
         families = state.inverse_range.update(x_range, weight), state.inverse_ttc.update(x_ttc, weight)
-        moved = _shifted(families[0], steps.inverse_range, x_range), _shifted(families[1], steps.inverse_ttc, x_ttc)
+        moved = (
+            _shifted(families[0], steps.inverse_range, x_range),
+            _shifted(families[1], steps.inverse_ttc, x_ttc),
+        )
         at_crash = at_crash + 1 if threshold == 0 and moved == families else 0
         row = {
             "threshold_ttc_s": threshold,

@@ -1,0 +1,219 @@
+"""How honest the intervals are: many replicates of every way to stop, judged by the exact probability.
+
+Four ways to stop and to give an interval:
+
+- ``fixed``: a size that a pilot foretold, and the normal interval;
+- ``fixed_gamma``: the same simulations, and the gamma interval;
+- ``sequential``: the paper's rule, the first n at which the normal interval is narrow enough;
+- ``sequential_gamma``: `intervals.sequential_estimate`.
+
+All read the same simulations of a replicate from their start. Replicates take the searches' f* in turn: what
+is measured is the average over these searches, not over all that Cross-Entropy might have found.
+
+Crude Monte Carlo at its real probability is too long to run a thousand times. Its number of crashes follows a
+binomial law exactly, and that is drawn, with the exact probability.
+"""
+
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.special import ndtri
+
+from accelerated_evaluation.estimation.importance_sampling import (
+    Stratum,
+    crude_simulations,
+    draw_crash_weights,
+    first_converged,
+    running,
+)
+from accelerated_evaluation.estimation.intervals import (
+    Sums,
+    gamma_interval,
+    normal_interval,
+    sequential_estimate,
+)
+
+CRUDE = "crude"
+LEVELS = (80, 95)
+INTERVALS = {
+    "fixed": normal_interval,
+    "fixed_gamma": gamma_interval,
+    "sequential": normal_interval,
+    "sequential_gamma": gamma_interval,
+}
+RULE = ("alpha", "beta", "minimum_events")
+
+
+def foretold_size(
+    searches: Sequence[Mapping[str, Stratum]],
+    generator: np.random.Generator,
+    pilot: int,
+    settings: Mapping[str, Any],
+) -> int:
+    """Return the simulations after which a relative half-width of beta is to be expected (VI.C, N-hat).
+
+    Parameters
+    ----------
+    searches
+        The strata of each search; their mean variance is taken.
+    generator
+        Source of all randomness.
+    pilot
+        Simulations with each search.
+    settings
+        Section ``importance_sampling`` of the configuration.
+    """
+    sums = sum((Sums.of(draw_crash_weights(strata, generator, pilot)) for strata in searches), Sums())
+    reach = float(ndtri(settings["alpha"] / 2)) * sums.coefficient_of_variation / settings["beta"]
+    return math.ceil(sums.simulations * reach**2)
+
+
+def stop_importance_sampling(
+    strata: Mapping[str, Stratum], generator: np.random.Generator, fixed: int, settings: Mapping[str, Any]
+) -> dict[str, tuple[Sums, bool]]:
+    """Run one replicate of importance sampling, and stop it in each of the ways.
+
+    Parameters
+    ----------
+    strata
+        The segments with the f* of one search.
+    generator
+        Source of all randomness.
+    fixed
+        The fixed size.
+    settings
+        Section ``importance_sampling`` of the configuration.
+
+    Returns
+    -------
+    dict
+        For each way to stop the sums at its end, and whether its rule was met.
+    """
+    rule = {name: settings[name] for name in RULE}
+    maximum = settings["maximum_simulations"]
+    drawn = []
+
+    def draw(generator: np.random.Generator, size: int) -> Sums:
+        drawn.append(draw_crash_weights(strata, generator, size))
+        return Sums.of(drawn[-1])
+
+    ours = sequential_estimate(draw, generator, **rule, maximum_simulations=maximum)
+    while True:
+        weights = np.concatenate(drawn)
+        course = running(weights, rule["alpha"])
+        first = first_converged(course, rule["beta"], rule["minimum_events"])
+        if weights.size >= (fixed if first else maximum):
+            break
+        draw(generator, min(max(fixed, 2 * weights.size), maximum) - weights.size)
+    at_fixed = Sums.of(weights[:fixed]), True
+    return {
+        "fixed": at_fixed,
+        "fixed_gamma": at_fixed,
+        "sequential": (Sums.of(weights[:first]), first is not None),
+        "sequential_gamma": (ours.sums, ours.converged),
+    }
+
+
+def stop_crude(
+    probability: float, generator: np.random.Generator, settings: Mapping[str, Any]
+) -> dict[str, tuple[Sums, bool]]:
+    """Draw one replicate of crude Monte Carlo from its law; arguments and result as for importance sampling.
+
+    With k crashes the relative half-width of the normal interval is z / sqrt(k) for a rare event, whatever n:
+    the paper's rule stops at a crash whose number is known beforehand, and the simulations up to it follow a
+    negative binomial law.
+    """
+    rule = {name: settings[name] for name in RULE}
+
+    def draw(generator: np.random.Generator, size: int) -> Sums:
+        return Sums.unweighted(size, int(generator.binomial(size, probability)))
+
+    at_fixed = draw(generator, math.ceil(crude_simulations(probability, rule["alpha"], rule["beta"]))), True
+    events = max(math.ceil((ndtri(rule["alpha"] / 2) / rule["beta"]) ** 2), rule["minimum_events"])
+    simulations = events + int(generator.negative_binomial(events, probability))
+    ours = sequential_estimate(draw, generator, **rule, maximum_simulations=sys.maxsize, weight_bound=1.0)
+    return {
+        "fixed": at_fixed,
+        "fixed_gamma": at_fixed,
+        "sequential": (Sums.unweighted(simulations, events), True),
+        "sequential_gamma": (ours.sums, ours.converged),
+    }
+
+
+def replicate_rows(
+    stopped: Mapping[str, tuple[Sums, bool]], weight_bound: float | None = None
+) -> list[dict[str, Any]]:
+    """Describe each stop of one replicate: the estimate, the cov it reports, and its intervals by level.
+
+    ``weight_bound`` is that of `gamma_interval`.
+    """
+    rows = []
+    for stopping, (sums, converged) in stopped.items():
+        interval_of = INTERVALS[stopping]
+        if interval_of is gamma_interval:
+            interval_of = partial(gamma_interval, weight_bound=weight_bound)
+        row = {
+            "stopping": stopping,
+            "converged": converged,
+            "simulations": sums.simulations,
+            "events": sums.events,
+            "probability": sums.probability,
+            "cov_reported": sums.coefficient_of_variation,
+        }
+        for level in LEVELS:
+            interval = interval_of(sums, 1 - level / 100)
+            row |= {f"ci{level}_low": interval.low, f"ci{level}_high": interval.high}
+        rows.append(row)
+    return rows
+
+
+def coverage_table(replicates: pd.DataFrame, probability: float, standard_error: float = 0.0) -> pd.DataFrame:
+    """Judge replicates by the exact probability.
+
+    Parameters
+    ----------
+    replicates
+        Rows as of `replicate_rows`, with the columns ``method`` and ``replicate``.
+    probability, standard_error
+        The exact probability and its own error.
+
+    Returns
+    -------
+    pandas.DataFrame
+        For each method and stopping: ``replicates``, the share ``converged``, ``simulations_mean``,
+        relative ``bias``, true and mean reported coefficient of variation ``cov_true`` and ``cov_reported``,
+        the coverage of each level; with standard errors ``*_se``.
+    """
+    groups = replicates.groupby(["method", "stopping"], sort=False)
+    return pd.DataFrame(
+        {"method": method, "stopping": stopping} | _judge(group, probability, standard_error)
+        for (method, stopping), group in groups
+    )
+
+
+def _judge(group: pd.DataFrame, probability: float, standard_error: float) -> dict[str, float]:
+    count = len(group)
+    ratio = group["probability"] / probability
+    cov = float(ratio.std())
+    row = {
+        "replicates": count,
+        "converged": float(group["converged"].mean()),
+        "simulations_mean": float(group["simulations"].mean()),
+        "bias": float(ratio.mean()) - 1,
+        "bias_se": math.hypot(cov / math.sqrt(count), standard_error / probability),
+        "cov_true": cov,
+        "cov_true_se": math.sqrt(float(np.square(np.square(ratio - ratio.mean()) - cov**2).mean()) / count)
+        / (2 * cov),
+        "cov_reported": float(group["cov_reported"].mean()),
+    }
+    for level in LEVELS:
+        held = float(
+            group[f"ci{level}_low"].le(probability).mul(group[f"ci{level}_high"].ge(probability)).mean()
+        )
+        row |= {f"coverage{level}": held, f"coverage{level}_se": math.sqrt(held * (1 - held) / count)}
+    return row

@@ -1,0 +1,209 @@
+"""Intervals of a crash probability that hold what they promise, for few crashes and for unequal weights.
+
+The gamma interval. An estimate is the sum of the weights of the crashes seen, over n. Crashes are rare, so
+those of each size of weight come in a Poisson number, and the estimate is a weighted sum of Poisson numbers:
+its mean is estimated by y = sum(w) / n, its variance by v = sum(w^2) / n^2. A gamma law of this mean and
+variance has the shape y^2 / v = sum(w)^2 / sum(w^2), the effective sample size, and the scale v / y: the
+estimate is worth so many crashes of the equal weight v / y. For m equal crashes the exact limits of a Poisson
+mean (Garwood 1936) are gamma quantiles,
+
+    lower = G^-1(alpha / 2; shape m),    upper = G^-1(1 - alpha / 2; shape m + 1),
+
+the upper one for a crash more than was seen. Where weights differ, that crash has the largest weight w_M, and
+the upper limit is the quantile of the gamma law with mean y + w_M / n and variance v + (w_M / n)^2 (Fay and
+Feuer 1997, Statistics in Medicine 16, 791-801). For crude Monte Carlo, all weights 1, this is Garwood's
+interval, the Clopper-Pearson interval of a rare event.
+
+Why not the normal interval: y and v rise and fall together, because both hang on the few largest weights. An
+estimate that is too low also believes itself too exact, and its interval ends below the truth too often.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import gammainccinv, gammaincinv, ndtri
+from scipy.stats import binomtest
+
+from accelerated_evaluation.distributions.protocol import Array
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A confidence interval of a probability."""
+
+    low: float
+    high: float
+
+    def covers(self, probability: float) -> bool:
+        """Whether the interval holds a value."""
+        return self.low <= probability <= self.high
+
+
+@dataclass(frozen=True)
+class Sums:
+    """What is kept of crash weights; the sums of two samples add up to those of both.
+
+    Attributes
+    ----------
+    simulations, events
+        How many cut-ins were simulated, and how many crashed.
+    total, squares
+        Sum of the weights and of their squares.
+    largest
+        The largest weight.
+    """
+
+    simulations: int = 0
+    events: int = 0
+    total: float = 0.0
+    squares: float = 0.0
+    largest: float = 0.0
+
+    @classmethod
+    def of(cls, weights: Array) -> "Sums":
+        """Sum up crash weights, shape (n,), zero where there was no crash."""
+        crashes = weights[weights > 0]
+        squares = float(crashes @ crashes)
+        return cls(weights.size, crashes.size, float(crashes.sum()), squares, float(crashes.max(initial=0)))
+
+    @classmethod
+    def unweighted(cls, simulations: int, events: int) -> "Sums":
+        """Return the sums of crude Monte Carlo, where every crash has the weight 1."""
+        return cls(simulations, events, float(events), float(events), float(events > 0))
+
+    def __add__(self, other: "Sums") -> "Sums":
+        return Sums(
+            self.simulations + other.simulations,
+            self.events + other.events,
+            self.total + other.total,
+            self.squares + other.squares,
+            max(self.largest, other.largest),
+        )
+
+    @property
+    def probability(self) -> float:
+        """The estimate."""
+        return self.total / self.simulations
+
+    @property
+    def coefficient_of_variation(self) -> float:
+        """Standard error of the estimate over the estimate, as the sample tells it; needs two crashes."""
+        if self.events < 2:
+            return math.nan
+        spread = self.squares - self.total**2 / self.simulations
+        return math.sqrt(spread / (1 - 1 / self.simulations)) / self.total
+
+
+def normal_interval(sums: Sums, alpha: float) -> Interval:
+    """Return the paper's 100 (1 - alpha) % interval (section VI.C); [0, 1] with fewer than two crashes."""
+    if sums.events < 2:
+        return Interval(0.0, 1.0)
+    reach = -float(ndtri(alpha / 2)) * sums.coefficient_of_variation
+    return Interval(max(sums.probability * (1 - reach), 0.0), min(sums.probability * (1 + reach), 1.0))
+
+
+def gamma_interval(sums: Sums, alpha: float, weight_bound: float | None = None) -> Interval:
+    """Return the 100 (1 - alpha) % gamma interval (see the module).
+
+    Parameters
+    ----------
+    sums
+        Of all simulations.
+    alpha
+        One less the confidence level.
+    weight_bound
+        A bound on the weight f / f* of every crash, where one is known: 1 for crude Monte Carlo. By default
+        the largest weight seen takes its place; it must not be believed where a few weights decide.
+
+    Returns
+    -------
+    Interval
+        Without a crash one-sided: from 0 to weight_bound (-log alpha) / n, the "rule of three" where alpha is
+        5 %. Without a bound as well it is [0, 1]: a sample without a crash says nothing of the weights,
+        and an f* that misses the crashes looks just like a vehicle that never crashes.
+    """
+    if sums.events == 0:
+        return Interval(0.0, min(-math.log(alpha) * (weight_bound or math.inf) / sums.simulations, 1.0))
+    total, squares = sums.total, sums.squares
+    low = gammaincinv(total**2 / squares, alpha / 2) * squares / total
+    extra = sums.largest if weight_bound is None else weight_bound
+    total, squares = total + extra, squares + extra**2
+    high = gammainccinv(total**2 / squares, alpha / 2) * squares / total
+    return Interval(float(low) / sums.simulations, min(float(high) / sums.simulations, 1.0))
+
+
+def binomial_interval(events: int, simulations: int, alpha: float) -> Interval:
+    """Return the exact interval of Clopper and Pearson; without an event the one-sided one from 0.
+
+    Two-sided, each side is missed with a probability of alpha / 2 at most; the one-sided upper bound is
+    1 - alpha^(1/n).
+    """
+    test = binomtest(events, simulations, alternative="two-sided" if events else "less")
+    limits = test.proportion_ci(1 - alpha, method="exact")
+    return Interval(float(limits.low), float(limits.high))
+
+
+@dataclass(frozen=True)
+class Sequential:
+    """Where `sequential_estimate` stopped: all sums, the interval, and whether it is as narrow as asked."""
+
+    sums: Sums
+    interval: Interval
+    converged: bool
+
+
+def sequential_estimate(
+    draw: Callable[[np.random.Generator, int], Sums],
+    generator: np.random.Generator,
+    *,
+    alpha: float,
+    beta: float,
+    minimum_events: int,
+    maximum_simulations: int,
+    weight_bound: float | None = None,
+    first: int = 500,
+    growth: float = 1.1,
+) -> Sequential:
+    """Simulate until the gamma interval is as narrow as asked: the stopping rule that does not under-cover.
+
+    The paper's rule looks at a normal interval after every simulation and stops as soon as its relative
+    half-width is beta: at the moment when the sample believes itself most exact. Two changes mend it. The
+    gamma interval has room on the side where the truth is missed; as long as a single weight decides, it is
+    wide, and there is no stopping. And it is looked at only after ``first``, ``first growth``,
+    ``first growth^2``, ... simulations: at one tenth more each time, new simulations outweigh the choice of
+    the moment, and the last step exceeds what was needed by 5 % on average.
+
+    On the default study both 80 % and 95 % intervals then cover in more than 80 % and 95 % of all runs, for
+    1.4 times the simulations of the paper's rule, which covers in 77 to 79 %. A fresh sample as large as the
+    one that stopped, with a normal interval, costs 2 times and covers in 78 to 79 %: skewness is the larger
+    fault, not the stopping. `coverage` measures all this.
+
+    Parameters
+    ----------
+    draw
+        Simulates a number of cut-ins and sums up their crash weights.
+    generator
+        Source of all randomness.
+    alpha, beta
+        Stop when the half-width of the 100 (1 - alpha) % interval is at most beta times the estimate.
+    minimum_events
+        Crashes that it needs besides.
+    maximum_simulations
+        Where it ends at the latest.
+    weight_bound
+        As in `gamma_interval`.
+    first, growth
+        The looks.
+    """
+    sums, look = Sums(), float(first)
+    while True:
+        size = min(math.ceil(look), maximum_simulations) - sums.simulations
+        sums += draw(generator, size)
+        interval = gamma_interval(sums, alpha, weight_bound)
+        narrow = (interval.high - interval.low) / 2 <= beta * sums.probability
+        converged = narrow and sums.events >= minimum_events
+        if converged or sums.simulations >= maximum_simulations:
+            return Sequential(sums, interval, converged)
+        look *= growth

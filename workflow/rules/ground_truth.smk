@@ -1,0 +1,122 @@
+# Ground truth: the exact crash probability, and what it depends on (beyond the paper).
+#
+# In: the vehicle, the models, the encounters, f* of every search. Out: the crash map, exact probabilities with
+# their error, the exact variation of every f*, severity, sensitivity and the budget of uncertainty.
+
+
+rule map_crashes:
+    """Map where the vehicle crashes, at full, half and quarter resolution, whatever the model."""
+    input:
+        vehicle=VEHICLE_FILES,
+        library=library("vehicles", "estimation"),
+    output:
+        full=result("crash_map", "full.npz"),
+        half=result("crash_map", "half.npz"),
+        quarter=result("crash_map", "quarter.npz"),
+    log:
+        log_of("map_crashes.log"),
+    benchmark:
+        benchmark_of("map_crashes.tsv")
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        seed=config["seed"],
+        vehicle=config["vehicle"],
+        filters=config["filters"],
+        crash_map=config["crash_map"],
+    message:
+        "Mapping the crashes of {params.vehicle[name]}"
+    script:
+        "../scripts/map_crashes.py"
+
+
+rule compute_exact:
+    """Weigh the map with the models: exact probabilities, severity, and the variation of every f*."""
+    input:
+        **rules.fit_models.output,
+        **rules.map_crashes.output,
+        encounters=rules.ingest_encounters.output.encounters,
+        proposals=expand(
+            rules.search_proposals.output.proposals, method=METHODS, seed=SEEDS
+        ),
+        library=library("distributions", "sampling", "estimation"),
+    output:
+        exact=result("exact.csv"),
+        convergence=result("convergence.csv"),
+        severity=result("severity.csv"),
+        impact_speed=result("impact_speed.csv"),
+        variation=result("variation.csv"),
+    log:
+        log_of("compute_exact.log"),
+    benchmark:
+        benchmark_of("compute_exact.tsv")
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        methods=[method for method in METHODS for _ in SEEDS],
+        seeds=[seed for _ in METHODS for seed in SEEDS],
+        variant=MODEL,
+        exposure=config["exposure"],
+    message:
+        "Computing exact probabilities"
+    script:
+        "../scripts/compute_exact.py"
+
+
+rule study_sensitivity:
+    """Change one choice at a time, and tabulate the exact crash probability."""
+    input:
+        **rules.fit_models.output,
+        full=rules.map_crashes.output.full,
+        half=rules.map_crashes.output.half,
+        encounters=rules.ingest_encounters.output.encounters,
+        vehicle=VEHICLE_FILES,
+        library=library("distributions", "fitting", "vehicles", "estimation"),
+    output:
+        sensitivity=result("sensitivity.csv"),
+    log:
+        log_of("study_sensitivity.log"),
+    benchmark:
+        benchmark_of("study_sensitivity.tsv")
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        seed=config["seed"],
+        variant=MODEL,
+        sensitivity=config["sensitivity"],
+    message:
+        "Studying what the crash probability depends on"
+    script:
+        "../scripts/study_sensitivity.py"
+
+
+rule bootstrap_uncertainty:
+    """Refit the model to resampled lane changes, and set up the budget of the uncertainty."""
+    input:
+        two_pieces=rules.fit_models.output.two_pieces,
+        three_pieces=rules.fit_models.output.three_pieces,
+        half=rules.map_crashes.output.half,
+        encounters=rules.ingest_encounters.output.encounters,
+        library=library("distributions", "fitting", "estimation"),
+    output:
+        uncertainty=result("uncertainty.csv"),
+        bootstrap=result("bootstrap.csv"),
+    log:
+        log_of("bootstrap_uncertainty.log"),
+    benchmark:
+        benchmark_of("bootstrap_uncertainty.tsv")
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        seed=config["seed"],
+        variant=MODEL,
+        alpha=config["importance_sampling"]["alpha"],
+        uncertainty=config["uncertainty"],
+    message:
+        "Resampling the lane changes, {params.uncertainty[replicates]} refits"
+    script:
+        "../scripts/bootstrap_uncertainty.py"

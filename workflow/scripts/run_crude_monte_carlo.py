@@ -1,0 +1,51 @@
+"""Estimate the crash probability by crude Monte Carlo, resuming where an interrupted run left off."""
+
+import math
+
+import pandas as pd
+from accelerated_evaluation.distributions.lane_change_model import read_model
+from accelerated_evaluation.estimation.crude import (
+    Checkpoint,
+    crude_course,
+    crude_estimates,
+    fingerprint,
+    simulate_batches,
+)
+from accelerated_evaluation.files import write_csv
+from accelerated_evaluation.jobs import job
+from accelerated_evaluation.sampling.methods import cut_ins
+from accelerated_evaluation.vehicles.loading import load_vehicle
+
+
+def main(
+    config: dict, inputs: dict[str, str], all_inputs: list[str], checkpoint: str, outputs: dict[str, str]
+) -> None:
+    """Write the estimates and their course; the checkpoint is of use for the very same inputs alone."""
+    settings, vehicle = config["crude_monte_carlo"], config["vehicle"]
+    car = load_vehicle(vehicle["name"], **vehicle["parameters"])
+    model = read_model(inputs["model"])
+    problems = cut_ins(model, pd.read_parquet(inputs["encounters"]), car, vehicle["closing_speed_max"])
+    depends_on = {"seed": config["seed"], "vehicle": vehicle, "batch_size": settings["batch_size"]}
+    batches = simulate_batches(
+        problems,
+        model,
+        Checkpoint(checkpoint, fingerprint(all_inputs, depends_on)),
+        seed=config["seed"],
+        batches=math.ceil(settings["simulations"] / settings["batch_size"]),
+        batch_size=settings["batch_size"],
+        save_every=settings["save_every"],
+    )
+    alpha = config["importance_sampling"]["alpha"]
+    write_csv(outputs["course"], crude_course(batches, alpha))
+    write_csv(outputs["estimates"], crude_estimates(batches, alpha))
+
+
+if __name__ == "__main__":
+    with job(snakemake.log[0]):
+        main(
+            snakemake.config,
+            {name: snakemake.input[name] for name in ("encounters", "model")},
+            list(snakemake.input),
+            snakemake.params.checkpoint,
+            dict(snakemake.output.items()),
+        )
