@@ -228,6 +228,15 @@ def test_the_ends(law):
     assert np.all(law.logsf([-1e300, 1e300]) == [law.logsf(-1e300), law.logsf(1e300)])
 
 
+def test_no_rounding_of_the_weights_cuts_off_an_end():
+    for share in np.linspace(0.01, 0.99, 99):
+        law = PiecewiseMixture(
+            (share, 1 - share), (BoundedExponential(1.0, 0.0, 1.0), BoundedExponential(1.0, 1.0))
+        )
+        assert law.ppf(1) == law.isf(0) == INF
+        assert law.ppf(0) == law.isf(1) == 0
+
+
 @pytest.mark.parametrize("rate", [-400.0, -3.0, 0.0, 1e-13, 3.0, 400.0])
 def test_exponential_returns_to_the_lowest_points(rate):
     law = BoundedExponential(rate, 0.0, 0.166)

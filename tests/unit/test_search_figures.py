@@ -91,7 +91,7 @@ def test_flow_shows_the_settings_that_the_search_runs_with():
         "crash_iterations": 9,
     }
     texts = " ".join(box.text for box in flow_boxes(changed).values())
-    for shown in ("N = 4,321", "77\ncrashes", "25 % quantile", "event 9 times"):
+    for shown in ("N = 4,321", "77\ncrashes", "the 0.25 quantile", "event 9 times"):
         assert shown in texts
         assert shown not in " ".join(box.text for box in flow_boxes(SETTINGS).values())
 

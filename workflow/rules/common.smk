@@ -33,6 +33,7 @@ wildcard_constraints:
     segment="|".join(["all", *SEGMENTS]),
     scope="|".join(["all", *SEGMENTS]),
     method="|".join(METHODS),
+    judged="|".join([*METHODS, "crude"]),
     seed=r"\d+",
 
 

@@ -14,6 +14,11 @@ SEARCHED = FITTED | {
     ),
 }
 ESTIMATED = SEARCHED | dict(rules.collect_estimates.output.items())
+EXACT = {
+    name: path
+    for rule in ("compute_exact", "study_sensitivity", "bootstrap_uncertainty")
+    for name, path in getattr(rules, rule).output.items()
+}
 
 NOTEBOOKS = {
     "01_introduction": {"reads": SEARCHED, "figures": ["fig01_concept"]},
@@ -49,8 +54,23 @@ NOTEBOOKS = {
         "tables": ["table1_sample_size"],
     },
     "07_conclusions": {
-        "reads": ESTIMATED,
+        "reads": ESTIMATED | {"exact": rules.compute_exact.output.exact},
         "tables": ["table2_computation", "estimates", "claims"],
+    },
+    "08_ground_truth": {
+        "reads": ESTIMATED | EXACT | dict(rules.run_crude_monte_carlo.output.items()),
+        "figures": [
+            "fig14_estimates_against_truth",
+            "fig15_sensitivity",
+            "fig16_uncertainty",
+            "fig17_severity",
+        ],
+        "tables": ["exact", "sensitivity", "uncertainty", "severity"],
+    },
+    "09_honest_intervals": {
+        "reads": FITTED | {"coverage": rules.collect_coverage.output.coverage},
+        "figures": ["fig18_coverage"],
+        "tables": ["coverage"],
     },
 }
 

@@ -180,28 +180,29 @@ def claims_table(
     source = config["data"][config["data"]["source"]]["description"]
     ours = _counts(models, trace) | _searches(trace)
     ours |= _samples(estimates, course, config["importance_sampling"])
-    general, particular = _departure(config, source), _obstacles(estimates)
-    rows = []
-    for key, claim in CLAIMS.items():
-        number = ours[key]
-        obstacle = (general if claim.rests_on_study else "") or particular.get(key, "")
-        judged = "not comparable" if obstacle else verdict(claim, number)
-        rows.append(
-            {
-                "claim": claim.claim,
-                "source": claim.source,
-                "paper": claim.paper,
-                "paper_low": float(f"{claim.paper - claim.tolerance:.6g}"),
-                "paper_high": float(f"{claim.paper + claim.tolerance:.6g}"),
-                "ours": number.value,
-                "ours_low": number.low,
-                "ours_high": number.high,
-                "spread": number.of,
-                "verdict": judged,
-                "why": obstacle or _why(judged, number, claim),
-            }
-        )
+    departure, obstacles = _departure(config, source), _obstacles(estimates)
+    rows = [
+        _row(claim, ours[key], (departure if claim.rests_on_study else "") or obstacles.get(key, ""))
+        for key, claim in CLAIMS.items()
+    ]
     return pd.DataFrame(rows).assign(data=source)
+
+
+def _row(claim: Claim, ours: Spread, obstacle: str) -> dict[str, str | float]:
+    judged = "not comparable" if obstacle else verdict(claim, ours)
+    return {
+        "claim": claim.claim,
+        "source": claim.source,
+        "paper": claim.paper,
+        "paper_low": float(f"{claim.paper - claim.tolerance:.6g}"),
+        "paper_high": float(f"{claim.paper + claim.tolerance:.6g}"),
+        "ours": ours.value,
+        "ours_low": ours.low,
+        "ours_high": ours.high,
+        "spread": ours.of,
+        "verdict": judged,
+        "why": obstacle or _why(judged, ours, claim),
+    }
 
 
 def _why(judged: str, ours: Spread, claim: Claim) -> str:

@@ -1,6 +1,7 @@
 """The Cross-Entropy search: figures 3 and 8 to 11 of the paper."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -13,6 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from accelerated_evaluation.distributions import PiecewiseMixture
 from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
+from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.publishing.flow_chart import Arrow, Box, draw_flow_chart, flow_table
 from accelerated_evaluation.publishing.style import COLUMN_WIDTH, PIECES, note_source, paper_style
 
@@ -26,6 +28,49 @@ DENSITY_FLOOR = 1e-4  # [s], the lower end of figure 11
 FLOW_HEIGHT = 5.6  # [in]
 
 
+MAIN, WIDE = 1.36, 2.3  # middle and width of the main column of the flow chart [in]
+FLOW_BOXES = {
+    "start": Box(
+        "f* starts as f, no weight below {minimum_weight:g}\n(single: exponentials with f's means)",
+        *(MAIN, 5.35, WIDE, 0.36),
+    ),
+    "draw": Box(
+        "draw N = {sample_size:,} cut-ins from f*, simulate\nthem; score t: the least of TTC and of\n"
+        "R / ({range_per_ttc:g} m/s); 0 if it is a crash",
+        *(MAIN, 4.74, WIDE, 0.5),
+    ),
+    "rarer": Box(
+        "is the {event_quantile:g} quantile of t\nbelow the last $t_{{TTC}}$?",
+        *(MAIN, 4.02, WIDE, 0.62),
+        question=True,
+    ),
+    "more": Box(
+        "draw on, to {minimum_events}\ncrashes or {maximum_batches} N;\n"
+        "take the {minimum_events}th\nsmallest t",
+        *(2.98, 3.31, 0.84, 0.56),
+    ),
+    "event": Box(
+        "$t_{{TTC}}$ falls to it, and $t_R$ in step;\nevent: TTC hits $t_{{TTC}}$ or R hits $t_R$",
+        *(MAIN, 3.31, 2.05, 0.4),
+    ),
+    "update": Box(
+        "weigh events by f / f*; update weights,\n"
+        "$\\theta$ of pieces with {minimum_piece_events} events (single: rates)",
+        *(MAIN, 2.71, WIDE, 0.4),
+    ),
+    "full": Box(
+        "heuristic: is the tail at full\nweight, with room below\nall events?",
+        *(MAIN, 1.94, WIDE, 0.74),
+        question=True,
+    ),
+    "shift": Box("shift the\ntruncation\npoints up", 3.06, 1.94, 0.62, 0.46),
+    "crash": Box(
+        "was the crash itself the\nevent {crash_iterations} times in a row?",
+        *(MAIN, 1.08, WIDE, 0.62),
+        question=True,
+    ),
+    "end": Box("f*", MAIN, 0.45, 0.5, 0.24),
+}
 FLOW_ARROWS = (
     Arrow("start", "draw"),
     Arrow("draw", "rarer"),
@@ -44,59 +89,7 @@ FLOW_ARROWS = (
 
 def flow_boxes(settings: Mapping[str, Any]) -> dict[str, Box]:
     """Describe the steps of `sampling.cross_entropy.search` with the settings that it runs with."""
-    s = dict(settings)
-    few, batches = s["minimum_events"], s["maximum_batches"]
-    main, side, wide = 1.36, 2.98, 2.3
-    return {
-        "start": Box(
-            f"f* starts as f, no weight below {s['minimum_weight']:g}\n(single: exponentials with f's means)",
-            *(main, 5.35, wide, 0.36),
-        ),
-        "draw": Box(
-            f"draw N = {s['sample_size']:,} cut-ins from f*, simulate\nthem; score t: the least of TTC and "
-            f"of\nR / ({s['range_per_ttc']:g} m/s); 0 if it is a crash",
-            *(main, 4.74, wide, 0.5),
-        ),
-        "rarer": Box(
-            f"is the {100 * s['event_quantile']:g} % quantile of\nt below the last $t_{{TTC}}$?",
-            *(main, 4.02, wide, 0.62),
-            question=True,
-        ),
-        "more": Box(
-            f"draw on, to {few}\ncrashes or {batches} N;\ntake the {few}th\nsmallest t",
-            side,
-            3.31,
-            0.84,
-            0.56,
-        ),
-        "event": Box(
-            "$t_{TTC}$ falls to it, and $t_R$ in step;\nevent: TTC hits $t_{TTC}$ or R hits $t_R$",
-            *(main, 3.31, 2.05, 0.4),
-        ),
-        "update": Box(
-            "weigh events by f / f*; update weights,\n$\\theta$ of pieces with "
-            f"{s['minimum_piece_events']} events (single: rates)",
-            *(main, 2.71, wide, 0.4),
-        ),
-        "full": Box(
-            "heuristic: is the tail at full\nweight, with room below\nall events?",
-            main,
-            1.94,
-            wide,
-            0.74,
-            True,
-        ),
-        "shift": Box("shift the\ntruncation\npoints up", 3.06, 1.94, 0.62, 0.46),
-        "crash": Box(
-            f"was the crash itself the\nevent {s['crash_iterations']} times in a row?",
-            main,
-            1.08,
-            wide,
-            0.62,
-            True,
-        ),
-        "end": Box("f*", main, 0.45, 0.5, 0.24),
-    }
+    return {name: replace(box, text=box.text.format(**settings)) for name, box in FLOW_BOXES.items()}
 
 
 def fig03_cross_entropy_flow(settings: Mapping[str, Any], source: str) -> tuple[Figure, pd.DataFrame]:
@@ -243,27 +236,37 @@ def fig11_inverse_ttc_density(
     figure, data
         The densities, light to dark; iteration, inverse_ttc_per_s, density_s.
     """
-    rows = _piecewise(trace, segment)
-    rows = rows[rows["seed"] == rows["seed"].min()].set_index("iteration")
-    chosen = np.unique(np.geomspace(1, rows.index.max(), CURVES).round().astype(int))
+    search = _piecewise(trace, segment)
+    search = search[search["seed"] == search["seed"].min()].set_index("iteration")
+    chosen = np.unique(np.geomspace(1, search.index.max(), CURVES).round().astype(int))
     pieces = model.inverse_ttc[segment]
-    laws = {1: pieces} | {at: _rebuilt(pieces, rows.loc[at]) for at in chosen[1:].tolist()}
-    bounds = [pieces.lower, *pieces.knots, laws[chosen[-1]].isf(0.02)]
-    x = np.concatenate([np.linspace(low, np.nextafter(high, low), 200) for low, high in pairwise(bounds)])
-    tables = []
+    laws = {1: pieces} | {at: _rebuilt(pieces, search.loc[at]) for at in chosen[1:].tolist()}
+    x = _grid([pieces.lower, *pieces.knots, laws[chosen[-1]].isf(0.02)])
+    table = pd.concat(
+        pd.DataFrame({"iteration": at, "inverse_ttc_per_s": x, "density_s": np.exp(law.logpdf(x))})
+        for at, law in laws.items()
+    )
+    names = {1: "f (iteration 1)", chosen[-1]: f"f* (iteration {chosen[-1]})"}
     with paper_style():
         figure, axes = plt.subplots()
-        for place, (at, law) in enumerate(laws.items()):
-            density = np.exp(law.logpdf(x))
-            label = {1: "f (iteration 1)", chosen[-1]: f"f* (iteration {at})"}.get(at, f"iteration {at}")
-            color = plt.get_cmap("Blues")(0.4 + 0.6 * place / (len(laws) - 1))
-            axes.plot(x, density, color=color, linestyle=LINES[place % len(LINES)], label=label)
-            tables.append(pd.DataFrame({"iteration": at, "inverse_ttc_per_s": x, "density_s": density}))
+        for place, (at, rows) in enumerate(table.groupby("iteration")):
+            look = {
+                "color": plt.get_cmap("Blues")(0.4 + 0.6 * place / (len(laws) - 1)),
+                "linestyle": LINES[place],
+            }
+            axes.plot(
+                rows["inverse_ttc_per_s"], rows["density_s"], label=names.get(at, f"iteration {at}"), **look
+            )
         axes.set(xlabel=f"$TTC^{{-1}}$ [1/s], {_speeds(segment)}", ylabel="density [s]", yscale="log")
-        axes.set_ylim(DENSITY_FLOOR, 3 * max(table["density_s"].max() for table in tables))
+        axes.set_ylim(DENSITY_FLOOR, 3 * table["density_s"].max())
         axes.legend(loc="upper right")
         note_source(figure, source)
-    return figure, pd.concat(tables, ignore_index=True)
+    return figure, table.reset_index(drop=True)
+
+
+def _grid(bounds: list[float]) -> Array:
+    """Return points in every piece, so that jumps at the knots are drawn as such."""
+    return np.concatenate([np.linspace(low, np.nextafter(high, low), 200) for low, high in pairwise(bounds)])
 
 
 def _rebuilt(pieces: PiecewiseMixture, row: pd.Series) -> PiecewiseMixture:

@@ -1,0 +1,85 @@
+"""A car whose crash probability has a closed form, and laws to drive it with."""
+
+from dataclasses import dataclass
+
+import mpmath
+import numpy as np
+import pandas as pd
+from accelerated_evaluation.distributions import (
+    BoundedExponential,
+    BoundedNormal,
+    Mixture,
+    Pareto,
+    PiecewiseMixture,
+)
+from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
+from accelerated_evaluation.estimation.crash_map import Grid
+from accelerated_evaluation.vehicles import Outcomes
+
+GRID = Grid(
+    lead_speed_min=5,
+    lead_speed_max=15,
+    range_max=75,
+    lead_speed_cells=8,
+    range_cells=40,
+    refinement=4,
+    closing_speed_max=60,
+    closing_speed_points=160,
+)
+LOWER = 1 / 75
+RANGE_LAWS = {
+    "exponential": BoundedExponential(50.0, LOWER),
+    "pieces": PiecewiseMixture(
+        [0.8, 0.2], [BoundedExponential(107.0, LOWER, 0.0374), BoundedExponential(42.7, 0.0374)]
+    ),
+    "pareto": Pareto(1.73, LOWER),
+}
+TTC_LAWS = {
+    "exponential": BoundedExponential(21.0),
+    "pieces": PiecewiseMixture(
+        [0.95, 0.05],
+        [
+            Mixture([0.3, 0.7], [BoundedNormal(0.04, 0.0, 0.166), BoundedNormal(0.09, 0.0, 0.166)]),
+            BoundedExponential(21.0, 0.166),
+        ],
+    ),
+}
+
+
+@dataclass
+class WallCar:
+    """Crashes from ``first`` m/s of closing speed on, but not in the hole."""
+
+    first: float = 12.0
+    hole: tuple[float, float] = (12.5, 12.8)
+
+    def simulate(self, lead_speed, range_, closing_speed):
+        crash = (closing_speed >= self.first) & ~(
+            (closing_speed >= self.hole[0]) & (closing_speed < self.hole[1])
+        )
+        gap = np.where(crash, 0.0, np.minimum(range_, np.maximum(self.first - closing_speed, 0.01)))
+        return Outcomes(crash, gap, range_ / closing_speed, np.where(crash, closing_speed, 0.0))
+
+
+def encounters(speeds=None):
+    speeds = np.random.default_rng(3).uniform(5, 15, 2000) if speeds is None else speeds
+    return pd.DataFrame({"lead_speed": speeds, "segment": "5-15"})
+
+
+def model(range_law, ttc_law):
+    return LaneChangeModel("test", {"5-15": 1}, range_law, {"5-15": ttc_law})
+
+
+def integral(range_law, ttc_law, edges):
+    """P of closing speeds in [edges[0], edges[1]) or from edges[2] on, by adaptive quadrature over R^-1."""
+
+    def log_tail(speed, x):
+        return float(ttc_law.logsf(speed * x))
+
+    def integrand(x):
+        x = float(x)
+        terms = np.exp(log_tail(edges[0], x)) - np.exp(log_tail(edges[1], x)) + np.exp(log_tail(edges[2], x))
+        return terms * np.exp(float(range_law.logpdf(x)))
+
+    bounds = sorted({LOWER, 0.0374, *(0.166 / edge for edge in edges), 0.1, 0.3, 1.0, 3.0})
+    return float(mpmath.quad(integrand, [b for b in bounds if b >= LOWER]))

@@ -1,0 +1,94 @@
+# Judge: crude Monte Carlo for real, and how honest the intervals of each method are (beyond the paper).
+#
+# In: the model, the vehicle, f* of every search, the exact probability. Out: the crude estimate and its course;
+# for each method bias, variation and coverage over many replicates, for fixed sizes and for stopping rules.
+
+JUDGED = [*METHODS, "crude"]
+
+
+rule run_crude_monte_carlo:
+    """Simulate as many lane changes as the paper extrapolates to, drawn from f itself; resumes in the middle."""
+    input:
+        encounters=rules.ingest_encounters.output.encounters,
+        model=rules.fit_models.output[MODEL],
+        vehicle=VEHICLE_FILES,
+        library=library("distributions", "vehicles", "sampling", "estimation"),
+    output:
+        estimates=result("crude.csv"),
+        course=result("crude_course.csv"),
+    log:
+        log_of("run_crude_monte_carlo.log"),
+    benchmark:
+        benchmark_of("run_crude_monte_carlo.tsv")
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        seed=config["seed"],
+        vehicle=config["vehicle"],
+        crude_monte_carlo=config["crude_monte_carlo"],
+        alpha=config["importance_sampling"]["alpha"],
+        checkpoint=result("crude_checkpoint.json"),
+    message:
+        "Crude Monte Carlo, {params.crude_monte_carlo[simulations]} simulations"
+    script:
+        "../scripts/run_crude_monte_carlo.py"
+
+
+rule study_coverage:
+    """Judge the intervals of one method by the exact probability, in many replicates."""
+    input:
+        encounters=rules.ingest_encounters.output.encounters,
+        model=rules.fit_models.output[MODEL],
+        exact=rules.compute_exact.output.exact,
+        proposals=lambda wildcards: (
+            []
+            if wildcards.judged == "crude"
+            else expand(
+                rules.search_proposals.output.proposals,
+                method=wildcards.judged,
+                seed=SEEDS,
+            )
+        ),
+        vehicle=VEHICLE_FILES,
+        library=library("distributions", "vehicles", "sampling", "estimation"),
+    output:
+        coverage=result("coverage", "{judged}.csv"),
+        replicates=result("coverage", "{judged}_replicates.csv"),
+    log:
+        log_of("study_coverage", "{judged}.log"),
+    benchmark:
+        benchmark_of("study_coverage", "{judged}.tsv")
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        seed=config["seed"],
+        vehicle=config["vehicle"],
+        importance_sampling=config["importance_sampling"],
+        coverage=config["coverage"],
+        method=lambda wildcards: wildcards.judged,
+    message:
+        "Judging the intervals of {wildcards.judged}"
+    script:
+        "../scripts/study_coverage.py"
+
+
+rule collect_coverage:
+    """Join the verdicts on all methods."""
+    input:
+        coverage=expand(rules.study_coverage.output.coverage, judged=JUDGED),
+        library=library(),
+    output:
+        coverage=result("coverage.csv"),
+    log:
+        log_of("collect_coverage.log"),
+    benchmark:
+        benchmark_of("collect_coverage.tsv")
+    threads: 1
+    resources:
+        mem_mb=500,
+    message:
+        "Collecting the coverage of intervals"
+    script:
+        "../scripts/collect_tables.py"
