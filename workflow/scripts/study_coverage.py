@@ -6,6 +6,7 @@ import pandas as pd
 from accelerated_evaluation.distributions.lane_change_model import read_model
 from accelerated_evaluation.estimation.coverage import (
     CRUDE,
+    Stream,
     coverage_table,
     foretold_size,
     replicate_rows,
@@ -40,18 +41,18 @@ def main(
     """Write all replicates and the verdict on each way to stop; replicates take the searches in turn."""
     settings = config["importance_sampling"]
     exact = pd.read_csv(inputs["exact"]).set_index("segment").loc["all"]
+    generator_of = partial(child_generator, config["seed"], "coverage", method)
     if method == CRUDE:
-        stops, bound = [partial(stop_crude, exact["probability"], settings=settings)], 1.0
+        stops, bound = [partial(stop_crude, exact["probability"], generator_of(), settings)], 1.0
     else:
         searches = read_searches(config, inputs, proposals)
-        pilot = child_generator(config["seed"], "coverage", method, "pilot")
-        size = foretold_size(searches, pilot, config["coverage"]["pilot"], settings)
-        stops = [partial(stop_importance_sampling, f, fixed=size, settings=settings) for f in searches]
+        size = foretold_size(searches, generator_of("pilot"), config["coverage"]["pilot"], settings)
+        streams = [Stream(strata, generator_of(number)) for number, strata in enumerate(searches)]
+        stops = [partial(stop_importance_sampling, stream, size, settings) for stream in streams]
         bound = None
     rows = []
     for replicate in trange(config["coverage"]["replicates"], desc=f"coverage, {method}"):
-        generator = child_generator(config["seed"], "coverage", method, replicate)
-        stopped = stops[replicate % len(stops)](generator=generator)
+        stopped = stops[replicate % len(stops)]()
         rows += [{"method": method, "replicate": replicate, **row} for row in replicate_rows(stopped, bound)]
     replicates = pd.DataFrame(rows)
     write_csv(outputs["replicates"], replicates)

@@ -24,6 +24,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import ndtri
 
+from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.estimation.importance_sampling import (
     Stratum,
     crude_simulations,
@@ -46,6 +47,7 @@ INTERVALS = {
     "sequential": normal_interval,
     "sequential_gamma": gamma_interval,
 }
+BLOCK = 50_000  # simulations drawn at once: small blocks take longer
 RULE = ("alpha", "beta", "minimum_events")
 
 
@@ -73,17 +75,45 @@ def foretold_size(
     return math.ceil(sums.simulations * reach**2)
 
 
+class Stream:
+    """Crash weights with the f* of one search, drawn in large blocks; replicates follow one another in it.
+
+    A replicate begins where the last one ended. Where that is depends on the weights before it alone, so the
+    replicates are independent.
+
+    Parameters
+    ----------
+    strata
+        The segments with their f*.
+    generator
+        Source of all randomness.
+    """
+
+    def __init__(self, strata: Mapping[str, Stratum], generator: np.random.Generator) -> None:
+        self._strata, self._generator = strata, generator
+        self._weights = np.empty(0)
+
+    def first(self, size: int) -> Array:
+        """Return the first ``size`` weights of this replicate."""
+        while self._weights.size < size:
+            block = draw_crash_weights(self._strata, self._generator, BLOCK)
+            self._weights = np.concatenate([self._weights, block])
+        return self._weights[:size]
+
+    def end_replicate(self, size: int) -> None:
+        """Begin the next replicate after ``size`` weights of this one."""
+        self._weights = self._weights[size:]
+
+
 def stop_importance_sampling(
-    strata: Mapping[str, Stratum], generator: np.random.Generator, fixed: int, settings: Mapping[str, Any]
+    stream: Stream, fixed: int, settings: Mapping[str, Any]
 ) -> dict[str, tuple[Sums, bool]]:
     """Run one replicate of importance sampling, and stop it in each of the ways.
 
     Parameters
     ----------
-    strata
-        The segments with the f* of one search.
-    generator
-        Source of all randomness.
+    stream
+        Where the simulations come from.
     fixed
         The fixed size.
     settings
@@ -95,22 +125,24 @@ def stop_importance_sampling(
         For each way to stop the sums at its end, and whether its rule was met.
     """
     rule = {name: settings[name] for name in RULE}
-    maximum = settings["maximum_simulations"]
-    drawn = []
+    maximum, used = settings["maximum_simulations"], 0
 
-    def draw(generator: np.random.Generator, size: int) -> Sums:
-        drawn.append(draw_crash_weights(strata, generator, size))
-        return Sums.of(drawn[-1])
+    def draw(size: int) -> Sums:
+        nonlocal used
+        used += size
+        return Sums.of(stream.first(used)[used - size :])
 
-    ours = sequential_estimate(draw, generator, **rule, maximum_simulations=maximum)
-    while True:
-        weights = np.concatenate(drawn)
-        course = running(weights, rule["alpha"])
+    ours = sequential_estimate(draw, **rule, maximum_simulations=maximum)
+    used, first = max(used, fixed), None
+    while first is None:
+        course = running(stream.first(used), rule["alpha"])
         first = first_converged(course, rule["beta"], rule["minimum_events"])
-        if weights.size >= (fixed if first else maximum):
+        if used >= maximum:
             break
-        draw(generator, min(max(fixed, 2 * weights.size), maximum) - weights.size)
+        used = used if first else min(2 * used, maximum)
+    weights = stream.first(used)
     at_fixed = Sums.of(weights[:fixed]), True
+    stream.end_replicate(used)
     return {
         "fixed": at_fixed,
         "fixed_gamma": at_fixed,
@@ -130,13 +162,13 @@ def stop_crude(
     """
     rule = {name: settings[name] for name in RULE}
 
-    def draw(generator: np.random.Generator, size: int) -> Sums:
+    def draw(size: int) -> Sums:
         return Sums.unweighted(size, int(generator.binomial(size, probability)))
 
-    at_fixed = draw(generator, math.ceil(crude_simulations(probability, rule["alpha"], rule["beta"]))), True
+    at_fixed = draw(math.ceil(crude_simulations(probability, rule["alpha"], rule["beta"]))), True
     events = max(math.ceil((ndtri(rule["alpha"] / 2) / rule["beta"]) ** 2), rule["minimum_events"])
     simulations = events + int(generator.negative_binomial(events, probability))
-    ours = sequential_estimate(draw, generator, **rule, maximum_simulations=sys.maxsize, weight_bound=1.0)
+    ours = sequential_estimate(draw, **rule, maximum_simulations=sys.maxsize, weight_bound=1.0)
     return {
         "fixed": at_fixed,
         "fixed_gamma": at_fixed,

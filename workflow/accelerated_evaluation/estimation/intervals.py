@@ -22,7 +22,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
 from scipy.special import gammainccinv, gammaincinv, ndtri
 from scipy.stats import binomtest
 
@@ -155,8 +154,7 @@ class Sequential:
 
 
 def sequential_estimate(
-    draw: Callable[[np.random.Generator, int], Sums],
-    generator: np.random.Generator,
+    draw: Callable[[int], Sums],
     *,
     alpha: float,
     beta: float,
@@ -183,9 +181,7 @@ def sequential_estimate(
     Parameters
     ----------
     draw
-        Simulates a number of cut-ins and sums up their crash weights.
-    generator
-        Source of all randomness.
+        Simulates a number of fresh cut-ins and sums up their crash weights.
     alpha, beta
         Stop when the half-width of the 100 (1 - alpha) % interval is at most beta times the estimate.
     minimum_events
@@ -200,7 +196,7 @@ def sequential_estimate(
     sums, look = Sums(), float(first)
     while True:
         size = min(math.ceil(look), maximum_simulations) - sums.simulations
-        sums += draw(generator, size)
+        sums += draw(size)
         interval = gamma_interval(sums, alpha, weight_bound)
         narrow = (interval.high - interval.low) / 2 <= beta * sums.probability
         converged = narrow and sums.events >= minimum_events

@@ -14,7 +14,6 @@ from matplotlib.ticker import MaxNLocator
 
 from accelerated_evaluation.distributions import PiecewiseMixture
 from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
-from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.publishing.flow_chart import Arrow, Box, draw_flow_chart, flow_table
 from accelerated_evaluation.publishing.style import COLUMN_WIDTH, PIECES, note_source, paper_style
 
@@ -236,22 +235,14 @@ def fig11_inverse_ttc_density(
     figure, data
         The densities, light to dark; iteration, inverse_ttc_per_s, density_s.
     """
-    search = _piecewise(trace, segment)
-    search = search[search["seed"] == search["seed"].min()].set_index("iteration")
-    chosen = np.unique(np.geomspace(1, search.index.max(), CURVES).round().astype(int))
-    pieces = model.inverse_ttc[segment]
-    laws = {1: pieces} | {at: _rebuilt(pieces, search.loc[at]) for at in chosen[1:].tolist()}
-    x = _grid([pieces.lower, *pieces.knots, laws[chosen[-1]].isf(0.02)])
-    table = pd.concat(
-        pd.DataFrame({"iteration": at, "inverse_ttc_per_s": x, "density_s": np.exp(law.logpdf(x))})
-        for at, law in laws.items()
-    )
+    table = _density_table(_piecewise(trace, segment), model.inverse_ttc[segment])
+    chosen = table["iteration"].unique()
     names = {1: "f (iteration 1)", chosen[-1]: f"f* (iteration {chosen[-1]})"}
     with paper_style():
         figure, axes = plt.subplots()
         for place, (at, rows) in enumerate(table.groupby("iteration")):
             look = {
-                "color": plt.get_cmap("Blues")(0.4 + 0.6 * place / (len(laws) - 1)),
+                "color": plt.get_cmap("Blues")(0.4 + 0.6 * place / (chosen.size - 1)),
                 "linestyle": LINES[place],
             }
             axes.plot(
@@ -261,12 +252,20 @@ def fig11_inverse_ttc_density(
         axes.set_ylim(DENSITY_FLOOR, 3 * table["density_s"].max())
         axes.legend(loc="upper right")
         note_source(figure, source)
-    return figure, table.reset_index(drop=True)
+    return figure, table
 
 
-def _grid(bounds: list[float]) -> Array:
-    """Return points in every piece, so that jumps at the knots are drawn as such."""
-    return np.concatenate([np.linspace(low, np.nextafter(high, low), 200) for low, high in pairwise(bounds)])
+def _density_table(rows: pd.DataFrame, pieces: PiecewiseMixture) -> pd.DataFrame:
+    """Tabulate the densities of the first seed's search at iterations chosen from f to f*."""
+    search = rows[rows["seed"] == rows["seed"].min()].set_index("iteration")
+    chosen = np.unique(np.geomspace(1, search.index.max(), CURVES).round().astype(int)).tolist()
+    laws = {1: pieces} | {at: _rebuilt(pieces, search.loc[at]) for at in chosen[1:]}
+    bounds = [pieces.lower, *pieces.knots, laws[chosen[-1]].isf(0.02)]
+    # Points on both sides of every knot, so that jumps are drawn as such.
+    x = np.concatenate([np.linspace(low, np.nextafter(high, low), 200) for low, high in pairwise(bounds)])
+    columns = ("iteration", "inverse_ttc_per_s", "density_s")
+    parts = [dict(zip(columns, (at, x, np.exp(law.logpdf(x))), strict=True)) for at, law in laws.items()]
+    return pd.concat(map(pd.DataFrame, parts), ignore_index=True)
 
 
 def _rebuilt(pieces: PiecewiseMixture, row: pd.Series) -> PiecewiseMixture:

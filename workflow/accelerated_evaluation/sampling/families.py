@@ -82,7 +82,11 @@ class PiecewiseFamily:
         return self.model.accelerated(self.thetas, self.weights)
 
     def update(self, x: Array, weight: Array) -> "PiecewiseFamily":
-        """Update the weights by equation (pi_update), and the theta of every piece with enough events."""
+        """Update the weights by equation (pi_update), and the theta of every piece with enough events.
+
+        The theta of an unbounded tail stays at zero or above: with a lighter tail than that of f, likelihood
+        ratios would be unbounded, and so a variance that no sample shows.
+        """
         piece = self.model.piece_index(x)
         shares = np.bincount(piece, weights=weight, minlength=len(self.weights)) / weight.sum()
         # A weight that underflows has lost its digits, and a piece with no other has lost its mean.
@@ -92,7 +96,8 @@ class PiecewiseFamily:
             inside = (piece == index) & heavy
             if np.count_nonzero(inside) >= self.minimum_events:
                 mean = _inner_mean(float(np.average(x[inside], weights=weight[inside])), component)
-                thetas[index] = match_mean(component, mean)
+                theta = match_mean(component, mean)
+                thetas[index] = max(theta, 0.0) if math.isinf(component.upper) else theta
         return replace(self, thetas=tuple(thetas), weights=bounded_weights(shares, self.minimum_weight))
 
     @property
