@@ -143,6 +143,15 @@ def test_needles_at_the_edge_of_a_bounded_piece_are_blunted():
         assert body.mean() == pytest.approx(mean)
 
 
+def test_the_tail_of_f_star_is_never_lighter_than_that_of_f():
+    family = PiecewiseFamily.start(F.inverse_ttc, 0.01, 5)
+    near, far = (
+        family.update(np.full(9, x), np.ones(9)).distribution.components[1].rate for x in (0.17, 0.6)
+    )
+    assert near == 21  # nine events next to the knot ask for a rate of 250
+    assert far == pytest.approx(1 / (0.6 - 0.166))
+
+
 @pytest.mark.parametrize(
     "shares", [(0.2, 0.3, 0.5), (0.0, 0.0, 1.0), (0.06, 0.9, 0.04), (0.11, 0.8, 0.09), (1 / 3,) * 3]
 )

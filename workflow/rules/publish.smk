@@ -65,10 +65,21 @@ NOTEBOOKS = {
             "fig16_uncertainty",
             "fig17_severity",
         ],
-        "tables": ["exact", "sensitivity", "uncertainty", "severity"],
+        "tables": [
+            "exact",
+            "convergence",
+            "sensitivity",
+            "uncertainty",
+            "severity",
+            "crude",
+        ],
     },
     "09_honest_intervals": {
-        "reads": FITTED | {"coverage": rules.collect_coverage.output.coverage},
+        "reads": FITTED
+        | {
+            "coverage": rules.collect_coverage.output.coverage,
+            "exact": rules.compute_exact.output.exact,
+        },
         "figures": ["fig18_coverage"],
         "tables": ["coverage"],
     },

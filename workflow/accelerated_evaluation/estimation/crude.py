@@ -127,7 +127,7 @@ def crude_estimates(batches: list[Counts], alpha: float) -> pd.DataFrame:
     pandas.DataFrame
         Columns ``segment``, ``simulations``, ``crashes``, ``probability``, and the exact intervals ``ci_low``
         and ``ci_high`` at 100 (1 - alpha) %, ``ci95_low`` and ``ci95_high`` at 95 %. Without a crash they
-        are one-sided, from 0.
+        are an upper bound alone, from 0.
     """
     segments = {segment: np.sum([counts[segment] for counts in batches], axis=0) for segment in batches[0]}
     totals = segments | {ALL: sum(segments.values())}

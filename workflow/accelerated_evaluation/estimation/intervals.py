@@ -119,14 +119,14 @@ def gamma_interval(sums: Sums, alpha: float, weight_bound: float | None = None) 
     Returns
     -------
     Interval
-        Without a crash one-sided: from 0 to weight_bound (-log alpha) / n, the "rule of three" where alpha is
-        5 %. Without a bound as well it is [0, 1]: a sample without a crash says nothing of the weights,
-        and an f* that misses the crashes looks just like a vehicle that never crashes.
+        Without a crash an upper bound alone: from 0 to weight_bound log(2 / alpha) / n. Without a bound as
+        well it is [0, 1]: a sample without a crash says nothing of the weights, and an f* that misses the
+        crashes looks just like a vehicle that never crashes.
     """
-    if sums.events == 0:
-        return Interval(0.0, min(-math.log(alpha) * (weight_bound or math.inf) / sums.simulations, 1.0))
+    if sums.events == 0 and weight_bound is None:
+        return Interval(0.0, 1.0)
     total, squares = sums.total, sums.squares
-    low = gammaincinv(total**2 / squares, alpha / 2) * squares / total
+    low = gammaincinv(total**2 / squares, alpha / 2) * squares / total if sums.events else 0.0
     extra = sums.largest if weight_bound is None else weight_bound
     total, squares = total + extra, squares + extra**2
     high = gammainccinv(total**2 / squares, alpha / 2) * squares / total
@@ -134,13 +134,13 @@ def gamma_interval(sums: Sums, alpha: float, weight_bound: float | None = None) 
 
 
 def binomial_interval(events: int, simulations: int, alpha: float) -> Interval:
-    """Return the exact interval of Clopper and Pearson; without an event the one-sided one from 0.
+    """Return the exact interval of Clopper and Pearson: each side is missed with at most alpha / 2.
 
-    Two-sided, each side is missed with a probability of alpha / 2 at most; the one-sided upper bound is
-    1 - alpha^(1/n).
+    Without an event it is an upper bound alone, 1 - (alpha / 2)^(1/n). The bound 1 - alpha^(1/n) of a
+    one-sided interval would not do: who turns to it because there was no event, and gives two limits
+    otherwise, covers in less than 1 - alpha of all runs (72 % for 80 %, where 1.6 events are expected).
     """
-    test = binomtest(events, simulations, alternative="two-sided" if events else "less")
-    limits = test.proportion_ci(1 - alpha, method="exact")
+    limits = binomtest(events, simulations).proportion_ci(1 - alpha, method="exact")
     return Interval(float(limits.low), float(limits.high))
 
 
@@ -168,15 +168,17 @@ def sequential_estimate(
 
     The paper's rule looks at a normal interval after every simulation and stops as soon as its relative
     half-width is beta: at the moment when the sample believes itself most exact. Two changes mend it. The
-    gamma interval has room on the side where the truth is missed; as long as a single weight decides, it is
-    wide, and there is no stopping. And it is looked at only after ``first``, ``first growth``,
-    ``first growth^2``, ... simulations: at one tenth more each time, new simulations outweigh the choice of
-    the moment, and the last step exceeds what was needed by 5 % on average.
+    gamma interval is wide as long as a few weights decide, and has room on the side where the truth is
+    missed. And it is looked at only after ``first``, ``first growth``, ``first growth^2``, ... simulations:
+    with a tenth more each time the choice of the moment weighs less, and the last step exceeds what was
+    needed by 5 % on average.
 
-    On the default study both 80 % and 95 % intervals then cover in more than 80 % and 95 % of all runs, for
-    1.4 times the simulations of the paper's rule, which covers in 77 to 79 %. A fresh sample as large as the
-    one that stopped, with a normal interval, costs 2 times and covers in 78 to 79 %: skewness is the larger
-    fault, not the stopping. `coverage` measures all this.
+    On the SPMD study, intervals of 80 % and 95 % then cover in 84 to 86 % and 96 to 98 % of all runs, for 1.5
+    times the simulations of the paper's rule, which covers in 77 to 80 % and 92 to 95 %. A fresh sample as
+    large as the one that stopped, with a normal interval, costs 2 times and covers in 78 %: skewness is the
+    larger fault, not the stopping. `coverage` measures what it is on any study. Where weights are so unequal
+    that the largest are rarely seen (in a trial, log-normal ones whose logarithm has a standard deviation of
+    1.5 or more), no rule that knows the sample alone is safe.
 
     Parameters
     ----------

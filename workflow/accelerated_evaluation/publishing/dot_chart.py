@@ -50,6 +50,11 @@ def name_rows(axes: Axes, y: Array, groups: pd.Series, names: pd.Series) -> None
         tick.tick1line.set_visible(False)
 
 
+def name_groups(axes: Axes, y: Array, groups: pd.Series) -> None:
+    """Label each group of rows in its middle."""
+    axes.set_yticks(pd.Series(y).groupby(groups.to_numpy(), sort=False).mean(), groups.unique())
+
+
 def write_beside(axes: Axes, y: ArrayLike, texts: Iterable[str], heading: str) -> None:
     """Write a text to the right of each row, and a heading above them."""
     for at, text in zip(y, texts, strict=True):

@@ -24,6 +24,7 @@ from accelerated_evaluation.publishing.dot_chart import (
     draw_truth,
     finish,
     in_ratios,
+    name_groups,
     name_rows,
     spaced,
     write_beside,
@@ -32,6 +33,7 @@ from accelerated_evaluation.publishing.paper_tables import of_method
 from accelerated_evaluation.publishing.style import COLUMN_WIDTH, METHODS, PIECES, note_source, paper_style
 from accelerated_evaluation.publishing.truth_tables import severity_digest
 
+PAPER = {"color": "black", "marker": "*"}
 RARE = 1e-6  # lower end of the shares in figure 17
 STOPPINGS = {
     "fixed": {"label": "fixed size, normal", "marker": "o", "fillstyle": "none"},
@@ -70,29 +72,17 @@ def fig14_estimates_against_truth(
         A row for each replicate; kind (exact, paper or estimate), method, replicate, simulations,
         probability, ci_low and ci_high.
     """
-    truth = _all(exact)
-    reach = -ndtri(alpha / 2) * truth["standard_error"]
-    value = {"kind": "exact", "probability": truth["probability"]}
-    lines = [value | {"ci_low": value["probability"] - reach, "ci_high": value["probability"] + reach}]
-    lines.append(dict(zip(("kind", *INTERVAL), ("paper", sum(paper) / 2, *paper), strict=True)))
-    parts = [of_method(estimates, method) for method in METHODS]
-    if crude is not None:
-        parts.append(crude[crude["segment"] == "all"].assign(method="crude", replicate=0))
-    rows = pd.concat([pd.DataFrame(lines), pd.concat(parts).assign(kind="estimate")], ignore_index=True)
-    data = rows[["kind", "method", "replicate", "simulations", *INTERVAL]]
-    data = data.astype({"replicate": "Int64", "simulations": "Int64"})
+    data = _estimate_rows(estimates, _all(exact), paper, alpha, crude)
     with paper_style():
         shown = data.iloc[1:]
         label = shown["method"].fillna("paper")
         y = spaced(label, 1.0)
         figure, axes = plt.subplots(figsize=(COLUMN_WIDTH, FRAME + 0.7 * ROW * y.max()))
         for name in label.unique():
-            look = {
-                key: METHODS.get(name, {"color": "black", "marker": "*"})[key] for key in ("color", "marker")
-            }
+            look = METHODS.get(name, PAPER) | {"linestyle": "none"}
             draw_intervals(axes, shown[label == name], y[label == name], **look)
         draw_truth(axes, data.iloc[0], f"exact, {100 * (1 - alpha):g} % band")
-        axes.set_yticks(pd.Series(y).groupby(label.to_numpy(), sort=False).mean(), label.unique())
+        name_groups(axes, y, label)
         # Without a crash an interval has no upper end worth drawing.
         seen = data.loc[data["probability"] > 0, "ci_high"]
         axes.set(xlabel="crash probability", xlim=(0, 1.05 * seen.max()))
@@ -235,6 +225,52 @@ def fig18_coverage(coverage: pd.DataFrame, source: str) -> tuple[Figure, pd.Data
         A panel for each level, with exact binomial 95 % intervals; method, stopping, replicates, level,
         coverage, ci_low and ci_high.
     """
+    data = _coverage_rows(coverage)
+    y = spaced(coverage["method"], 1.0)
+    with paper_style():
+        figure, panels = plt.subplots(
+            1, len(LEVELS), figsize=(COLUMN_WIDTH, FRAME + ROW * y.max()), sharey=True
+        )
+        for axes, (level, rows) in zip(panels, data.groupby("level", sort=False), strict=True):
+            shown = rows.rename(columns={"coverage": "probability"})
+            for at, (_, row) in zip(y, shown.iterrows(), strict=True):
+                look = STOPPINGS[row["stopping"]] | {"color": METHODS[row["method"]]["color"]}
+                draw_intervals(axes, row.to_frame().T, [at], **look)
+            axes.axvline(level / 100, linestyle=":", **TRUTH)
+            axes.set(xlabel=f"coverage of {level} %", xlim=(None, 1))
+            axes.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 4, 5, 10]))
+            axes.xaxis.set_major_formatter(PercentFormatter(1, decimals=0))
+        name_groups(panels[0], y, coverage["method"])
+        panels[0].invert_yaxis()
+        signs = [plt.Line2D([], [], color="black", linestyle="none", **look) for look in STOPPINGS.values()]
+        figure.legend(handles=signs, loc="outside upper center", ncols=2)
+        note_source(figure, source)
+    return figure, data
+
+
+def _estimate_rows(
+    estimates: pd.DataFrame,
+    truth: pd.Series,
+    paper: tuple[float, float],
+    alpha: float,
+    crude: pd.DataFrame | None,
+) -> pd.DataFrame:
+    """Stack the exact value, the paper's, the estimates over all segments and crude Monte Carlo."""
+    reach = -ndtri(alpha / 2) * truth["standard_error"]
+    value = {"kind": "exact", "probability": truth["probability"]}
+    lines = [value | {"ci_low": value["probability"] - reach, "ci_high": value["probability"] + reach}]
+    lines.append(dict(zip(("kind", *INTERVAL), ("paper", sum(paper) / 2, *paper), strict=True)))
+    parts = [of_method(estimates, method) for method in METHODS]
+    if crude is not None:
+        parts.append(crude[crude["segment"] == "all"].assign(method="crude", replicate=0))
+    rows = pd.concat([pd.DataFrame(lines), pd.concat(parts).assign(kind="estimate")], ignore_index=True)
+    return rows[["kind", "method", "replicate", "simulations", *INTERVAL]].astype(
+        {"replicate": "Int64", "simulations": "Int64"}
+    )
+
+
+def _coverage_rows(coverage: pd.DataFrame) -> pd.DataFrame:
+    """Stack the levels, with binomial intervals of the coverages."""
     data = pd.concat(
         [
             coverage[["method", "stopping", "replicates"]].assign(
@@ -246,31 +282,7 @@ def fig18_coverage(coverage: pd.DataFrame, source: str) -> tuple[Figure, pd.Data
     )
     held = (data["coverage"] * data["replicates"]).round().astype(int)
     bounds = [binomial_interval(k, n, 0.05) for k, n in zip(held, data["replicates"], strict=True)]
-    data = data.assign(ci_low=[bound.low for bound in bounds], ci_high=[bound.high for bound in bounds])
-    y = spaced(coverage["method"], 1.0)
-    with paper_style():
-        figure, panels = plt.subplots(
-            1, len(LEVELS), figsize=(COLUMN_WIDTH, FRAME + ROW * y.max()), sharey=True
-        )
-        for axes, (level, rows) in zip(panels, data.groupby("level", sort=False), strict=True):
-            for at, (_, row) in zip(
-                y, rows.rename(columns={"coverage": "probability"}).iterrows(), strict=True
-            ):
-                look = STOPPINGS[row["stopping"]] | {"color": METHODS[row["method"]]["color"]}
-                draw_intervals(axes, row.to_frame().T, [at], **look)
-            axes.axvline(level / 100, linestyle=":", **TRUTH)
-            axes.set(xlabel=f"coverage of {level} %", xlim=(None, 1))
-            axes.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 4, 5, 10]))
-            axes.xaxis.set_major_formatter(PercentFormatter(1, decimals=0))
-        panels[0].set_yticks(
-            pd.Series(y).groupby(coverage["method"].to_numpy(), sort=False).mean(),
-            coverage["method"].unique(),
-        )
-        panels[0].invert_yaxis()
-        signs = [plt.Line2D([], [], color="black", linestyle="none", **look) for look in STOPPINGS.values()]
-        figure.legend(handles=signs, loc="outside upper center", ncols=2)
-        note_source(figure, source)
-    return figure, data
+    return data.assign(ci_low=[bound.low for bound in bounds], ci_high=[bound.high for bound in bounds])
 
 
 def _all(exact: pd.DataFrame) -> pd.Series:
@@ -279,7 +291,7 @@ def _all(exact: pd.DataFrame) -> pd.Series:
 
 def _in_symbols(text: str) -> str:
     """Write the names of quantities as in the paper."""
-    return re.sub(r"(TTC|R)\^-1", r"$\1^{-1}$", text).replace("v_L", "$v_L$")
+    return re.sub(r"(TTC|R)\^-1", r"$\1^{-1}$", text).replace("v_L", "$v_L$ [m/s]")
 
 
 def _value_label(value: Any) -> str:  # noqa: ANN401
