@@ -39,8 +39,8 @@ PREMISES = {
 
 _KNOTS = (
     "the paper does not print its knots; ours is exact for the TTC^-1 knots at the configured quantiles, and "
-    "table sensitivity shows how it moves with them: on the SPMD events the paper's number lies between those "
-    "for knots at the 90 % and the 95 % quantiles"
+    "table sensitivity shows how it moves with them: on the SPMD events the paper's number lies between "
+    "those for knots at the 90 % and the 95 % quantiles"
 )
 _SEARCH = (
     "the number measures how close f* comes to f given a crash; the paper prints neither the knots nor the "
