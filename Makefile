@@ -30,6 +30,9 @@ report: study ## run the study, then write its self-contained HTML report to res
 smoke: ## a miniature of the whole study in under two minutes
 	$(MAKE) study CONFIG=config/smoke.yaml
 
+bench: $(ENVIRONMENT) ## encounters per second of the simulator, and ratios to NumPy and plain Python
+	python benchmarks/simulator.py
+
 lint: $(ENVIRONMENT) ## ruff and snakefmt
 	ruff check .
 	ruff format --check .

@@ -66,7 +66,7 @@ def benchmark_of(*parts: str) -> str:
 
 def in_report(path, category, name):
     """Show a file in the report, under its category and with the caption of its name."""
-    caption = f"../report/{name if category != 'Notebooks' else 'notebook'}.rst"
+    caption = f"{workflow.basedir}/workflow/report/{name if category != 'Notebooks' else 'notebook'}.rst"
     return report(path, caption=caption, category=category, labels={"name": name})
 
 
