@@ -6,8 +6,6 @@ import pytest
 import yaml
 from scipy.io import savemat
 
-pytestmark = pytest.mark.xdist_group("bad input")
-
 
 def study(project, **data):
     """Write a configuration whose data differ from the default, and run its ingest step."""
