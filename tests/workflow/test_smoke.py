@@ -6,8 +6,6 @@ import signal
 import subprocess
 import time
 
-import pytest
-
 TABLES = (
     "encounters_account",
     "candidates",
@@ -15,7 +13,8 @@ TABLES = (
     "table2_computation",
     "estimates",
     "claims",
-)# Every rule but the notebooks of figures: what they draw is in these tables.
+)
+# Every rule but the notebooks of figures: what they draw is in these tables.
 RESUMED = (
     "results/smoke/notebooks/07_conclusions.html",
     "results/smoke/candidates.csv",
