@@ -1,7 +1,6 @@
 """Candidate families: closed forms, independent fits, recovery, zero scores, invariances, and refusals."""
 
 import json
-import time
 from pathlib import Path
 
 import numpy as np
@@ -309,11 +308,3 @@ def test_recorded_ranges_on_the_edge_are_not_fudged():
     fits = {fit.family: fit for fit in fit_candidates(x, 1 / 75)}
     assert "13 of 75783 values" in fits["lognormal"].reason
     assert not [fit for fit in fit_candidates(x[x > 1 / 75], 1 / 75) if fit.reason and fit.family != "beta"]
-
-
-@pytest.mark.parametrize(("column", "lower"), [(1, 1 / 75), (2, 0.0)])
-def test_the_largest_segment_takes_seconds(column, lower):
-    x = real(column, 5, 15)
-    start = time.process_time()
-    fit_candidates(x, lower)
-    assert time.process_time() - start < 8
