@@ -1,14 +1,12 @@
 """Estimate the crash probability by importance sampling, in independent replicates of one method."""
 
 import pandas as pd
-from accelerated_evaluation.distributions.lane_change_model import read_model
 from accelerated_evaluation.estimation.importance_sampling import Stratum
 from accelerated_evaluation.estimation.replicates import estimate_replicate
 from accelerated_evaluation.files import write_csv
 from accelerated_evaluation.jobs import job
 from accelerated_evaluation.randomness import child_generator
-from accelerated_evaluation.sampling.methods import cut_ins, read_proposals
-from accelerated_evaluation.vehicles.loading import load_vehicle
+from accelerated_evaluation.sampling.methods import load_cut_ins, read_proposals
 from tqdm import trange
 
 
@@ -21,11 +19,7 @@ def main(
     outputs: dict[str, str],
 ) -> None:
     """Write an estimate for each replicate, and how it ran; replicates take the searches' seeds in turn."""
-    vehicle = load_vehicle(config["vehicle"]["name"], **config["vehicle"]["parameters"])
-    model = read_model(inputs["model"])
-    problems = cut_ins(
-        model, pd.read_parquet(inputs["encounters"]), vehicle, config["vehicle"]["closing_speed_max"]
-    )
+    model, problems = load_cut_ins(inputs["model"], inputs["encounters"], config["vehicle"])
     found = [read_proposals(path) for path in proposals]
     estimates, courses = [], []
     for replicate in trange(config["importance_sampling"]["replicates"], desc=f"{method}, {scope}"):

@@ -2,8 +2,6 @@
 
 import math
 
-import pandas as pd
-from accelerated_evaluation.distributions.lane_change_model import read_model
 from accelerated_evaluation.estimation.crude import (
     Checkpoint,
     crude_course,
@@ -13,8 +11,7 @@ from accelerated_evaluation.estimation.crude import (
 )
 from accelerated_evaluation.files import write_csv
 from accelerated_evaluation.jobs import job
-from accelerated_evaluation.sampling.methods import cut_ins
-from accelerated_evaluation.vehicles.loading import load_vehicle
+from accelerated_evaluation.sampling.methods import load_cut_ins
 
 
 def main(
@@ -22,9 +19,7 @@ def main(
 ) -> None:
     """Write the estimates and their course; the checkpoint is of use for the very same inputs alone."""
     settings, vehicle = config["crude_monte_carlo"], config["vehicle"]
-    car = load_vehicle(vehicle["name"], **vehicle["parameters"])
-    model = read_model(inputs["model"])
-    problems = cut_ins(model, pd.read_parquet(inputs["encounters"]), car, vehicle["closing_speed_max"])
+    model, problems = load_cut_ins(inputs["model"], inputs["encounters"], vehicle)
     depends_on = {"seed": config["seed"], "vehicle": vehicle, "batch_size": settings["batch_size"]}
     batches = simulate_batches(
         problems,

@@ -1,21 +1,16 @@
 """Search the accelerated distributions of one method, segment by segment, from one seed."""
 
 import pandas as pd
-from accelerated_evaluation.distributions.lane_change_model import read_model
 from accelerated_evaluation.files import write_csv
 from accelerated_evaluation.jobs import job
 from accelerated_evaluation.randomness import child_generator
-from accelerated_evaluation.sampling.methods import cut_ins, search_by_method, write_proposals
-from accelerated_evaluation.vehicles.loading import load_vehicle
+from accelerated_evaluation.sampling.methods import load_cut_ins, search_by_method, write_proposals
 from tqdm import tqdm
 
 
 def main(config: dict, encounters: str, model: str, method: str, seed: int, outputs: dict[str, str]) -> None:
     """Write f* of each segment and the trace of all iterations."""
-    vehicle = load_vehicle(config["vehicle"]["name"], **config["vehicle"]["parameters"])
-    problems = cut_ins(
-        read_model(model), pd.read_parquet(encounters), vehicle, config["vehicle"]["closing_speed_max"]
-    )
+    _, problems = load_cut_ins(model, encounters, config["vehicle"])
     proposals, traces = {}, []
     for segment, problem in problems.items():
         generator = child_generator(config["seed"], "cross_entropy", method, segment, seed)

@@ -3,7 +3,6 @@
 from functools import partial
 
 import pandas as pd
-from accelerated_evaluation.distributions.lane_change_model import read_model
 from accelerated_evaluation.estimation.coverage import (
     CRUDE,
     Stream,
@@ -17,18 +16,13 @@ from accelerated_evaluation.estimation.importance_sampling import Stratum
 from accelerated_evaluation.files import write_csv
 from accelerated_evaluation.jobs import job
 from accelerated_evaluation.randomness import child_generator
-from accelerated_evaluation.sampling.methods import cut_ins, read_proposals
-from accelerated_evaluation.vehicles.loading import load_vehicle
+from accelerated_evaluation.sampling.methods import load_cut_ins, read_proposals
 from tqdm import trange
 
 
 def read_searches(config: dict, inputs: dict[str, str], proposals: list[str]) -> list[dict[str, Stratum]]:
     """Set up the segments with the f* of each search."""
-    vehicle = load_vehicle(config["vehicle"]["name"], **config["vehicle"]["parameters"])
-    model = read_model(inputs["model"])
-    problems = cut_ins(
-        model, pd.read_parquet(inputs["encounters"]), vehicle, config["vehicle"]["closing_speed_max"]
-    )
+    model, problems = load_cut_ins(inputs["model"], inputs["encounters"], config["vehicle"])
     return [
         {segment: Stratum(problem, model.share(segment), f[segment]) for segment, problem in problems.items()}
         for f in map(read_proposals, proposals)

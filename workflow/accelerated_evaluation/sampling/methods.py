@@ -8,11 +8,17 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.distributions import Empirical
-from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel, from_dict, to_dict
+from accelerated_evaluation.distributions.lane_change_model import (
+    LaneChangeModel,
+    from_dict,
+    read_model,
+    to_dict,
+)
 from accelerated_evaluation.files import read_json, write_json
 from accelerated_evaluation.sampling.cross_entropy import Search, Settings, Shift, search
 from accelerated_evaluation.sampling.cut_in import CutIn, Proposal
 from accelerated_evaluation.sampling.families import PiecewiseFamily, SingleFamily
+from accelerated_evaluation.vehicles.loading import load_vehicle
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 METHODS = ("single", "piecewise", "heuristic")
@@ -32,6 +38,21 @@ def cut_ins(
         )
         for segment in model.segments
     }
+
+
+def load_cut_ins(
+    model: str | os.PathLike, encounters: str | os.PathLike, vehicle: Mapping[str, Any]
+) -> tuple[LaneChangeModel, dict[str, CutIn]]:
+    """Read a model file and an encounter table, load the vehicle, and set up the problem of each segment.
+
+    Parameters
+    ----------
+    vehicle
+        Section ``vehicle`` of the configuration.
+    """
+    fitted = read_model(model)
+    car = load_vehicle(vehicle["name"], **vehicle["parameters"])
+    return fitted, cut_ins(fitted, pd.read_parquet(encounters), car, vehicle["closing_speed_max"])
 
 
 def search_by_method(
