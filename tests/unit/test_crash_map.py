@@ -5,9 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.estimation.crash_map import CRASH, Event, Grid, read_crash_map, write_crash_map
+from accelerated_evaluation.estimation.crash_map import Grid, read_crash_map, write_crash_map
 from accelerated_evaluation.estimation.mapping import HALVINGS, map_crashes
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
+from accelerated_evaluation.vehicles.events import CRASH, Event
 
 GRID = Grid(
     lead_speed_min=5,

@@ -17,36 +17,9 @@ from numpy.typing import NDArray
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.files import atomic_path
-from accelerated_evaluation.vehicles.protocol import Outcomes
+from accelerated_evaluation.vehicles.events import CRASH, Event
 
 LINES_PER_CELL = 2  # their difference tells the error of the cell's mean
-
-
-@dataclass(frozen=True, order=True)
-class Event:
-    """What may happen in an encounter.
-
-    Attributes
-    ----------
-    quantity
-        ``crash``; or ``min_range`` [m] or ``min_ttc`` [s], which happen at or below the threshold; or
-        ``impact_speed`` [m/s], which happens above it.
-    threshold
-        In the unit of the quantity; a crash has none.
-    """
-
-    quantity: str
-    threshold: float = 0.0
-
-    def happens(self, outcomes: Outcomes) -> NDArray[np.bool_]:
-        """Whether the event happened in each simulated encounter."""
-        if self.quantity == "crash":
-            return outcomes.crash
-        values = getattr(outcomes, self.quantity)
-        return values > self.threshold if self.quantity == "impact_speed" else values <= self.threshold
-
-
-CRASH = Event("crash")
 
 
 @dataclass(frozen=True)

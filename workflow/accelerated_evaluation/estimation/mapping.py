@@ -9,15 +9,8 @@ from scipy.ndimage import maximum_filter
 from tqdm import tqdm
 
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.estimation.crash_map import (
-    CRASH,
-    LINES_PER_CELL,
-    Cells,
-    CrashMap,
-    Event,
-    Grid,
-    Intervals,
-)
+from accelerated_evaluation.estimation.crash_map import LINES_PER_CELL, Cells, CrashMap, Grid, Intervals
+from accelerated_evaluation.vehicles.events import CRASH, Event
 from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
 
 STANDSTILL = 1e-6  # first point of a scan: so slow that what happens there happens at any slower speed

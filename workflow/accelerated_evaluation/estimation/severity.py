@@ -6,8 +6,9 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
-from accelerated_evaluation.estimation.crash_map import CRASH, CrashMap, Event
+from accelerated_evaluation.estimation.crash_map import CrashMap
 from accelerated_evaluation.estimation.exact import exact_probabilities
+from accelerated_evaluation.vehicles.events import CRASH, Event
 
 UNITS = {"crash": "", "impact_speed": "m/s", "min_range": "m", "min_ttc": "s"}
 QUANTILES = (0.1, 0.25, 0.5, 0.75, 0.9)

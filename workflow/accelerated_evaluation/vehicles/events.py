@@ -1,0 +1,47 @@
+"""Events of an encounter: the crash, its impact speed, and near misses."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from accelerated_evaluation.vehicles.protocol import Array, Outcomes
+
+
+@dataclass(frozen=True, order=True)
+class Event:
+    """What may happen in an encounter.
+
+    Attributes
+    ----------
+    quantity
+        ``crash``; or ``min_range`` [m] or ``min_ttc`` [s], which happen at or below the threshold; or
+        ``impact_speed`` [m/s], which happens above it.
+    threshold
+        In the unit of the quantity; a crash has none.
+    """
+
+    quantity: str
+    threshold: float = 0.0
+
+    def happens(self, outcomes: Outcomes) -> NDArray[np.bool_]:
+        """Whether the event happened in each simulated encounter."""
+        if self.quantity == "crash":
+            return outcomes.crash
+        values = getattr(outcomes, self.quantity)
+        return values > self.threshold if self.quantity == "impact_speed" else values <= self.threshold
+
+    def score(self, outcomes: Outcomes) -> Array:
+        """Graded outcome, shape (n,), that falls as the event comes nearer: the smaller, the more dangerous.
+
+        The smallest time to collision [s], or the smallest range [m] where the event is one of the range;
+        crashes before an event of the impact speed are ordered by that speed [m/s], below all others.
+        """
+        if self.quantity == "min_range":
+            return outcomes.min_range
+        if self.quantity == "impact_speed":
+            return np.where(outcomes.crash, -outcomes.impact_speed, outcomes.min_ttc)
+        return outcomes.min_ttc
+
+
+CRASH = Event("crash")
