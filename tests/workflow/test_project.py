@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from itertools import chain
 from pathlib import Path
 
 import nbformat
@@ -11,7 +12,6 @@ from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
-ENVIRONMENT = (ROOT / "environment.txt").read_text()
 LIBRARY = sorted((ROOT / "workflow" / "accelerated_evaluation").rglob("*.py"))
 
 
@@ -34,22 +34,27 @@ def test_the_library_draws_only_from_generators_handed_down(path):
     assert set(re.findall(r"np\.random\.(\w+)", path.read_text())) <= allowed
 
 
-def test_environment_pins_what_the_project_asks_for():
+@pytest.mark.parametrize(
+    ("lock", "extras"), [("environment.txt", ("study", "dev")), ("benchmarks/environment.txt", ("peers",))]
+)
+def test_locks_pin_what_the_project_asks_for(lock, extras):
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    extras = project["optional-dependencies"]
+    asked = [project["dependencies"], *(project["optional-dependencies"][name] for name in extras)]
     pins: dict[str, list[str]] = {}
-    for name, version in re.findall(r"^([\w.-]+)==([^ ;\\]+)", ENVIRONMENT, re.MULTILINE):
+    for name, version in re.findall(r"^([\w.-]+)==([^ ;\\]+)", (ROOT / lock).read_text(), re.MULTILINE):
         pins.setdefault(canonicalize_name(name), []).append(version)
-    for line in project["dependencies"] + extras["study"] + extras["dev"]:
+    for line in chain.from_iterable(asked):
         requirement = Requirement(line)
         versions = pins.get(canonicalize_name(requirement.name))
-        assert versions, f"{requirement.name} is not in environment.txt; run make lock"
+        assert versions, f"{requirement.name} is not in {lock}; run make lock"
         assert all(requirement.specifier.contains(version) for version in versions), requirement
 
 
-def test_every_pin_has_a_hash_and_none_names_a_host():
-    assert "://" not in ENVIRONMENT
-    for entry in re.split(r"\n(?=\S)", ENVIRONMENT):
+@pytest.mark.parametrize("lock", ["environment.txt", "benchmarks/environment.txt"])
+def test_every_pin_has_a_hash_and_none_names_a_host(lock):
+    pins = (ROOT / lock).read_text()
+    assert "://" not in pins
+    for entry in re.split(r"\n(?=\S)", pins):
         if "==" in entry:
             assert "--hash=sha256:" in entry, entry
 
