@@ -20,6 +20,7 @@ RESUMED = (
     "results/smoke/candidates.csv",
     "results/smoke/coverage.csv",
     "results/smoke/uncertainty.csv",
+    "results/smoke/surrogate.csv",
 )
 
 
@@ -34,6 +35,7 @@ def test_dry_run_plans_every_phase(project):
     assert run.returncode == 0, run.stderr
     planned = jobs(run.stdout + run.stderr)
     assert {"ingest_encounters", "fit_models", "search_proposals", "estimate_crash_probability"} <= planned
+    assert "sample_by_surrogate" in planned
     assert {f"run_{path.stem}" for path in (project.folder / "notebooks").glob("*.ipynb")} <= planned
     assert not (project.folder / "results").exists()
 

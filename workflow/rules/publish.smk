@@ -85,6 +85,13 @@ NOTEBOOKS = {
         "figures": ["fig18_coverage"],
         "tables": ["coverage"],
     },
+    "10_fewest_simulations": {
+        "reads": ESTIMATED
+        | {"exact": rules.compute_exact.output.exact}
+        | dict(rules.sample_by_surrogate.output.items()),
+        "figures": ["fig19_surrogate_runs", "fig20_methods"],
+        "tables": ["surrogate"],
+    },
 }
 
 

@@ -20,7 +20,8 @@ METHODS = {
     "single": {"color": "#b2182b", "linestyle": "--", "marker": "s"},
     "piecewise": {"color": "#08306b", "linestyle": "-", "marker": "o"},
     "heuristic": {"color": "#41ab5d", "linestyle": "-.", "marker": "^"},
-    "crude": {"color": "#777777", "linestyle": ":", "marker": "D"},
+    "crude": {"color": "#777777", "linestyle": ":", "marker": "v"},
+    "surrogate": {"color": "#6a3d9a", "linestyle": (0, (3, 1, 1, 1)), "marker": "D"},
 }
 PIECES = ("#08306b", "#4292c6", "#9ecae1")
 

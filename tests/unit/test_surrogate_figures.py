@@ -1,0 +1,171 @@
+"""Figures and table of the surrogate-guided sampler: what they show is what the result tables say."""
+
+import math
+
+import matplotlib.pyplot as plt
+import pandas as pd
+import pytest
+from accelerated_evaluation.publishing import surrogate_figures
+from accelerated_evaluation.publishing.style import FORMATS, METHODS, save_figure
+from accelerated_evaluation.publishing.surrogate_tables import PHASES, side_by_side, surrogate_table
+
+FIGURES = ("fig19_surrogate_runs", "fig20_methods")
+SHARES = {"5-15": 0.4, "15-25": 0.6}
+SEARCHES = {"5-15": (3000, 5000), "15-25": (20000, 30000)}  # by seed
+
+
+@pytest.fixture(autouse=True)
+def _closed():
+    yield
+    plt.close("all")
+
+
+@pytest.fixture
+def exact():
+    return pd.DataFrame({"segment": ["5-15", "15-25", "all"], "probability": [2e-6, 1e-6, 1.4e-6]})
+
+
+@pytest.fixture
+def trace():
+    rows = [
+        (method, segment, seed, iteration, iteration * simulations // 2)
+        for method in ("single", "piecewise", "heuristic")
+        for segment, totals in SEARCHES.items()
+        for seed, simulations in enumerate(totals)
+        for iteration in range(3)
+    ]
+    return pd.DataFrame(rows, columns=["method", "segment", "seed", "iteration", "simulations_total"])
+
+
+def replicates(methods):
+    """Return three replicates of each method and scope, at 0.9, 1 and 1.3 times 1.4e-6."""
+    rows = [
+        (scope, method, replicate, 100, 1.4e-6 * ratio, 1.12e-6 * ratio, 1.68e-6 * ratio, 20, True)
+        for scope in ("all", "5-15")
+        for method in methods
+        for replicate, ratio in enumerate((0.9, 1.0, 1.3))
+    ]
+    names = ["scope", "method", "replicate", "simulations", "probability", "ci_low", "ci_high", "events"]
+    return pd.DataFrame(rows, columns=[*names, "converged"])
+
+
+@pytest.fixture
+def estimates():
+    return replicates(("single", "piecewise", "heuristic"))
+
+
+@pytest.fixture
+def surrogate():
+    return replicates(("surrogate",))
+
+
+@pytest.fixture
+def runs():
+    """100 simulations a replicate: 20 to search, 50 to learn, 30 of the estimate, 60 of them in 5-15."""
+    rows = [
+        (scope, replicate, run, phase, run / 50, run / 20, "5-15" if run <= 60 else "15-25", run % 10 == 0)
+        for scope in ("all", "5-15")
+        for replicate in range(3)
+        for run, phase in enumerate(20 * ["search"] + 50 * ["learn"] + 30 * ["estimate"], 1)
+    ]
+    names = ["scope", "replicate", "run", "phase", "z_inverse_range", "z_inverse_ttc", "segment", "event"]
+    return pd.DataFrame(rows, columns=names)
+
+
+@pytest.fixture
+def draw(estimates, trace, surrogate, runs, exact):
+    arguments = {
+        "fig19_surrogate_runs": (runs, exact, SHARES, "made up"),
+        "fig20_methods": (estimates, trace, surrogate, runs, exact, "made up"),
+    }
+    return lambda name: getattr(surrogate_figures, name)(*arguments[name])
+
+
+def test_learning_is_the_search_that_a_replicate_took_or_the_runs_before_its_estimate(
+    estimates, trace, surrogate, runs
+):
+    table = side_by_side(estimates, trace, surrogate, runs, "all").set_index("method")
+    assert table.loc["piecewise", "learning"].tolist() == [23000, 35000, 23000]
+    assert table.loc["piecewise", "together"].tolist() == [23100, 35100, 23100]
+    assert table.loc["surrogate", ["learning", "estimating", "together"]].to_numpy().tolist() == 3 * [
+        [70, 30, 100]
+    ]
+    alone = side_by_side(estimates, trace, surrogate, runs, "5-15").set_index("method")
+    assert alone.loc["single", "learning"].tolist() == [3000, 5000, 3000]
+
+
+def test_the_table_judges_by_the_exact_probability_of_its_scope(estimates, trace, surrogate, runs, exact):
+    table = surrogate_table(estimates, trace, surrogate, runs, exact, "made up").set_index(
+        ["scope", "method"]
+    )
+    assert len(table) == 8
+    whole, alone = table.loc[("all", "surrogate")], table.loc[("5-15", "surrogate")]
+    assert whole["to_exact"] == pytest.approx(3.2 / 3)
+    # 0.8 and 1.2 times the estimate: only 1.3 * 0.8 = 1.04 lies above the truth.
+    assert whole["holding"] == 2
+    assert alone["to_exact"] == pytest.approx(0.7 * 3.2 / 3)
+    assert alone["holding"] == 1
+    assert whole["together"] == 100
+    assert set(table["data"]) == {"made up"}
+
+
+def test_a_replicate_without_crash_has_a_row_and_a_figure(estimates, trace, surrogate, runs, exact):
+    none = surrogate.assign(probability=0.0, ci_low=0.0, ci_high=1.0, events=0, converged=False)
+    nothing = runs.assign(phase="search", event=False)
+    figure, data = surrogate_figures.fig20_methods(estimates, trace, none, nothing, exact, "made up")
+    assert data.loc[data["method"] == "surrogate", "estimating"].tolist() == [0, 0, 0]
+    assert figure.axes[1].get_xlim()[1] < 3
+    figure, data = surrogate_figures.fig19_surrogate_runs(nothing, exact, SHARES, "made up")
+    assert data.loc[data["quantity"] == "of the estimate", "share"].tolist() == [0, 0]
+    assert figure.axes[0].get_xlim() == figure.axes[1].get_xlim()
+
+
+def test_every_simulation_of_one_replicate_is_drawn_by_phase_and_outcome(draw):
+    figure, data = draw("fig19_surrogate_runs")
+    lines = {line.get_label(): len(line.get_xdata()) for line in figure.axes[0].get_lines()}
+    assert lines == {
+        "search, no crash": 18,
+        "search, crash": 2,
+        "learn, no crash": 45,
+        "learn, crash": 5,
+        "estimate, no crash": 27,
+        "estimate, crash": 3,
+    }
+    low, high = figure.axes[1].get_ylim()
+    assert (low, high) == pytest.approx((30 / 20 - 0.5, 100 / 20 + 0.5))
+    share = data.dropna(subset="share").set_index(["quantity", "segment"])["share"]
+    assert share["lane changes", "5-15"] == 0.4
+    assert share["simulations", "5-15"] == pytest.approx(0.6)
+    assert share["of the estimate", "5-15"] == 0
+    assert share["crashes", "5-15"] == pytest.approx(0.8 / 1.4)
+
+
+def test_every_phase_has_a_look_of_its_own_and_every_method_too():
+    assert tuple(surrogate_figures.PHASE_LOOKS) == PHASES
+    for looks in (surrogate_figures.PHASE_LOOKS, METHODS):
+        assert len({look["marker"] for look in looks.values()}) == len(looks)
+
+
+def test_cost_and_estimate_of_every_replicate_are_drawn_side_by_side(draw):
+    figure, data = draw("fig20_methods")
+    left, right = figure.axes
+    assert data["method"].unique().tolist() == ["single", "piecewise", "heuristic", "surrogate"]
+    assert data["to_exact"].tolist() == pytest.approx(4 * [0.9, 1.0, 1.3])
+    drawn = {line.get_fillstyle(): line.get_xdata().tolist() for line in left.get_lines()[-2:]}
+    assert drawn == {"none": [30, 30, 30], "full": [100, 100, 100]}
+    bars = [tuple(segment[:, 0]) for lines in right.collections for segment in lines.get_segments()]
+    assert bars[-1] == pytest.approx((1.3 * 0.8, 1.3 * 1.2))
+    assert math.isclose(right.get_lines()[-1].get_xdata()[0], 1)
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_the_same_tables_give_the_same_bytes_and_legends_cover_no_data(draw, name, tmp_path):
+    for folder in ("one", "two"):
+        figure, data = draw(name)
+        assert figure.get_supxlabel() == "Data: made up"
+        save_figure(figure, data, tmp_path / folder, name)
+    (legend,) = figure.legends
+    assert not any(legend.get_window_extent().overlaps(axes.get_window_extent()) for axes in figure.axes)
+    for ending in (*FORMATS, "csv"):
+        one, two = ((tmp_path / folder / f"{name}.{ending}").read_bytes() for folder in ("one", "two"))
+        assert one == two, ending
