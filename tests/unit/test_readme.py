@@ -2,20 +2,31 @@
 
 import pandas as pd
 import pytest
-from accelerated_evaluation.publishing.readme import CLAIMS, README, results_table, with_results
+from accelerated_evaluation.publishing.readme import CLAIMS, README, SAMPLERS, TABLES, with_table, with_tables
 
 
 @pytest.mark.skipif(not CLAIMS.exists(), reason="the tables of the real events are not in this copy")
 def test_readme_shows_the_published_results():
     text = README.read_text(encoding="utf-8")
-    assert with_results(text, results_table(pd.read_csv(CLAIMS))) == text
+    assert with_tables(text) == text
 
 
-def test_the_table_is_put_between_its_marks():
+@pytest.mark.parametrize("name", TABLES)
+def test_a_table_is_put_between_its_marks(name):
     text = README.read_text(encoding="utf-8")
-    changed = with_results(text, "| new |\n")
+    changed = with_table(text, name, "| new |\n")
     assert "| new |\n" in changed
-    assert with_results(changed, "| old |\n") == with_results(text, "| old |\n")
+    assert with_table(changed, name, "| old |\n") == with_table(text, name, "| old |\n")
+
+
+def test_readme_tells_what_the_main_problem_takes():
+    rows = pd.read_csv(SAMPLERS).set_index(["problem", "method"]).loc["segment_5_15"]
+    text = " ".join(README.read_text(encoding="utf-8").split())
+    ours, paper, nais = (rows.loc[method] for method in ("surrogate", "piecewise", "nais_25"))
+    assert f"takes {ours.calls_mean:,.0f} simulations on average" in text
+    assert f"95 % of the seeds take at most {ours.calls_p95:,.0f}" in text
+    assert f"the paper's piecewise method {paper.calls_mean:,.0f}" in text
+    assert f"OpenTURNS NAIS, {nais.calls_mean:,.0f}" in text
 
 
 @pytest.mark.skipif(not CLAIMS.exists(), reason="the tables of the real events are not in this copy")

@@ -125,9 +125,10 @@ def sample(
     InputError
         If the state file is no sampler's, or of another number of variables.
     """
-    sampler = Sampler(event.dimension, generator, batch_size)
     if state_file is not None and Path(state_file).exists():
         sampler = Sampler.resume(read_state(state_file), dimension=event.dimension, where=str(state_file))
+    else:
+        sampler = Sampler(event.dimension, generator, batch_size)
     while not (result := sampler.result(target)).converged and (
         result.calls + len(sampler.ask()) <= target.maximum_calls
     ):
@@ -184,9 +185,9 @@ class Sampler:
         batch, event = self._pending, np.asarray(event, dtype=bool)
         score = np.zeros(len(z)) if score is None else np.asarray(score, dtype=float)
         if event.shape != (len(z),) or score.shape != (len(z),):
-            raise ValueError(
-                f"{len(z)} simulations were asked for, {event.shape} and {score.shape} were told"
-            )
+            raise ValueError(f"asked for {len(z)} simulations, told of {event.shape} and {score.shape}")
+        if np.isnan(score).any():
+            raise ValueError("a score is not a number")
         self.z, self.event = np.vstack([self.z, z]), np.append(self.event, event)
         largest = np.finfo(float).max  # JSON has no infinity
         self.score = np.append(self.score, np.clip(score, -largest, largest))
@@ -198,10 +199,8 @@ class Sampler:
     def result(self, target: Target) -> Result:
         """Return the estimate from the batches since the surrogate became usable."""
         if not self.event.any():
-            wide_mass = 1 - target.alpha ** (1 / max(self._wide_runs, 1))
-            bound = -math.expm1(
-                -REACH * wide_mass
-            )  # an event of that mass under the wide law, in the worst place
+            # of an event of the largest mass under the wide law that is missed so, in the worst place
+            bound = -math.expm1(-REACH * (1 - target.alpha ** (1 / max(self._wide_runs, 1))))
             return Result(0.0, 0.0, bound, len(self.z), False, False, self.state())
         first = next((i for i, batch in enumerate(self.batches) if batch["usable"]), len(self.batches))
         counted = self.batches[first:]
@@ -213,9 +212,11 @@ class Sampler:
         return Result(probability, *interval, len(self.z), converged, True, self.state())
 
     def _design(self) -> dict[str, Any]:
-        level = None if self.event.any() else _smallest(self.score, NEAREST)
-        target = self.event if level is None else self.score <= level
-        if len(self.z) < START or target.all():  # the beginning; and flags alone without an event
+        level = target = None
+        if len(self.z) >= START:
+            level = None if self.event.any() else float(np.sort(self.score)[NEAREST - 1])
+            target = self.event if level is None else self.score <= level
+        if target is None or target.all():  # the beginning; or flags alone and no event
             return {"z": draw_wide(self.batch_size, self.z.shape[1], self._generator), "wide": True}
         restart, self._level = level != self._level or self._learnt_at == 0, level
         learn = restart or len(self.z) >= RELEARN * self._learnt_at
@@ -246,11 +247,11 @@ class Sampler:
         limit = 0.0
         for _ in range(1 if self._centres is not None else 2):
             z, w, p = self._pool(POOL // 2)
-            core = w * np.where(p >= CORE, p, 0.0)
+            core = np.where(p >= CORE, p, 0.0)
             if not core.any():
                 break
-            limit = FRINGE_WEIGHT * (w @ core) / core.sum()
-            share = w * np.sqrt(np.where(p >= CORE, p, 0.0))
+            limit = FRINGE_WEIGHT * (w @ (w * core)) / (w * core).sum()
+            share = w * np.sqrt(core)
             self._centres = z[self._generator.choice(len(z), KERNELS, p=share / share.sum())]
         believed, foretold = foretell(w, *aim(w, p, limit), self.batch_size, POOL)
         ratio = believed / self._believed if self._believed else 0.0
@@ -303,7 +304,3 @@ class Sampler:
                 change="Give the state file of this problem, or a path where there is no file yet.",
             ) from None
         return sampler
-
-
-def _smallest(score: Array, rank: int) -> float:
-    return float(np.sort(score)[min(rank, len(score)) - 1]) if len(score) else math.inf

@@ -1,0 +1,200 @@
+"""The comparison of samplers: its problems against exact answers, its count of calls, its table by hand."""
+
+import json
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation.sampling.rare_event import cut_in_event
+from scipy.integrate import quad
+from scipy.special import ndtr
+from scipy.stats import chi2, norm
+
+ROOT = Path(__file__).resolve().parents[2]
+SHARED = ROOT / ".." / "shared/data/benchmark/segment_5_15.json"
+sys.path.append(str(ROOT / "benchmarks" / "samplers"))
+
+import house  # noqa: E402
+import methods  # noqa: E402
+import reference  # noqa: E402
+import summarise  # noqa: E402
+from methods import Counter, Target  # noqa: E402
+from problems import INVERSE_RANGE, INVERSE_TTC, TTC_BODY, TTC_TAIL, NearMiss, problems  # noqa: E402
+
+COMPARED = [problem for problem in problems().values() if not problem.ours_only]
+NAMES = [problem.name for problem in COMPARED]
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """References with 600,000 simulations instead of eight million, of events no rarer than exp(-30)."""
+    for name, value in {"BATCH": 20_000, "PILOT": 15, "FINAL": 15, "REACH": 30.0}.items():
+        monkeypatch.setattr(reference, name, value)
+
+
+def shared():
+    if not SHARED.is_file():
+        pytest.skip("the benchmark problem is not beside the project")
+    return json.loads(SHARED.read_text())
+
+
+def test_main_problem_has_the_parameters_of_the_benchmark():
+    content = shared()
+    near, far = content["inverse_range"]["pieces"]
+    assert INVERSE_RANGE.weights == (near["weight"], far["weight"])
+    for piece, given in zip(INVERSE_RANGE.components, (near, far), strict=True):
+        assert (piece.rate, piece.lower) == (given["rate"], given["lower"])
+    assert INVERSE_RANGE.knots == (near["upper"],)
+    body, tail = content["inverse_ttc"]["pieces"]
+    assert INVERSE_TTC.weights == pytest.approx((body["weight"], tail["weight"]), rel=1e-14)
+    assert TTC_BODY.weights == tuple(body["mixture_weights"])
+    assert [normal.sd for normal in TTC_BODY.components] == body["standard_deviations"]
+    assert (TTC_BODY.lower, TTC_BODY.upper) == (body["lower"], body["upper"])
+    assert (TTC_TAIL.rate, TTC_TAIL.lower) == (tail["rate"], tail["lower"])
+
+
+def test_main_problem_has_the_probability_of_the_benchmark(small):
+    known = shared()["reference_probability"]
+    found, error = reference.reference(problems()["segment_5_15"].event, np.random.default_rng(1))
+    assert error < 0.01 * known
+    # v_L comes from a table of quantiles of the speeds of the benchmark: 0.2 %.
+    assert found == pytest.approx(known, abs=4 * error + 0.002 * known)
+
+
+def test_limit_states_have_their_exact_probabilities(small):
+    along = quad(lambda t: 2 * norm.pdf(t) * ndtr(-5 - 0.2 * t**2), -4.5, 4.5, epsabs=1e-14)[0]
+    exact = {
+        "two_regions": norm.sf(4.2) + norm.sf(4.5),
+        "circle": chi2.sf(25, 2),
+        "four_branches": 2 * ndtr(-4.5) + along,
+    }
+    for name, value in exact.items():
+        problem = problems()[name]
+        assert problem.exact is None or problem.exact == pytest.approx(value, rel=1e-12)
+        found, error = reference.reference(problem.event, np.random.default_rng(2))
+        assert error < 0.01 * value
+        assert found == pytest.approx(value, abs=4 * error)
+        if name == "two_regions":  # who finds the nearer region alone is told apart
+            assert found - norm.sf(4.2) > 4 * error
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_levels_are_at_most_zero_in_the_event_and_only_there(name):
+    problem = problems()[name]
+    z = reference.draw_wide(np.random.default_rng(3), 20_000, problem.event.dimension)
+    happened, _ = problem.event.evaluate(z)
+    assert 0 < happened.sum() < len(z)
+    for smooth in (False, True):
+        level = Counter(math.inf).level(problem, smooth=smooth)(z)
+        np.testing.assert_array_equal(level <= 0, happened)
+
+
+def test_tables_of_quantiles_hardly_change_the_inputs():
+    problem = problems()["segment_5_15"]
+    z = np.random.default_rng(4).uniform(-4, 6, (300, 3))
+    exact = cut_in_event({"segment": problem.cut_in}, {"segment": 1.0}).inputs(z)
+    np.testing.assert_allclose(problem.event.inputs(z), exact, rtol=1e-6, atol=1e-9)
+
+
+def test_near_misses_are_told_as_crashes():
+    problem = problems()["near_miss_1e-3"]
+    cut_in = problem.cut_in
+    assert isinstance(cut_in.vehicle, NearMiss)
+    z = reference.draw_wide(np.random.default_rng(5), 2000, 3)
+    outcomes = cut_in.simulate(*problem.event.inputs(z).T)
+    np.testing.assert_array_equal(outcomes.crash, problem.event.evaluate(z)[0])
+    assert (
+        outcomes.crash.sum() > cut_in.vehicle.vehicle.simulate(10 * np.ones(9), *np.ones((2, 9))).crash.sum()
+    )
+
+
+def test_counter_counts_every_call_and_refuses_those_beyond_the_limit():
+    problem, counter = problems()["weak_aeb"], Counter(40)
+    z = np.zeros((7, 3))
+    counter.event(problem.event).evaluate(z)
+    counter.level(problem, smooth=True)(z)
+    counter.vehicle(problem.cut_in.vehicle).simulate(*np.full((3, 11), 10.0))
+    assert counter.calls == 25
+    with pytest.raises(RuntimeError, match="more than 40"):
+        counter.event(problem.event).evaluate(np.zeros((16, 3)))
+    assert counter.calls == 25
+
+
+def test_a_method_that_breaks_down_has_an_outcome():
+    @methods.adapter
+    def broken(problem, counter, generator, target):
+        counter.event(problem.event).evaluate(np.zeros((3, 2)))
+        raise ZeroDivisionError
+
+    outcome = broken(problems()["circle"], np.random.default_rng(6), Target())
+    assert math.isnan(outcome.probability)
+    assert (outcome.calls, outcome.converged) == (3, False)
+
+
+def test_summary_by_hand():
+    runs = pd.DataFrame(
+        {
+            "probability": [0.8e-6, 1.2e-6, 1.0e-6, 3.0e-6, 0.0, math.nan],
+            "ci_low": [0.6e-6, 1.1e-6, 0.9e-6, 1.0e-6, 0.0, math.nan],
+            "ci_high": [1.0e-6, 1.3e-6, 1.1e-6, 5.0e-6, 1.0e-7, math.nan],
+            "calls": [100, 100, 200, 200, 300, 300],
+        }
+    )
+    row = summarise.summary(runs, 1e-6)
+    assert (row["seeds"], row["calls_mean"]) == (6, 200)
+    assert row["bias"] == pytest.approx(0.2)  # of 0.8, 1.2, 1, 3, 0
+    assert row["cov"] == pytest.approx(math.sqrt((0.4**2 + 0 + 0.2**2 + 1.8**2 + 1.2**2) / 4))
+    assert row["error"] == pytest.approx(math.sqrt((0.2**2 + 0.2**2 + 0 + 2**2 + 1) / 5))
+    assert row["failed"] == pytest.approx(3 / 6)  # three times too much, zero, and nothing
+    assert row["coverage80"] == pytest.approx(3 / 6)
+    assert row["effective_calls"] == pytest.approx(200 * (row["error"] / (0.2 / 1.2815516)) ** 2)
+
+
+def test_table_adds_crude_monte_carlo_by_theory():
+    run = {"method": "nais", "probability": 1e-3, "ci_low": 0.0, "ci_high": 1.0, "calls": 900}
+    runs = pd.DataFrame([{"problem": name} | run for name in ("circle", "weak_aeb") for _ in range(3)])
+    known = {"probability": 1e-3, "standard_error": 0.0}
+    table = summarise.table(runs, {"circle": known, "weak_aeb": known})
+    assert table.columns[:9].to_list() == [
+        *("problem", "method", "seeds", "calls_mean", "calls_p95", "cov", "bias", "failed", "coverage80")
+    ]
+    crude = table[table["method"] == "crude"]
+    assert crude["seeds"].to_list() == [0, 0]
+    np.testing.assert_allclose(crude["calls_mean"], (1.2815516 / 0.2) ** 2 * 999, rtol=1e-6)
+    assert crude["failed"].isna().all()
+
+
+def test_standard_error_of_a_deviation_is_that_of_a_normal_sample():
+    values = pd.Series(np.random.default_rng(7).normal(1, 0.15, 20_000))
+    assert summarise._error_of_deviation(values) == pytest.approx(0.15 / math.sqrt(2 * 20_000), rel=0.05)
+
+
+def test_crude_monte_carlo_meets_its_target():
+    problem, target = problems()["near_miss_1e-3"], Target(half_width=0.3, maximum_calls=2_000_000)
+    outcome = house.crude(problem, np.random.default_rng(8), target)
+    assert outcome.converged
+    # 1.013e-3, by its own reference; about 20 events: four standard errors.
+    assert outcome.probability == pytest.approx(1.013e-3, rel=4 * target.cov)
+    assert outcome.ci_high - outcome.ci_low <= 2 * 0.3 * outcome.probability
+
+
+def test_paper_counts_the_search_and_the_estimate():
+    outcome = house.single(problems()["near_miss_1e-3"], np.random.default_rng(9), Target())
+    assert outcome.converged
+    assert outcome.calls > 2 * house.SEARCH_SAMPLE
+    assert outcome.probability == pytest.approx(1.013e-3, rel=4 * Target().cov)
+
+
+def test_public_tools_repeat_themselves_and_count_every_level():
+    pytest.importorskip("openturns", reason="needs the extra peers")
+    import peers
+
+    first, again, other = (
+        peers.nais(problems()["circle"], np.random.default_rng(seed), Target()) for seed in (10, 10, 11)
+    )
+    assert first == again != other
+    assert first.calls % 300 == 0
+    assert first.ci_low < first.probability < first.ci_high
