@@ -1,5 +1,7 @@
 """The README shows the published numbers, and nothing else."""
 
+import re
+
 import pandas as pd
 import pytest
 from accelerated_evaluation.publishing.readme import CLAIMS, README, SAMPLERS, TABLES, with_table, with_tables
@@ -17,6 +19,17 @@ def test_a_table_is_put_between_its_marks(name):
     changed = with_table(text, name, "| new |\n")
     assert "| new |\n" in changed
     assert with_table(changed, name, "| old |\n") == with_table(text, name, "| old |\n")
+
+
+def test_the_example_of_the_readme_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (example,) = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+    names = {}
+    exec(example, names)
+    found = names["found"]
+    assert found.converged
+    assert (tmp_path / "state.json").exists()
+    assert 0 < found.ci_low < found.probability < found.ci_high < 1e-3
 
 
 def test_readme_tells_what_the_main_problem_takes():
