@@ -1,0 +1,131 @@
+"""Draw the comparison: for each problem the simulations that each method needs for the target."""
+
+import argparse
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+from accelerated_evaluation.publishing.style import COLUMN_WIDTH, note_source, paper_style, save_figure
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from methods import PAPER, PEERS
+from problems import problems
+
+LABELS = {
+    "surrogate": "this project",
+    "nais": "OpenTURNS NAIS",
+    "nais_25": "NAIS, quarter kept",
+    "cross_entropy": "OpenTURNS Cross-Entropy",
+    "subset": "OpenTURNS subset sampling",
+    "form": "OpenTURNS FORM + IS",
+    "enkf": "EnKF (rareeventestimation)",
+    "piecewise": "paper, piecewise",
+    "single": "paper, single",
+    "heuristic": "paper, heuristic",
+    "crude": "crude Monte Carlo",
+}
+KINDS = {  # look of each kind of method, told apart by shape and grey
+    "this project": (("surrogate",), {"marker": "D", "color": "black", "markersize": 4.5}),
+    "public tools": (PEERS, {"marker": "s", "color": "#08306b"}),
+    "the paper's methods": (PAPER, {"marker": "o", "color": "#4292c6"}),
+    "crude": (("crude",), {"marker": "^", "color": "#777777"}),
+}
+LOOKS = {method: look for methods, look in KINDS.values() for method in methods}
+FAILING = 0.05  # share of failed seeds from which a marker is hollow
+COLUMNS = 5
+
+
+def draw_panel(axes: Axes, rows: pd.DataFrame) -> None:
+    """Draw the methods of one problem, a row each."""
+    heights = {method: height for height, method in enumerate(LABELS)}
+    for row in rows.itertuples():
+        y, look = heights[row.method], LOOKS[row.method]
+        hollow = {"markerfacecolor": "white"} if row.failed >= FAILING else {}
+        reach = row.effective_calls * relative_reach(row)
+        axes.errorbar(
+            row.effective_calls,
+            y,
+            xerr=reach if np.isfinite(reach) else None,
+            linestyle="none",
+            **{"markersize": 3.5, "elinewidth": 0.8} | look | hollow,
+        )
+        axes.plot(row.calls_mean, y, marker="|", color="black", markersize=5, markeredgewidth=0.6)
+        axes.text(1.02, y, remark(row), transform=axes.get_yaxis_transform(), va="center", fontsize=5)
+    axes.set(xscale="log", xlim=(30, 3e6), ylim=(len(LABELS) - 0.4, -0.6))
+    axes.set_xticks([100, 10_000, 1_000_000])
+    axes.minorticks_off()
+    axes.set_yticks(range(len(LABELS)), LABELS.values())
+    label = problems()[rows["problem"].iloc[0]].label
+    axes.set_title(f"{label}, {in_powers(rows['reference'].iloc[0])}", fontsize=6)
+
+
+def relative_reach(row: pd.Series) -> float:
+    """Relative half-width of the 95 % interval of the effective number of simulations."""
+    return 1.96 * float(np.hypot(2 * row.cov_se / row.cov, row.calls_mean_se / row.calls_mean))
+
+
+def remark(row: pd.Series) -> str:
+    """Tell coverage, and failures where there are any, in percent."""
+    if row.seeds == 0:
+        return in_powers(row.calls_mean)
+    failed = f" ({100 * row.failed:.3g})" if row.failed > 0 else ""
+    return f"{100 * row.coverage80:.0f}{failed}"
+
+
+def in_powers(value: float) -> str:
+    """Write a number with two digits and a power of ten, as formula."""
+    mantissa, exponent = f"{value:.1e}".split("e")
+    return rf"{mantissa}$\cdot$10$^{{{int(exponent)}}}$"
+
+
+def draw(table: pd.DataFrame) -> Figure:
+    """Return the figure, a panel for each problem on which all methods were run."""
+    compared = table[table["problem"].map(lambda name: not problems()[name].ours_only)]
+    panels = dict(list(compared.groupby("problem", sort=False)))
+    lines = -(-len(panels) // COLUMNS)
+    figure, axes = plt.subplots(
+        lines,
+        COLUMNS,
+        figsize=(2 * COLUMN_WIDTH + 0.2, 1.75 * lines + 0.5),
+        sharex=True,
+        sharey=True,
+        squeeze=False,
+    )
+    for each, rows in zip(axes.flat, panels.values(), strict=False):
+        draw_panel(each, rows)
+    for each in axes.flat[len(panels) :]:
+        each.set_axis_off()
+    for each in axes[-1]:
+        each.set_xlabel("simulations", fontsize=6)
+    for each in axes.flat:
+        each.tick_params(labelsize=5.5)
+    looks = [Line2D([], [], linestyle="none", label=name, **look) for name, (_, look) in KINDS.items()]
+    hollow = Line2D([], [], linestyle="none", marker="s", markerfacecolor="white", color="#08306b")
+    hollow.set_label(f"{FAILING:.0%} and more failed")
+    run = Line2D([], [], linestyle="none", marker="|", color="black", label="simulations made")
+    figure.legend(
+        handles=[*looks, hollow, run], loc="outside upper center", ncols=6, fontsize=6, columnspacing=1
+    )
+    seeds = int(compared.loc[compared["seeds"] > 0, "seeds"].mode()[0])
+    note_source(
+        figure,
+        f"{seeds} seeds each. Marker: simulations for a root-mean-square error of 0.156 (95 % limits).\n"
+        "Beside it: how often the method's own 80 % interval covers, and (failed seeds), in %; crude: theory",
+    )
+    return figure
+
+
+def main() -> None:
+    """Draw and save."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("table")
+    parser.add_argument("--folder", required=True)
+    arguments = parser.parse_args()
+    table = pd.read_csv(arguments.table)
+    with paper_style():
+        save_figure(draw(table), table, arguments.folder, "samplers")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,131 @@
+"""What all methods share: target, count of simulator calls, shape of the result; and who runs where."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import wraps
+
+import numpy as np
+from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.sampling.rare_event import RareEvent, Response
+from accelerated_evaluation.vehicles import Outcomes, Vehicle
+from problems import Problem
+from scipy.special import ndtri
+
+PEERS = ("nais", "nais_25", "cross_entropy", "subset", "form", "enkf")
+PAPER = ("piecewise", "single", "heuristic")
+HOUSE = ("surrogate", "crude", *PAPER)
+LIMITS = {"surrogate": 1000, "crude": 2_000_000}  # simulator calls; other methods: that of `Target`
+CRUDE_RUN = ("weak_aeb", "no_aeb", "near_miss_1e-3")  # elsewhere crude Monte Carlo needs more than 2 million
+
+
+@dataclass(frozen=True)
+class Target:
+    """When to stop: a relative half-width of the 100 (1 - alpha) % interval, or that many simulator calls."""
+
+    half_width: float = 0.2
+    alpha: float = 0.2
+    maximum_calls: int = 200_000
+
+    @property
+    def cov(self) -> float:
+        """The coefficient of variation that belongs to the half-width."""
+        return self.half_width / self.reach
+
+    @property
+    def reach(self) -> float:
+        """Half-width of the interval in standard errors."""
+        return -float(ndtri(self.alpha / 2))
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """An estimate with its own interval, and what it took; NaN where the method broke down or has none."""
+
+    probability: float
+    ci_low: float
+    ci_high: float
+    calls: int
+    converged: bool
+
+
+Estimate = tuple[float, float, float, bool]  # probability, ci_low, ci_high, converged
+
+
+@dataclass
+class Counter:
+    """Counts simulator calls, and refuses those beyond the limit."""
+
+    limit: float
+    calls: int = field(default=0)
+
+    def count(self, size: int) -> None:
+        """Count calls that are about to be made."""
+        if self.calls + size > self.limit:
+            raise RuntimeError(f"more than {self.limit:,.0f} simulator calls")
+        self.calls += size
+
+    def event(self, event: RareEvent) -> RareEvent:
+        """Return the event with its calls counted."""
+
+        def respond(x: Array) -> Response:
+            self.count(len(x))
+            return event.respond(x)
+
+        return replace(event, respond=respond)
+
+    def level(self, problem: Problem, *, smooth: bool = False) -> Callable[[Array], Array]:
+        """Return a function of normal scores, shape (n, d), that is at most 0 in the event and only there."""
+        if smooth and problem.smooth:
+            event, threshold = self.event(problem.smooth), 0.0
+        else:
+            event, threshold = self.event(problem.event), problem.threshold
+
+        def level(z: Array) -> Array:
+            happened, score = event.evaluate(z)
+            excess = score - threshold
+            return np.where(happened, np.minimum(excess, 0.0), np.maximum(excess, np.finfo(float).tiny))
+
+        return level
+
+    def vehicle(self, vehicle: Vehicle) -> Vehicle:
+        """Return the vehicle with its calls counted."""
+        return _CountedVehicle(vehicle, self)
+
+
+@dataclass(frozen=True)
+class _CountedVehicle:
+    vehicle: Vehicle
+    counter: Counter
+
+    def simulate(self, lead_speed: Array, range_: Array, closing_speed: Array) -> Outcomes:
+        self.counter.count(len(lead_speed))
+        return self.vehicle.simulate(lead_speed, range_, closing_speed)
+
+
+def adapter(
+    run: Callable[[Problem, Counter, np.random.Generator, Target], Estimate],
+) -> Callable[[Problem, np.random.Generator, Target], Outcome]:
+    """Count the calls of a method; an exception is an outcome too, and no reason to end the comparison."""
+
+    @wraps(run)
+    def estimate(problem: Problem, generator: np.random.Generator, target: Target) -> Outcome:
+        counter = Counter(target.maximum_calls)
+        try:
+            result = run(problem, counter, generator, target)
+        except Exception as error:  # of any kind: the tools are not ours
+            print(f"{run.__name__} on {problem.name}: {type(error).__name__}: {error}", flush=True)
+            result = math.nan, math.nan, math.nan, False
+        *numbers, converged = result
+        return Outcome(*map(float, numbers), counter.calls, bool(converged))
+
+    return estimate
+
+
+def methods_of(problem: Problem) -> list[str]:
+    """Return the methods that are run on a problem."""
+    if problem.ours_only:
+        return ["surrogate"]
+    paper = PAPER if problem.cut_in else ()
+    crude = ("crude",) if problem.name in CRUDE_RUN else ()
+    return ["surrogate", *PEERS, *paper, *crude]

@@ -1,0 +1,128 @@
+"""Public tools: OpenTURNS (adaptive importance sampling, subset sampling, FORM), rareeventestimation (EnKF).
+
+Settings are those with which each tool did best in trials on the main problem. NAIS and subset sampling get
+the score of the event, the smallest time to collision; FORM, Cross-Entropy and EnKF did better with the
+smooth one. Intervals are normal, from the standard error that the tool reports.
+"""
+
+import math
+
+import numpy as np
+import openturns as ot
+from accelerated_evaluation.distributions.protocol import Array
+from methods import Counter, Estimate, Target, adapter
+from problems import Problem
+
+# FORM: it starts from this normal score of the last variable, TTC^-1, and 0 of the others; a minimum of the
+# distance this near to the limit state is taken, because a simulation in steps of time makes the score jump.
+START, NEAR = 3.0, 0.05
+
+
+def rare_event(
+    problem: Problem, counter: Counter, generator: np.random.Generator, *, smooth: bool
+) -> ot.ThresholdEvent:
+    """Return the event "level <= 0" for OpenTURNS, and seed its generator."""
+    ot.RandomGenerator.SetSeed(int(generator.integers(2**31)))
+    level, dimension = counter.level(problem, smooth=smooth), problem.event.dimension
+    function = ot.PythonFunction(dimension, 1, func_sample=lambda z: level(np.asarray(z))[:, None])
+    normal = ot.RandomVector(ot.Normal(dimension))
+    return ot.ThresholdEvent(ot.CompositeRandomVector(function, normal), ot.LessOrEqual(), 0.0)
+
+
+def finished(algorithm: ot.EventSimulation, target: Target) -> Estimate:
+    """Run an algorithm and read its result."""
+    algorithm.run()
+    result = algorithm.getResult()
+    return with_interval(result.getProbabilityEstimate(), result.getStandardDeviation(), target)
+
+
+def with_interval(probability: float, error: float, target: Target) -> Estimate:
+    """Return an estimate with the normal interval of its standard error."""
+    reach = target.reach * error
+    return probability, probability - reach, probability + reach, error <= target.cov * probability
+
+
+def in_levels(algorithm: ot.EventSimulation, size: int, target: Target) -> Estimate:
+    """Run an algorithm that draws ``size`` points a level."""
+    algorithm.setMaximumOuterSampling(1)
+    algorithm.setBlockSize(size)
+    return finished(algorithm, target)
+
+
+@adapter
+def nais(problem: Problem, counter: Counter, generator: np.random.Generator, target: Target) -> Estimate:
+    """Non-parametric adaptive importance sampling: 300 points a level, the lowest tenth kept."""
+    event = rare_event(problem, counter, generator, smooth=False)
+    return in_levels(ot.NAIS(event, 0.1), 300, target)
+
+
+@adapter
+def nais_25(problem: Problem, counter: Counter, generator: np.random.Generator, target: Target) -> Estimate:
+    """Non-parametric adaptive importance sampling: 200 points a level, the lowest quarter kept."""
+    event = rare_event(problem, counter, generator, smooth=False)
+    return in_levels(ot.NAIS(event, 0.25), 200, target)
+
+
+@adapter
+def cross_entropy(
+    problem: Problem, counter: Counter, generator: np.random.Generator, target: Target
+) -> Estimate:
+    """Cross-Entropy of one Gaussian in normal scores: 2,000 points a level."""
+    event = rare_event(problem, counter, generator, smooth=True)
+    return in_levels(ot.StandardSpaceCrossEntropyImportanceSampling(event, 0.1), 2000, target)
+
+
+@adapter
+def subset(problem: Problem, counter: Counter, generator: np.random.Generator, target: Target) -> Estimate:
+    """Subset sampling: 10,000 points a level, the lowest tenth kept."""
+    event = rare_event(problem, counter, generator, smooth=False)
+    algorithm = ot.SubsetSampling(event)
+    algorithm.setMaximumOuterSampling(10)
+    algorithm.setBlockSize(1000)
+    return finished(algorithm, target)
+
+
+@adapter
+def form(problem: Problem, counter: Counter, generator: np.random.Generator, target: Target) -> Estimate:
+    """First-order reliability method, then importance sampling around its design point until the target."""
+    event = rare_event(problem, counter, generator, smooth=True)
+    solver = ot.Cobyla(ot.OptimizationProblem(), 0.5)
+    solver.setStartingPoint([0.0] * (problem.event.dimension - 1) + [START])
+    solver.setMaximumConstraintError(NEAR)
+    solver.setMaximumCallsNumber(1000)
+    search = ot.FORM(solver, event)
+    search.run()
+    algorithm = ot.PostAnalyticalImportanceSampling(search.getResult())
+    algorithm.setMaximumCoefficientOfVariation(target.cov)
+    algorithm.setBlockSize(100)
+    algorithm.setMaximumOuterSampling((target.maximum_calls - counter.calls) // 100)
+    return finished(algorithm, target)
+
+
+@adapter
+def enkf(problem: Problem, counter: Counter, generator: np.random.Generator, target: Target) -> Estimate:
+    """Ensemble Kalman filter of 300 particles, then importance sampling from one Gaussian fitted to them."""
+    from rareeventestimation.enkf.EnKF_rare_events import EnKF_rare_events  # takes ten seconds
+
+    level, size, dimension = counter.level(problem, smooth=True), 300, problem.event.dimension
+
+    def above(z: Array) -> Array:
+        return np.maximum(level(np.atleast_2d(z)), 0.0)
+
+    np.random.seed(int(generator.integers(2**31)))  # noqa: NPY002, the tool draws from the global state
+    filtering = EnKF_rare_events(
+        above,
+        np.zeros((1, 1)),
+        niter_enkf=100,
+        ensemble_size=size,
+        parameter_dim=dimension,
+        tar_cov=1.5,
+        space_dim=0,
+        local_covariances=False,
+        g_original=lambda z: level(z[None])[0],
+        k_init=1,
+        mixture_model="GM",
+    )
+    filtering.perform_iteration()
+    weights = filtering.calculate_failure_probability_GM()[0]
+    return with_interval(weights.mean(), weights.std(ddof=1) / math.sqrt(size), target)
