@@ -111,7 +111,8 @@ def draw(table: pd.DataFrame) -> Figure:
     most = f" ({made.max():,} of this project on the first problem)" if made.max() > made.mode()[0] else ""
     note_source(
         figure,
-        f"{made.mode()[0]} seeds each{most}. Marker: simulations for a root-mean-square error of 0.156 (95 % limits).\n"
+        f"{made.mode()[0]} seeds each{most}. "
+        "Marker: simulations for a root-mean-square error of 0.156 (95 % limits).\n"
         "Beside it: how often the method's own 80 % interval covers, and (failed seeds), in %; crude: theory",
     )
     return figure
