@@ -234,10 +234,15 @@ def test_a_batch_is_asked_for_until_it_is_told():
 def test_other_shapes_are_refused(told):
     sampler = Sampler(2, np.random.default_rng(0))
     asked = sampler.ask()
-    with pytest.raises(ValueError, match="10 simulations were asked for"):
+    with pytest.raises(ValueError, match="asked for 10 simulations"):
         sampler.tell(*told)
     assert len(sampler.z) == 0
     np.testing.assert_array_equal(sampler.ask(), asked)
+
+
+def test_a_score_that_is_no_number_is_refused():
+    with pytest.raises(ValueError, match="not a number"):
+        Sampler(2, np.random.default_rng(0)).tell(np.zeros(10, bool), np.full(10, np.nan))
 
 
 def test_same_seed_same_bytes(half_planes):
