@@ -4,6 +4,7 @@ CORES ?= 2
 PYTHON ?= python3
 ENVIRONMENT := .venv/.installed
 SNAKEMAKE := snakemake --cores $(CORES) --configfile $(CONFIG)
+RULES := Snakefile workflow benchmarks/samplers/Snakefile
 SAMPLERS := snakemake --snakefile benchmarks/samplers/Snakefile --cores $(CORES)
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
@@ -42,7 +43,7 @@ benchmark-samplers: $(ENVIRONMENT) ## fewest simulations: our sampler beside pub
 lint: $(ENVIRONMENT) ## ruff and snakefmt
 	ruff check .
 	ruff format --check .
-	snakefmt --check Snakefile workflow benchmarks/samplers/Snakefile
+	snakefmt --check $(RULES)
 
 test: lint ## lint and run the tests
 	pytest
@@ -50,7 +51,7 @@ test: lint ## lint and run the tests
 format: $(ENVIRONMENT) ## rewrite the sources as the linters want them
 	ruff check --fix .
 	ruff format .
-	snakefmt Snakefile workflow benchmarks/samplers/Snakefile
+	snakefmt $(RULES)
 
 lock: $(ENVIRONMENT) ## resolve environment.txt anew from pyproject.toml
 	uv pip compile pyproject.toml --extra study --extra dev --universal --python-version 3.11 \

@@ -9,6 +9,7 @@ import yaml
 from accelerated_evaluation.estimation.importance_sampling import Stratum, estimate, run_to_convergence
 from accelerated_evaluation.estimation.intervals import Sums, sequential_estimate
 from accelerated_evaluation.sampling.methods import search_by_method
+from accelerated_evaluation.sampling.surrogate_sampler import sample
 from methods import Counter, Estimate, Target, adapter
 from problems import Problem
 
@@ -25,13 +26,8 @@ def settings() -> dict:
 @adapter
 def surrogate(problem: Problem, counter: Counter, generator: np.random.Generator, target: Target) -> Estimate:
     """Sample adaptively with a surrogate of the event, the sampler of this project."""
-    from accelerated_evaluation.sampling import surrogate_sampler
-
-    own = surrogate_sampler.Target(
-        half_width=target.half_width, alpha=target.alpha, maximum_calls=target.maximum_calls
-    )
-    found = surrogate_sampler.sample(counter.event(problem.event), own, generator, batch_size=10)
-    return found.probability or 0.0, found.ci_low, found.ci_high, found.converged
+    found = sample(counter.event(problem.event), target, generator, batch_size=10)
+    return found.probability, found.ci_low, found.ci_high, found.converged
 
 
 @adapter

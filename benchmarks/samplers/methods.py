@@ -7,6 +7,7 @@ from functools import wraps
 
 import numpy as np
 from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.sampling import surrogate_sampler
 from accelerated_evaluation.sampling.rare_event import RareEvent, Response
 from accelerated_evaluation.vehicles import Outcomes, Vehicle
 from problems import Problem
@@ -20,11 +21,9 @@ CRUDE_RUN = ("weak_aeb", "no_aeb", "near_miss_1e-3")  # elsewhere crude Monte Ca
 
 
 @dataclass(frozen=True)
-class Target:
-    """When to stop: a relative half-width of the 100 (1 - alpha) % interval, or that many simulator calls."""
+class Target(surrogate_sampler.Target):
+    """The sampler's target, with a limit of calls that other methods need, and what they are told."""
 
-    half_width: float = 0.2
-    alpha: float = 0.2
     maximum_calls: int = 200_000
 
     @property

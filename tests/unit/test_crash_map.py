@@ -1,14 +1,15 @@
 """The crash map against toy cars whose crash sets are known."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.estimation.crash_map import Grid, read_crash_map, write_crash_map
 from accelerated_evaluation.estimation.mapping import HALVINGS, map_crashes
-from accelerated_evaluation.vehicles import AccAeb, Outcomes
+from accelerated_evaluation.vehicles import AccAeb
 from accelerated_evaluation.vehicles.events import CRASH, Event
+from wall_car import WallCar
 
 GRID = Grid(
     lead_speed_min=5,
@@ -22,23 +23,7 @@ GRID = Grid(
 )
 
 
-@dataclass
-class HoleCar:
-    """Crashes from ``first`` m/s of closing speed on, but not in the hole; hits at the closing speed."""
-
-    first: float = 12.0
-    hole: tuple[float, float] = (12.3, 12.5)
-
-    def simulate(self, lead_speed, range_, closing_speed):
-        crash = (closing_speed >= self.first) & ~(
-            (closing_speed >= self.hole[0]) & (closing_speed < self.hole[1])
-        )
-        return Outcomes(
-            crash,
-            np.where(crash, 0.0, np.minimum(range_, np.maximum(self.first - closing_speed, 0.01))),
-            range_ / closing_speed,
-            np.where(crash, closing_speed, 0.0),
-        )
+HOLE = (12.3, 12.5)  # [m/s], of closing speed
 
 
 def mapped(car, events=(), grid=GRID, seed=1):
@@ -69,7 +54,7 @@ def test_lines_lie_in_their_cells():
 
 
 def test_intervals_end_where_the_car_says():
-    car = HoleCar()
+    car = WallCar(hole=HOLE)
     crash = mapped(car).intervals(CRASH)
     lines = np.unique(crash.line).size
     assert lines == mapped(car).lead_speed.size
@@ -82,14 +67,14 @@ def test_intervals_end_where_the_car_says():
 
 
 def test_a_car_without_holes_is_told_from_one_with():
-    crash = mapped(HoleCar(hole=(99, 99))).intervals(CRASH)
+    crash = mapped(WallCar(hole=(99, 99))).intervals(CRASH)
     assert np.unique(crash.line).size == crash.line.size
     assert np.all(np.isinf(crash.end))
 
 
 def test_island_below_no_crash_is_found_where_the_car_comes_nearest():
     # A crash only in a window narrower than the steps of the coarse scan.
-    car = HoleCar(first=12.0, hole=(12.15, np.inf))
+    car = WallCar(first=12.0, hole=(12.15, np.inf))
     crash = mapped(car).intervals(CRASH)
     share = crash.line.size / mapped(car).lead_speed.size
     assert share > 0.99
@@ -98,7 +83,7 @@ def test_island_below_no_crash_is_found_where_the_car_comes_nearest():
 
 def test_levels_of_impact_speed_range_and_ttc():
     events = [Event("impact_speed", 15.0), Event("min_range", 0.5), Event("min_ttc", 2.0)]
-    crash_map = mapped(HoleCar(hole=(99, 99)), events)
+    crash_map = mapped(WallCar(hole=(99, 99)), events)
     impact = crash_map.intervals(events[0])
     np.testing.assert_allclose(impact.start, 15, atol=2e-3)
     near = crash_map.intervals(events[1])
@@ -111,7 +96,7 @@ def test_levels_of_impact_speed_range_and_ttc():
 
 
 def test_no_crash_gives_an_empty_map():
-    crash_map = mapped(HoleCar(first=99))
+    crash_map = mapped(WallCar(first=99, hole=HOLE))
     assert crash_map.intervals(CRASH).line.size == 0
     assert crash_map.smallest_inverse_ttc() == np.inf
     assert crash_map.lead_speed.size == 2 * GRID.lead_speed_cells * GRID.range_cells
@@ -119,15 +104,15 @@ def test_no_crash_gives_an_empty_map():
 
 def test_event_that_was_not_mapped_is_refused():
     with pytest.raises(InputError, match="min_ttc"):
-        mapped(HoleCar()).intervals(Event("min_ttc", 1.0))
+        mapped(WallCar(hole=HOLE)).intervals(Event("min_ttc", 1.0))
 
 
 def test_file_is_read_back_equal_and_written_to_the_same_bytes(tmp_path):
     events = [Event("impact_speed", 15.0)]
     for name in ("one.npz", "two.npz"):
-        write_crash_map(tmp_path / name, mapped(HoleCar(), events))
+        write_crash_map(tmp_path / name, mapped(WallCar(hole=HOLE), events))
     assert (tmp_path / "one.npz").read_bytes() == (tmp_path / "two.npz").read_bytes()
-    written, read = mapped(HoleCar(), events), read_crash_map(tmp_path / "one.npz")
+    written, read = mapped(WallCar(hole=HOLE), events), read_crash_map(tmp_path / "one.npz")
     assert read.grid == written.grid
     assert list(read.events) == list(written.events)
     np.testing.assert_array_equal(read.cells.root, written.cells.root)

@@ -6,8 +6,9 @@ import matplotlib.pyplot as plt
 import pandas as pd
 import pytest
 from accelerated_evaluation.publishing import surrogate_figures
-from accelerated_evaluation.publishing.style import FORMATS, METHODS, save_figure
+from accelerated_evaluation.publishing.style import METHODS
 from accelerated_evaluation.publishing.surrogate_tables import PHASES, side_by_side, surrogate_table
+from figure_checks import check_bytes_and_legend
 
 FIGURES = ("fig19_surrogate_runs", "fig20_methods")
 SHARES = {"5-15": 0.4, "15-25": 0.6}
@@ -160,12 +161,4 @@ def test_cost_and_estimate_of_every_replicate_are_drawn_side_by_side(draw):
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_the_same_tables_give_the_same_bytes_and_legends_cover_no_data(draw, name, tmp_path):
-    for folder in ("one", "two"):
-        figure, data = draw(name)
-        assert figure.get_supxlabel() == "Data: made up"
-        save_figure(figure, data, tmp_path / folder, name)
-    (legend,) = figure.legends
-    assert not any(legend.get_window_extent().overlaps(axes.get_window_extent()) for axes in figure.axes)
-    for ending in (*FORMATS, "csv"):
-        one, two = ((tmp_path / folder / f"{name}.{ending}").read_bytes() for folder in ("one", "two"))
-        assert one == two, ending
+    check_bytes_and_legend(draw, name, tmp_path)

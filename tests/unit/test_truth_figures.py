@@ -8,13 +8,14 @@ import pandas as pd
 import pytest
 from accelerated_evaluation.estimation.coverage import INTERVALS
 from accelerated_evaluation.publishing import truth_figures
-from accelerated_evaluation.publishing.style import FORMATS, METHODS, save_figure
+from accelerated_evaluation.publishing.style import METHODS
 from accelerated_evaluation.publishing.truth_tables import (
     COVERAGE_COLUMNS,
     needed_simulations,
     published_coverage,
     severity_digest,
 )
+from figure_checks import check_bytes_and_legend
 from scipy.special import ndtri
 from scipy.stats import beta
 
@@ -216,15 +217,7 @@ def test_every_way_to_stop_has_a_look_of_its_own():
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_the_same_tables_give_the_same_bytes_and_legends_cover_no_data(draw, name, tmp_path):
-    for folder in ("one", "two"):
-        figure, data = draw(name)
-        assert figure.get_supxlabel() == "Data: made up"
-        save_figure(figure, data, tmp_path / folder, name)
-    (legend,) = figure.legends
-    assert not any(legend.get_window_extent().overlaps(axes.get_window_extent()) for axes in figure.axes)
-    for ending in (*FORMATS, "csv"):
-        one, two = ((tmp_path / folder / f"{name}.{ending}").read_bytes() for folder in ("one", "two"))
-        assert one == two, ending
+    check_bytes_and_legend(draw, name, tmp_path)
 
 
 def test_simulations_follow_from_the_variation():

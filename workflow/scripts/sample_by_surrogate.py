@@ -14,6 +14,7 @@ from accelerated_evaluation.randomness import child_generator
 from accelerated_evaluation.sampling.methods import load_cut_ins
 from accelerated_evaluation.sampling.rare_event import cut_in_event
 from accelerated_evaluation.sampling.surrogate_sampler import Result, Target, sample
+from accelerated_evaluation.sampling.two_phase import counted
 from tqdm import tqdm
 
 
@@ -59,14 +60,13 @@ def run_table(state: Mapping[str, Any], x: Array, edges: list[float]) -> pd.Data
     """Tabulate the simulations of a sampler's state, with the phase that each belongs to.
 
     The phases: ``search`` until an event was seen, ``learn`` until the surrogate was usable, ``estimate``, of
-    which the estimate is made. Without a usable surrogate all after the first event is the estimate.
+    which the estimate is made.
     """
-    z, event, batches = np.array(state["z"]), np.array(state["event"], dtype=bool), state["batches"]
+    z, event = np.array(state["z"]), np.array(state["event"], dtype=bool)
     run = np.arange(len(z)) + 1
     batch = (run - 1) // state["batch_size"] + 1
     seen = batch[event].min(initial=batch[-1] + 1)
-    unused = next((i for i, drawn in enumerate(batches) if drawn["usable"]), 0)
-    learnt = batch[-1] - len(batches) + unused
+    learnt = batch[-1] - len(counted(state["batches"]))
     names = np.array(segment_names(edges))
     columns = {
         "run": run,

@@ -3,9 +3,9 @@
 import pandas as pd
 
 from accelerated_evaluation.publishing.paper_tables import of_method, search_totals
+from accelerated_evaluation.sampling.methods import METHODS
 
 PHASES = ("search", "learn", "estimate")
-METHODS = ("single", "piecewise", "heuristic", "surrogate")
 
 
 def side_by_side(
@@ -30,7 +30,7 @@ def side_by_side(
     learning = runs[runs["phase"] != PHASES[-1]].groupby(["scope", "replicate"]).size()
     everything = pd.concat([estimates, surrogate], ignore_index=True)
     parts = []
-    for method in METHODS:
+    for method in (*METHODS, "surrogate"):
         rows = of_method(everything, method, scope).copy()
         if method == "surrogate":
             rows["learning"] = learning[scope].reindex(rows["replicate"], fill_value=0).to_numpy()

@@ -38,11 +38,17 @@ from accelerated_evaluation.sampling.two_phase import (
     account,
     aim,
     combine,
+    counted,
     foretell,
     inclusion,
     systematic,
 )
-from accelerated_evaluation.sampling.wide_laws import REACH, KernelMixture, draw_wide, log_normal_to_wide
+from accelerated_evaluation.sampling.wide_laws import (
+    KernelMixture,
+    bound_without_event,
+    draw_wide,
+    log_normal_to_wide,
+)
 
 BLAS = ThreadpoolController()  # one thread: the matrices are small, and bytes must not depend on the cores
 FORMAT = "accelerated-evaluation sampler state"
@@ -129,13 +135,13 @@ def sample(
         sampler = Sampler.resume(read_state(state_file), dimension=event.dimension, where=str(state_file))
     else:
         sampler = Sampler(event.dimension, generator, batch_size)
-    while not (result := sampler.result(target)).converged and (
-        result.calls + len(sampler.ask()) <= target.maximum_calls
-    ):
+    result = sampler.result(target)
+    while not result.converged and result.calls + sampler.batch_size <= target.maximum_calls:
         sampler.tell(*event.evaluate(sampler.ask()))
+        result = sampler.result(target)
         if state_file is not None:
-            write_json(state_file, sampler.state())
-        on_batch(sampler.result(target))
+            write_json(state_file, result.state)
+        on_batch(result)
     return result
 
 
@@ -199,12 +205,10 @@ class Sampler:
     def result(self, target: Target) -> Result:
         """Return the estimate from the batches since the surrogate became usable."""
         if not self.event.any():
-            # of an event of the largest mass under the wide law that is missed so, in the worst place
-            bound = -math.expm1(-REACH * (1 - target.alpha ** (1 / max(self._wide_runs, 1))))
+            bound = bound_without_event(self._wide_runs, target.alpha)
             return Result(0.0, 0.0, bound, len(self.z), False, False, self.state())
-        first = next((i for i, batch in enumerate(self.batches) if batch["usable"]), len(self.batches))
-        counted = self.batches[first:]
-        probability, half_width = combine(counted, target.alpha) if len(counted) > 1 else (0.0, 0.0)
+        batches = counted(self.batches)
+        probability, half_width = combine(batches, target.alpha) if len(batches) > 1 else (0.0, 0.0)
         if not (probability > 0 and half_width > 0):
             return Result(math.nan, 0.0, 1.0, len(self.z), False, True, self.state())
         interval = max(probability - half_width, 0.0), min(probability + half_width, 1.0)

@@ -89,6 +89,11 @@ def account(batch: Mapping[str, Any], event: NDArray[np.bool_]) -> dict[str, Any
     return {"estimate": batch["controlled"] + terms.sum(), "observed": first_phase + second_phase} | kept
 
 
+def counted(batches: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the batches that the estimate is made of: those since the surrogate became usable."""
+    return batches[next((i for i, batch in enumerate(batches) if batch["usable"]), len(batches)) :]
+
+
 def combine(batches: list[dict[str, Any]], alpha: float) -> tuple[float, float]:
     """Return the weighted mean of the batches' estimates and the half-width of its interval, by Student's t.
 

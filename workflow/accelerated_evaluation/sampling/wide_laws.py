@@ -26,6 +26,14 @@ def log_normal_to_wide(z: Array) -> Array:
     return np.where(tail >= -REACH, tail + math.log(REACH), np.inf)
 
 
+def bound_without_event(runs: int, alpha: float) -> float:
+    """Return what P(event) cannot exceed, with confidence 1 - alpha, if no run of the wide law met it.
+
+    The event has at most the mass 1 - alpha^(1/runs) under that law, in the worst case about the origin.
+    """
+    return -math.expm1(-REACH * (1 - alpha ** (1 / max(runs, 1))))
+
+
 def log_normal(z: Array) -> Array:
     """Log density of the standard normal, shape (n,)."""
     return -0.5 * (z * z).sum(1) - z.shape[1] / 2 * math.log(2 * math.pi)
