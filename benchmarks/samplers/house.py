@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from accelerated_evaluation.estimation.importance_sampling import Stratum, estimate, run_to_convergence
-from accelerated_evaluation.estimation.intervals import Sums, sequential_estimate
-from accelerated_evaluation.sampling.methods import search_by_method
-from accelerated_evaluation.sampling.surrogate_sampler import sample
+from accelerated_evaluation.methods.importance_sampling import Stratum, estimate, run_to_convergence
+from accelerated_evaluation.methods.intervals import Sums, sequential_estimate
+from accelerated_evaluation.methods.paper import search_by_method
+from accelerated_evaluation.methods.surrogate.sampler import sample
 from methods import Counter, Estimate, Target, adapter
 from problems import Problem
 

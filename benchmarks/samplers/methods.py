@@ -7,8 +7,8 @@ from functools import wraps
 
 import numpy as np
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.sampling import surrogate_sampler
-from accelerated_evaluation.sampling.rare_event import RareEvent, Response
+from accelerated_evaluation.methods.surrogate import sampler as surrogate_sampler
+from accelerated_evaluation.rare_event import RareEvent, Response
 from accelerated_evaluation.vehicles import Outcomes, Vehicle
 from problems import Problem
 from scipy.special import ndtri

@@ -19,11 +19,11 @@ from accelerated_evaluation.distributions import (
     Pareto,
     PiecewiseMixture,
 )
-from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel, read_model
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.encounters.twin import LEAD_SPEED, read_lead_speed
-from accelerated_evaluation.sampling.cut_in import CutIn, Proposal
-from accelerated_evaluation.sampling.rare_event import RareEvent, cut_in_event
+from accelerated_evaluation.laws.lane_change_model import LaneChangeModel, read_model
+from accelerated_evaluation.problem import CutIn, Proposal
+from accelerated_evaluation.rare_event import RareEvent, cut_in_event
 from accelerated_evaluation.vehicles import AccAeb, Outcomes, Vehicle, load_vehicle
 from accelerated_evaluation.vehicles.events import Event
 from scipy.special import ndtr

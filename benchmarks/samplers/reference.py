@@ -13,7 +13,7 @@ import numpy as np
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.files import write_json
 from accelerated_evaluation.randomness import child_generator
-from accelerated_evaluation.sampling.rare_event import RareEvent
+from accelerated_evaluation.rare_event import RareEvent
 from problems import problems
 from scipy.spatial.distance import cdist
 from scipy.stats import chi2

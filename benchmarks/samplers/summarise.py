@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from accelerated_evaluation.estimation.importance_sampling import crude_simulations
 from accelerated_evaluation.files import write_csv
+from accelerated_evaluation.methods.importance_sampling import crude_simulations
 from methods import Target
 
 COLUMNS = [

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.sampling.rare_event import cut_in_event
+from accelerated_evaluation.rare_event import cut_in_event
 from scipy.integrate import quad
 from scipy.special import ndtr
 from scipy.stats import chi2, norm

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from accelerated_evaluation.configuration import load
 from accelerated_evaluation.distributions import BoundedExponential, PiecewiseMixture
-from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
+from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
 from accelerated_evaluation.publishing.claims import CLAIMS, PREMISES, Claim, claims_table, verdict
 from accelerated_evaluation.publishing.paper_tables import Spread
 from accelerated_evaluation.publishing.tables import save_table

@@ -5,8 +5,10 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.estimation import coverage
-from accelerated_evaluation.estimation.coverage import (
+from accelerated_evaluation.methods.importance_sampling import crude_simulations, first_converged, running
+from accelerated_evaluation.methods.intervals import Sums
+from accelerated_evaluation.truth import coverage
+from accelerated_evaluation.truth.coverage import (
     INTERVALS,
     Stream,
     coverage_table,
@@ -15,8 +17,6 @@ from accelerated_evaluation.estimation.coverage import (
     stop_crude,
     stop_importance_sampling,
 )
-from accelerated_evaluation.estimation.importance_sampling import crude_simulations, first_converged, running
-from accelerated_evaluation.estimation.intervals import Sums
 
 SETTINGS = {"alpha": 0.2, "beta": 0.2, "minimum_events": 20, "maximum_simulations": 20_000}
 EVENT_SHARE = 0.1

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.estimation.crash_map import Grid, read_crash_map, write_crash_map
-from accelerated_evaluation.estimation.mapping import HALVINGS, map_crashes
+from accelerated_evaluation.truth.crash_map import Grid, read_crash_map, write_crash_map
+from accelerated_evaluation.truth.mapping import HALVINGS, map_crashes
 from accelerated_evaluation.vehicles import AccAeb
 from accelerated_evaluation.vehicles.events import CRASH, Event
 from wall_car import WallCar

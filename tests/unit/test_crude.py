@@ -6,16 +6,16 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 from accelerated_evaluation.distributions import BoundedExponential, Empirical
-from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
-from accelerated_evaluation.estimation.crude import (
+from accelerated_evaluation.files import write_csv
+from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
+from accelerated_evaluation.methods.crude import (
     Checkpoint,
     crude_course,
     crude_estimates,
     fingerprint,
     simulate_batches,
 )
-from accelerated_evaluation.files import write_csv
-from accelerated_evaluation.sampling.cut_in import CutIn, Proposal
+from accelerated_evaluation.problem import CutIn, Proposal
 from accelerated_evaluation.vehicles.protocol import Outcomes
 
 THRESHOLD = 0.3

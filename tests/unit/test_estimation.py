@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from accelerated_evaluation.distributions import BoundedExponential, Empirical
-from accelerated_evaluation.estimation.importance_sampling import (
+from accelerated_evaluation.methods.importance_sampling import (
     Running,
     Stratum,
     crude_simulations,
@@ -17,8 +17,8 @@ from accelerated_evaluation.estimation.importance_sampling import (
     run_to_convergence,
     running,
 )
-from accelerated_evaluation.estimation.replicates import estimate_replicate
-from accelerated_evaluation.sampling.cut_in import CutIn, Proposal
+from accelerated_evaluation.methods.replicates import estimate_replicate
+from accelerated_evaluation.problem import CutIn, Proposal
 from accelerated_evaluation.vehicles import Outcomes
 from scipy import stats
 

@@ -14,18 +14,18 @@ from accelerated_evaluation.distributions import (
     Mixture,
     PiecewiseMixture,
 )
-from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
 from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.estimation.crash_map import Intervals
-from accelerated_evaluation.estimation.exact import (
+from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
+from accelerated_evaluation.problem import CutIn, Proposal
+from accelerated_evaluation.truth.crash_map import Intervals
+from accelerated_evaluation.truth.exact import (
     ALL,
     exact_probabilities,
     exact_table,
     interval_probability,
 )
-from accelerated_evaluation.estimation.mapping import map_crashes
-from accelerated_evaluation.estimation.severity import events_from
-from accelerated_evaluation.sampling.cut_in import CutIn, Proposal
+from accelerated_evaluation.truth.mapping import map_crashes
+from accelerated_evaluation.truth.severity import events_from
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
 from wall_car import GRID, RANGE_LAWS, TTC_LAWS, WallCar, encounters, integral, model
 

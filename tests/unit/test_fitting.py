@@ -15,13 +15,6 @@ from accelerated_evaluation.distributions import (
     PiecewiseMixture,
 )
 from accelerated_evaluation.errors import ConvergenceError, InputError
-from accelerated_evaluation.fitting.lane_change import (
-    choose_knots,
-    fit_exponential_from_zero,
-    fit_lane_change_models,
-    fit_pareto,
-    refit,
-)
 from accelerated_evaluation.fitting.pieces import (
     fit_exponential,
     fit_normal,
@@ -33,6 +26,13 @@ from accelerated_evaluation.fitting.piecewise import (
     fit_piecewise,
     knots_at_quantiles,
     knots_by_profile_likelihood,
+)
+from accelerated_evaluation.laws.paper import (
+    choose_knots,
+    fit_exponential_from_zero,
+    fit_lane_change_models,
+    fit_pareto,
+    refit,
 )
 from scipy.io import loadmat
 from scipy.optimize import minimize

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from accelerated_evaluation.estimation.importance_sampling import estimate, first_converged, running
-from accelerated_evaluation.estimation.intervals import (
+from accelerated_evaluation.methods.importance_sampling import estimate, first_converged, running
+from accelerated_evaluation.methods.intervals import (
     Interval,
     Sums,
     binomial_interval,

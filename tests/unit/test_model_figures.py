@@ -14,7 +14,8 @@ from accelerated_evaluation.distributions import (
     Pareto,
     PiecewiseMixture,
 )
-from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
+from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
+from accelerated_evaluation.problem import Proposal
 from accelerated_evaluation.publishing import encounter_figures, model_figures
 from accelerated_evaluation.publishing.model_tables import (
     close_call_table,
@@ -23,7 +24,6 @@ from accelerated_evaluation.publishing.model_tables import (
     rank_table,
 )
 from accelerated_evaluation.publishing.style import FORMATS, paper_style, save_figure
-from accelerated_evaluation.sampling.cut_in import Proposal
 
 SOURCE = "simulated for a test"
 EDGES = (5, 15, 25, 35)

@@ -11,14 +11,14 @@ from accelerated_evaluation.distributions import (
     Pareto,
     PiecewiseMixture,
 )
-from accelerated_evaluation.distributions.lane_change_model import (
+from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.laws.lane_change_model import (
     LaneChangeModel,
     from_dict,
     read_model,
     to_dict,
     write_model,
 )
-from accelerated_evaluation.errors import InputError
 
 BODY = Mixture((0.1, 0.9), (BoundedNormal(0.1 / 3, 0.0, 0.166), BoundedNormal(0.07, 0.0, 0.166, -1e-17)))
 PIECEWISE = PiecewiseMixture((0.95, 0.05), (BODY, BoundedExponential(21.084581450393657, 0.166)))

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.distributions import BoundedExponential, PiecewiseMixture
-from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
-from accelerated_evaluation.estimation.importance_sampling import estimate, running
+from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
+from accelerated_evaluation.methods.importance_sampling import estimate, running
 from accelerated_evaluation.publishing import paper_tables
 from accelerated_evaluation.publishing.paper_tables import Spread
 from accelerated_evaluation.publishing.tables import readable, save_table

@@ -7,15 +7,15 @@ import mpmath
 import numpy as np
 import pytest
 from accelerated_evaluation.distributions import BoundedExponential, Empirical, Pareto
-from accelerated_evaluation.sampling.cut_in import CutIn, Proposal
-from accelerated_evaluation.sampling.rare_event import cut_in_event, independent, normal_score_quantile
-from accelerated_evaluation.sampling.wide_laws import (
+from accelerated_evaluation.methods.surrogate.wide_laws import (
     REACH,
     KernelMixture,
     draw_wide,
     log_normal,
     log_normal_to_wide,
 )
+from accelerated_evaluation.problem import CutIn, Proposal
+from accelerated_evaluation.rare_event import cut_in_event, independent, normal_score_quantile
 from accelerated_evaluation.vehicles import Outcomes
 from accelerated_evaluation.vehicles.events import CRASH, Event
 from scipy.stats import chi2, chisquare, kstest, multivariate_t, norm

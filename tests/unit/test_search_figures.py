@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from accelerated_evaluation.configuration import load
 from accelerated_evaluation.distributions import BoundedExponential, PiecewiseMixture
-from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
+from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
 from accelerated_evaluation.publishing import search_figures
 from accelerated_evaluation.publishing.flow_chart import Arrow, Box
 from accelerated_evaluation.publishing.search_figures import FLOW_ARROWS, flow_boxes

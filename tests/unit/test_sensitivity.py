@@ -7,10 +7,11 @@ import pandas as pd
 import pytest
 from accelerated_evaluation.distributions import BoundedExponential, BoundedNormal
 from accelerated_evaluation.encounters.segments import assign_segments
-from accelerated_evaluation.estimation.crash_map import Grid
-from accelerated_evaluation.estimation.exact import ALL, exact_probabilities
-from accelerated_evaluation.estimation.mapping import map_crashes
-from accelerated_evaluation.estimation.sensitivity import (
+from accelerated_evaluation.laws.paper import fit_lane_change_models
+from accelerated_evaluation.truth.crash_map import Grid
+from accelerated_evaluation.truth.exact import ALL, exact_probabilities
+from accelerated_evaluation.truth.mapping import map_crashes
+from accelerated_evaluation.truth.sensitivity import (
     Levels,
     Refit,
     fit_for_crashes,
@@ -18,7 +19,6 @@ from accelerated_evaluation.estimation.sensitivity import (
     study_cap,
     study_sensitivity,
 )
-from accelerated_evaluation.fitting.lane_change import fit_lane_change_models
 from accelerated_evaluation.vehicles import AccAeb
 
 GRID = Grid(5, 15, 75, 8, 40, 6, 23.49, 120)

@@ -4,11 +4,11 @@ import mpmath
 import numpy as np
 import pytest
 from accelerated_evaluation.distributions import BoundedExponential, Empirical, PiecewiseMixture
-from accelerated_evaluation.estimation.exact import ALL, exact_probabilities
-from accelerated_evaluation.estimation.exact_variance import exact_variation, variation_table
-from accelerated_evaluation.estimation.mapping import map_crashes
-from accelerated_evaluation.estimation.severity import events_from, impact_speed_table, severity_table
-from accelerated_evaluation.sampling.cut_in import CutIn, Proposal
+from accelerated_evaluation.problem import CutIn, Proposal
+from accelerated_evaluation.truth.exact import ALL, exact_probabilities
+from accelerated_evaluation.truth.exact_variance import exact_variation, variation_table
+from accelerated_evaluation.truth.mapping import map_crashes
+from accelerated_evaluation.truth.severity import events_from, impact_speed_table, severity_table
 from wall_car import GRID, LOWER, RANGE_LAWS, TTC_LAWS, WallCar, encounters, integral, model
 
 

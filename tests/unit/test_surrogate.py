@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from accelerated_evaluation.sampling.surrogate import EventSurrogate
+from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurrogate
 from scipy.stats import multivariate_normal
 
 THETA = np.log([1.5, 0.8, 2.0])

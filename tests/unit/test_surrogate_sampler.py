@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.sampling import two_phase
-from accelerated_evaluation.sampling.rare_event import RareEvent
-from accelerated_evaluation.sampling.surrogate_sampler import FORMAT, Sampler, Target, sample
-from accelerated_evaluation.sampling.wide_laws import REACH, draw_wide
+from accelerated_evaluation.methods.surrogate import two_phase
+from accelerated_evaluation.methods.surrogate.sampler import FORMAT, Sampler, Target, sample
+from accelerated_evaluation.methods.surrogate.wide_laws import REACH, draw_wide
+from accelerated_evaluation.rare_event import RareEvent
 from scipy.stats import binom, norm, ttest_1samp
 
 TARGET = Target()

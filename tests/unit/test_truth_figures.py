@@ -6,7 +6,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.estimation.coverage import INTERVALS
 from accelerated_evaluation.publishing import truth_figures
 from accelerated_evaluation.publishing.style import METHODS
 from accelerated_evaluation.publishing.truth_tables import (
@@ -15,6 +14,7 @@ from accelerated_evaluation.publishing.truth_tables import (
     published_coverage,
     severity_digest,
 )
+from accelerated_evaluation.truth.coverage import INTERVALS
 from figure_checks import check_bytes_and_legend
 from scipy.special import ndtri
 from scipy.stats import beta

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from accelerated_evaluation.sampling import two_phase
+from accelerated_evaluation.methods.surrogate import two_phase
 
 
 @pytest.fixture

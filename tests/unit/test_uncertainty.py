@@ -3,10 +3,10 @@
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.estimation.crash_map import Grid
-from accelerated_evaluation.estimation.mapping import map_crashes
-from accelerated_evaluation.estimation.sensitivity import Levels, Refit
-from accelerated_evaluation.estimation.uncertainty import (
+from accelerated_evaluation.truth.crash_map import Grid
+from accelerated_evaluation.truth.mapping import map_crashes
+from accelerated_evaluation.truth.sensitivity import Levels, Refit
+from accelerated_evaluation.truth.uncertainty import (
     bootstrap_probabilities,
     probabilities_of_choices,
     resampled_rows,

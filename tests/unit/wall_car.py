@@ -12,8 +12,8 @@ from accelerated_evaluation.distributions import (
     Pareto,
     PiecewiseMixture,
 )
-from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
-from accelerated_evaluation.estimation.crash_map import Grid
+from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
+from accelerated_evaluation.truth.crash_map import Grid
 from accelerated_evaluation.vehicles import Outcomes
 
 GRID = Grid(

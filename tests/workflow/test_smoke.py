@@ -74,7 +74,7 @@ def test_a_second_run_does_nothing(finished):
 
 
 def test_an_edited_module_reruns_what_depends_on_it_and_no_more(finished):
-    module = finished.folder / "workflow/accelerated_evaluation/estimation/importance_sampling.py"
+    module = finished.folder / "workflow/accelerated_evaluation/methods/importance_sampling.py"
     before = module.stat()
     try:
         module.write_text(module.read_text() + "\n# edited\n")

@@ -13,7 +13,7 @@ rule search_proposals:
         encounters=rules.ingest_encounters.output.encounters,
         model=rules.fit_models.output[MODEL],
         vehicle=VEHICLE_FILES,
-        library=library("distributions", "vehicles", "sampling"),
+        library=library("distributions", "laws", "vehicles", "methods"),
     output:
         proposals=result("cross_entropy", "{method}_{seed}.json"),
         trace=result("cross_entropy", "{method}_{seed}_trace.csv"),

@@ -8,7 +8,7 @@ from accelerated_evaluation.configuration import validate
 from accelerated_evaluation.encounters.segments import segment_names
 from accelerated_evaluation.errors import StudyError
 from accelerated_evaluation.files import write_text
-from accelerated_evaluation.sampling.methods import METHODS
+from accelerated_evaluation.methods.paper import METHODS
 from snakemake.exceptions import WorkflowError
 
 try:
@@ -45,7 +45,7 @@ def library(*rooms: str) -> list[str]:
     return [
         str(path)
         for path in shared
-        + [m for room in rooms for m in sorted((LIBRARY / room).glob("*.py"))]
+        + [m for room in rooms for m in sorted((LIBRARY / room).rglob("*.py"))]
     ]
 
 

@@ -13,7 +13,7 @@ rule estimate_crash_probability:
             rules.search_proposals.output.proposals, seed=SEEDS, allow_missing=True
         ),
         vehicle=VEHICLE_FILES,
-        library=library("distributions", "vehicles", "sampling", "estimation"),
+        library=library("distributions", "laws", "vehicles", "methods", "truth"),
     output:
         estimates=result("importance_sampling", "{scope}_{method}.csv"),
         course=result("importance_sampling", "{scope}_{method}_course.csv"),

@@ -8,7 +8,7 @@ rule fit_models:
     """Fit the piecewise mixtures, their knots chosen as configured, and the single parametric model."""
     input:
         encounters=rules.ingest_encounters.output.encounters,
-        library=library("distributions", "fitting"),
+        library=library("distributions", "laws", "fitting"),
     output:
         **{model: result("models", f"{model}.json") for model in MODELS},
     log:
@@ -35,7 +35,7 @@ rule fit_candidates:
             rules.fit_models.output.two_pieces,
             rules.fit_models.output.three_pieces,
         ],
-        library=library("distributions", "fitting"),
+        library=library("distributions", "laws", "fitting"),
     output:
         table=result("candidates", "{variable}_{segment}.csv"),
     log:

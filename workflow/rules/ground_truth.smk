@@ -8,7 +8,7 @@ rule map_crashes:
     """Map where the vehicle crashes, at full, half and quarter resolution, whatever the model."""
     input:
         vehicle=VEHICLE_FILES,
-        library=library("vehicles", "estimation"),
+        library=library("vehicles", "methods", "truth"),
     output:
         full=result("crash_map", "full.npz"),
         half=result("crash_map", "half.npz"),
@@ -40,7 +40,7 @@ rule compute_exact:
         proposals=expand(
             rules.search_proposals.output.proposals, method=METHODS, seed=SEEDS
         ),
-        library=library("distributions", "sampling", "estimation"),
+        library=library("distributions", "laws", "methods", "truth"),
     output:
         exact=result("exact.csv"),
         convergence=result("convergence.csv"),
@@ -73,7 +73,7 @@ rule study_sensitivity:
         half=rules.map_crashes.output.half,
         encounters=rules.ingest_encounters.output.encounters,
         vehicle=VEHICLE_FILES,
-        library=library("distributions", "fitting", "vehicles", "estimation"),
+        library=library("distributions", "laws", "fitting", "vehicles", "methods", "truth"),
     output:
         sensitivity=result("sensitivity.csv"),
     log:
@@ -100,7 +100,7 @@ rule bootstrap_uncertainty:
         three_pieces=rules.fit_models.output.three_pieces,
         half=rules.map_crashes.output.half,
         encounters=rules.ingest_encounters.output.encounters,
-        library=library("distributions", "fitting", "estimation"),
+        library=library("distributions", "laws", "fitting", "methods", "truth"),
     output:
         uncertainty=result("uncertainty.csv"),
         bootstrap=result("bootstrap.csv"),

@@ -37,7 +37,7 @@ rule ingest_encounters:
     """Read, filter and segment the lane changes, and account for every row."""
     input:
         records=RECORDS,
-        library=library("encounters", "distributions"),
+        library=library("encounters", "distributions", "laws"),
     output:
         encounters=result("encounters.parquet"),
         account=result("encounters_account.csv"),

@@ -12,7 +12,7 @@ rule run_crude_monte_carlo:
         encounters=rules.ingest_encounters.output.encounters,
         model=rules.fit_models.output[MODEL],
         vehicle=VEHICLE_FILES,
-        library=library("distributions", "vehicles", "sampling", "estimation"),
+        library=library("distributions", "laws", "vehicles", "methods", "truth"),
     output:
         estimates=result("crude.csv"),
         course=result("crude_course.csv"),
@@ -51,7 +51,7 @@ rule study_coverage:
             )
         ),
         vehicle=VEHICLE_FILES,
-        library=library("distributions", "vehicles", "sampling", "estimation"),
+        library=library("distributions", "laws", "vehicles", "methods", "truth"),
     output:
         coverage=result("coverage", "{judged}.csv"),
         replicates=result("coverage", "{judged}_replicates.csv"),

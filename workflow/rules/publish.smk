@@ -125,7 +125,7 @@ for _notebook in NOTEBOOKS:
             **NOTEBOOKS[_notebook]["reads"],
             notebook=f"notebooks/{_notebook}.ipynb",
             config=rules.record_configuration.output.config,
-            library=library("publishing", "distributions", "sampling", "estimation"),
+            library=library("publishing", "distributions", "laws", "methods", "truth"),
         output:
             figures=made(_notebook, "figures"),
             tables=made(_notebook, "tables"),

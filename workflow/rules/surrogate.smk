@@ -10,7 +10,7 @@ rule sample_by_surrogate:
         encounters=rules.ingest_encounters.output.encounters,
         model=rules.fit_models.output[MODEL],
         vehicle=VEHICLE_FILES,
-        library=library("encounters", "distributions", "vehicles", "sampling"),
+        library=library("encounters", "distributions", "laws", "vehicles", "methods"),
     output:
         surrogate=result("surrogate.csv"),
         surrogate_runs=result("surrogate_runs.csv"),

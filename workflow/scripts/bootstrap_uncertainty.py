@@ -1,18 +1,18 @@
 """Refit the model to resampled data, and set up the budget of the uncertainty."""
 
 import pandas as pd
-from accelerated_evaluation.distributions.lane_change_model import read_model
-from accelerated_evaluation.estimation.crash_map import read_crash_map
-from accelerated_evaluation.estimation.exact import ALL, exact_probabilities
-from accelerated_evaluation.estimation.sensitivity import Levels
-from accelerated_evaluation.estimation.uncertainty import (
+from accelerated_evaluation.files import write_csv
+from accelerated_evaluation.jobs import job
+from accelerated_evaluation.laws.lane_change_model import read_model
+from accelerated_evaluation.randomness import child_generator
+from accelerated_evaluation.truth.crash_map import read_crash_map
+from accelerated_evaluation.truth.exact import ALL, exact_probabilities
+from accelerated_evaluation.truth.sensitivity import Levels
+from accelerated_evaluation.truth.uncertainty import (
     bootstrap_probabilities,
     probabilities_of_choices,
     uncertainty_budget,
 )
-from accelerated_evaluation.files import write_csv
-from accelerated_evaluation.jobs import job
-from accelerated_evaluation.randomness import child_generator
 
 
 def main(

@@ -1,14 +1,14 @@
 """Weigh the crash maps with the models: exact probabilities, severity, and the variation of every f*."""
 
 import pandas as pd
-from accelerated_evaluation.distributions.lane_change_model import read_model
-from accelerated_evaluation.estimation.crash_map import read_crash_map
-from accelerated_evaluation.estimation.exact import exact_table
-from accelerated_evaluation.estimation.exact_variance import variation_table
-from accelerated_evaluation.estimation.severity import impact_speed_table, severity_table
 from accelerated_evaluation.files import write_csv
 from accelerated_evaluation.jobs import job
-from accelerated_evaluation.sampling.methods import read_proposals
+from accelerated_evaluation.laws.lane_change_model import read_model
+from accelerated_evaluation.methods.paper import read_proposals
+from accelerated_evaluation.truth.crash_map import read_crash_map
+from accelerated_evaluation.truth.exact import exact_table
+from accelerated_evaluation.truth.exact_variance import variation_table
+from accelerated_evaluation.truth.severity import impact_speed_table, severity_table
 
 
 def main(

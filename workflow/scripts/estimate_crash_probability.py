@@ -1,12 +1,12 @@
 """Estimate the crash probability by importance sampling, in independent replicates of one method."""
 
 import pandas as pd
-from accelerated_evaluation.estimation.importance_sampling import Stratum
-from accelerated_evaluation.estimation.replicates import estimate_replicate
 from accelerated_evaluation.files import write_csv
 from accelerated_evaluation.jobs import job
+from accelerated_evaluation.methods.importance_sampling import Stratum
+from accelerated_evaluation.methods.paper import load_cut_ins, read_proposals
+from accelerated_evaluation.methods.replicates import estimate_replicate
 from accelerated_evaluation.randomness import child_generator
-from accelerated_evaluation.sampling.methods import load_cut_ins, read_proposals
 from tqdm import trange
 
 

@@ -2,11 +2,11 @@
 
 import pandas as pd
 from accelerated_evaluation.distributions import PiecewiseMixture
-from accelerated_evaluation.distributions.lane_change_model import read_model
 from accelerated_evaluation.files import write_csv
 from accelerated_evaluation.fitting.candidates import compare, fit_candidates, score
-from accelerated_evaluation.fitting.lane_change import refit
 from accelerated_evaluation.jobs import job
+from accelerated_evaluation.laws.lane_change_model import read_model
+from accelerated_evaluation.laws.paper import refit
 from tqdm import tqdm
 
 

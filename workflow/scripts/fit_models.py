@@ -1,9 +1,9 @@
 """Fit the piecewise models and the single parametric one to the encounters."""
 
 import pandas as pd
-from accelerated_evaluation.distributions.lane_change_model import write_model
-from accelerated_evaluation.fitting.lane_change import fit_lane_change_models
 from accelerated_evaluation.jobs import job
+from accelerated_evaluation.laws.lane_change_model import write_model
+from accelerated_evaluation.laws.paper import fit_lane_change_models
 
 
 def main(config: dict, encounters_path: str, outputs: dict[str, str]) -> None:

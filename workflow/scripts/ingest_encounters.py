@@ -1,11 +1,11 @@
 """Read the lane changes of the configured source, filter and segment them, and account for every row."""
 
-from accelerated_evaluation.distributions.lane_change_model import read_model
 from accelerated_evaluation.encounters.contract import write_encounters
 from accelerated_evaluation.encounters.ingest import ingest, read_source
 from accelerated_evaluation.encounters.twin import Twin, read_lead_speed
 from accelerated_evaluation.files import write_csv
 from accelerated_evaluation.jobs import job
+from accelerated_evaluation.laws.lane_change_model import read_model
 from accelerated_evaluation.randomness import child_generator
 
 

@@ -1,10 +1,10 @@
 """Map where the vehicle crashes, at full, half and quarter resolution."""
 
-from accelerated_evaluation.estimation.crash_map import Grid, write_crash_map
-from accelerated_evaluation.estimation.mapping import map_crashes
-from accelerated_evaluation.estimation.severity import events_from
 from accelerated_evaluation.jobs import job
 from accelerated_evaluation.randomness import child_generator
+from accelerated_evaluation.truth.crash_map import Grid, write_crash_map
+from accelerated_evaluation.truth.mapping import map_crashes
+from accelerated_evaluation.truth.severity import events_from
 from accelerated_evaluation.vehicles.loading import load_vehicle
 
 

@@ -2,16 +2,16 @@
 
 import math
 
-from accelerated_evaluation.estimation.crude import (
+from accelerated_evaluation.files import write_csv
+from accelerated_evaluation.jobs import job
+from accelerated_evaluation.methods.crude import (
     Checkpoint,
     crude_course,
     crude_estimates,
     fingerprint,
     simulate_batches,
 )
-from accelerated_evaluation.files import write_csv
-from accelerated_evaluation.jobs import job
-from accelerated_evaluation.sampling.methods import load_cut_ins
+from accelerated_evaluation.methods.paper import load_cut_ins
 
 
 def main(

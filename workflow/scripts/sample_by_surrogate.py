@@ -10,11 +10,11 @@ from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.encounters.segments import VARIABLES, segment_names
 from accelerated_evaluation.files import write_csv
 from accelerated_evaluation.jobs import job
+from accelerated_evaluation.methods.paper import load_cut_ins
+from accelerated_evaluation.methods.surrogate.sampler import Result, Target, sample
+from accelerated_evaluation.methods.surrogate.two_phase import counted
 from accelerated_evaluation.randomness import child_generator
-from accelerated_evaluation.sampling.methods import load_cut_ins
-from accelerated_evaluation.sampling.rare_event import cut_in_event
-from accelerated_evaluation.sampling.surrogate_sampler import Result, Target, sample
-from accelerated_evaluation.sampling.two_phase import counted
+from accelerated_evaluation.rare_event import cut_in_event
 from tqdm import tqdm
 
 

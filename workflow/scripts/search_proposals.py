@@ -3,8 +3,8 @@
 import pandas as pd
 from accelerated_evaluation.files import write_csv
 from accelerated_evaluation.jobs import job
+from accelerated_evaluation.methods.paper import load_cut_ins, search_by_method, write_proposals
 from accelerated_evaluation.randomness import child_generator
-from accelerated_evaluation.sampling.methods import load_cut_ins, search_by_method, write_proposals
 from tqdm import tqdm
 
 

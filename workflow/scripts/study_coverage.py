@@ -3,7 +3,12 @@
 from functools import partial
 
 import pandas as pd
-from accelerated_evaluation.estimation.coverage import (
+from accelerated_evaluation.files import write_csv
+from accelerated_evaluation.jobs import job
+from accelerated_evaluation.methods.importance_sampling import Stratum
+from accelerated_evaluation.methods.paper import load_cut_ins, read_proposals
+from accelerated_evaluation.randomness import child_generator
+from accelerated_evaluation.truth.coverage import (
     CRUDE,
     Stream,
     coverage_table,
@@ -12,11 +17,6 @@ from accelerated_evaluation.estimation.coverage import (
     stop_crude,
     stop_importance_sampling,
 )
-from accelerated_evaluation.estimation.importance_sampling import Stratum
-from accelerated_evaluation.files import write_csv
-from accelerated_evaluation.jobs import job
-from accelerated_evaluation.randomness import child_generator
-from accelerated_evaluation.sampling.methods import load_cut_ins, read_proposals
 from tqdm import trange
 
 

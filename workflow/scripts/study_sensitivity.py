@@ -1,12 +1,12 @@
 """Change one choice at a time, and tabulate the crash probability."""
 
 import pandas as pd
-from accelerated_evaluation.distributions.lane_change_model import read_model
-from accelerated_evaluation.estimation.crash_map import read_crash_map
-from accelerated_evaluation.estimation.sensitivity import study_cap, study_sensitivity
 from accelerated_evaluation.files import write_csv
 from accelerated_evaluation.jobs import job
+from accelerated_evaluation.laws.lane_change_model import read_model
 from accelerated_evaluation.randomness import child_generator
+from accelerated_evaluation.truth.crash_map import read_crash_map
+from accelerated_evaluation.truth.sensitivity import study_cap, study_sensitivity
 from accelerated_evaluation.vehicles.loading import load_vehicle
 
 

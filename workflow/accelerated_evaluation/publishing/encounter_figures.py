@@ -10,7 +10,8 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from accelerated_evaluation.distributions import Distribution
-from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
+from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
+from accelerated_evaluation.problem import Proposal
 from accelerated_evaluation.publishing.model_figures import (
     INVERSE_TTC,
     RECORDS,
@@ -21,7 +22,6 @@ from accelerated_evaluation.publishing.model_figures import (
     histogram,
 )
 from accelerated_evaluation.publishing.style import COLUMN_WIDTH, note_source, paper_style
-from accelerated_evaluation.sampling.cut_in import Proposal
 
 DENSITIES = {
     "f": ("fitted $f$", {"color": "#08306b", "linestyle": "-", "marker": "o"}),

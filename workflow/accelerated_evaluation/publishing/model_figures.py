@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from accelerated_evaluation.distributions import BoundedNormal, Distribution, Empirical
-from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel, to_dict
 from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.laws.lane_change_model import LaneChangeModel, to_dict
 from accelerated_evaluation.publishing.model_tables import leaves
 from accelerated_evaluation.publishing.style import COLUMN_WIDTH, METHODS, PIECES, note_source, paper_style
 

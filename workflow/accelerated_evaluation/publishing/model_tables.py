@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import pandas as pd
 
 from accelerated_evaluation.distributions import Distribution, Empirical, Mixture
-from accelerated_evaluation.distributions.lane_change_model import UNITS, LaneChangeModel, to_dict
+from accelerated_evaluation.laws.lane_change_model import UNITS, LaneChangeModel, to_dict
 
 PARAMETERS = ("rate", "sd", "shape")
 RATE_UNITS = {"inverse_range": "m", "inverse_ttc": "s"}

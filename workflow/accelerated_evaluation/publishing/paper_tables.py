@@ -9,8 +9,8 @@ import pandas as pd
 from numpy.typing import ArrayLike
 from scipy.special import ndtri
 
-from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
-from accelerated_evaluation.estimation.importance_sampling import crude_simulations
+from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
+from accelerated_evaluation.methods.importance_sampling import crude_simulations
 
 PAPER_PROBABILITY = 7.4e-7  # section VI.C
 PAPER_SIMULATIONS = {"piecewise": 7840, "single": 12320, "crude": 5.5e7}  # table I

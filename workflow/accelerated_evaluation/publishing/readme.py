@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from accelerated_evaluation.files import write_text
-from accelerated_evaluation.sampling.methods import METHODS
+from accelerated_evaluation.methods.paper import METHODS
 
 ROOT = Path(__file__).resolve().parents[3]
 CLAIMS = ROOT / "figures" / "spmd" / "tables" / "claims.csv"

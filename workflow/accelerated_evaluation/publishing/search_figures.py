@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from accelerated_evaluation.distributions import PiecewiseMixture
-from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
+from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
 from accelerated_evaluation.publishing.flow_chart import Arrow, Box, draw_flow_chart, flow_table
 from accelerated_evaluation.publishing.style import COLUMN_WIDTH, PIECES, note_source, paper_style
 

@@ -2,8 +2,8 @@
 
 import pandas as pd
 
+from accelerated_evaluation.methods.paper import METHODS
 from accelerated_evaluation.publishing.paper_tables import of_method, search_totals
-from accelerated_evaluation.sampling.methods import METHODS
 
 PHASES = ("search", "learn", "estimate")
 

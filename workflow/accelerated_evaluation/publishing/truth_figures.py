@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 from scipy.special import ndtri
 
-from accelerated_evaluation.estimation.coverage import LEVELS
-from accelerated_evaluation.estimation.intervals import binomial_interval
+from accelerated_evaluation.methods.intervals import binomial_interval
 from accelerated_evaluation.publishing.dot_chart import (
     DOT,
     FRAME,
@@ -32,6 +31,7 @@ from accelerated_evaluation.publishing.dot_chart import (
 from accelerated_evaluation.publishing.paper_tables import of_method
 from accelerated_evaluation.publishing.style import COLUMN_WIDTH, METHODS, PIECES, note_source, paper_style
 from accelerated_evaluation.publishing.truth_tables import severity_digest
+from accelerated_evaluation.truth.coverage import LEVELS
 
 PAPER = {"color": "black", "marker": "*"}
 RARE = 1e-6  # lower end of the shares in figure 17

@@ -5,9 +5,9 @@ import math
 import pandas as pd
 from scipy.special import ndtri
 
-from accelerated_evaluation.estimation.coverage import LEVELS
-from accelerated_evaluation.estimation.importance_sampling import crude_simulations
+from accelerated_evaluation.methods.importance_sampling import crude_simulations
 from accelerated_evaluation.publishing.paper_tables import PAPER_SIMULATIONS
+from accelerated_evaluation.truth.coverage import LEVELS
 
 DIGEST = ("event", "probability", "to_crash", "per_million_km")
 EVENTS = {

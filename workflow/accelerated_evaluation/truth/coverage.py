@@ -25,14 +25,14 @@ import pandas as pd
 from scipy.special import ndtri
 
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.estimation.importance_sampling import (
+from accelerated_evaluation.methods.importance_sampling import (
     Stratum,
     crude_simulations,
     draw_crash_weights,
     first_converged,
     running,
 )
-from accelerated_evaluation.estimation.intervals import (
+from accelerated_evaluation.methods.intervals import (
     Sums,
     gamma_interval,
     normal_interval,

@@ -8,11 +8,11 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from accelerated_evaluation.distributions import Distribution, Mixture
-from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.estimation.crash_map import LINES_PER_CELL, CrashMap
-from accelerated_evaluation.estimation.exact import ALL, cell_shares, cell_weights, line_probabilities
-from accelerated_evaluation.sampling.cut_in import Proposal
+from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
+from accelerated_evaluation.problem import Proposal
+from accelerated_evaluation.truth.crash_map import LINES_PER_CELL, CrashMap
+from accelerated_evaluation.truth.exact import ALL, cell_shares, cell_weights, line_probabilities
 from accelerated_evaluation.vehicles.events import CRASH
 
 _NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(8)

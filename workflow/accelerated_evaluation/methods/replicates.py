@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from accelerated_evaluation.estimation.importance_sampling import (
+from accelerated_evaluation.methods.importance_sampling import (
     Stratum,
     estimate,
     run_to_convergence,

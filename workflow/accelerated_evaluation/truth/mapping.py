@@ -9,7 +9,7 @@ from scipy.ndimage import maximum_filter
 from tqdm import tqdm
 
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.estimation.crash_map import LINES_PER_CELL, Cells, CrashMap, Grid, Intervals
+from accelerated_evaluation.truth.crash_map import LINES_PER_CELL, Cells, CrashMap, Grid, Intervals
 from accelerated_evaluation.vehicles.events import CRASH, Event
 from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.sampling.cut_in import CutIn, Proposal
+from accelerated_evaluation.problem import CutIn, Proposal
 
 
 @dataclass(frozen=True)

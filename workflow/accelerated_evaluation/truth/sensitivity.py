@@ -9,14 +9,14 @@ import pandas as pd
 from tqdm import tqdm
 
 from accelerated_evaluation.distributions import Mixture, PiecewiseMixture
-from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.encounters.segments import assign_segments
-from accelerated_evaluation.estimation.crash_map import CrashMap
-from accelerated_evaluation.estimation.exact import ALL, Exact, exact_probabilities
-from accelerated_evaluation.estimation.mapping import map_crashes
-from accelerated_evaluation.fitting.lane_change import EXPONENTIAL
 from accelerated_evaluation.fitting.piecewise import PieceFamily, fit_piecewise, knots_at_quantiles
+from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
+from accelerated_evaluation.laws.paper import EXPONENTIAL
+from accelerated_evaluation.truth.crash_map import CrashMap
+from accelerated_evaluation.truth.exact import ALL, Exact, exact_probabilities
+from accelerated_evaluation.truth.mapping import map_crashes
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 

@@ -8,16 +8,16 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.distributions import Empirical
-from accelerated_evaluation.distributions.lane_change_model import (
+from accelerated_evaluation.files import read_json, write_json
+from accelerated_evaluation.laws.lane_change_model import (
     LaneChangeModel,
     from_dict,
     read_model,
     to_dict,
 )
-from accelerated_evaluation.files import read_json, write_json
-from accelerated_evaluation.sampling.cross_entropy import Search, Settings, Shift, search
-from accelerated_evaluation.sampling.cut_in import CutIn, Proposal
-from accelerated_evaluation.sampling.families import PiecewiseFamily, SingleFamily
+from accelerated_evaluation.methods.cross_entropy.families import PiecewiseFamily, SingleFamily
+from accelerated_evaluation.methods.cross_entropy.search import Search, Settings, Shift, search
+from accelerated_evaluation.problem import CutIn, Proposal
 from accelerated_evaluation.vehicles.loading import load_vehicle
 from accelerated_evaluation.vehicles.protocol import Vehicle
 

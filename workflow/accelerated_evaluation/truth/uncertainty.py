@@ -10,8 +10,8 @@ from scipy.special import ndtri
 from tqdm import trange
 
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.estimation.crash_map import CrashMap
-from accelerated_evaluation.estimation.sensitivity import Levels, Refit, is_repeated
+from accelerated_evaluation.truth.crash_map import CrashMap
+from accelerated_evaluation.truth.sensitivity import Levels, Refit, is_repeated
 
 NORMAL_POINTS = 100  # that stand for a normal distribution
 

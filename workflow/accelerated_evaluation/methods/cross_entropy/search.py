@@ -8,8 +8,8 @@ import numpy as np
 
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.errors import ConvergenceError
-from accelerated_evaluation.sampling.cut_in import CutIn, Proposal, Sample
-from accelerated_evaluation.sampling.families import Family, PiecewiseFamily
+from accelerated_evaluation.methods.cross_entropy.families import Family, PiecewiseFamily
+from accelerated_evaluation.problem import CutIn, Proposal, Sample
 
 
 @dataclass(frozen=True)

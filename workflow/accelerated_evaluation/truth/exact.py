@@ -12,10 +12,10 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from accelerated_evaluation.distributions import Distribution, Mixture
-from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.estimation.crash_map import LINES_PER_CELL, CrashMap
+from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
+from accelerated_evaluation.truth.crash_map import LINES_PER_CELL, CrashMap
 from accelerated_evaluation.vehicles.events import CRASH, Event
 
 ALL = "all"

@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.distributions import BoundedExponential, Distribution, Pareto, PiecewiseMixture
-from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.fitting.piecewise import (
     PieceFamily,
@@ -15,6 +14,7 @@ from accelerated_evaluation.fitting.piecewise import (
     knots_at_quantiles,
     knots_by_profile_likelihood,
 )
+from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
 
 EXPONENTIAL = PieceFamily("exponential")
 

@@ -17,11 +17,11 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
-from accelerated_evaluation.estimation.intervals import binomial_interval
 from accelerated_evaluation.files import read_json, write_json
+from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
+from accelerated_evaluation.methods.intervals import binomial_interval
+from accelerated_evaluation.problem import CutIn
 from accelerated_evaluation.randomness import child_generator
-from accelerated_evaluation.sampling.cut_in import CutIn
 
 ALL = "all"
 Counts = dict[str, list[int]]  # simulations and crashes of one batch, by segment

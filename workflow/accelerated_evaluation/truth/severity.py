@@ -5,9 +5,9 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from accelerated_evaluation.distributions.lane_change_model import LaneChangeModel
-from accelerated_evaluation.estimation.crash_map import CrashMap
-from accelerated_evaluation.estimation.exact import exact_probabilities
+from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
+from accelerated_evaluation.truth.crash_map import CrashMap
+from accelerated_evaluation.truth.exact import exact_probabilities
 from accelerated_evaluation.vehicles.events import CRASH, Event
 
 UNITS = {"crash": "", "impact_speed": "m/s", "min_range": "m", "min_ttc": "s"}

@@ -28,10 +28,9 @@ from threadpoolctl import ThreadpoolController
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.files import write_json
-from accelerated_evaluation.sampling.rare_event import RareEvent
-from accelerated_evaluation.sampling.sampler_state import arrays, plain, read_state
-from accelerated_evaluation.sampling.surrogate import EventSurrogate
-from accelerated_evaluation.sampling.two_phase import (
+from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurrogate
+from accelerated_evaluation.methods.surrogate.state import arrays, plain, read_state
+from accelerated_evaluation.methods.surrogate.two_phase import (
     CORE,
     FLOOR,
     FRINGE_WEIGHT,
@@ -43,12 +42,13 @@ from accelerated_evaluation.sampling.two_phase import (
     inclusion,
     systematic,
 )
-from accelerated_evaluation.sampling.wide_laws import (
+from accelerated_evaluation.methods.surrogate.wide_laws import (
     KernelMixture,
     bound_without_event,
     draw_wide,
     log_normal_to_wide,
 )
+from accelerated_evaluation.rare_event import RareEvent
 
 BLAS = ThreadpoolController()  # one thread: the matrices are small, and bytes must not depend on the cores
 FORMAT = "accelerated-evaluation sampler state"

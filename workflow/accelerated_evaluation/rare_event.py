@@ -9,7 +9,7 @@ from scipy.special import ndtr
 
 from accelerated_evaluation.distributions import Distribution
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.sampling.cut_in import CutIn
+from accelerated_evaluation.problem import CutIn
 from accelerated_evaluation.vehicles.events import CRASH, Event
 
 Response = tuple[NDArray[np.bool_], Array | None]

@@ -1,1 +1,0 @@
-"""Estimates of the crash probability, their intervals, and when to stop."""

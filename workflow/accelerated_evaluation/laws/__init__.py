@@ -1,0 +1,1 @@
+"""Laws of cut-ins: how each is put together, drawn from, scored and stored."""

@@ -1,0 +1,1 @@
+"""Methods that estimate the probability of an event: one module a method."""

@@ -1,0 +1,1 @@
+"""The surrogate-guided sampler of few simulations."""

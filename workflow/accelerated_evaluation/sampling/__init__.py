@@ -1,1 +1,0 @@
-"""Accelerated distributions f*: what is drawn instead of f, and how it is searched."""
