@@ -14,8 +14,8 @@ Member = TypeVar("Member")
 class Registry(Mapping[str, Member], Generic[Member]):
     """The members of one kind by name: laws, distributions, vehicles, methods or sources.
 
-    A member registers itself in the module that defines it, with the decorator `add`. The first look-up imports
-    every module of the package, so a new member is one new file, and no list has to be kept by hand.
+    A member registers itself in the module that defines it, with the decorator `add`. The first look-up
+    imports every module of the package, so a new member is one new file, and no list is kept by hand.
 
     Parameters
     ----------
