@@ -58,7 +58,13 @@ class Excess:
 
 
 def fit_excess(
-    excess: Array, covariates: Array, penalty: Penalty, shape: Shape, *, start: Excess | None = None
+    excess: Array,
+    covariates: Array,
+    penalty: Penalty,
+    shape: Shape,
+    *,
+    start: Excess | None = None,
+    gram: Array | None = None,
 ) -> Excess:
     """Fit scale and shape.
 
@@ -74,13 +80,16 @@ def fit_excess(
         Law of an excess of scale 1.
     start
         An earlier fit to start from, whose smoothing parameters are kept.
+    gram
+        Product of the covariates with themselves, (p, p), where it is known from another shape.
 
     Raises
     ------
     ConvergenceError
         If the steps do not end.
     """
-    problem, p = _Problem(excess, covariates, shape, covariates.T @ covariates), covariates.shape[1]
+    gram = covariates.T @ covariates if gram is None else gram
+    problem, p = _Problem(excess, covariates, shape, gram), covariates.shape[1]
     if start is not None:
         values = np.concatenate([start.coefficients, start.parameters])
         values, factor = problem.maximise(values, penalty.total(start.smoothing))

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.fitting.conditional import (
@@ -62,12 +63,30 @@ class Events:
 
 
 @dataclass(frozen=True)
+class Exceedances:
+    """Events above a threshold: their places in the record, excesses [m/s] and splines."""
+
+    index: NDArray[np.intp]
+    excess: Array
+    splines: Array
+
+    @classmethod
+    def of(cls, events: Events, threshold: Threshold) -> "Exceedances":
+        """Find them."""
+        excess = events.closing_speed - threshold(events.lead_speed, events.range_)
+        index = np.flatnonzero(excess > 0)
+        places = Places.of(events.lead_speed[index], events.range_[index])
+        return cls(index, excess[index], places.splines)
+
+
+@dataclass(frozen=True)
 class Family:
     """Laws above one body, all fitted to the same events, and the law of the range."""
 
     ranges: SmoothHazard
     body: SmoothHazard
     thresholds: dict[float, Threshold]
+    exceedances: dict[float, Exceedances]
     tails: dict[Member, Excess]
 
     def law(self, member: Member) -> SpeedLaw:
@@ -79,7 +98,7 @@ class Family:
 
 @dataclass(frozen=True)
 class Fitter:
-    """Events, with what all fits to them need: their bins and splines.
+    """Events, with what all fits to them need.
 
     Attributes
     ----------
@@ -89,59 +108,59 @@ class Fitter:
         Laws to fit.
     grids
         Of range and closing speed.
+    binned
+        The events in the bins of both.
     """
 
     events: Events
     members: tuple[Member, ...] = MEMBERS
     grids: tuple[HazardGrid, HazardGrid] = field(default_factory=lambda: (range_grid(), speed_grid()))
-    places: Places = field(init=False)
     binned: tuple[Binned, Binned] = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "places", Places.of(self.events.lead_speed, self.events.range_))
-        object.__setattr__(self, "binned", self.count(self.events))
-
-    def count(self, events: Events) -> tuple[Binned, Binned]:
-        """Bin events: ranges and closing speeds."""
-        logarithms = np.log(RANGE_MAX / events.range_)
-        return (
-            self.grids[0].count(events.lead_speed, np.zeros(events.size), logarithms),
-            self.grids[1].count(events.lead_speed, np.sqrt(events.range_), events.closing_speed),
-        )
+        logarithms = np.log(RANGE_MAX / self.events.range_)
+        ranges = self.grids[0].count(self.events.lead_speed, np.zeros(self.events.size), logarithms)
+        object.__setattr__(self, "binned", (ranges, self._speeds(self.events)))
 
     def fit(self, start: Family | None = None) -> Family:
-        """Fit the family to all events; ``start`` is a fit to like events that saves steps.
+        """Fit all laws to all events.
 
-        Where a start is given, its smoothing parameters are kept.
+        Parameters
+        ----------
+        start
+            A fit to like events, from which the fits start and whose smoothing parameters are kept.
         """
+        before = (start.ranges, start.body) if start else (None, None)
         ranges, body = (
-            fit_hazard(grid, data, start=before)
-            for grid, data, before in zip(
-                self.grids, self.binned, (start.ranges, start.body) if start else (None, None), strict=True
-            )
+            fit_hazard(grid, data, start=fit)
+            for grid, data, fit in zip(self.grids, self.binned, before, strict=True)
         )
         levels = sorted({member.level for member in self.members if member.level is not None})
         thresholds = {level: Threshold.of(body, level) for level in levels}
-        everything = np.ones(self.events.size, dtype=bool)
-        return Family(ranges, body, thresholds, self._tails(thresholds, everything, start))
+        above = {level: Exceedances.of(self.events, threshold) for level, threshold in thresholds.items()}
+        tails = self._tails(above, np.ones(self.events.size, dtype=bool), start)
+        return Family(ranges, body, thresholds, above, tails)
 
     def refit(self, family: Family, left_out: Array) -> Family:
-        """Fit the laws of the closing speed anew without some events, by index; thresholds and smoothing stay."""
-        data = self.binned[1] - self.count(self.events.only(left_out))[1]
-        body = fit_hazard(self.grids[1], data, start=family.body)
+        """Fit the laws of the closing speed without some events, by index; thresholds and smoothing stay."""
+        data = self.binned[1] - self._speeds(self.events.only(left_out))
         kept = np.ones(self.events.size, dtype=bool)
         kept[left_out] = False
-        return replace(family, body=body, tails=self._tails(family.thresholds, kept, family))
+        body = fit_hazard(self.grids[1], data, start=family.body)
+        return replace(family, body=body, tails=self._tails(family.exceedances, kept, family))
+
+    def _speeds(self, events: Events) -> Binned:
+        return self.grids[1].count(events.lead_speed, np.sqrt(events.range_), events.closing_speed)
 
     def _tails(
-        self, thresholds: dict[float, Threshold], kept: Array, start: Family | None
+        self, above: dict[float, Exceedances], kept: NDArray[np.bool_], start: Family | None
     ) -> dict[Member, Excess]:
         tails = {}
-        for level, threshold in thresholds.items():
-            excess = self.events.closing_speed - threshold(self.events.lead_speed, self.events.range_)
-            above = np.flatnonzero(kept & (excess > 0))
-            splines = self.places.splines[above]
+        for level, all_above in above.items():
+            used = kept[all_above.index]
+            excess, splines = all_above.excess[used], all_above.splines[used]
+            gram = splines.T @ splines
             for member in (member for member in self.members if member.level == level):
                 before = start.tails[member] if start else None
-                tails[member] = fit_excess(excess[above], splines, PENALTY, SHAPES[member.shape], start=before)
+                tails[member] = fit_excess(excess, splines, PENALTY, SHAPES[member.shape], start=before, gram=gram)
         return tails
