@@ -83,7 +83,7 @@ class Sample:
 
 @dataclass(frozen=True)
 class Problem:
-    """How often does a vehicle meet an event, if cut-ins follow a law?
+    """The question how often a vehicle meets an event if cut-ins follow a law.
 
     Attributes
     ----------

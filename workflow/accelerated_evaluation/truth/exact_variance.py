@@ -108,7 +108,7 @@ def _log_square(f: Distribution, proposal: Distribution, x: Array) -> Array:
 
 
 def _squared_cell_mass(stratum: Stratum, proposal: Distribution, cells: Cells) -> Array:
-    """Integrate f^2 / f* of the first coordinate over cells of the square root of the range, shape (cells,)."""
+    """Integrate f^2 / f* of the first coordinate over cells of the root of the range, shape (cells,)."""
     middle, half = cells.root.mean(axis=1, keepdims=True), np.abs(np.diff(cells.root)) / 2
     nodes = middle + half * _NODES
     inverse_range = 1 / (cells.range_max * nodes**2)

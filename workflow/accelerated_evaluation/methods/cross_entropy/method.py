@@ -1,4 +1,4 @@
-"""What the paper's three methods share: they search f* by Cross-Entropy and estimate by importance sampling."""
+"""What the paper's methods share: a Cross-Entropy search of f*, then importance sampling from it."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping

@@ -79,7 +79,7 @@ class Search:
 
 @dataclass(frozen=True)
 class Shift:
-    """Steps by which the heuristic moves truncation points up (section V.C.5), in units of the coordinates."""
+    """Steps by which the heuristic moves truncation points up (section V.C.5), in the coordinates' units."""
 
     inverse_range: float = 0.0
     inverse_ttc: float = 0.0
