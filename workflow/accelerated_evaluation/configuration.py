@@ -30,6 +30,7 @@ MARKS = ("<!-- parameters: made from the schema -->\n", "<!-- end of parameters 
 
 TYPES = {"boolean": "true or false", "object": "mapping"}
 BOUNDS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
+COMPARED = {"crude", "heuristic", "piecewise", "single", "surrogate"}
 PIECES = {"two_pieces": 2, "three_pieces": 3}
 KNOTS = ("models.inverse_range.two_pieces", "models.inverse_range.three_pieces", "models.inverse_ttc.knots")
 
@@ -61,11 +62,23 @@ class Check:
     expected: str
 
 
+def _are_methods(names: Sequence[str]) -> bool:
+    """Whether all are methods of the registry, and those that the notebooks compare are among them."""
+    from accelerated_evaluation.methods import METHODS  # takes a second, which few users of this module need
+
+    return set(names) >= COMPARED and all(name in METHODS for name in names)
+
+
 def _rising(values: Sequence[float] | None) -> bool:
     return values is None or all(low < high for low, high in pairwise(values))
 
 
 CHECKS = (
+    Check(
+        ("methods",),
+        _are_methods,
+        f"names of methods, with {', '.join(sorted(COMPARED))} among them",
+    ),
     Check(
         ("filters.lead_speed_min", "filters.lead_speed_max"),
         lambda low, high: low < high,

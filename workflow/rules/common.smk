@@ -13,7 +13,7 @@ from accelerated_evaluation.dependencies import (
 )
 from accelerated_evaluation.encounters.segments import segment_names
 from accelerated_evaluation.errors import StudyError
-from accelerated_evaluation.methods.paper import METHODS
+from accelerated_evaluation.methods import METHODS, Stopping
 from snakemake.exceptions import WorkflowError
 
 try:
@@ -24,6 +24,10 @@ except StudyError as error:
 config = without_unused(config)
 
 STUDY = config["study"]
+REPLICATED = [name for name in config["methods"] if METHODS[name].replicates(config)]
+SEARCHING = [name for name in REPLICATED if METHODS[name].learns_apart]
+JUDGED = [*SEARCHING, "crude"]
+STOPPING = list(Stopping.__dataclass_fields__)
 RESULTS = Path("results") / STUDY
 FIGURES = Path("figures") / STUDY
 LIBRARY = Path("workflow/accelerated_evaluation")
@@ -32,7 +36,6 @@ SEGMENTS = segment_names(config["segments"]["lead_speed_edges"])
 SEEDS = range(config["cross_entropy"]["seeds"])
 MODELS = ["two_pieces", "three_pieces", "single"]
 MODEL = config["models"]["inverse_range"]["variant"]
-JUDGED = [*METHODS, "crude"]
 FIGURE_FORMATS = ["png", "pdf", "svg", "csv"]
 TABLE_FORMATS = ["csv", "md", "tex"]
 
@@ -66,23 +69,31 @@ wildcard_constraints:
     variable="inverse_range|inverse_ttc",
     segment="|".join(["all", *SEGMENTS]),
     scope="|".join(["all", *SEGMENTS]),
-    method="|".join(METHODS),
+    method="|".join(SEARCHING),
     judged="|".join(JUDGED),
     seed=r"\d+",
 
 
-def modules_of(script: str, *notebooks: str):
+def modules_of(script: str, *notebooks: str, members=None):
     """Modules of the library that a script and notebooks import: Snakemake does not look into them by itself.
 
     What is returned is an input function, so that a job parses what it needs, and not what all rules need.
+    ``members`` names, by room, the only members of its registry that are looked up.
     """
     sources = [SCRIPTS / script, *notebooks]
-    return lambda _: [str(module) for module in imported_modules(sources, LIBRARY)]
+    return lambda _: [
+        str(module) for module in imported_modules(sources, LIBRARY, members or {})
+    ]
 
 
 def content_of_records(_) -> str:
     """Digest of the records; those that are not retrieved yet will have the checksum of the configuration."""
     return content_digest(RECORDS, missing=SOURCE.get("sha256", ""))
+
+
+def settings_of(method: str) -> dict:
+    """Sections of the configuration that a method reads."""
+    return part(config, *METHODS[method].sections)
 
 
 def part(section: dict, *keys: str) -> dict:

@@ -10,7 +10,7 @@ FITTED = ENCOUNTERS | {
 SEARCHED = FITTED | {
     "trace": rules.collect_traces.output.trace,
     "proposals": expand(
-        rules.search_proposals.output.proposals, method=METHODS, seed=SEEDS
+        rules.search_proposals.output.proposals, method=SEARCHING, seed=SEEDS
     ),
 }
 ESTIMATED = SEARCHED | dict(rules.collect_estimates.output.items())
