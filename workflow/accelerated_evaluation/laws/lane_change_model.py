@@ -1,32 +1,17 @@
 """The lane-change model f(v_L) f(R^-1) f(TTC^-1 | segment), and its file, read and written here alone."""
 
-import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from accelerated_evaluation.distributions.bounded_exponential import BoundedExponential
-from accelerated_evaluation.distributions.bounded_normal import BoundedNormal
-from accelerated_evaluation.distributions.mixture import Mixture, PiecewiseMixture
-from accelerated_evaluation.distributions.pareto import Pareto
-from accelerated_evaluation.distributions.protocol import Distribution
+from accelerated_evaluation.distributions import Described, from_dict
 from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.files import read_json, write_json
 
 FORMAT = "accelerated-evaluation lane-change model"
 VERSION = 1
 UNITS = {"inverse_range": "1/m", "inverse_ttc": "1/s"}
-
-_LEAVES = {
-    "bounded exponential": BoundedExponential,
-    "bounded normal": BoundedNormal,
-    "Pareto": Pareto,
-}
-_MIXTURES = {"mixture": Mixture, "piecewise mixture": PiecewiseMixture}
-_NAMES = {kind: name for name, kind in (_LEAVES | _MIXTURES).items()}
-_INFINITE = {"lower": -math.inf, "upper": math.inf}
 
 
 @dataclass(frozen=True)
@@ -48,8 +33,8 @@ class LaneChangeModel:
 
     description: str
     events: Mapping[str, int]
-    inverse_range: Distribution
-    inverse_ttc: Mapping[str, Distribution]
+    inverse_range: Described
+    inverse_ttc: Mapping[str, Described]
 
     def __post_init__(self) -> None:
         if not self.events or set(self.events) != set(self.inverse_ttc):
@@ -74,7 +59,7 @@ class LaneChangeModel:
 
 def write_model(path: str | os.PathLike, model: LaneChangeModel) -> None:
     """Write a model as JSON, atomically; what is read back is equal to it."""
-    laws = {segment: to_dict(law) for segment, law in model.inverse_ttc.items()}
+    laws = {segment: law.to_dict() for segment, law in model.inverse_ttc.items()}
     write_json(
         path,
         {
@@ -82,7 +67,7 @@ def write_model(path: str | os.PathLike, model: LaneChangeModel) -> None:
             "version": VERSION,
             "description": model.description,
             "events": dict(model.events),
-            "inverse_range": {"unit": UNITS["inverse_range"], "distribution": to_dict(model.inverse_range)},
+            "inverse_range": {"unit": UNITS["inverse_range"], "distribution": model.inverse_range.to_dict()},
             "inverse_ttc": {"unit": UNITS["inverse_ttc"], "distributions": laws},
         },
     )
@@ -114,23 +99,3 @@ def read_model(path: str | os.PathLike) -> LaneChangeModel:
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         seen = f"{type(error).__name__}: {error}"
         raise InputError(str(path), seen=seen, expected="a whole model file", change=change) from error
-
-
-def to_dict(distribution: Distribution) -> dict[str, Any]:
-    """Describe a distribution as JSON can hold it; an infinite bound is null."""
-    kind = _NAMES[type(distribution)]
-    if kind in _MIXTURES:
-        components = [to_dict(component) for component in distribution.components]
-        return {"kind": kind, "weights": list(distribution.weights), "components": components}
-    values = {name: float(value) for name, value in vars(distribution).items()}
-    return {"kind": kind, **{name: None if math.isinf(value) else value for name, value in values.items()}}
-
-
-def from_dict(content: Mapping[str, Any]) -> Distribution:
-    """Build the distribution that `to_dict` described."""
-    content = dict(content)
-    kind = content.pop("kind")
-    if kind in _MIXTURES:
-        return _MIXTURES[kind](content["weights"], [from_dict(part) for part in content["components"]])
-    values = {name: _INFINITE[name] if value is None else value for name, value in content.items()}
-    return _LEAVES[kind](**values)

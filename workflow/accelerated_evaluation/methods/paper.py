@@ -7,14 +7,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from accelerated_evaluation.distributions import Empirical
+from accelerated_evaluation.distributions import Empirical, from_dict
 from accelerated_evaluation.files import read_json, write_json
-from accelerated_evaluation.laws.lane_change_model import (
-    LaneChangeModel,
-    from_dict,
-    read_model,
-    to_dict,
-)
+from accelerated_evaluation.laws.lane_change_model import LaneChangeModel, read_model
 from accelerated_evaluation.methods.cross_entropy.families import PiecewiseFamily, SingleFamily
 from accelerated_evaluation.methods.cross_entropy.search import Search, Settings, Shift, search
 from accelerated_evaluation.problem import CutIn, Proposal
@@ -86,7 +81,7 @@ def search_by_method(
 def write_proposals(path: str | os.PathLike, proposals: Mapping[str, Proposal]) -> None:
     """Write f* of each segment as JSON, atomically."""
     content = {
-        segment: {"inverse_range": to_dict(f.inverse_range), "inverse_ttc": to_dict(f.inverse_ttc)}
+        segment: {"inverse_range": f.inverse_range.to_dict(), "inverse_ttc": f.inverse_ttc.to_dict()}
         for segment, f in proposals.items()
     }
     write_json(path, content)
