@@ -215,6 +215,18 @@ INCONSISTENT = {
         "not above",
     ),
     "no table": ({"data__source": "table"}, "the path of the table"),
+    "unknown distribution": (
+        {"models__inverse_ttc__tail": "bounded gamma"},
+        "one of bounded exponential, bounded normal",
+    ),
+    "distribution that cannot be tilted": (
+        {"models__inverse_range__pieces": "Pareto"},
+        "can be fitted to a piece and tilted",
+    ),
+    "mixture that cannot be fitted": (
+        {"models__inverse_ttc__body__kind": "bounded exponential"},
+        "one component, or a distribution of which mixtures can be fitted: bounded normal",
+    ),
     "unit of another quantity": (
         {"data__table__columns__closing__quantity": "ttc"},
         "a unit of that quantity",

@@ -10,13 +10,12 @@ from accelerated_evaluation.distributions import (
     Mixture,
     Pareto,
     PiecewiseMixture,
+    from_dict,
 )
 from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.laws.lane_change_model import (
     LaneChangeModel,
-    from_dict,
     read_model,
-    to_dict,
     write_model,
 )
 
@@ -43,7 +42,7 @@ MODEL = LaneChangeModel(
     ],
 )
 def test_every_kind_comes_back_equal(law):
-    back = from_dict(json.loads(json.dumps(to_dict(law), allow_nan=False)))
+    back = from_dict(json.loads(json.dumps(law.to_dict(), allow_nan=False)))
     assert back == law
     assert type(back) is type(law)
 

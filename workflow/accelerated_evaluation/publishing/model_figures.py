@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from accelerated_evaluation.distributions import BoundedNormal, Distribution, Empirical
+from accelerated_evaluation.distributions import Described, Distribution, Empirical, unit_to_power
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel, to_dict
+from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
 from accelerated_evaluation.publishing.model_tables import leaves
 from accelerated_evaluation.publishing.style import COLUMN_WIDTH, METHODS, PIECES, note_source, paper_style
 
@@ -184,11 +184,10 @@ def fig05_inverse_ttc_fit(
     """
     law = model.inverse_ttc[segment]
     curves = {f"piecewise ({len(law.components)} pieces)": Curve(law, METHODS["piecewise"])}
-    normals = [(weight, leaf) for weight, leaf in leaves(law) if isinstance(leaf, BoundedNormal)]
-    for number, (weight, leaf) in enumerate(normals):
+    body = [(weight, leaf) for weight, leaf in leaves(law) if leaf.upper < np.inf]
+    for number, (weight, leaf) in enumerate(body):
         style = {"color": "#444444", "linewidth": 0.9, "linestyle": ("--", ":", "-.")[number % 3]}
-        name = f"normal, $\\sigma$ = {leaf.sd:.3f} 1/s"
-        curves[name] = Curve(leaf, style, weight, whole=False)
+        curves[_described(leaf, INVERSE_TTC)] = Curve(leaf, style, weight, whole=False)
     return _fit_figure(_inverse_ttc(encounters, segment), curves, INVERSE_TTC, source, segment)
 
 
@@ -218,8 +217,17 @@ def _inverse_ttc(encounters: pd.DataFrame, segment: str) -> Array:
     return encounters.loc[encounters["segment"] == segment, "inverse_ttc"].to_numpy()
 
 
-def _compared(piecewise: Distribution, single: Distribution) -> dict[str, Curve]:
-    kind = to_dict(single)["kind"].removeprefix("bounded ")
+def _described(leaf: Described, variable: Variable) -> str:
+    """Name a component by its kind and its parameters, such as ``normal, sigma = 0.089 1/s``."""
+    parameters = [
+        f"${parameter.symbol}$ = {getattr(leaf, name):.3f} {unit_to_power(variable.unit, parameter.power)}"
+        for name, parameter in leaf.parameters.items()
+    ]
+    return ", ".join([leaf.kind.removeprefix("bounded "), *parameters])
+
+
+def _compared(piecewise: Described, single: Described) -> dict[str, Curve]:
+    kind = single.kind.removeprefix("bounded ")
     return {
         f"single ({kind})": Curve(single, METHODS["single"]),
         f"piecewise ({len(piecewise.components)} pieces)": Curve(piecewise, METHODS["piecewise"]),
