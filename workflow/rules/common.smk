@@ -2,6 +2,7 @@
 #
 # In: config. Out: nothing; definitions only.
 
+from dataclasses import asdict
 from pathlib import Path
 
 from accelerated_evaluation.configuration import validate
@@ -13,7 +14,7 @@ from accelerated_evaluation.dependencies import (
 )
 from accelerated_evaluation.encounters.segments import segment_names
 from accelerated_evaluation.errors import StudyError
-from accelerated_evaluation.methods import METHODS, Stopping
+from accelerated_evaluation.methods import METHODS
 from snakemake.exceptions import WorkflowError
 
 try:
@@ -27,7 +28,6 @@ STUDY = config["study"]
 REPLICATED = [name for name in config["methods"] if METHODS[name].replicates(config)]
 SEARCHING = [name for name in REPLICATED if METHODS[name].learns_apart]
 JUDGED = [*SEARCHING, "crude"]
-STOPPING = list(Stopping.__dataclass_fields__)
 RESULTS = Path("results") / STUDY
 FIGURES = Path("figures") / STUDY
 LIBRARY = Path("workflow/accelerated_evaluation")

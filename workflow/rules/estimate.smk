@@ -56,7 +56,7 @@ for _method in REPLICATED:
             vehicle_content=VEHICLE_CONTENT,
             method=_method,
             settings=settings_of(_method),
-            stopping=part(config["importance_sampling"], *STOPPING),
+            stopping=asdict(METHODS[_method].stopping(config)),
             replicates=METHODS[_method].replicates(config),
         message:
             f"Estimating by the method {_method}, segments {{wildcards.scope}}"

@@ -86,9 +86,7 @@ NOTEBOOKS = {
         "tables": ["coverage"],
     },
     "10_fewest_simulations": {
-        "reads": ESTIMATED
-        | {"exact": rules.compute_exact.output.exact}
-        | dict(rules.sample_by_surrogate.output.items()),
+        "reads": ESTIMATED | {"exact": rules.compute_exact.output.exact},
         "figures": ["fig19_surrogate_runs", "fig20_methods"],
         "tables": ["surrogate"],
     },

@@ -20,7 +20,7 @@ if __name__ == "__main__":
         tables = study_method(
             method,
             problem,
-            Stopping.configured(params.stopping),
+            Stopping(**params.stopping),
             [
                 child_generator(params.seed, *method.stream(scope, replicate))
                 for replicate in range(params.replicates)

@@ -52,10 +52,34 @@ def study_method(
         numbered = {**labels, "replicate": replicate}
         rows.append(numbered | estimate.row())
         for name, parts in tables.items():
-            part = estimate.tables[name]
+            part = estimate.tables[name] if name != "runs" else with_cut_ins(estimate.tables[name], problem)
             parts.append(part.assign(**numbered)[[*numbered, *part.columns]])
     joined = {name: pd.concat(parts, ignore_index=True) for name, parts in tables.items()}
     return {"estimates": pd.DataFrame(rows)} | joined
+
+
+def with_cut_ins(runs: pd.DataFrame, problem: Problem) -> pd.DataFrame:
+    """Name the normal scores of simulations by their variables, and add the cut-ins that they stand for.
+
+    Parameters
+    ----------
+    runs
+        One row a simulation, with the normal scores ``z_1``, ``z_2`` and ``z_3``.
+    problem
+        The law maps the scores to cut-ins.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The scores are called ``z_lead_speed``, ``z_inverse_range`` and ``z_inverse_ttc``; new are
+        ``lead_speed`` [m/s], ``inverse_range`` [1/m], ``inverse_ttc`` [1/s] and ``segment``.
+    """
+    scores = [f"z_{k}" for k in (1, 2, 3)]
+    z = runs[scores].to_numpy()
+    cut_ins = vars(problem.law.from_scores(z))
+    names = np.array([*problem.law.shares])[problem.law.stratum_of_scores(z)]
+    renamed = runs.rename(columns={z: f"z_{name}" for z, name in zip(scores, cut_ins, strict=True)})
+    return renamed.assign(**cut_ins, segment=names)
 
 
 def in_scope(

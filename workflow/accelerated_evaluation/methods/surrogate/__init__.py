@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -49,6 +49,12 @@ class Surrogate(Method):
     def replicates(cls, config: Mapping[str, Any]) -> int:
         """Return how many independent replicates the study runs."""
         return config["surrogate"]["replicates"]
+
+    @classmethod
+    def stopping(cls, config: Mapping[str, Any]) -> Stopping:
+        """Return the paper's rule with this method's limit of simulations; a single event may be enough."""
+        rule = Stopping.configured(config["importance_sampling"])
+        return replace(rule, minimum_events=1, maximum_simulations=config["surrogate"]["maximum_calls"])
 
     def estimate(self, problem: ScoreProblem, stopping: Stopping, generator: np.random.Generator) -> Estimate:
         """Estimate the probability of the event by as few simulations as possible.
