@@ -10,6 +10,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from accelerated_evaluation.distributions import (
     BoundedExponential,
     BoundedNormal,
@@ -20,7 +21,6 @@ from accelerated_evaluation.distributions import (
     PiecewiseMixture,
 )
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.encounters.twin import LEAD_SPEED, read_lead_speed
 from accelerated_evaluation.laws.lane_change_model import LaneChangeModel, read_model
 from accelerated_evaluation.problem import CutIn, Proposal
 from accelerated_evaluation.rare_event import RareEvent, cut_in_event
@@ -28,7 +28,7 @@ from accelerated_evaluation.vehicles import AccAeb, Outcomes, Vehicle, load_vehi
 from accelerated_evaluation.vehicles.events import Event
 from scipy.special import ndtr
 
-TWIN = Path(__file__).resolve().parents[2] / "data" / "twin"
+DATA = Path(__file__).resolve().parent / "data"
 CLOSING_SPEED_MAX = 23.49  # [m/s], the authors' cap
 LEAD_SPEEDS = 20_000  # values of v_L in a segment
 
@@ -135,21 +135,20 @@ def tabulated(cut_in: CutIn) -> CutIn:
 
 @cache
 def model() -> LaneChangeModel:
-    """Return the lane-change model of the twin."""
-    return read_model(TWIN / "model.json")
+    """Return the lane-change model that the benchmark keeps (data/README.md)."""
+    return read_model(DATA / "model.json")
 
 
 @cache
 def lead_speed(segment: str) -> Empirical:
     """Return v_L [m/s] in a segment, from its quantiles."""
-    table = read_lead_speed(TWIN / "lead_speed_quantiles.csv")
-    table = table[table["segment"] == segment]
+    table = pd.read_csv(DATA / "lead_speed_quantiles.csv").set_index("segment").loc[segment]
     middles = (np.arange(LEAD_SPEEDS) + 0.5) / LEAD_SPEEDS
-    return Empirical(np.interp(middles, table["probability"], table[LEAD_SPEED]))
+    return Empirical(np.interp(middles, table["probability"], table["lead_speed [m/s]"]))
 
 
 def segment_cut_in(segment: str, vehicle: Vehicle, law: Proposal | None = None) -> CutIn:
-    """Set up the cut-ins of a segment, by default with the laws of the twin."""
+    """Set up the cut-ins of a segment, by default with the laws of the model."""
     law = law or Proposal(model().inverse_range, model().inverse_ttc[segment])
     return CutIn(lead_speed(segment), law, vehicle, CLOSING_SPEED_MAX)
 
@@ -193,7 +192,7 @@ def limit_state(
 
 
 def whole() -> Problem:
-    """Return a crash in any segment of the twin."""
+    """Return a crash in any segment of the model."""
     cut_ins = {segment: tabulated(segment_cut_in(segment, AccAeb())) for segment in model().segments}
     shares = {segment: model().share(segment) for segment in model().segments}
     return Problem("all_segments", "all segments", cut_in_event(cut_ins, shares), ours_only=True)

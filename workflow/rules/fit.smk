@@ -8,7 +8,7 @@ rule fit_models:
     """Fit the piecewise mixtures, their knots chosen as configured, and the single parametric model."""
     input:
         encounters=rules.ingest_encounters.output.encounters,
-        library=library("distributions", "laws", "fitting"),
+        library=library("encounters", "distributions", "laws", "fitting"),
     output:
         **{model: result("models", f"{model}.json") for model in MODELS},
     log:

@@ -17,8 +17,9 @@ def main(
     encounters = pd.read_parquet(encounters_path)
     fitted = {name: read_model(path) for name, path in models.items()}
     variant = config["models"]["inverse_range"]["variant"]
+    outliers = {"outlier_rows": config["data"][config["data"]["source"]]["outlier_rows"]}
     choices = study_sensitivity(
-        read_crash_map(maps["full"]), fitted, variant, encounters, config["sensitivity"]
+        read_crash_map(maps["full"]), fitted, variant, encounters, config["sensitivity"] | outliers
     )
     caps = study_cap(
         load_vehicle(config["vehicle"]["name"], **config["vehicle"]["parameters"]),
