@@ -49,7 +49,7 @@ def study():
         "estimates": estimates,
         "course": course,
         "exact": pd.DataFrame({"segment": ["all"], "probability": [7.5e-7], "standard_error": [1e-10]}),
-        "config": load([ROOT / "config" / "spmd.yaml"]),
+        "config": load(),
     }
 
 
@@ -91,14 +91,15 @@ def test_a_probability_off_the_papers_interval_differs_and_says_how_far(study):
     assert row["why"].startswith("ours is 100 % above: the paper does not print its knots")
 
 
-def test_a_twin_is_not_comparable_but_for_counts_of_parameters(study):
-    study["config"] = load()
+def test_a_sample_is_not_comparable_but_for_counts_of_parameters(study):
+    study["config"] = load([ROOT / "config" / "smoke.yaml"])
     claims = table(study)
     counts = {key for key, claim in CLAIMS.items() if not claim.rests_on_study}
     assert set(claims.index[claims["verdict"] != "not comparable"]) == counts
-    why = "data.source is twin, the paper's is spmd; data: simulated twin of SPMD"
+    data = "Safety Pilot Model Deployment (real events), a sample of 6,000"
+    why = f"data.sample is 6000, the paper's is None; data: {data}"
     assert set(claims.loc[claims["verdict"] == "not comparable", "why"]) == {why}
-    assert set(claims["data"]) == {"simulated twin of SPMD"}
+    assert set(claims["data"]) == {data}
 
 
 @pytest.mark.parametrize("key", PREMISES)
@@ -108,9 +109,13 @@ def test_every_premise_matters(study, key):
     section = config
     for part in path:
         section = section[part]
-    section[name] = {"data.source": "twin", "vehicle.name": "acc", "vehicle.parameters": {"a": 1}}.get(
-        key, 0.1
-    )
+    others = {
+        "data.source": "table",
+        "data.sample": 500,
+        "vehicle.name": "acc",
+        "vehicle.parameters": {"a": 1},
+    }
+    section[name] = others.get(key, 0.1)
     row = table(study | {"config": config}).loc["piecewise"]
     assert row["verdict"] == "not comparable"
     assert row["why"].startswith(f"{key} is ")

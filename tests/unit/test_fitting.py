@@ -29,11 +29,9 @@ from accelerated_evaluation.laws.paper import (
     fit_lane_change_models,
     refit,
 )
-from scipy.io import loadmat
 from scipy.optimize import minimize
 
-PUBLISHED = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "spmd" / "lane_changes.mat"
-needs_published = pytest.mark.skipif(not PUBLISHED.exists(), reason="no copy of the published SPMD file")
+RECORDS = Path(__file__).resolve().parents[2] / "data" / "spmd" / "cut_ins.parquet"
 
 NORMAL, TWO_NORMALS = PieceFamily("bounded normal"), PieceFamily("bounded normal", 2)
 BODY = Mixture((0.3, 0.7), (BoundedNormal(0.03, 0.0, 0.166), BoundedNormal(0.09, 0.0, 0.166)))
@@ -256,9 +254,8 @@ def test_lane_change_models(models):
     assert fitted["single"].inverse_ttc["15-25"].rate == pytest.approx(1 / x.mean())
 
 
-@needs_published
-def test_fits_to_the_published_lane_changes():
-    lead_speed, inverse_range, inverse_ttc = loadmat(PUBLISHED)["mixture_data"].T
+def test_fits_to_the_recorded_lane_changes():
+    lead_speed, inverse_range, inverse_ttc = pd.read_parquet(RECORDS).to_numpy().T
     encounters = segmented(inverse_range, inverse_ttc, lead_speed)
     assert Pareto.fit(inverse_range, 1 / 75).shape == pytest.approx(1.7320507600110688, rel=1e-12)
     groups = {name: group["inverse_ttc"].to_numpy() for name, group in encounters.groupby("segment")}

@@ -36,7 +36,7 @@ from accelerated_evaluation.problem import CutIn, Proposal, Sample
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
 from scipy.optimize import minimize
 
-TWIN = Path(__file__).resolve().parents[2] / "data" / "twin"
+FITTED = Path(__file__).resolve().parents[2] / "benchmarks" / "samplers" / "data"
 CONFIG = load()["cross_entropy"]
 BODY = Mixture((0.2, 0.8), (BoundedNormal(0.037, 0.0, 0.166), BoundedNormal(0.0885, 0.0, 0.166)))
 F = Proposal(
@@ -376,9 +376,9 @@ def test_each_segment_has_its_own_speeds_and_law():
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_twenty_seeds_end_well_on_the_model_of_the_twin(method):
-    model = read_model(TWIN / "model.json")
-    quantiles = pd.read_csv(TWIN / "lead_speed_quantiles.csv").rename(
+def test_twenty_seeds_end_well_on_a_model_fitted_to_records(method):
+    model = read_model(FITTED / "model.json")
+    quantiles = pd.read_csv(FITTED / "lead_speed_quantiles.csv").rename(
         columns={"lead_speed [m/s]": "lead_speed"}
     )
     problem = cut_ins(model, quantiles, AccAeb(), 23.49)["5-15"]

@@ -13,6 +13,7 @@ from accelerated_evaluation.dependencies import (
     without_unused,
 )
 from accelerated_evaluation.encounters.segments import segment_names
+from accelerated_evaluation.encounters.sources import SOURCES, describe
 from accelerated_evaluation.errors import StudyError
 from accelerated_evaluation.methods import METHODS
 from snakemake.exceptions import WorkflowError
@@ -22,7 +23,7 @@ try:
 except StudyError as error:
     raise WorkflowError(str(error)) from None
 
-config = without_unused(config)
+config = without_unused(config, SOURCES)
 
 STUDY = config["study"]
 REPLICATED = [name for name in config["methods"] if METHODS[name].replicates(config)]
@@ -41,7 +42,8 @@ TABLE_FORMATS = ["csv", "md", "tex"]
 
 # The user's own files count by their content, in the parameters of the rules, and not by their date.
 SOURCE = config["data"][config["data"]["source"]]
-RECORDS = [SOURCE[key] for key in ("path", "model", "lead_speed") if key in SOURCE]
+RECORDS = [SOURCE["path"]]
+DESCRIPTION = describe(config["data"])
 VEHICLE = config["vehicle"]["name"]
 VEHICLE_FILES = [VEHICLE.rsplit(":", 1)[0]] if ".py:" in VEHICLE else []
 VEHICLE_CONTENT = content_digest(VEHICLE_FILES)
@@ -87,8 +89,8 @@ def modules_of(script: str, *notebooks: str, members=None):
 
 
 def content_of_records(_) -> str:
-    """Digest of the records; those that are not retrieved yet will have the checksum of the configuration."""
-    return content_digest(RECORDS, missing=SOURCE.get("sha256", ""))
+    """Digest of the records."""
+    return content_digest(RECORDS)
 
 
 def settings_of(method: str) -> dict:

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import ndtri
 
+from accelerated_evaluation.encounters.sources import describe
 from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
 from accelerated_evaluation.publishing.paper_tables import (
     PAPER_PARAMETERS,
@@ -31,6 +32,7 @@ from accelerated_evaluation.publishing.paper_tables import (
 # What a study must share with the paper before their numbers can be compared.
 PREMISES = {
     "data.source": "spmd",
+    "data.sample": None,
     "vehicle.name": "acc_aeb",
     "vehicle.parameters": {},
     "importance_sampling.alpha": 0.2,
@@ -181,7 +183,7 @@ def claims_table(
         A row for each claim. The verdict is ``agrees`` or ``differs`` by the rule of `verdict`, or ``not
         comparable`` where the study departs from the paper's premises or has no like quantity.
     """
-    source = config["data"][config["data"]["source"]]["description"]
+    source = describe(config["data"])
     ours = _counts(models, trace) | _searches(trace)
     ours |= _samples(estimates, course, exact, config["importance_sampling"])
     departure, obstacles = _departure(config, source), _obstacles(estimates)
