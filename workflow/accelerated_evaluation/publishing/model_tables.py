@@ -6,6 +6,7 @@ import pandas as pd
 
 from accelerated_evaluation.distributions import Distribution, Empirical, Mixture
 from accelerated_evaluation.laws.lane_change_model import UNITS, LaneChangeModel, to_dict
+from accelerated_evaluation.publishing.published import table
 
 PARAMETERS = ("rate", "sd", "shape")
 RATE_UNITS = {"inverse_range": "m", "inverse_ttc": "s"}
@@ -70,16 +71,22 @@ def rank_table(candidates: pd.DataFrame) -> pd.DataFrame:
     """
     places = candidates["variable"].map(SYMBOLS) + ", " + candidates["segment"]
     shown = candidates["rank"].map(lambda rank: "–" if pd.isna(rank) else f"{rank:.0f}")
-    table = candidates.assign(place=places, shown=shown)
-    ranks = table.pivot_table(
+    labelled = candidates.assign(place=places, shown=shown)
+    ranks = labelled.pivot_table(
         index="family", columns="place", values="shown", aggfunc="first", fill_value="–"
     )
-    families = table.groupby("family")
+    families = labelled.groupby("family")
     order = families["rank"].mean().sort_values(kind="stable").index
     ranks = ranks.loc[order, places.unique()].rename_axis(columns=None)
     parameters = families["n_parameters"].unique().map(lambda counts: " or ".join(map(str, sorted(counts))))
     ranks.insert(0, "parameters", parameters)
     return ranks.reset_index()
+
+
+@table("candidates", digits=5, digest=rank_table)
+def candidates_table(candidates: pd.DataFrame) -> pd.DataFrame:
+    """Return the fits of all candidate families; `rank_table` is what is read of them."""
+    return candidates
 
 
 def close_call_table(

@@ -2,8 +2,9 @@
 
 import pandas as pd
 
-from accelerated_evaluation.methods.paper import METHODS
-from accelerated_evaluation.publishing.paper_tables import of_method, search_totals
+from accelerated_evaluation.publishing.published import table
+from accelerated_evaluation.publishing.search_tables import search_totals
+from accelerated_evaluation.publishing.spreads import of_method
 
 PHASES = ("search", "learn", "estimate")
 
@@ -30,30 +31,30 @@ def side_by_side(
     learning = runs[runs["phase"] != PHASES[-1]].groupby(["scope", "replicate"]).size()
     everything = pd.concat([estimates, surrogate], ignore_index=True)
     parts = []
-    for method in (*METHODS, "surrogate"):
+    for method in everything["method"].unique():
         rows = of_method(everything, method, scope).copy()
-        if method == "surrogate":
-            rows["learning"] = learning[scope].reindex(rows["replicate"], fill_value=0).to_numpy()
-            rows["together"] = rows["simulations"]
-            rows["estimating"] = rows["together"] - rows["learning"]
-        else:
+        if method in searched:
             search = searched[method]
             rows["learning"] = search.to_numpy()[rows["replicate"] % len(search)].astype(int)
             rows["estimating"] = rows["simulations"]
             rows["together"] = rows["learning"] + rows["estimating"]
+        else:
+            rows["learning"] = learning[scope].reindex(rows["replicate"], fill_value=0).to_numpy()
+            rows["together"] = rows["simulations"]
+            rows["estimating"] = rows["together"] - rows["learning"]
         parts.append(rows)
     columns = ["method", "replicate", "learning", "estimating", "together"]
     columns += ["probability", "ci_low", "ci_high", "converged"]
     return pd.concat(parts, ignore_index=True)[columns]
 
 
+@table("surrogate", digits=3)
 def surrogate_table(
     estimates: pd.DataFrame,
     trace: pd.DataFrame,
     surrogate: pd.DataFrame,
     runs: pd.DataFrame,
     exact: pd.DataFrame,
-    source: str,
 ) -> pd.DataFrame:
     """Compare the four methods, a row for each scope and method.
 
@@ -63,8 +64,6 @@ def surrogate_table(
         As in `side_by_side`.
     exact
         ``exact.csv`` of a study.
-    source
-        Description of the data.
 
     Returns
     -------
@@ -72,7 +71,7 @@ def surrogate_table(
         scope, method, replicates; means over them of the simulations for ``learning``, for ``estimating`` and
         ``together``, the largest in ``together_max``; ``to_exact`` and ``to_exact_sd``, mean and standard
         deviation of estimate / exact; how many of the intervals hold the exact value, ``holding``; how many
-        converged; data.
+        converged.
     """
     tables = []
     for scope in surrogate["scope"].unique():
@@ -80,7 +79,7 @@ def surrogate_table(
         rows = side_by_side(estimates, trace, surrogate, runs, scope)
         rows["ratio"] = rows["probability"] / truth
         rows["held"] = rows["ci_low"].le(truth) & rows["ci_high"].ge(truth)
-        table = rows.groupby("method", sort=False, as_index=False).agg(
+        means = rows.groupby("method", sort=False, as_index=False).agg(
             replicates=("replicate", "size"),
             learning=("learning", "mean"),
             estimating=("estimating", "mean"),
@@ -91,5 +90,5 @@ def surrogate_table(
             holding=("held", "sum"),
             converged=("converged", "sum"),
         )
-        tables.append(table.assign(scope=scope)[["scope", *table.columns]])
-    return pd.concat(tables, ignore_index=True).assign(data=source)
+        tables.append(means.assign(scope=scope)[["scope", *means.columns]])
+    return pd.concat(tables, ignore_index=True)
