@@ -3,17 +3,14 @@
 # In: encounters.parquet (for v_L), the model under study, the vehicle. Out: for each method and seed the
 # accelerated distributions of all segments, and the trace of every iteration.
 
-VEHICLE = config["vehicle"]["name"]
-VEHICLE_FILES = [VEHICLE.rsplit(":", 1)[0]] if ".py:" in VEHICLE else []
-
 
 rule search_proposals:
     """Search the accelerated distributions of one method from one seed, segment by segment."""
     input:
         encounters=rules.ingest_encounters.output.encounters,
         model=rules.fit_models.output[MODEL],
-        vehicle=VEHICLE_FILES,
-        library=library("distributions", "laws", "vehicles", "methods"),
+        vehicle=ancient(VEHICLE_FILES),
+        library=modules_of("search_proposals.py"),
     output:
         proposals=result("cross_entropy", "{method}_{seed}.json"),
         trace=result("cross_entropy", "{method}_{seed}_trace.csv"),
@@ -27,6 +24,7 @@ rule search_proposals:
     params:
         seed=config["seed"],
         vehicle=config["vehicle"],
+        vehicle_content=VEHICLE_CONTENT,
         cross_entropy=config["cross_entropy"],
     message:
         "Cross-Entropy search, method {wildcards.method}, seed {wildcards.seed}"
@@ -38,7 +36,7 @@ rule collect_traces:
     """Join the traces of all searches."""
     input:
         trace=expand(rules.search_proposals.output.trace, method=METHODS, seed=SEEDS),
-        library=library(),
+        library=modules_of("collect_tables.py"),
     output:
         trace=result("cross_entropy_trace.csv"),
     log:

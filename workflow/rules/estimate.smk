@@ -12,8 +12,8 @@ rule estimate_crash_probability:
         proposals=expand(
             rules.search_proposals.output.proposals, seed=SEEDS, allow_missing=True
         ),
-        vehicle=VEHICLE_FILES,
-        library=library("distributions", "laws", "vehicles", "methods", "truth"),
+        vehicle=ancient(VEHICLE_FILES),
+        library=modules_of("estimate_crash_probability.py"),
     output:
         estimates=result("importance_sampling", "{scope}_{method}.csv"),
         course=result("importance_sampling", "{scope}_{method}_course.csv"),
@@ -25,8 +25,10 @@ rule estimate_crash_probability:
     resources:
         mem_mb=1000,
     params:
+        study=STUDY,
         seed=config["seed"],
         vehicle=config["vehicle"],
+        vehicle_content=VEHICLE_CONTENT,
         importance_sampling=config["importance_sampling"],
     message:
         "Importance sampling, method {wildcards.method}, segments {wildcards.scope}"
@@ -47,7 +49,7 @@ rule collect_estimates:
             scope=["all", SEGMENTS[0]],
             method=METHODS,
         ),
-        library=library(),
+        library=modules_of("collect_tables.py"),
     output:
         estimates=result("estimates.csv"),
         course=result("estimates_course.csv"),

@@ -3,13 +3,6 @@
 # In: the records that the configuration names (data). Out: encounters.parquet, the account of every row
 # that was left out, the counts of the segments and the test of their independence.
 
-SOURCE = config["data"][config["data"]["source"]]
-
-if config["data"]["source"] == "twin":
-    RECORDS = [SOURCE["model"], SOURCE["lead_speed"]]
-else:
-    RECORDS = [SOURCE["path"]]
-
 # A file that is there already is the user's own: it is read and verified, never retrieved again.
 if config["data"]["source"] == "spmd" and not Path(SOURCE["path"]).exists():
 
@@ -36,8 +29,8 @@ if config["data"]["source"] == "spmd" and not Path(SOURCE["path"]).exists():
 rule ingest_encounters:
     """Read, filter and segment the lane changes, and account for every row."""
     input:
-        records=RECORDS,
-        library=library("encounters", "distributions", "laws"),
+        records=ancient(RECORDS),
+        library=modules_of("ingest_encounters.py"),
     output:
         encounters=result("encounters.parquet"),
         account=result("encounters_account.csv"),
@@ -50,6 +43,7 @@ rule ingest_encounters:
         mem_mb=1000,
     params:
         seed=config["seed"],
+        content=content_of_records,
         data=config["data"],
         filters=config["filters"],
         segments=config["segments"],
@@ -63,7 +57,7 @@ rule describe_encounters:
     """Count the segments and test whether the variables are independent inside them."""
     input:
         encounters=rules.ingest_encounters.output.encounters,
-        library=library("encounters"),
+        library=modules_of("describe_encounters.py"),
     output:
         segments=result("segments.csv"),
         dependence=result("dependence.csv"),

@@ -98,7 +98,7 @@ NOTEBOOKS = {
 rule record_configuration:
     """Write the resolved configuration beside the results."""
     input:
-        library=library(),
+        library=modules_of("record_configuration.py"),
     output:
         config=result("config.json"),
     log:
@@ -125,7 +125,7 @@ for _notebook in NOTEBOOKS:
             **NOTEBOOKS[_notebook]["reads"],
             notebook=f"notebooks/{_notebook}.ipynb",
             config=rules.record_configuration.output.config,
-            library=library("publishing", "distributions", "laws", "methods", "truth"),
+            library=modules_of("record_configuration.py"),
         output:
             figures=made(_notebook, "figures"),
             tables=made(_notebook, "tables"),

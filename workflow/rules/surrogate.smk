@@ -9,8 +9,8 @@ rule sample_by_surrogate:
     input:
         encounters=rules.ingest_encounters.output.encounters,
         model=rules.fit_models.output[MODEL],
-        vehicle=VEHICLE_FILES,
-        library=library("encounters", "distributions", "laws", "vehicles", "methods"),
+        vehicle=ancient(VEHICLE_FILES),
+        library=modules_of("sample_by_surrogate.py"),
     output:
         surrogate=result("surrogate.csv"),
         surrogate_runs=result("surrogate_runs.csv"),
@@ -22,9 +22,12 @@ rule sample_by_surrogate:
     resources:
         mem_mb=1000,
     params:
+        study=STUDY,
         seed=config["seed"],
         vehicle=config["vehicle"],
-        importance_sampling=config["importance_sampling"],
+        vehicle_content=VEHICLE_CONTENT,
+        criterion=part(config["importance_sampling"], "alpha", "beta"),
+        lead_speed_edges=config["segments"]["lead_speed_edges"],
         surrogate=config["surrogate"],
     message:
         "Surrogate-guided sampling, {params.surrogate[replicates]} replicates"

@@ -5,18 +5,9 @@ from accelerated_evaluation.jobs import job
 from accelerated_evaluation.laws.lane_change_model import write_model
 from accelerated_evaluation.laws.paper import fit_lane_change_models
 
-
-def main(config: dict, encounters_path: str, outputs: dict[str, str]) -> None:
-    """Write one model file for each name in ``outputs``."""
-    source = config["data"][config["data"]["source"]]
-    encounters = pd.read_parquet(encounters_path)
-    fitted = fit_lane_change_models(
-        encounters, config["models"], config["filters"]["range_max"], source["description"]
-    )
-    for name, path in outputs.items():
-        write_model(path, fitted[name])
-
-
 if __name__ == "__main__":
     with job(snakemake.log[0]):
-        main(snakemake.config, snakemake.input.encounters, dict(snakemake.output.items()))
+        encounters, params = pd.read_parquet(snakemake.input.encounters), snakemake.params
+        fitted = fit_lane_change_models(encounters, params.models, params.range_max, params.description)
+        for name, path in snakemake.output.items():
+            write_model(path, fitted[name])
