@@ -114,6 +114,11 @@ CHECKS = (
         "a minimum weight that all pieces can have at once: less than 1 / pieces",
     ),
     Check(
+        ("models.closing_speed_max", "crash_map.grid.closing_speed_max"),
+        lambda cap, top: cap <= top,
+        "a map that reaches up to the cap of the laws",
+    ),
+    Check(
         ("importance_sampling.minimum_events", "importance_sampling.maximum_simulations"),
         lambda events, simulations: events <= simulations,
         "minimum_events not above maximum_simulations",

@@ -57,7 +57,6 @@ MAPPED = {
         "lead_speed_min": config["filters"]["lead_speed_min"],
         "lead_speed_max": config["filters"]["lead_speed_max"],
         "range_max": config["filters"]["range_max"],
-        "closing_speed_max": config["vehicle"]["closing_speed_max"],
     },
     "crash_map": config["crash_map"],
     "seed": config["seed"],

@@ -29,7 +29,7 @@ rule fit_models:
             "inverse_ttc": config["models"]["inverse_ttc"],
         },
         description=DESCRIPTION,
-        closing_speed_max=config["vehicle"]["closing_speed_max"],
+        closing_speed_max=config["models"]["closing_speed_max"],
         range_max=config["filters"]["range_max"],
     message:
         "Fitting the lane-change models"

@@ -187,7 +187,7 @@ class Study:
 
     @cached_property
     def replicates(self) -> pd.DataFrame:
-        """What every replicate of every method costs, and what it finds; ``together`` counts all simulations."""
+        """What every replicate of every method costs and finds; ``together`` counts all simulations."""
         table = self._table("estimates.csv")
         return table.assign(together=table["learning"] + table["estimating"])
 
