@@ -29,7 +29,7 @@ from accelerated_evaluation.truth.mapping import map_crashes
 from accelerated_evaluation.truth.severity import events_from
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
 from accelerated_evaluation.vehicles.events import CRASH
-from wall_car import GRID, RANGE_LAWS, SPEEDS, TTC_LAWS, WallCar, integral, law_of
+from wall_car import GRID, RANGE_LAWS, TTC_LAWS, WallCar, integral, law_of
 
 BENCHMARK = Path(__file__).resolve().parents[2] / ".." / "shared/data/benchmark/segment_5_15.json"
 SPMD = Path(__file__).resolve().parents[2] / ".." / "shared/data/spmd/lane_changes.mat"
