@@ -1,24 +1,22 @@
-"""Rare events in normal scores: exact quantiles and marginals, scores of events, laws of the pools."""
+"""The problem: quantiles and marginals of normal scores, scores of events, strata, fingerprints."""
 
-import math
+import os
+import subprocess
+import sys
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import mpmath
 import numpy as np
 import pytest
 from accelerated_evaluation.distributions import BoundedExponential, Empirical, Pareto
-from accelerated_evaluation.methods.surrogate.wide_laws import (
-    REACH,
-    KernelMixture,
-    draw_wide,
-    log_normal,
-    log_normal_to_wide,
-)
-from accelerated_evaluation.problem import CutIn, Proposal
-from accelerated_evaluation.rare_event import cut_in_event, independent, normal_score_quantile
-from accelerated_evaluation.vehicles import Outcomes
+from accelerated_evaluation.distributions.tails import normal_score_quantile
+from accelerated_evaluation.laws import Factors
+from accelerated_evaluation.laws.independent import IndependentLaw
+from accelerated_evaluation.problem import Problem, SystemProblem
+from accelerated_evaluation.vehicles import AccAeb, Outcomes, load_vehicle
 from accelerated_evaluation.vehicles.events import CRASH, Event
-from scipy.stats import chi2, chisquare, kstest, multivariate_t, norm
+from scipy.stats import chisquare, kstest, norm
 
 SIZE = 20_000
 DOUBTFUL = 1e-3  # p-value; the seeds are fixed, and a wrong law is seen to give less than 1e-20
@@ -36,12 +34,14 @@ class Echo:
         return Outcomes(crash, np.where(crash, 0.0, range_), range_ / closing_speed, np.zeros(range_.size))
 
 
-def cut_ins():
-    inverse_range = BoundedExponential(50.0, 1 / 75)
-    return {
-        name: CutIn(Empirical(SPEEDS[name]), Proposal(inverse_range, BoundedExponential(rate)), Echo())
-        for name, rate in RATES.items()
-    }
+LAW = IndependentLaw(
+    "made up",
+    {"slow": 5, "middle": 3, "fast": 2},
+    BoundedExponential(50.0, 1 / 75),
+    {name: BoundedExponential(rate) for name, rate in RATES.items()},
+    {name: Empirical(speeds) for name, speeds in SPEEDS.items()},
+)
+PROBLEM = Problem(LAW, Echo())
 
 
 def normal_scores(dimension, seed=1):
@@ -76,7 +76,7 @@ def test_quantiles_of_recorded_values():
 
 def test_independent_inputs_have_their_marginals():
     marginals = [BoundedExponential(2.0), Pareto(3.0, 0.5), BoundedExponential(-3.0, 1.0, 2.0)]
-    event = independent(marginals, lambda x: (x[:, 0] > 1, None))
+    event = SystemProblem(lambda x: (x[:, 0] > 1, None), 3, marginals)
     x = event.inputs(normal_scores(3))
     assert event.dimension == 3
     assert x.shape == (SIZE, 3)
@@ -88,44 +88,159 @@ def test_independent_inputs_have_their_marginals():
     assert score is None
 
 
+def test_without_marginals_the_scores_are_the_inputs():
+    z = normal_scores(2)[:50]
+    event = SystemProblem(lambda x: (x[:, 0] > 1, x[:, 1]), 2)
+    happened, score = event.evaluate(z)
+    np.testing.assert_array_equal(happened, z[:, 0] > 1)
+    np.testing.assert_array_equal(score, z[:, 1])
+
+
 def test_lead_speeds_run_through_the_segments_in_their_shares():
     z = np.sort(normal_scores(1), axis=0) * [1, 0, 0]
-    speed = cut_in_event(cut_ins(), SHARES).inputs(z)[:, 0]
+    speed = LAW.from_scores(z).lead_speed
     assert (np.diff(speed) >= 0).all()
     expected = {v: SHARES[name] / len(values) for name, values in SPEEDS.items() for v in values}
     values, counts = np.unique(speed, return_counts=True)
     assert values.tolist() == [*expected]
     assert chisquare(counts, SIZE * np.array([*expected.values()])).pvalue > DOUBTFUL
     assert chisquare(counts, np.full(len(counts), SIZE / len(counts))).pvalue < 1e-20
-    far = cut_in_event(cut_ins(), SHARES).inputs(np.array([[-40.0, 0, 0], [40.0, 0, 0]]))
-    assert far[:, 0].tolist() == [6.0, 34.0]
+    far = LAW.from_scores(np.array([[-40.0, 0, 0], [40.0, 0, 0]]))
+    assert far.lead_speed.tolist() == [6.0, 34.0]
 
 
 def test_cut_ins_have_the_laws_of_their_segment():
-    problems = cut_ins()
-    speed, inverse_range, inverse_ttc = cut_in_event(problems, SHARES).inputs(normal_scores(3, seed=8)).T
-    law = problems["slow"].model.inverse_range
-    assert kstest(law.cdf(inverse_range), "uniform").pvalue > DOUBTFUL
-    for name, problem in problems.items():
-        here = inverse_ttc[np.isin(speed, SPEEDS[name])]
-        assert kstest(problem.model.inverse_ttc.cdf(here), "uniform").pvalue > DOUBTFUL
-    pooled = problems["middle"].model.inverse_ttc.cdf(inverse_ttc)
+    cut_ins = LAW.from_scores(normal_scores(3, seed=8))
+    assert kstest(LAW.inverse_range.cdf(cut_ins.inverse_range), "uniform").pvalue > DOUBTFUL
+    for name, law in LAW.inverse_ttc.items():
+        here = cut_ins.inverse_ttc[np.isin(cut_ins.lead_speed, SPEEDS[name])]
+        assert kstest(law.cdf(here), "uniform").pvalue > DOUBTFUL
+    pooled = LAW.inverse_ttc["middle"].cdf(cut_ins.inverse_ttc)
     assert kstest(pooled, "uniform").pvalue < 1e-20
 
 
 def test_the_score_of_a_cut_in_is_shown_only_where_it_is_graded():
     z = normal_scores(3)[:100]
-    event = cut_in_event(cut_ins(), SHARES)
-    happened, score = event.evaluate(z)
-    inverse_ttc = event.inputs(z)[:, 2]
+    assert PROBLEM.dimension == 3
+    happened, score = PROBLEM.evaluate(z)
+    inverse_ttc = LAW.from_scores(z).inverse_ttc
     np.testing.assert_array_equal(happened, inverse_ttc > 0.1)
     np.testing.assert_allclose(score, 1 / inverse_ttc, rtol=1e-12)
-    flags, nothing = cut_in_event(cut_ins(), SHARES, graded=False).evaluate(z)
+    flags, nothing = replace(PROBLEM, graded=False).evaluate(z)
     np.testing.assert_array_equal(flags, happened)
     assert nothing is None
-    near, _ = cut_in_event(cut_ins(), SHARES, Event("min_ttc", 20.0)).evaluate(z)
+    near, _ = replace(PROBLEM, event=Event("min_ttc", 20.0)).evaluate(z)
     np.testing.assert_array_equal(near, score <= 20.0)
     assert near.sum() > happened.sum()
+
+
+def test_one_stratum_is_a_problem_of_its_own():
+    alone = PROBLEM.only("middle")
+    assert (alone.vehicle, alone.event, alone.graded) == (PROBLEM.vehicle, CRASH, True)
+    assert dict(alone.law.shares) == {"middle": 1.0}
+    cut_ins = alone.law.from_scores(normal_scores(3))
+    assert set(cut_ins.lead_speed) == {16.0, 24.0}
+    happened, _ = alone.evaluate(normal_scores(3))
+    exact = np.exp(-15 * 0.1)
+    error = np.sqrt(exact * (1 - exact) / SIZE)
+    assert abs(happened.mean() - exact) < 4 * error
+    everywhere, _ = PROBLEM.evaluate(normal_scores(3))
+    assert abs(everywhere.mean() - exact) > 10 * error
+    whole = sum(SHARES[name] * np.exp(-rate * 0.1) for name, rate in RATES.items())
+    assert abs(everywhere.mean() - whole) < 4 * np.sqrt(whole * (1 - whole) / SIZE)
+
+
+@pytest.mark.parametrize("name", SPEEDS)
+def test_samples_of_a_stratum_have_its_lead_speeds_and_the_densities_of_f_and_f_star(name):
+    f, f_star = LAW.strata[name].factors, Factors(BoundedExponential(20.0, 1 / 75), BoundedExponential(5.0))
+    seen = []
+
+    class Recorder(Echo):
+        def simulate(self, lead_speed, range_, closing_speed):
+            seen.append((lead_speed, range_, closing_speed))
+            return super().simulate(lead_speed, range_, closing_speed)
+
+    sample = Problem(LAW, Recorder()).sample(name, f_star, np.random.default_rng(9), SIZE)
+    ((lead_speed, range_, closing_speed),) = seen
+    assert set(lead_speed) == set(SPEEDS[name])
+    np.testing.assert_allclose(1 / range_, sample.first, rtol=1e-12)
+    np.testing.assert_allclose(closing_speed / range_, sample.second, rtol=1e-12)
+    assert kstest(f_star.first.cdf(sample.first), "uniform").pvalue > DOUBTFUL
+    assert kstest(f_star.second.cdf(sample.second), "uniform").pvalue > DOUBTFUL
+    ratio = f.logpdf(sample.first, sample.second) - f_star.logpdf(sample.first, sample.second)
+    np.testing.assert_allclose(sample.log_ratio, ratio, rtol=1e-12, atol=1e-12)
+    np.testing.assert_array_equal(sample.happened, closing_speed / range_ > 0.1)
+
+
+def test_an_event_other_than_the_crash_is_sampled():
+    near = replace(PROBLEM, event=Event("min_ttc", 20.0))
+    sample = near.sample("fast", LAW.strata["fast"].factors, np.random.default_rng(4), 2000)
+    np.testing.assert_array_equal(sample.happened, sample.outcomes.min_ttc <= 20.0)
+    assert sample.happened.sum() > sample.outcomes.crash.sum() > 0
+    np.testing.assert_array_equal(sample.weight, sample.happened)
+
+
+FINGERPRINTED = {
+    "as it is": PROBLEM,
+    "one stratum": PROBLEM.only("slow"),
+    "another description": replace(PROBLEM, law=replace(LAW, description="made up anew")),
+    "another cap": replace(PROBLEM, law=replace(LAW, closing_speed_max=20.0)),
+    "another distribution": replace(PROBLEM, law=replace(LAW, inverse_range=Pareto(2.0, 1 / 75))),
+    "another rate": replace(PROBLEM, law=replace(LAW, inverse_range=BoundedExponential(50.0001, 1 / 75))),
+    "other shares": replace(PROBLEM, law=replace(LAW, events=LAW.events | {"slow": 6})),
+    "other speeds": replace(
+        PROBLEM, law=replace(LAW, lead_speeds=LAW.lead_speeds | {"slow": Empirical([6.0, 9.0])})
+    ),
+    "another vehicle": replace(PROBLEM, vehicle=AccAeb()),
+    "another parameter": replace(PROBLEM, vehicle=AccAeb(aeb=False)),
+    "another event": replace(PROBLEM, event=Event("min_ttc", 2.0)),
+    "not graded": replace(PROBLEM, graded=False),
+    "another threshold": replace(PROBLEM, event=Event("min_ttc", 3.0)),
+}
+
+
+def test_the_fingerprint_tells_problems_apart():
+    found = {problem.fingerprint: name for name, problem in FINGERPRINTED.items()}
+    assert sorted(found.values()) == sorted(FINGERPRINTED)
+    assert Problem(replace(LAW), Echo()).fingerprint == PROBLEM.fingerprint
+
+
+def test_the_fingerprint_is_that_of_another_process():
+    """A state that is saved today must be known tomorrow: no address in memory may be part of it."""
+    code = "import test_problem as t; print(*[p.fingerprint for p in t.FINGERPRINTED.values()], sep='\\n')"
+    other = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=Path(__file__).parent,
+        capture_output=True,
+        text=True,
+        check=True,
+        env=os.environ | {"PYTHONHASHSEED": "77"},
+    )
+    assert other.stdout.splitlines() == [problem.fingerprint for problem in FINGERPRINTED.values()]
+
+
+class Silent:
+    """A vehicle that does not describe itself: Python would print its address."""
+
+    def simulate(self, lead_speed, range_, closing_speed):
+        return Echo().simulate(lead_speed, range_, closing_speed)
+
+
+def test_what_does_not_describe_itself_is_named_by_its_class():
+    one, other = (replace(PROBLEM, vehicle=vehicle).fingerprint for vehicle in (Silent(), Silent()))
+    assert one == other
+    assert "vehicle=Silent" in one
+    assert "0x" not in one
+
+
+def test_the_fingerprint_of_a_users_vehicle_holds_no_address(tmp_path):
+    path = tmp_path / "car.py"
+    path.write_text("class Car:\n    def simulate(self, lead_speed, range_, closing_speed): ...\n")
+    one, other = (replace(PROBLEM, vehicle=load_vehicle(f"{path}:Car")).fingerprint for _ in range(2))
+    assert one == other
+    assert "vehicle=Car," in one
+    assert "0x" not in one
+    assert "user_car" not in one  # the name of its module differs from process to process as well
 
 
 @pytest.mark.parametrize(
@@ -146,88 +261,3 @@ def test_scores_of_events(event, happened, score):
     )
     assert event.happens(outcomes).tolist() == happened
     assert event.score(outcomes).tolist() == score
-
-
-@pytest.mark.parametrize("dimension", [1, 2, 3])
-def test_wide_law_is_uniform_in_the_log_of_the_tail(dimension):
-    z = draw_wide(SIZE, dimension, np.random.default_rng(2))
-    square = (z * z).sum(1)
-    assert kstest(-chi2.logsf(square, dimension) / REACH, "uniform").pvalue > DOUBTFUL
-    assert kstest(np.sqrt(square) / np.sqrt(square).max(), "uniform").pvalue < 1e-20
-    assert abs(np.sign(z).mean(0)).max() < 4 / math.sqrt(SIZE)
-    normal = normal_scores(dimension)
-    assert kstest(-chi2.logsf((normal**2).sum(1), dimension) / REACH, "uniform").pvalue < 1e-20
-
-
-def test_wide_law_of_two_dimensions_is_uniform_on_a_disc():
-    """In two dimensions P(|Z| > r) = exp(-r^2 / 2), so that r^2 is uniform on [0, 2 REACH]."""
-    z = draw_wide(SIZE, 2, np.random.default_rng(3))
-    angle = np.arctan2(*z.T) / (2 * math.pi) + 0.5
-    assert kstest(angle, "uniform").pvalue > DOUBTFUL
-    exact = log_normal(z) + math.log(2 * math.pi * REACH)
-    np.testing.assert_allclose(log_normal_to_wide(z), exact, rtol=0, atol=1e-10)
-    edge = math.sqrt(2 * REACH)
-    outside, inside = log_normal_to_wide(np.array([[0, 1.001 * edge], [0, 0.999 * edge]]))
-    assert outside == np.inf
-    assert inside < 0
-
-
-def mixture(dimension):
-    """Return kernels where most of phi is, so that a wrong density shows in the mean weight."""
-    centres = np.random.default_rng(4).normal(size=(30, dimension))
-    return KernelMixture.about(centres, 0.2)
-
-
-def error_in_standard_errors(log_weight):
-    """Distance of the mean weight from 1, its expectation under the law that was drawn from."""
-    w = np.exp(log_weight)
-    return abs(w.mean() - 1) / (w.std() / math.sqrt(len(w)))
-
-
-@pytest.mark.parametrize("dimension", [2, 3])
-def test_weights_have_the_mean_one(dimension):
-    generator, law = np.random.default_rng(5), mixture(dimension)
-    assert error_in_standard_errors(log_normal_to_wide(draw_wide(SIZE, dimension, generator))) < 4
-    z = law.draw(SIZE, generator)
-    assert error_in_standard_errors(law.log_normal_ratio(z)) < 4
-    for wrong in (replace(law, width=1.5 * law.width), replace(law, wide_share=0.4)):
-        assert error_in_standard_errors(wrong.log_normal_ratio(z)) > 8
-
-
-@pytest.mark.parametrize("dimension", [1, 2, 3])
-def test_density_of_the_mixture_is_that_of_its_kernels(dimension):
-    law = mixture(dimension)
-    z = law.draw(200, np.random.default_rng(6))
-    shape = np.diag(law.width**2)
-    kernels = np.mean([multivariate_t.pdf(z, c, shape, df=dimension) for c in law.centres], axis=0)
-    wide = np.exp(log_normal(z) - log_normal_to_wide(z))
-    density = np.exp(log_normal(z) - law.log_normal_ratio(z))
-    np.testing.assert_allclose(density, 0.2 * wide + 0.8 * kernels, rtol=1e-9)
-
-
-def test_density_of_the_mixture_integrates_to_one():
-    """On z = sinh(t) to 1,000; the wide law, which ends at a jump, is taken off and known to be 1."""
-    law = mixture(2)
-    t = np.arange(-7.6, 7.6, 0.05)
-    z = np.stack(np.meshgrid(np.sinh(t), np.sinh(t)), axis=-1).reshape(-1, 2)
-    cells = np.prod(np.cosh(np.arcsinh(z)), axis=1) * 0.05**2
-
-    def integral(law):
-        inside = np.isfinite(log_normal_to_wide(z))
-        density = np.exp(log_normal(z) - law.log_normal_ratio(z)) - inside * 0.2 / (2 * math.pi * REACH)
-        return 0.2 + cells @ density
-
-    # what lies beyond 1,000 is about 2 width^2 / 1000^2
-    assert integral(law) == pytest.approx(1, abs=1e-5)
-    narrow = replace(law, width=law.width / 20)  # too narrow for the quadrature, which so can tell
-    assert integral(narrow) != pytest.approx(1, abs=1e-2)
-
-
-def test_kernels_by_silvermans_rule():
-    points = np.column_stack([np.arange(16.0), np.full(16, 3.0)])
-    law = KernelMixture.about(points, 0.25)
-    assert law.width == pytest.approx([math.sqrt((16**2 - 1) / 12) * 16 ** (-1 / 6), 0.1 * 16 ** (-1 / 6)])
-    z = law.draw(1000, np.random.default_rng(7))
-    assert z.shape == (1000, 2)
-    # wide first, and exactly its share: few of its points come near the line of the centres
-    assert (abs(z[:250, 1] - 3) > 1).mean() > 0.7 > 0.3 > (abs(z[250:, 1] - 3) > 1).mean()
