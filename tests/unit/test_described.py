@@ -21,7 +21,7 @@ from accelerated_evaluation.distributions import (
 )
 from accelerated_evaluation.fitting.pieces import EXPONENTIAL, PieceFamily, piece_kinds
 from accelerated_evaluation.fitting.piecewise import fit_piecewise
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel, read_model, write_model
+from accelerated_evaluation.laws.independent import IndependentLaw
 from accelerated_evaluation.publishing.model_tables import parameter_table
 
 KINDS = {
