@@ -116,8 +116,8 @@ class TwoKinds:
     """
 
     name = "two kinds"
-    prior_mean = (-2.5, 0.5)
-    prior_deviation = (1.0, 0.25)
+    prior_mean = (-2.5, 0.3)
+    prior_deviation = (1.0, 0.3)
 
     def cumulative(self, z: Array, parameters: Array) -> Array:
         """Return H(z)."""

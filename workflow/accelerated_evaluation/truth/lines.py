@@ -13,7 +13,6 @@ from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.fitting.conditional import RANGE_MAX, Places, SpeedLaw
 from accelerated_evaluation.fitting.smooth_hazard import SmoothHazard
 from accelerated_evaluation.truth.crash_map import LINES_PER_CELL, CrashMap
-from accelerated_evaluation.truth.exact import cell_shares
 from accelerated_evaluation.vehicles.events import CRASH, Event
 
 EVEN = 0.05  # of the kept lines are chosen without regard to their mass
@@ -47,7 +46,7 @@ class Lines:
     @classmethod
     def of(cls, crash_map: CrashMap, lead_speeds: Array, event: Event = CRASH) -> "Lines":
         """Take from a map the lines on which an event happens and whose lead speeds were recorded."""
-        intervals, shares = crash_map.intervals(event), cell_shares(crash_map, lead_speeds)
+        intervals, shares = crash_map.intervals(event), lead_speed_shares(crash_map, lead_speeds)
         kept = shares[intervals.line // LINES_PER_CELL] > 0
         lines, row = np.unique(intervals.line[kept], return_inverse=True)
         cells = lines // LINES_PER_CELL
@@ -66,7 +65,12 @@ class Lines:
         """Return the probability of the event in each interval."""
         given = law.given(self.places)
         start, end = given.cumulative(self.start, self.row), given.cumulative(self.end, self.row)
-        return (self.share * self.range_probability(ranges))[self.row] * np.exp(-start) * -np.expm1(start - end)
+        lines = (self.share * self.range_probability(ranges))[self.row]
+        reached = np.isfinite(start)  # a law that ends reaches nothing beyond its end
+        start, end = start[reached], end[reached]
+        masses = np.zeros(self.row.size)
+        masses[reached] = lines[reached] * np.exp(-start) * -np.expm1(start - end)
+        return masses
 
     def range_probability(self, ranges: SmoothHazard) -> Array:
         """Return the probability of the ranges of each line's cell, given its lead speed."""
@@ -107,3 +111,9 @@ class Lines:
             start=self.start[inside],
             end=self.end[inside],
         )
+
+
+def lead_speed_shares(crash_map: CrashMap, lead_speeds: Array) -> Array:
+    """Return the share of the lead speeds [m/s] in each cell of a map, shape (cells,)."""
+    speeds = np.sort(lead_speeds)
+    return np.diff(np.searchsorted(speeds, crash_map.cells.lead_speed), axis=1)[:, 0] / speeds.size
