@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from accelerated_evaluation.vehicles.checks import checked_encounters
-from accelerated_evaluation.vehicles.driver_kernel import STATES, STEP, Driver, follow, follow_slice
+from accelerated_evaluation.vehicles.driver_kernel import STEP, Driver, follow_slice
 from accelerated_evaluation.vehicles.parameters import check_number, parameter_error, zero_or_more
 from accelerated_evaluation.vehicles.protocol import Array, Outcomes
 from accelerated_evaluation.vehicles.threads import available_threads, simulate_in_slices
@@ -98,13 +98,6 @@ class ReferenceDriver:
         encounters = checked_encounters(lead_speed, range_, closing_speed)
         return simulate_in_slices(follow_slice, self.compiled(), encounters, threads=available_threads())
 
-    def states(self, lead_speed: float, range_: float, closing_speed: float) -> Array:
-        """Return every state of one encounter, shape (states, 4), columns as named in `driver_kernel`."""
-        encounter = checked_encounters([lead_speed], [range_], [closing_speed])[:, 0]
-        trace = np.empty((STATES, 4))
-        count = follow(self.compiled(), *encounter.tolist(), trace)[-1]
-        return trace[:count]
-
     def compiled(self) -> Driver:
         """Return the numbers that the compiled code needs."""
         raise NotImplementedError
@@ -117,4 +110,4 @@ class ReferenceDriver:
         steps = math.ceil(reaction_time / STEP - 1e-9)  # 0.3 / 0.1 is a little less than 3 in floating point
         shared = {field.name: float(getattr(self, field.name)) for field in fields(ReferenceDriver)}
         rest = {name: value if isinstance(value, bool) else float(value) for name, value in numbers.items()}
-        return Driver(rule=rule, reaction_steps=steps, **shared, **rest)
+        return Driver(rule=rule, reaction_steps=float(steps), **shared, **rest)

@@ -1,11 +1,14 @@
-"""The compiled reference drivers: CC, Reg157, RSS and FSM of UN R157 and its literature, one loop for all four.
+"""The compiled reference drivers: CC, Reg157, RSS and FSM, many encounters abreast, as in `kernel`.
 
-A driver sees each state, decides on a deceleration, and the state moves on by one step of 0.1 s. Distances are
+A driver sees each state, wants a deceleration, and the state moves on by one step of 0.1 s. Distances are
 between the centres of two cars of equal length and width; gaps are between their edges. All compiled code of
 the drivers is in this file, because numba's cache on disk only notices an edit of the file itself.
 
-No driver ever speeds up. The loop uses this twice: an encounter ends as soon as the host, behind a car in its
-lane, no longer closes in; and while a driver sees no danger, the steps until it will are taken at once.
+No driver ever speeds up. The code uses this twice: an encounter ends as soon as the host, behind a car in its
+lane, no longer closes in; and the steps before the first danger are taken at once.
+
+The functions of one encounter become vector instructions when they stand in a loop over lanes. For this they
+compute both sides of a choice, and where they can they multiply instead of dividing, which is slow.
 """
 
 from typing import NamedTuple
@@ -18,10 +21,16 @@ from accelerated_evaluation.vehicles.kernel import compiled
 STEP = 0.1  # [s], part of the model: the drivers' constants allow for it
 STATES = 349  # states of an encounter that are tested for contact, which is a horizon of 34.8 s
 
+LANES = 256  # encounters abreast; their state stays in the level-1 cache
+SWEEP = 4  # steps between two exchanges of ended encounters for new ones
+
 TTC_RULE, RSS_RULE, FSM_RULE = range(3)
 
-# The columns of a trace, one row a state: between the centres along and across the road, speed, reacting or not.
-DISTANCE, OFFSET, SPEED, REACTS = range(4)
+# The rows of the state of the lanes. Distance and offset are between the centres, along and across the road;
+# waited counts the steps of reaction, moving those of lateral motion to come.
+LEAD, DISTANCE, OFFSET, SPEED, ACCELERATION, RAMP, WAITED, MOVING = range(8)
+STEPS, WANTED, OVER, MIN_RANGE, LANE_TTC, ANY_TTC, INDEX = range(8, 15)
+FIELDS = 15
 
 
 class Driver(NamedTuple):
@@ -32,7 +41,7 @@ class Driver(NamedTuple):
     """
 
     rule: int
-    reaction_steps: int
+    reaction_steps: float
     deceleration: float
     ramp_step: float  # growth of the deceleration in one step [m/s^2]; infinite without a limit
     lateral_speed: float
@@ -49,227 +58,265 @@ class Driver(NamedTuple):
     response_time: float = 0.0
     response_acceleration: float = 0.0
     lateral_acceleration: float = 0.0
-    host_braking: float = 1.0
-    host_comfort_braking: float = 1.0
-    lead_braking: float = 1.0
+    lateral_path: float = 0.0  # braking paths for a speed of 1 m/s, 1 / (2 deceleration) [s^2/m]
+    host_path: float = 0.0
+    comfort_path: float = 0.0
+    lead_path: float = 0.0
+    comfort: float = 0.0
+    comfort_to_full: float = 0.0
     margin: float = 0.0
     safe_margin: float = 0.0
 
 
 @compiled
-def _ttc_danger(driver: Driver, gap: float, lateral_gap: float, closing: float) -> bool:
-    """CC and Reg157: the cars overlap, or nearly so, and the time to collision is critical."""
+def _ttc_wanted(driver: Driver, gap: float, lateral_gap: float, closing: float) -> float:
+    """CC and Reg157: full deceleration if the cars overlap, or nearly so, and the TTC is critical."""
     critical = driver.critical_ttc + driver.ttc_slope * closing
-    return lateral_gap <= driver.lateral_gap and abs(gap / closing) <= critical
+    danger = (lateral_gap <= driver.lateral_gap) & (abs(gap) <= abs(closing) * critical)
+    return driver.deceleration if danger else 0.0
 
 
 @compiled
 def _rss_distance(driver: Driver, speed: float, lead: float) -> float:
-    """RSS: the safe distance in the lane, with the worst that both cars may do."""
+    """RSS: the safe distance in the lane, if both cars do the worst."""
     time, end_speed = driver.response_time, speed + driver.response_acceleration * driver.response_time
-    travelled = speed * time + driver.response_acceleration * time**2 / 2
-    return travelled + end_speed**2 / (2 * driver.host_braking) - lead**2 / (2 * driver.lead_braking)
+    response = (speed + end_speed) * time / 2
+    return response + end_speed * end_speed * driver.host_path - lead * lead * driver.lead_path
 
 
 @compiled
-def _rss_danger(
+def _rss_wanted(
     driver: Driver, gap: float, lateral_gap: float, speed: float, lead: float, lateral: float
-) -> bool:
-    """RSS: the distance is unsafe in both directions."""
+) -> float:
+    """RSS: full deceleration if the distance is unsafe in both directions."""
     time, end_speed = driver.response_time, lateral + driver.lateral_acceleration * driver.response_time
     lateral_safe = driver.lateral_gap + (lateral + end_speed) * time / 2
-    lateral_safe += end_speed**2 / (2 * driver.lateral_acceleration)
-    return gap < _rss_distance(driver, speed, lead) and lateral_gap < lateral_safe
+    lateral_safe += end_speed * end_speed * driver.lateral_path
+    danger = (gap < _rss_distance(driver, speed, lead)) & (lateral_gap < lateral_safe)
+    return driver.deceleration if danger else 0.0
 
 
 @compiled
 def _membership(gap: float, safe: float, unsafe: float) -> float:
-    """Fuzzy number of danger: 0 above the safe gap, 1 below the unsafe one, linear between them."""
-    if gap >= safe:
-        return 0.0
-    return 1.0 if gap < unsafe else (gap - safe) / (unsafe - safe)
+    """Fuzzy number of danger: 0 from the safe gap up, 1 from the unsafe one down, linear between them."""
+    return 0.0 if gap >= safe else 1.0 if gap <= unsafe else (gap - safe) / (unsafe - safe)
 
 
 @compiled
 def _fsm_proactive(driver: Driver, speed: float, lead: float) -> tuple[float, float]:
     """PFS: the safe and the unsafe gap if the lead vehicle brakes hard now, both with the margin to keep."""
-    shared = speed * driver.response_time - lead**2 / (2 * driver.lead_braking) + driver.margin
-    safe = shared + speed**2 / (2 * driver.host_comfort_braking) + driver.safe_margin
-    return safe, shared + speed**2 / (2 * driver.host_braking)
+    shared = speed * driver.response_time - lead * lead * driver.lead_path + driver.margin
+    safe = shared + speed * speed * driver.comfort_path + driver.safe_margin
+    return safe, shared + speed * speed * driver.host_path
 
 
 @compiled
-def _fsm_critical(driver: Driver, closing: float, acceleration: float) -> tuple[float, float]:
-    """CFS: the safe and the unsafe gap if the lead vehicle keeps its speed; closing in [m/s]."""
-    time, slowing = driver.response_time, max(acceleration, -driver.host_comfort_braking)
-    left = closing + time * slowing  # the closing speed at the end of the response
-    if left < 0.0:
-        gap = closing**2 / abs(2 * acceleration)
-        return gap, gap
-    travelled = (closing + slowing * time / 2) * time
-    safe = travelled + left**2 / (2 * driver.host_comfort_braking)
-    return safe, travelled + left**2 / (2 * driver.host_braking)
+def _fsm_critical(driver: Driver, closing: float, acceleration: float) -> tuple[float, float, float]:
+    """CFS: the safe and the unsafe gap if the lead vehicle keeps its speed, and the closing speed left [m/s]."""
+    time, slowing = driver.response_time, max(acceleration, -driver.comfort)
+    left = closing + time * slowing  # at the end of the response
+    travelled = (closing + left) * time / 2
+    square = left * left
+    return travelled + square * driver.comfort_path, travelled + square * driver.host_path, left
 
 
 @compiled
-def _fsm_wanted(driver: Driver, gap: float, speed: float, lead: float, acceleration: float) -> float:
-    """FSM: the deceleration for the larger of both dangers, of which the critical one counts first."""
-    comfort = driver.host_comfort_braking
-    if speed > lead:
-        safe, unsafe = _fsm_critical(driver, speed - lead, acceleration)
-        critical = _membership(gap, safe, unsafe)
-        if critical > 0.0:
-            return comfort + (driver.host_braking - comfort) * critical
-    safe, unsafe = _fsm_proactive(driver, speed, lead)
-    return comfort * _membership(gap, safe, unsafe)
-
-
-@compiled
-def _fsm_passes(driver: Driver, distance: float, lateral_gap: float, closing: float, lateral: float) -> bool:
-    """FSM: whether the host will have passed a car beside its lane before that car reaches it."""
-    if lateral_gap <= 0.0:
-        return False
-    return lateral <= 0.0 or lateral_gap / lateral > (abs(distance) + driver.length) / closing + STEP
-
-
-@compiled
-def _wanted(
+def _fsm_wanted(
     driver: Driver,
     distance: float,
+    gap: float,
     lateral_gap: float,
     speed: float,
     lead: float,
     lateral: float,
     acceleration: float,
 ) -> float:
-    """Deceleration that the driver wants in this state [m/s^2]; 0 where it sees no danger."""
-    gap, closing = abs(distance) - driver.length, speed - lead
-    if distance < 0.0:  # the host has passed
-        return 0.0
-    if driver.rule == FSM_RULE:
-        if _fsm_passes(driver, distance, lateral_gap, closing, lateral):
-            return 0.0
-        return min(_fsm_wanted(driver, gap, speed, lead, acceleration), driver.deceleration)
-    if driver.rule == RSS_RULE:
-        danger = _rss_danger(driver, gap, lateral_gap, speed, lead, lateral)
-    else:
-        danger = _ttc_danger(driver, gap, lateral_gap, closing)
-    return driver.deceleration if danger else 0.0
+    """FSM: the deceleration for both dangers, of which the critical one counts first.
+
+    A car beside the lane is no danger if it does not come nearer, or the host will have passed before it
+    arrives; one step is added to the host's time.
+    """
+    closing = speed - lead
+    arrives = lateral_gap * closing <= (distance + driver.length + STEP * closing) * lateral
+    arrives = (lateral_gap <= 0.0) | ((lateral > 0.0) & (closing >= 0.0) & arrives)
+    safe, unsafe, left = _fsm_critical(driver, closing, acceleration)
+    stops_in_time = gap * -2.0 * acceleration >= closing * closing
+    critical = _membership(gap, safe, unsafe)
+    critical = critical if left >= 0.0 else 0.0 if stops_in_time else 1.0
+    critical = critical if closing > 0.0 else 0.0
+    safe, unsafe = _fsm_proactive(driver, speed, lead)
+    proactive = driver.comfort * _membership(gap, safe, unsafe)
+    wanted = driver.comfort + driver.comfort_to_full * critical if critical > 0.0 else proactive
+    return min(wanted, driver.deceleration) if arrives else 0.0
 
 
 @compiled
-def _calm_steps(driver: Driver, gap: float, speed: float, lead: float) -> float:
-    """Steps without danger that follow a state without danger, at constant speeds in one lane; rounded down."""
+def _wake_gap(driver: Driver, speed: float, lead: float) -> float:
+    """Gap at which a driver first sees danger at constant speeds, with the other car in its lane."""
     closing = speed - lead
     if driver.rule == FSM_RULE:
-        wake = max(_fsm_proactive(driver, speed, lead)[0], _fsm_critical(driver, closing, 0.0)[0])
-    elif driver.rule == RSS_RULE:
-        wake = _rss_distance(driver, speed, lead)
-    else:
-        wake = closing * (driver.critical_ttc + driver.ttc_slope * closing)
-    return np.floor((gap - wake) / (closing * STEP))
-
-
-@compiled
-def _start(driver: Driver, range_: float, closing: float) -> tuple[float, float, int]:
-    """Distance, lateral offset and steps of lateral motion in the first state.
-
-    With lateral motion this state is one step after the car began to move sideways. Where the range is given
-    at a later offset, the car began earlier, and was farther away by what the host has closed in since.
-    """
-    if driver.lateral_speed == 0.0:
-        return range_ + driver.length, 0.0, 0
-    since = (driver.start_offset - driver.entry_offset) / driver.lateral_speed
-    steps = int(min(np.floor(driver.start_offset / STEP / driver.lateral_speed), STATES))
-    offset = driver.start_offset - driver.lateral_speed * STEP
-    return range_ + driver.length + max(closing, 0.0) * since - closing * STEP, offset, steps
-
-
-@compiled
-def _is_over(driver: Driver, distance: float, lateral_gap: float, closing: float) -> bool:
-    """Whether no crash can follow: the host behind in the lane closes in no more, or it is ahead and faster."""
-    gap = abs(distance) - driver.length
-    if lateral_gap <= 0.0 and abs(gap / closing) > driver.dropped_ttc:
-        return True
-    if distance > 0.0:
-        return lateral_gap < 0.0 and closing <= 0.0
-    return gap > 0.0 and closing >= 0.0
+        return max(_fsm_proactive(driver, speed, lead)[0], _fsm_critical(driver, closing, 0.0)[0])
+    if driver.rule == RSS_RULE:
+        return _rss_distance(driver, speed, lead)
+    return closing * (driver.critical_ttc + driver.ttc_slope * closing)
 
 
 @compiled
 def _ttc(gap: float, closing: float) -> float:
     """Time to collision [s]; infinite where the cars do not close in, or touch already."""
-    return gap / closing if gap > 0.0 and closing > 0.0 else np.inf
+    return gap / closing if (gap > 0.0) & (closing > 0.0) else np.inf
 
 
 @compiled
-def _react(driver: Driver, wanted: float, ramp: float, waited: int) -> tuple[float, float, int]:
-    """Acceleration of the next step [m/s^2], the deceleration to grow from, and the steps of reaction so far."""
-    if wanted <= 0.0:
-        return 0.0, 0.0 if driver.forgets_ramp else ramp, waited
-    if waited < driver.reaction_steps:
-        return -driver.coasting, ramp, waited + 1
-    ramp = min(ramp + driver.ramp_step, wanted)
-    return -ramp, ramp, waited
+def _start(driver: Driver, encounter: NDArray, index: int, state: NDArray, i: int) -> None:
+    """Place an encounter in lane ``i``.
 
-
-@compiled
-def _smallest(
-    minima: tuple[float, float, float], overlaps: bool, behind: bool, gap: float, closing: float
-) -> tuple[float, float, float]:
-    """Smallest range, smallest TTC in the lane, and smallest TTC at all, this state included."""
-    range_, lane_ttc, any_ttc = minima
-    ttc = _ttc(gap, closing) if behind else np.inf
-    if not overlaps:
-        return range_, lane_ttc, min(any_ttc, ttc)
-    return min(range_, gap) if behind or gap <= 0.0 else range_, min(lane_ttc, ttc), min(any_ttc, ttc)
-
-
-@compiled
-def follow(
-    driver: Driver, lead: float, range_: float, closing: float, trace: NDArray
-) -> tuple[bool, float, float, float, int]:
-    """Simulate one encounter; return crash, min_range, min_ttc, impact_speed and the number of its states.
-
-    Arguments are the driver's numbers, lead speed [m/s], range [m], closing speed [m/s], and an array that
-    receives the states, shape (STATES, 4), or of shape (0, 4) where nobody asks for them.
+    With lateral motion the first state is one step after the car began to move sideways. Where the range is
+    given at a later offset, the car began earlier, and was farther away by what the host has closed in since.
     """
-    distance, offset, moving = _start(driver, range_, closing)
-    speed, acceleration, ramp, waited, step = lead + closing, 0.0, driver.coasting, 0, 0
-    minima = (range_, np.inf, _ttc(range_, closing))
-    while True:
-        gap, lateral_gap, closing = abs(distance) - driver.length, abs(offset) - driver.width, speed - lead
-        overlaps, behind, lateral = lateral_gap < 0.0, distance > 0.0, driver.lateral_speed * (moving > 0)
-        minima = _smallest(minima, overlaps, behind, gap, closing)
-        crash = overlaps and gap <= 0.0
-        wanted = _wanted(driver, distance, lateral_gap, speed, lead, lateral, acceleration)
-        over = crash or step + 1 >= STATES or _is_over(driver, distance, lateral_gap, closing)
-        steps = 1
-        if wanted <= 0.0 and overlaps and behind and not over:
-            steps = int(max(1.0, min(_calm_steps(driver, gap, speed, lead), STATES - 1.0 - step)))
-        for k in range(steps if len(trace) else 0):
-            trace[step + k, DISTANCE] = distance - k * closing * STEP
-            trace[step + k, OFFSET] = offset - min(k, moving) * driver.lateral_speed * STEP
-            trace[step + k, SPEED], trace[step + k, REACTS] = speed, wanted > 0.0
-        if over:
-            break
-        acceleration, ramp, waited = _react(driver, wanted, ramp, waited)
-        speed = max(speed + acceleration * STEP, 0.0)
-        distance -= steps * (speed - lead) * STEP
-        offset -= min(steps, moving) * driver.lateral_speed * STEP
-        moving -= min(steps, moving)
-        step += steps
-    min_ttc = minima[2] if crash and minima[1] == np.inf else minima[1]
-    return crash, minima[0], min_ttc, speed - lead if crash else 0.0, step + 1
+    lead, range_, closing = encounter
+    state[:, i] = 0.0
+    distance, offset, moving = range_ + driver.length, 0.0, 0.0
+    if driver.lateral_speed > 0.0:
+        since = (driver.start_offset - driver.entry_offset) / driver.lateral_speed
+        distance += max(closing, 0.0) * since - closing * STEP
+        offset = driver.start_offset - driver.lateral_speed * STEP
+        moving = np.floor(driver.start_offset / STEP / driver.lateral_speed)
+    state[LEAD, i], state[SPEED, i] = lead, lead + closing
+    state[DISTANCE, i], state[OFFSET, i], state[MOVING, i] = distance, offset, moving
+    state[RAMP, i], state[INDEX, i] = driver.coasting, index
+    state[MIN_RANGE, i], state[LANE_TTC, i], state[ANY_TTC, i] = range_, np.inf, _ttc(range_, closing)
+
+
+@compiled
+def _skip(driver: Driver, state: NDArray, i: int) -> None:
+    """Take at once the steps that a calm driver, behind a car in the lane, can take before it sees danger."""
+    lead, speed, distance = state[LEAD, i], state[SPEED, i], state[DISTANCE, i]
+    gap, closing = distance - driver.length, speed - lead
+    if state[WANTED, i] > 0.0 or abs(state[OFFSET, i]) >= driver.width or closing <= 0.0:
+        return
+    wake = _wake_gap(driver, speed, lead)
+    if gap > 0.0 and gap > wake:
+        left = STATES - 1.0 - state[STEPS, i]
+        steps = max(0.0, min(np.floor((gap - wake) / (closing * STEP)), left))
+        state[STEPS, i] += steps
+        state[DISTANCE, i] -= steps * closing * STEP
+
+
+@compiled
+def _watch(state: NDArray, count: int, driver: Driver) -> None:
+    """Update the minima, and tell which encounters are over: crashed, out of time, or past any danger."""
+    for i in range(count):
+        distance, offset, steps = state[DISTANCE, i], state[OFFSET, i], state[STEPS, i]
+        over, min_range = state[OVER, i] > 0.0, state[MIN_RANGE, i]
+        lane_ttc, any_ttc = state[LANE_TTC, i], state[ANY_TTC, i]
+        gap, lateral_gap = abs(distance) - driver.length, abs(offset) - driver.width
+        closing = state[SPEED, i] - state[LEAD, i]
+        behind, overlaps = distance > 0.0, (lateral_gap < 0.0) & ~over
+        crash = overlaps & (gap <= 0.0)
+        ttc = _ttc(gap, closing) if behind & ~over else np.inf
+        dropped = (lateral_gap <= 0.0) & (abs(gap) > abs(closing) * driver.dropped_ttc)
+        no_more = overlaps & (closing <= 0.0) if behind else (gap > 0.0) & (closing >= 0.0)
+        state[MIN_RANGE, i] = min(min_range, gap) if overlaps & (behind | crash) else min_range
+        state[LANE_TTC, i] = min(lane_ttc, ttc) if overlaps else lane_ttc
+        state[ANY_TTC, i] = min(any_ttc, ttc)
+        state[OVER, i] = 1.0 if over | crash | dropped | no_more | (steps + 1.0 >= STATES) else 0.0
+
+
+@compiled
+def _decide(state: NDArray, count: int, driver: Driver) -> None:
+    """Write the deceleration that the drivers want [m/s^2]: 0 without danger, and once the host has passed."""
+    for i in range(count):
+        distance, speed, lead, acceleration = (
+            state[DISTANCE, i],
+            state[SPEED, i],
+            state[LEAD, i],
+            state[ACCELERATION, i],
+        )
+        lateral = driver.lateral_speed if state[MOVING, i] > 0.0 else 0.0
+        gap, lateral_gap = abs(distance) - driver.length, abs(state[OFFSET, i]) - driver.width
+        if driver.rule == FSM_RULE:
+            wanted = _fsm_wanted(
+                driver, distance, gap, lateral_gap, speed, lead, lateral, acceleration
+            )
+        elif driver.rule == RSS_RULE:
+            wanted = _rss_wanted(driver, gap, lateral_gap, speed, lead, lateral)
+        else:
+            wanted = _ttc_wanted(driver, gap, lateral_gap, speed - lead)
+        state[WANTED, i] = wanted if distance >= 0.0 else 0.0
+
+
+@compiled
+def _move(state: NDArray, count: int, driver: Driver) -> None:
+    """React and move on by one step; an encounter that is over stays where it is."""
+    for i in range(count):
+        wanted, ramp, waited, speed = state[WANTED, i], state[RAMP, i], state[WAITED, i], state[SPEED, i]
+        moving, distance, offset = state[MOVING, i], state[DISTANCE, i], state[OFFSET, i]
+        steps, runs = state[STEPS, i], state[OVER, i] == 0.0
+        danger, reacts = wanted > 0.0, waited < driver.reaction_steps
+        braking = min(ramp + driver.ramp_step, wanted)
+        acceleration = (-driver.coasting if reacts else -braking) if danger else 0.0
+        calm_ramp = 0.0 if driver.forgets_ramp else ramp
+        new_speed = max(speed + acceleration * STEP, 0.0)
+        new_distance = distance - (new_speed - state[LEAD, i]) * STEP
+        new_offset = offset - driver.lateral_speed * STEP if moving > 0.0 else offset
+        state[RAMP, i] = (ramp if reacts else braking) if danger else calm_ramp
+        state[WAITED, i] = waited + 1.0 if danger & reacts else waited
+        state[MOVING, i] = moving - 1.0
+        state[ACCELERATION, i] = acceleration
+        state[STEPS, i] = steps + 1.0 if runs else steps
+        state[SPEED, i] = new_speed if runs else speed
+        state[DISTANCE, i] = new_distance if runs else distance
+        state[OFFSET, i] = new_offset if runs else offset
+
+
+@compiled
+def _finish(state: NDArray, i: int, driver: Driver, outcomes: NDArray) -> None:
+    """Write the outcomes of the encounter in lane ``i``, which is over."""
+    index = int(state[INDEX, i])
+    overlaps = abs(state[OFFSET, i]) < driver.width
+    crash = overlaps and abs(state[DISTANCE, i]) <= driver.length
+    min_ttc = state[LANE_TTC, i]
+    outcomes[0, index], outcomes[1, index] = crash, state[MIN_RANGE, i]
+    outcomes[2, index] = state[ANY_TTC, i] if crash and min_ttc == np.inf else min_ttc
+    outcomes[3, index] = state[SPEED, i] - state[LEAD, i] if crash else 0.0
+
+
+@compiled
+def _exchange(
+    state: NDArray, count: int, encounters: NDArray, upcoming: int, end: int, driver: Driver, outcomes: NDArray
+) -> tuple[int, int]:
+    """Exchange the encounters that are over for new ones; return how many lanes run, and which comes next."""
+    i = 0
+    while i < count or (count < LANES and upcoming < end):
+        if i < count and state[OVER, i] == 0.0:
+            _skip(driver, state, i)
+            i += 1
+            continue
+        if i < count:
+            _finish(state, i, driver, outcomes)
+        if upcoming < end:
+            _start(driver, encounters[:, upcoming], upcoming, state, i)
+            upcoming += 1
+            count = max(count, i + 1)
+            _skip(driver, state, i)
+            i += 1
+        else:
+            count -= 1
+            state[:, i] = state[:, count]
+    return count, upcoming
 
 
 @compiled
 def follow_slice(encounters: NDArray, begin: int, end: int, driver: Driver, outcomes: NDArray) -> None:
     """Simulate the columns ``begin`` to ``end`` of ``encounters``; arguments as in `kernel.simulate_slice`."""
-    trace = np.empty((0, 4))
-    for i in range(begin, end):
-        crash, min_range, min_ttc, impact_speed, _ = follow(
-            driver, encounters[0, i], encounters[1, i], encounters[2, i], trace
-        )
-        outcomes[0, i] = crash
-        outcomes[1, i], outcomes[2, i], outcomes[3, i] = min_range, min_ttc, impact_speed
+    state = np.empty((FIELDS, LANES))
+    count, upcoming = 0, begin
+    while True:
+        count, upcoming = _exchange(state, count, encounters, upcoming, end, driver, outcomes)
+        if count == 0:
+            return
+        for _ in range(SWEEP):
+            _watch(state, count, driver)
+            _decide(state, count, driver)
+            _move(state, count, driver)
