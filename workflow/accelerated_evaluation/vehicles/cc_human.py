@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 from accelerated_evaluation.vehicles.built_in import VEHICLES
 from accelerated_evaluation.vehicles.driver import G, ReferenceDriver
-from accelerated_evaluation.vehicles.driver_kernel import STEP, TTC_RULE, Driver
+from accelerated_evaluation.vehicles.driver_kernel import STEP
+from accelerated_evaluation.vehicles.driver_numbers import TTC_RULE, Driver
 from accelerated_evaluation.vehicles.parameters import zero_or_more
 
 
@@ -17,8 +18,8 @@ class CompetentCarefulHuman(ReferenceDriver):
     The driver sees danger when the bodies overlap sideways and the time to collision is 2 s or less. It then
     takes the foot off the accelerator, and after its reaction time brakes, ever harder, to its limit.
 
-    UN R157 itself lets the driver perceive a cut-in when the car has drifted 0.375 m and evaluate it in 0.4 s;
-    JRC-FSM waits until the bodies overlap, which is later. This class does as JRC-FSM.
+    UN R157 itself lets the driver perceive a cut-in when the car has drifted 0.375 m, and evaluate it in
+    0.4 s. JRC-FSM waits until the bodies overlap, which is later, and this class does as JRC-FSM.
 
     Attributes
     ----------

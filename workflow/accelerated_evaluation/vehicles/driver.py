@@ -4,13 +4,13 @@ import math
 from dataclasses import dataclass, fields
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from accelerated_evaluation.vehicles.checks import checked_encounters
-from accelerated_evaluation.vehicles.driver_kernel import STEP, Driver, follow_slice
+from accelerated_evaluation.vehicles.driver_kernel import STEP, follow_slice
+from accelerated_evaluation.vehicles.driver_numbers import Driver
 from accelerated_evaluation.vehicles.parameters import check_number, parameter_error, zero_or_more
-from accelerated_evaluation.vehicles.protocol import Array, Outcomes
+from accelerated_evaluation.vehicles.protocol import Outcomes
 from accelerated_evaluation.vehicles.threads import available_threads, simulate_in_slices
 
 G = 9.81  # [m/s^2], as JRC-FSM has it
@@ -18,7 +18,9 @@ G = 9.81  # [m/s^2], as JRC-FSM has it
 
 @dataclass(frozen=True)
 class ReferenceDriver:
-    """A driver model to compare an automated vehicle with, as in JRC-FSM, the code of the Joint Research Centre.
+    """A driver model to compare an automated vehicle with.
+
+    It behaves as in JRC-FSM, the code of the Joint Research Centre of the European Commission.
 
     The host starts at the speed lead speed + closing speed, without the limit of 35 m/s that the study's car
     has, and keeps it until the driver reacts. The driver only brakes: it never steers, and never speeds up
@@ -74,10 +76,10 @@ class ReferenceDriver:
         lead_speed
             Speed of the car that cuts in [m/s], not negative, shape (n,).
         range_
-            Distance between the bumpers [m], positive, shape (n,): at the start, or where ``entry_offset`` says.
+            Distance between the bumpers [m], positive, shape (n,): at the start, or at ``entry_offset``.
         closing_speed
-            Host speed minus lead speed there [m/s], shape (n,), if the driver has not reacted by then; the sum
-            with the lead speed, at which the host starts, is not negative.
+            Host speed minus lead speed there [m/s], shape (n,), if the driver has not reacted by then. The
+            sum with the lead speed, at which the host starts, is not negative.
 
         Returns
         -------

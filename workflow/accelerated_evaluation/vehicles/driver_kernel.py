@@ -11,11 +11,10 @@ The functions of one encounter become vector instructions when they stand in a l
 compute both sides of a choice, and where they can they multiply instead of dividing, which is slow.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
+from accelerated_evaluation.vehicles.driver_numbers import FSM_RULE, RSS_RULE, Driver
 from accelerated_evaluation.vehicles.kernel import compiled
 
 STEP = 0.1  # [s], part of the model: the drivers' constants allow for it
@@ -24,48 +23,11 @@ STATES = 349  # states of an encounter that are tested for contact, which is a h
 LANES = 256  # encounters abreast; their state stays in the level-1 cache
 SWEEP = 4  # steps between two exchanges of ended encounters for new ones
 
-TTC_RULE, RSS_RULE, FSM_RULE = range(3)
-
 # The rows of the state of the lanes. Distance and offset are between the centres, along and across the road;
 # waited counts the steps of reaction, moving those of lateral motion to come.
 LEAD, DISTANCE, OFFSET, SPEED, ACCELERATION, RAMP, WAITED, MOVING = range(8)
 STEPS, WANTED, OVER, MIN_RANGE, LANE_TTC, ANY_TTC, INDEX = range(8, 15)
 FIELDS = 15
-
-
-class Driver(NamedTuple):
-    """The numbers that the compiled code needs of a reference driver, in SI units.
-
-    A driver uses the numbers of its own rule; the others keep their defaults. The modules of the drivers say
-    what each number means and where it comes from.
-    """
-
-    rule: int
-    reaction_steps: float
-    deceleration: float
-    ramp_step: float  # growth of the deceleration in one step [m/s^2]; infinite without a limit
-    lateral_speed: float
-    start_offset: float
-    entry_offset: float
-    length: float
-    width: float
-    coasting: float = 0.0  # deceleration during the reaction
-    forgets_ramp: bool = False  # whether the deceleration starts from 0 again after a release
-    dropped_ttc: float = np.inf  # a car that overlaps beyond this TTC is outside the model, and no crash
-    lateral_gap: float = 0.0
-    critical_ttc: float = 0.0
-    ttc_slope: float = 0.0  # growth of the critical TTC with the closing speed [s^2/m]
-    response_time: float = 0.0
-    response_acceleration: float = 0.0
-    lateral_acceleration: float = 0.0
-    lateral_path: float = 0.0  # braking paths for a speed of 1 m/s, 1 / (2 deceleration) [s^2/m]
-    host_path: float = 0.0
-    comfort_path: float = 0.0
-    lead_path: float = 0.0
-    comfort: float = 0.0
-    comfort_to_full: float = 0.0
-    margin: float = 0.0
-    safe_margin: float = 0.0
 
 
 @compiled
@@ -97,12 +59,6 @@ def _rss_wanted(
 
 
 @compiled
-def _membership(gap: float, safe: float, unsafe: float) -> float:
-    """Fuzzy number of danger: 0 from the safe gap up, 1 from the unsafe one down, linear between them."""
-    return 0.0 if gap >= safe else 1.0 if gap <= unsafe else (gap - safe) / (unsafe - safe)
-
-
-@compiled
 def _fsm_proactive(driver: Driver, speed: float, lead: float) -> tuple[float, float]:
     """PFS: the safe and the unsafe gap if the lead vehicle brakes hard now, both with the margin to keep."""
     shared = speed * driver.response_time - lead * lead * driver.lead_path + driver.margin
@@ -112,7 +68,7 @@ def _fsm_proactive(driver: Driver, speed: float, lead: float) -> tuple[float, fl
 
 @compiled
 def _fsm_critical(driver: Driver, closing: float, acceleration: float) -> tuple[float, float, float]:
-    """CFS: the safe and the unsafe gap if the lead vehicle keeps its speed, and the closing speed left [m/s]."""
+    """CFS: the safe and the unsafe gap if the lead vehicle keeps its speed, and the closing speed left."""
     time, slowing = driver.response_time, max(acceleration, -driver.comfort)
     left = closing + time * slowing  # at the end of the response
     travelled = (closing + left) * time / 2
@@ -133,20 +89,24 @@ def _fsm_wanted(
 ) -> float:
     """FSM: the deceleration for both dangers, of which the critical one counts first.
 
+    A fuzzy number is 0 from the safe gap up, 1 from the unsafe gap down, and linear between them. Where the
+    host has lost all its closing speed by the end of the response, the critical one is 0 or 1.
+
     A car beside the lane is no danger if it does not come nearer, or the host will have passed before it
     arrives; one step is added to the host's time.
     """
     closing = speed - lead
     arrives = lateral_gap * closing <= (distance + driver.length + STEP * closing) * lateral
     arrives = (lateral_gap <= 0.0) | ((lateral > 0.0) & (closing >= 0.0) & arrives)
-    safe, unsafe, left = _fsm_critical(driver, closing, acceleration)
-    stops_in_time = gap * -2.0 * acceleration >= closing * closing
-    critical = _membership(gap, safe, unsafe)
-    critical = critical if left >= 0.0 else 0.0 if stops_in_time else 1.0
-    critical = critical if closing > 0.0 else 0.0
-    safe, unsafe = _fsm_proactive(driver, speed, lead)
-    proactive = driver.comfort * _membership(gap, safe, unsafe)
-    wanted = driver.comfort + driver.comfort_to_full * critical if critical > 0.0 else proactive
+    critical_safe, critical_unsafe, left = _fsm_critical(driver, closing, acceleration)
+    too_late = gap * -2.0 * acceleration < closing * closing
+    critical = (closing > 0.0) & (gap < critical_safe if left >= 0.0 else too_late)
+    proactive_safe, proactive_unsafe = _fsm_proactive(driver, speed, lead)
+    safe = critical_safe if critical else proactive_safe
+    unsafe = critical_unsafe if critical else proactive_unsafe
+    fuzzy = 0.0 if gap >= safe else 1.0 if gap <= unsafe else (gap - safe) / (unsafe - safe)
+    fuzzy = 1.0 if critical & (left < 0.0) else fuzzy
+    wanted = driver.comfort + driver.comfort_to_full * fuzzy if critical else driver.comfort * fuzzy
     return min(wanted, driver.deceleration) if arrives else 0.0
 
 
@@ -225,7 +185,7 @@ def _watch(state: NDArray, count: int, driver: Driver) -> None:
 
 @compiled
 def _decide(state: NDArray, count: int, driver: Driver) -> None:
-    """Write the deceleration that the drivers want [m/s^2]: 0 without danger, and once the host has passed."""
+    """Write the deceleration that each driver wants [m/s^2]: 0 without danger, or once it has passed."""
     for i in range(count):
         distance, speed, lead, acceleration = (
             state[DISTANCE, i],
@@ -236,9 +196,7 @@ def _decide(state: NDArray, count: int, driver: Driver) -> None:
         lateral = driver.lateral_speed if state[MOVING, i] > 0.0 else 0.0
         gap, lateral_gap = abs(distance) - driver.length, abs(state[OFFSET, i]) - driver.width
         if driver.rule == FSM_RULE:
-            wanted = _fsm_wanted(
-                driver, distance, gap, lateral_gap, speed, lead, lateral, acceleration
-            )
+            wanted = _fsm_wanted(driver, distance, gap, lateral_gap, speed, lead, lateral, acceleration)
         elif driver.rule == RSS_RULE:
             wanted = _rss_wanted(driver, gap, lateral_gap, speed, lead, lateral)
         else:
@@ -284,9 +242,15 @@ def _finish(state: NDArray, i: int, driver: Driver, outcomes: NDArray) -> None:
 
 @compiled
 def _exchange(
-    state: NDArray, count: int, encounters: NDArray, upcoming: int, end: int, driver: Driver, outcomes: NDArray
+    state: NDArray,
+    count: int,
+    encounters: NDArray,
+    upcoming: int,
+    end: int,
+    driver: Driver,
+    outcomes: NDArray,
 ) -> tuple[int, int]:
-    """Exchange the encounters that are over for new ones; return how many lanes run, and which comes next."""
+    """Exchange the encounters that are over for new ones; return the lanes in use, and the next encounter."""
     i = 0
     while i < count or (count < LANES and upcoming < end):
         if i < count and state[OVER, i] == 0.0:
@@ -309,7 +273,7 @@ def _exchange(
 
 @compiled
 def follow_slice(encounters: NDArray, begin: int, end: int, driver: Driver, outcomes: NDArray) -> None:
-    """Simulate the columns ``begin`` to ``end`` of ``encounters``; arguments as in `kernel.simulate_slice`."""
+    """Simulate the columns ``begin`` to ``end`` of ``encounters``; arguments: `kernel.simulate_slice`."""
     state = np.empty((FIELDS, LANES))
     count, upcoming = 0, begin
     while True:

@@ -4,26 +4,27 @@ from dataclasses import dataclass
 
 from accelerated_evaluation.vehicles.built_in import VEHICLES
 from accelerated_evaluation.vehicles.driver import G, ReferenceDriver
-from accelerated_evaluation.vehicles.driver_kernel import FSM_RULE, STEP, Driver
+from accelerated_evaluation.vehicles.driver_kernel import STEP
+from accelerated_evaluation.vehicles.driver_numbers import FSM_RULE, Driver
 from accelerated_evaluation.vehicles.parameters import zero_or_more
 
 
 @VEHICLES.add("fsm")
 @dataclass(frozen=True)
 class FuzzySafetyModel(ReferenceDriver):
-    """The fuzzy safety model, FSM (Mattas et al. 2020, Accident Analysis and Prevention 148:105794), as in JRC-FSM.
+    """The fuzzy safety model, FSM (Mattas et al. 2020, Accident Analysis and Prevention 148:105794).
 
     Two fuzzy numbers between 0 and 1 measure the danger: a proactive one, in case the lead vehicle brakes
     hard, and a critical one, for its present speed. Above 0 the driver reacts: comfortable braking in
     proportion to the proactive number, or, if there is critical danger, between comfortable and full braking.
-    A car beside the lane counts unless the host will have passed before it arrives.
+    A car beside the lane counts unless the host will have passed before it arrives. All as in JRC-FSM.
 
     Attributes
     ----------
     reaction_time
         From danger to the brake, and the response time in both numbers [s] (Mattas et al.).
     comfort_braking, host_braking, lead_braking
-        Comfortable and full braking of the host, and full braking of the lead vehicle [m/s^2] (Mattas et al.).
+        Comfortable and full braking of the host, full braking of the lead vehicle [m/s^2] (Mattas et al.).
     margin
         Gap to keep in the worst case, counted in the proactive number alone [m] (JRC-FSM).
     safe_margin

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from accelerated_evaluation.vehicles.built_in import VEHICLES
 from accelerated_evaluation.vehicles.driver import ReferenceDriver
-from accelerated_evaluation.vehicles.driver_kernel import TTC_RULE, Driver
+from accelerated_evaluation.vehicles.driver_numbers import TTC_RULE, Driver
 from accelerated_evaluation.vehicles.parameters import zero_or_more
 
 

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 from accelerated_evaluation.vehicles.built_in import VEHICLES
 from accelerated_evaluation.vehicles.driver import G, ReferenceDriver
-from accelerated_evaluation.vehicles.driver_kernel import RSS_RULE, STEP, Driver
+from accelerated_evaluation.vehicles.driver_kernel import STEP
+from accelerated_evaluation.vehicles.driver_numbers import RSS_RULE, Driver
 from accelerated_evaluation.vehicles.parameters import zero_or_more
 
 
