@@ -23,6 +23,8 @@ STATES = 349  # states of an encounter that are tested for contact, which is a h
 LANES = 256  # encounters abreast; their state stays in the level-1 cache
 SWEEP = 4  # steps between two exchanges of ended encounters for new ones
 
+SMALLEST = 5e-324  # the smallest positive number
+
 # The rows of the state of the lanes. Distance and offset are between the centres, along and across the road;
 # waited counts the steps of reaction, moving those of lateral motion to come.
 LEAD, DISTANCE, OFFSET, SPEED, ACCELERATION, RAMP, WAITED, MOVING = range(8)
@@ -123,8 +125,8 @@ def _wake_gap(driver: Driver, speed: float, lead: float) -> float:
 
 @compiled
 def _ttc(gap: float, closing: float) -> float:
-    """Time to collision [s]; infinite where the cars do not close in, or touch already."""
-    return gap / closing if (gap > 0.0) & (closing > 0.0) else np.inf
+    """Time to collision [s]; infinite where the cars do not close in, or touch already; never 0 by underflow."""
+    return max(gap / closing, SMALLEST) if (gap > 0.0) & (closing > 0.0) else np.inf
 
 
 @compiled
