@@ -22,7 +22,7 @@ $(ENVIRONMENT): environment.txt pyproject.toml
 	.venv/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
 
-study: $(ENVIRONMENT) ## run the study: make study [CONFIG=config/spmd.yaml] [CORES=2]
+study: $(ENVIRONMENT) ## run the study: make study [CONFIG=my_study.yaml] [CORES=2]
 	@$(SNAKEMAKE) --unlock --quiet all 2>/dev/null || true  # a killed run leaves its lock
 	$(SNAKEMAKE)
 

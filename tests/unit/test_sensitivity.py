@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from accelerated_evaluation.distributions import BoundedExponential, BoundedNormal
 from accelerated_evaluation.encounters.segments import assign_segments
+from accelerated_evaluation.fitting.pieces import PieceFamily
 from accelerated_evaluation.laws.paper import fit_paper_laws
 from accelerated_evaluation.truth.crash_map import Grid
 from accelerated_evaluation.truth.exact import ALL, exact_probabilities
@@ -25,10 +26,15 @@ CAP = 23.49
 GRID = Grid(5, 15, 75, 8, 40, 6, CAP, 120)
 MODELS = {
     "inverse_range": {
+        "pieces": "bounded exponential",
         "two_pieces": {"method": "quantiles", "quantiles": [0.8]},
         "three_pieces": {"method": "quantiles", "quantiles": [0.7, 0.9]},
     },
-    "inverse_ttc": {"body_components": 1, "knots": {"method": "quantiles", "quantiles": [0.95]}},
+    "inverse_ttc": {
+        "body": {"kind": "bounded normal", "components": 1},
+        "tail": "bounded exponential",
+        "knots": {"method": "quantiles", "quantiles": [0.95]},
+    },
 }
 SETTINGS = {
     "inverse_ttc_knots": [0.9, 0.95],
@@ -92,7 +98,8 @@ def test_levels_of_a_model(models):
     levels = Levels.of(models["three_pieces"])
     assert levels.inverse_range == pytest.approx((0.7, 0.9), abs=1e-3)
     assert levels.inverse_ttc == pytest.approx(0.95, abs=1e-3)
-    assert levels.body_components == 1
+    assert levels.body == PieceFamily("bounded normal")
+    assert levels.tail == levels.pieces_of_range == PieceFamily("bounded exponential")
 
 
 def test_repeated_rows():

@@ -3,46 +3,18 @@
 # In: the records that the configuration names (data). Out: encounters.parquet, the account of every row
 # that was left out, the counts of the segments and the test of their independence.
 
-SOURCE = config["data"][config["data"]["source"]]
-
-if config["data"]["source"] == "twin":
-    RECORDS = [SOURCE["model"], SOURCE["lead_speed"]]
-else:
-    RECORDS = [SOURCE["path"]]
-
-# A file that is there already is the user's own: it is read and verified, never retrieved again.
-if config["data"]["source"] == "spmd" and not Path(SOURCE["path"]).exists():
-
-    rule retrieve_lane_changes:
-        """Retrieve the published lane changes and verify their checksum."""
-        output:
-            records=protected(SOURCE["path"]),
-        log:
-            log_of("retrieve_lane_changes.log"),
-        benchmark:
-            benchmark_of("retrieve_lane_changes.tsv")
-        threads: 1
-        resources:
-            mem_mb=500,
-        params:
-            url=SOURCE["url"],
-            sha256=SOURCE["sha256"],
-        message:
-            "Retrieving the lane changes from {params.url}"
-        script:
-            "../scripts/retrieve_lane_changes.py"
-
 
 rule ingest_encounters:
     """Read, filter and segment the lane changes, and account for every row."""
     input:
-        records=RECORDS,
-        library=library("encounters", "distributions", "laws"),
+        records=ancient(RECORDS),
+        library=modules_of("ingest_encounters.py"),
     output:
         encounters=result("encounters.parquet"),
         account=result("encounters_account.csv"),
     log:
-        log_of("ingest_encounters.log"),
+        messages=log_of("ingest_encounters.log"),
+        account=log_of("ingest_encounters_account.csv"),
     benchmark:
         benchmark_of("ingest_encounters.tsv")
     threads: 1
@@ -50,6 +22,7 @@ rule ingest_encounters:
         mem_mb=1000,
     params:
         seed=config["seed"],
+        content=content_of_records,
         data=config["data"],
         filters=config["filters"],
         segments=config["segments"],
@@ -63,7 +36,7 @@ rule describe_encounters:
     """Count the segments and test whether the variables are independent inside them."""
     input:
         encounters=rules.ingest_encounters.output.encounters,
-        library=library("encounters"),
+        library=modules_of("describe_encounters.py"),
     output:
         segments=result("segments.csv"),
         dependence=result("dependence.csv"),

@@ -10,7 +10,7 @@ FITTED = ENCOUNTERS | {
 SEARCHED = FITTED | {
     "trace": rules.collect_traces.output.trace,
     "proposals": expand(
-        rules.search_proposals.output.proposals, method=METHODS, seed=SEEDS
+        rules.search_proposals.output.proposals, method=SEARCHING, seed=SEEDS
     ),
 }
 ESTIMATED = SEARCHED | dict(rules.collect_estimates.output.items())
@@ -86,9 +86,7 @@ NOTEBOOKS = {
         "tables": ["coverage"],
     },
     "10_fewest_simulations": {
-        "reads": ESTIMATED
-        | {"exact": rules.compute_exact.output.exact}
-        | dict(rules.sample_by_surrogate.output.items()),
+        "reads": ESTIMATED | {"exact": rules.compute_exact.output.exact},
         "figures": ["fig19_surrogate_runs", "fig20_methods"],
         "tables": ["surrogate"],
     },
@@ -98,7 +96,7 @@ NOTEBOOKS = {
 rule record_configuration:
     """Write the resolved configuration beside the results."""
     input:
-        library=library(),
+        library=modules_of("record_configuration.py"),
     output:
         config=result("config.json"),
     log:
@@ -125,7 +123,7 @@ for _notebook in NOTEBOOKS:
             **NOTEBOOKS[_notebook]["reads"],
             notebook=f"notebooks/{_notebook}.ipynb",
             config=rules.record_configuration.output.config,
-            library=library("publishing", "distributions", "laws", "methods", "truth"),
+            library=modules_of("record_configuration.py"),
         output:
             figures=made(_notebook, "figures"),
             tables=made(_notebook, "tables"),

@@ -1,16 +1,17 @@
 """What the bounded exponential and the bounded normal have in common."""
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from accelerated_evaluation.distributions.described import Described
 from accelerated_evaluation.distributions.protocol import Array
 
 
-class Bounded(ABC):
+class Bounded(Described):
     """A log-concave density on ``[lower, upper)``, known but for its norm.
 
     Integrals are taken relative to the largest density on their interval, so that they neither overflow
@@ -19,7 +20,6 @@ class Bounded(ABC):
 
     lower: float
     upper: float
-    n_parameters = 1
 
     @abstractmethod
     def _peak(self, low: ArrayLike, high: ArrayLike) -> Array:

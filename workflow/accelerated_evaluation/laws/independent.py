@@ -9,25 +9,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from accelerated_evaluation.distributions import Empirical
-from accelerated_evaluation.distributions.bounded_exponential import BoundedExponential
-from accelerated_evaluation.distributions.bounded_normal import BoundedNormal
-from accelerated_evaluation.distributions.mixture import Mixture, PiecewiseMixture
-from accelerated_evaluation.distributions.pareto import Pareto
-from accelerated_evaluation.distributions.protocol import Array, Distribution
+from accelerated_evaluation.distributions import Described, Empirical, from_dict
+from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.laws import LAWS
 from accelerated_evaluation.laws.protocol import CutIns, Factors, Law, Stratum
 
 UNITS = {"inverse_range": "1/m", "inverse_ttc": "1/s"}
-
-_LEAVES = {
-    "bounded exponential": BoundedExponential,
-    "bounded normal": BoundedNormal,
-    "Pareto": Pareto,
-}
-_MIXTURES = {"mixture": Mixture, "piecewise mixture": PiecewiseMixture}
-_NAMES = {kind: name for name, kind in (_LEAVES | _MIXTURES).items()}
-_INFINITE = {"lower": -math.inf, "upper": math.inf}
 
 
 @dataclass(frozen=True)
@@ -86,8 +73,8 @@ class IndependentLaw(Law):
 
     description: str
     events: Mapping[str, int]
-    inverse_range: Distribution
-    inverse_ttc: Mapping[str, Distribution]
+    inverse_range: Described
+    inverse_ttc: Mapping[str, Described]
     lead_speeds: Mapping[str, Empirical] = field(compare=False)
     closing_speed_max: float = math.inf
 
@@ -137,10 +124,10 @@ class IndependentLaw(Law):
 
     def content(self) -> dict[str, Any]:
         """Return what a law file holds of it, as JSON can: counts, and distributions with their units."""
-        laws = {segment: to_dict(law) for segment, law in self.inverse_ttc.items()}
+        laws = {segment: law.to_dict() for segment, law in self.inverse_ttc.items()}
         return {
             "events": dict(self.events),
-            "inverse_range": {"unit": UNITS["inverse_range"], "distribution": to_dict(self.inverse_range)},
+            "inverse_range": {"unit": UNITS["inverse_range"], "distribution": self.inverse_range.to_dict()},
             "inverse_ttc": {"unit": UNITS["inverse_ttc"], "distributions": laws},
         }
 
@@ -173,23 +160,3 @@ def recorded_lead_speeds(encounters: pd.DataFrame, segments: Mapping[str, Any]) 
     if missing:
         raise ValueError(f"the encounter table has no rows in segment {', '.join(missing)}")
     return {segment: Empirical(speeds.get_group(segment)) for segment in segments}
-
-
-def to_dict(distribution: Distribution) -> dict[str, Any]:
-    """Describe a distribution as JSON can hold it; an infinite bound is null."""
-    kind = _NAMES[type(distribution)]
-    if kind in _MIXTURES:
-        components = [to_dict(component) for component in distribution.components]
-        return {"kind": kind, "weights": list(distribution.weights), "components": components}
-    values = {name: float(value) for name, value in vars(distribution).items()}
-    return {"kind": kind, **{name: None if math.isinf(value) else value for name, value in values.items()}}
-
-
-def from_dict(content: Mapping[str, Any]) -> Distribution:
-    """Build the distribution that `to_dict` described."""
-    content = dict(content)
-    kind = content.pop("kind")
-    if kind in _MIXTURES:
-        return _MIXTURES[kind](content["weights"], [from_dict(part) for part in content["components"]])
-    values = {name: _INFINITE[name] if value is None else value for name, value in content.items()}
-    return _LEAVES[kind](**values)

@@ -216,6 +216,11 @@ class Law(ABC):
         columns = (np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0]))
         return CutIns(*columns), np.repeat(np.arange(len(counts)), counts)
 
+    def stratum_of_scores(self, z: Array) -> NDArray[np.intp]:
+        """Return the index of the stratum that each row of normal scores, shape (n, 3), belongs to."""
+        share = np.array(list(self.shares.values()))
+        return np.searchsorted(np.cumsum(share) - share, ndtr(z[:, 0]), side="right") - 1
+
     def from_scores(self, z: Array) -> CutIns:
         """Map normal scores to cut-ins (Rosenblatt 1952).
 
@@ -232,10 +237,9 @@ class Law(ABC):
         CutIns
             Of shape (n,).
         """
-        u = ndtr(z[:, 0])
+        u, index = ndtr(z[:, 0]), self.stratum_of_scores(z)
         share = np.array(list(self.shares.values()))
         before = np.cumsum(share) - share
-        index = np.searchsorted(before, u, side="right") - 1
         columns = np.empty((3, len(z)))
         for k, stratum in enumerate(self.strata.values()):
             here = index == k

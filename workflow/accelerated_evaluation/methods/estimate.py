@@ -137,6 +137,11 @@ class Method(ABC):
         return config["importance_sampling"]["replicates"]
 
     @classmethod
+    def stopping(cls, config: Mapping[str, Any]) -> Stopping:
+        """Return when the study lets this method stop; by default by the paper's rule."""
+        return Stopping.configured(config["importance_sampling"])
+
+    @classmethod
     def stream(cls, scope: str, replicate: int) -> tuple[str | int, ...]:
         """Return the names of the random stream of one replicate, see `randomness.child_generator`."""
         return cls.name, scope, replicate

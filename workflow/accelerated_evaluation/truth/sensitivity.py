@@ -8,12 +8,12 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from accelerated_evaluation.distributions import Mixture, PiecewiseMixture
+from accelerated_evaluation.distributions import PiecewiseMixture
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.encounters.segments import assign_segments
-from accelerated_evaluation.fitting.piecewise import PieceFamily, fit_piecewise, knots_at_quantiles
+from accelerated_evaluation.fitting.pieces import EXPONENTIAL, PieceFamily
+from accelerated_evaluation.fitting.piecewise import fit_piecewise, knots_at_quantiles
 from accelerated_evaluation.laws.independent import IndependentLaw, recorded_lead_speeds
-from accelerated_evaluation.laws.paper import EXPONENTIAL
 from accelerated_evaluation.truth.crash_map import CrashMap
 from accelerated_evaluation.truth.exact import ALL, Exact, exact_probabilities
 from accelerated_evaluation.truth.mapping import map_crashes
@@ -30,23 +30,27 @@ class Levels:
         Levels of the knots of R^-1, rising.
     inverse_ttc
         Level of the knot of TTC^-1 in every segment.
-    body_components
-        Normals of the body of TTC^-1.
+    pieces_of_range, body, tail
+        What the pieces of R^-1, and body and tail of TTC^-1, are fitted with.
     """
 
     inverse_range: tuple[float, ...]
     inverse_ttc: float
-    body_components: int
+    pieces_of_range: PieceFamily
+    body: PieceFamily
+    tail: PieceFamily
 
     @classmethod
     def of(cls, model: IndependentLaw) -> "Levels":
         """Read them off a fitted model; the weight of its bodies, which may differ by ties, is pooled."""
         bodies = [law.weights[0] * model.events[segment] for segment, law in model.inverse_ttc.items()]
-        first = next(iter(model.inverse_ttc.values())).components[0]
+        body, tail = next(iter(model.inverse_ttc.values())).components
         return cls(
             tuple(np.cumsum(model.inverse_range.weights[:-1]).tolist()),
             sum(bodies) / sum(model.events.values()),
-            len(first.components) if isinstance(first, Mixture) else 1,
+            PieceFamily.of(model.inverse_range.components[0]),
+            PieceFamily.of(body),
+            PieceFamily.of(tail),
         )
 
 
@@ -78,13 +82,11 @@ def fit_for_crashes(
 
     def inverse_ttc(x: Array) -> PiecewiseMixture:
         knots = knots_at_quantiles(x, [levels.inverse_ttc])
-        body = (
-            EXPONENTIAL if knots[0] <= smallest_inverse_ttc else PieceFamily("normal", levels.body_components)
-        )
-        return fit_piecewise(x, 0.0, knots, [body, EXPONENTIAL])
+        body = EXPONENTIAL if knots[0] <= smallest_inverse_ttc else levels.body
+        return fit_piecewise(x, 0.0, knots, [body, levels.tail])
 
     inverse_range = encounters["inverse_range"].to_numpy()
-    families = [EXPONENTIAL] * (len(levels.inverse_range) + 1)
+    families = [levels.pieces_of_range] * (len(levels.inverse_range) + 1)
     knots = knots_at_quantiles(inverse_range, levels.inverse_range)
     groups = encounters.groupby("segment")
     events = {segment: len(rows) for segment, rows in groups}

@@ -5,10 +5,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
+from accelerated_evaluation.distributions import from_dict
 from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.files import read_json, write_json
 from accelerated_evaluation.laws import Factors
-from accelerated_evaluation.laws.independent import from_dict, to_dict
 from accelerated_evaluation.methods.cross_entropy.search import Search
 
 
@@ -48,8 +48,8 @@ def write_proposals(path: str | os.PathLike, proposals: Proposals) -> None:
     content = {
         stratum: {
             "simulations": proposals.simulations[stratum],
-            "first": to_dict(f.first),
-            "second": to_dict(f.second),
+            "first": f.first.to_dict(),
+            "second": f.second.to_dict(),
         }
         for stratum, f in proposals.factors.items()
     }

@@ -16,16 +16,25 @@ from scipy.optimize import minimize
 from scipy.special import log_ndtr, ndtr
 
 from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.methods.surrogate.constants import (
+    AMPLITUDE,
+    AMPLITUDE_SPREAD,
+    DAMPING,
+    FIRST_PRECISION,
+    JITTER,
+    LEARNING_STEPS,
+    LEAST_PRECISION,
+    LEAST_VARIANCE,
+    LENGTH,
+    LENGTH_SPREAD,
+    LOG_AMPLITUDE_BOUNDS,
+    LOG_LENGTH_BOUNDS,
+    ROUGHLY_SETTLED,
+    SETTLED,
+    SWEEPS,
+)
 
-JITTER = 1e-6  # of the variance, on the diagonal of the covariance
-DAMPING = 0.6  # share of a new site in a step of expectation propagation
-SWEEPS = 40
 LOG_ROOT_2PI = 0.5 * math.log(2 * math.pi)
-
-# Log-normal priors of the lengths, in normal scores, and of the amplitude, in the probit's unit: median and
-# standard deviation of the log. Narrow for the lengths, which runs on one stretch of a boundary tell badly.
-LENGTH, LENGTH_SPREAD = 2.5, 0.4
-AMPLITUDE, AMPLITUDE_SPREAD = 6.0, 0.8
 
 
 @njit(cache=True)
@@ -77,17 +86,22 @@ class EventSurrogate:
         """
         sign = np.where(event, 1.0, -1.0)
         known = 0 if restart else self.sites.shape[1]
-        new = np.repeat([[1e-3], [0.0]], len(sign) - known, axis=1)
+        new = np.repeat([[FIRST_PRECISION], [0.0]], len(sign) - known, axis=1)
         self.sites = np.hstack([self.sites[:, :known], new])
         if learn:
-            bounds = [(-2, 3)] * (len(self.theta) - 1) + [(-1, 4)]
-            few = {"maxiter": 5}  # it is asked again when there are more runs
+            bounds = [LOG_LENGTH_BOUNDS] * (len(self.theta) - 1) + [LOG_AMPLITUDE_BOUNDS]
             self.theta = minimize(
-                self._loss, self.theta, (z, sign), "L-BFGS-B", jac=True, bounds=bounds, options=few
+                self._loss,
+                self.theta,
+                (z, sign),
+                "L-BFGS-B",
+                jac=True,
+                bounds=bounds,
+                options={"maxiter": LEARNING_STEPS},
             ).x
         self._z, self._lengths, self._variance = z, np.exp(self.theta[:-1]), math.exp(2 * self.theta[-1])
         covariance = self._covariance(_correlation(z, z, self._lengths)[0], self._variance)
-        _, self._factor, self._root, self._weights = self._propagate(covariance, sign, tolerance=1e-3)
+        _, self._factor, self._root, self._weights = self._propagate(covariance, sign, tolerance=SETTLED)
 
     def probability(self, z: Array) -> Array:
         """Probability of the event at points z, shape (m, d)."""
@@ -113,11 +127,11 @@ class EventSurrogate:
         for _ in range(SWEEPS):
             root = np.sqrt(precision)
             factor, _ = dpotrf(np.eye(len(sign)) + root[:, None] * covariance * root, lower=1, clean=1)
-            variance = np.maximum(1 - np.diag(dpotri(factor, lower=1)[0]), 1e-13) / precision
+            variance = np.maximum(1 - np.diag(dpotri(factor, lower=1)[0]), LEAST_VARIANCE) / precision
             weights = shift - root * dpotrs(factor, root * (covariance @ shift), lower=1)[0]
             mean = covariance @ weights
             # the cavity: everything but the site itself
-            rest = np.maximum(1 / variance - precision, 1e-10)
+            rest = np.maximum(1 / variance - precision, LEAST_PRECISION)
             centre = (mean / variance - shift) / rest
             width = np.sqrt(1 + 1 / rest)
             score = sign * centre / width
@@ -135,7 +149,7 @@ class EventSurrogate:
             hazard = np.exp(-0.5 * score * score - LOG_ROOT_2PI - log_mass)
             matched_mean = centre + sign * hazard / (rest * width)
             matched_variance = 1 / rest - hazard * (score + hazard) / (rest * width) ** 2
-            target = np.maximum(1 / matched_variance - rest, 1e-10)
+            target = np.maximum(1 / matched_variance - rest, LEAST_PRECISION)
             precision = (1 - DAMPING) * precision + DAMPING * target
             shift = (1 - DAMPING) * shift + DAMPING * (matched_mean / matched_variance - centre * rest)
         self.sites = np.array([precision, shift])
@@ -146,7 +160,7 @@ class EventSurrogate:
         lengths, variance = np.exp(theta[:-1]), math.exp(2 * theta[-1])
         correlation, slope = _correlation(z, z, lengths)
         covariance = self._covariance(correlation, variance)
-        evidence, factor, root, weights = self._propagate(covariance, sign, tolerance=0.03)
+        evidence, factor, root, weights = self._propagate(covariance, sign, tolerance=ROUGHLY_SETTLED)
         inverse = solve_triangular(factor, np.diag(root), lower=True, check_finite=False)
         outer = 0.5 * (np.outer(weights, weights) - inverse.T @ inverse)
         by_length = variance * outer * slope
