@@ -3,17 +3,17 @@
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
 from accelerated_evaluation.encounters.contract import read_encounters
-from accelerated_evaluation.encounters.segments import segment_names
 from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.files import read_json
 from accelerated_evaluation.laws.lane_change_model import LaneChangeModel, read_model
-from accelerated_evaluation.methods.paper import read_proposals
-from accelerated_evaluation.problem import Proposal
+
+if TYPE_CHECKING:
+    from accelerated_evaluation.problem import Proposal
 
 
 class Study:
@@ -92,7 +92,7 @@ class Study:
     @property
     def segments(self) -> tuple[str, ...]:
         """Names of the segments, by rising lead speed."""
-        return tuple(segment_names(self.config["segments"]["lead_speed_edges"]))
+        return self.piecewise.segments
 
     @property
     def first_segment(self) -> str:
@@ -177,8 +177,11 @@ class Study:
         return self._table("cross_entropy_trace.csv")
 
     @cached_property
-    def proposals(self) -> dict[str, Mapping[str, Proposal]]:
+    def proposals(self) -> "dict[str, Mapping[str, Proposal]]":
         """The accelerated distributions f* of the first seed, by method and segment."""
+        # Imported here, because it takes the compiled vehicle along, which the other results do not need.
+        from accelerated_evaluation.methods.paper import read_proposals
+
         methods = self.trace["method"].unique()
         paths = {method: self.path("cross_entropy/{method}_0.json", method=method) for method in methods}
         return {method: read_proposals(path) for method, path in paths.items()}
