@@ -189,7 +189,7 @@ def test_concept_shows_f_and_its_acceleration(encounters):
     for method, model in laws.items():
         for curve, law in {
             "f": model.inverse_ttc["5-15"],
-            "f*": PROPOSALS[method]["5-15"].inverse_ttc,
+            "f*": PROPOSALS[method]["5-15"].second,
         }.items():
             rows = data[(data["method"] == method) & (data["curve"] == curve)]
             np.testing.assert_array_equal(
