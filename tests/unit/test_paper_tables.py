@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.distributions import BoundedExponential, PiecewiseMixture
+from accelerated_evaluation.distributions import BoundedExponential, Empirical, PiecewiseMixture
 from accelerated_evaluation.laws.independent import IndependentLaw
-from accelerated_evaluation.methods.importance_sampling import estimate, running
+from accelerated_evaluation.methods.importance_sampling import running
 from accelerated_evaluation.publishing import paper_tables, search_tables, spreads
 from accelerated_evaluation.publishing.paper_numbers import PAPER_SIMULATIONS
 from accelerated_evaluation.publishing.spreads import Spread
@@ -168,7 +168,9 @@ def test_table2_by_hand():
     )
     events = {"5-15": 10, "15-25": 10}
     models = {
-        name: IndependentLaw("made up", events, law, dict.fromkeys(events, law))
+        name: IndependentLaw(
+            "made up", events, law, dict.fromkeys(events, law), dict.fromkeys(events, Empirical([10.0]))
+        )
         for name, law in (("single", exponential), ("piecewise", pieces))
     }
     ends = estimates({"single": [300, 500], "piecewise": [100, 300], "heuristic": [40, 60]})
