@@ -18,8 +18,8 @@ from accelerated_evaluation.vehicles import Outcomes
 from scipy.stats import binom
 
 CONFIG = load()
-STOPPING = Stopping(alpha=0.2, beta=0.2, minimum_events=100, maximum_simulations=200_000)
-RUNS = 12
+STOPPING = Stopping(alpha=0.2, beta=0.3, minimum_events=50, maximum_simulations=200_000)
+RUNS = 8
 THRESHOLDS = 0.03, 0.4  # R^-1 [1/m] and TTC^-1 [1/s] of a crash
 
 
@@ -106,7 +106,7 @@ def test_every_method_covers_a_known_probability(name):
 def test_a_dishonest_method_would_be_noticed():
     """One forgets most of its interval, one the segments' shares, one the likelihood ratios."""
     single = METHODS["single"].configured(CONFIG)
-    truth, honest = exact(), estimates("single")
+    truth, honest = exact(), estimates("single", runs=30)
     assert fits(honest, truth)
     narrow = [
         dataclasses.replace(
@@ -151,14 +151,17 @@ def check_shape(name, estimate):
 @pytest.mark.parametrize("name", METHODS)
 def test_one_stratum_is_estimated_alone(name):
     alone = PROBLEM.only("fast")
-    found = estimates(name, alone, runs=4)
+    found = estimates(name, alone, runs=3)
     assert all(abs(math.log(estimate.probability / exact(alone.law))) < 0.5 for estimate in found)
     assert sum(estimate.covers(exact(alone.law)) for estimate in found) >= 1
 
 
 @pytest.mark.parametrize("name", METHODS)
 def test_the_generator_alone_decides(name):
-    method, stopping = METHODS[name].configured(CONFIG), dataclasses.replace(STOPPING, beta=0.4)
+    method, stopping = (
+        METHODS[name].configured(CONFIG),
+        dataclasses.replace(STOPPING, beta=0.5, minimum_events=20),
+    )
     one, two, other = (
         method.estimate(PROBLEM, stopping, np.random.default_rng(seed)).row() for seed in (1, 1, 2)
     )
@@ -171,7 +174,7 @@ def test_a_method_that_may_not_go_on_gives_what_it_has(name):
     """The search is not cut short, because half an f* is none; what is made after it is."""
     method = METHODS[name].configured(CONFIG)
     learning = method.estimate(PROBLEM, STOPPING, np.random.default_rng(1)).learning
-    stopping = dataclasses.replace(STOPPING, beta=1e-3, maximum_simulations=learning + 700)
+    stopping = dataclasses.replace(STOPPING, beta=1e-3, maximum_simulations=learning + 200)
     estimate = method.estimate(PROBLEM, stopping, np.random.default_rng(1))
     assert not estimate.converged
     assert estimate.learning == learning
