@@ -8,6 +8,7 @@ from accelerated_evaluation.encounters.sources import SOURCES
 from accelerated_evaluation.encounters.sources.table import UNITS
 from accelerated_evaluation.fitting.pieces import mixture_kinds, piece_kinds
 
+COMPARED = {"crude", "heuristic", "piecewise", "single", "surrogate"}
 PIECES = {"two_pieces": 2, "three_pieces": 3}
 KNOTS = ("models.inverse_range.two_pieces", "models.inverse_range.three_pieces", "models.inverse_ttc.knots")
 
@@ -19,6 +20,13 @@ class Check:
     keys: tuple[str, ...]
     holds: Callable[..., bool]
     expected: str
+
+
+def _are_methods(names: Sequence[str]) -> bool:
+    """Whether all are methods of the registry, and those that the notebooks compare are among them."""
+    from accelerated_evaluation.methods import METHODS  # takes a second, which few users of this module need
+
+    return set(names) >= COMPARED and all(name in METHODS for name in names)
 
 
 def _rising(values: Sequence[float] | None) -> bool:
@@ -36,6 +44,11 @@ def _enclose(edges: Sequence[float], low: float, high: float) -> bool:
 
 
 CHECKS = (
+    Check(
+        ("methods",),
+        _are_methods,
+        f"names of methods, with {', '.join(sorted(COMPARED))} among them",
+    ),
     Check(
         ("filters.lead_speed_min", "filters.lead_speed_max"),
         lambda low, high: low < high,
@@ -99,6 +112,11 @@ CHECKS = (
         ("cross_entropy.minimum_weight", "models.inverse_range.variant"),
         lambda weight, variant: weight * PIECES[variant] < 1,
         "a minimum weight that all pieces can have at once: less than 1 / pieces",
+    ),
+    Check(
+        ("models.closing_speed_max", "crash_map.grid.closing_speed_max"),
+        lambda cap, top: cap <= top,
+        "a map that reaches up to the cap of the laws",
     ),
     Check(
         ("importance_sampling.minimum_events", "importance_sampling.maximum_simulations"),

@@ -3,17 +3,14 @@
 # In: encounters.parquet (for v_L), the model under study, the vehicle. Out: for each method and seed the
 # accelerated distributions of all segments, and the trace of every iteration.
 
-VEHICLE = config["vehicle"]["name"]
-VEHICLE_FILES = [VEHICLE.rsplit(":", 1)[0]] if ".py:" in VEHICLE else []
-
 
 rule search_proposals:
     """Search the accelerated distributions of one method from one seed, segment by segment."""
     input:
         encounters=rules.ingest_encounters.output.encounters,
         model=rules.fit_models.output[MODEL],
-        vehicle=VEHICLE_FILES,
-        library=library("distributions", "laws", "vehicles", "methods"),
+        vehicle=ancient(VEHICLE_FILES),
+        library=modules_of("search_proposals.py"),
     output:
         proposals=result("cross_entropy", "{method}_{seed}.json"),
         trace=result("cross_entropy", "{method}_{seed}_trace.csv"),
@@ -27,7 +24,8 @@ rule search_proposals:
     params:
         seed=config["seed"],
         vehicle=config["vehicle"],
-        cross_entropy=config["cross_entropy"],
+        vehicle_content=VEHICLE_CONTENT,
+        settings=lambda wildcards: settings_of(wildcards.method),
     message:
         "Cross-Entropy search, method {wildcards.method}, seed {wildcards.seed}"
     script:
@@ -37,8 +35,8 @@ rule search_proposals:
 rule collect_traces:
     """Join the traces of all searches."""
     input:
-        trace=expand(rules.search_proposals.output.trace, method=METHODS, seed=SEEDS),
-        library=library(),
+        trace=expand(rules.search_proposals.output.trace, method=SEARCHING, seed=SEEDS),
+        library=modules_of("collect_tables.py"),
     output:
         trace=result("cross_entropy_trace.csv"),
     log:

@@ -1,14 +1,21 @@
-# What the rules share: the validated configuration, path helpers, and the modules a rule depends on.
+# What the rules share: the validated configuration, names, path helpers, and what a rule depends on.
 #
 # In: config. Out: nothing; definitions only.
 
+from dataclasses import asdict
 from pathlib import Path
 
 from accelerated_evaluation.configuration import validate
+from accelerated_evaluation.dependencies import (
+    content_digest,
+    imported_modules,
+    value_digest,
+    without_unused,
+)
 from accelerated_evaluation.encounters.segments import segment_names
+from accelerated_evaluation.encounters.sources import SOURCES, describe
 from accelerated_evaluation.errors import StudyError
-from accelerated_evaluation.files import write_text
-from accelerated_evaluation.methods.paper import METHODS
+from accelerated_evaluation.methods import METHODS
 from snakemake.exceptions import WorkflowError
 
 try:
@@ -16,37 +23,81 @@ try:
 except StudyError as error:
     raise WorkflowError(str(error)) from None
 
+config = without_unused(config, SOURCES)
+
 STUDY = config["study"]
+REPLICATED = [name for name in config["methods"] if METHODS[name].replicates(config)]
+SEARCHING = [name for name in REPLICATED if METHODS[name].learns_apart]
+JUDGED = [*SEARCHING, "crude"]
 RESULTS = Path("results") / STUDY
 FIGURES = Path("figures") / STUDY
 LIBRARY = Path("workflow/accelerated_evaluation")
+SCRIPTS = Path("workflow/scripts")
 SEGMENTS = segment_names(config["segments"]["lead_speed_edges"])
 SEEDS = range(config["cross_entropy"]["seeds"])
 MODELS = ["two_pieces", "three_pieces", "single"]
-FIGURE_FORMATS = ["png", "pdf", "svg", "csv"]
-TABLE_FORMATS = ["csv", "md", "tex"]
 MODEL = config["models"]["inverse_range"]["variant"]
+
+# The user's own files count by their content, in the parameters of the rules, and not by their date.
+SOURCE = config["data"][config["data"]["source"]]
+RECORDS = [SOURCE["path"]]
+DESCRIPTION = describe(config["data"])
+VEHICLE = config["vehicle"]["name"]
+VEHICLE_FILES = [VEHICLE.rsplit(":", 1)[0]] if ".py:" in VEHICLE else []
+VEHICLE_CONTENT = content_digest(VEHICLE_FILES)
+
+# Everything that the crash map depends on. It belongs to the vehicle, so that all studies of one share it.
+MAPPED = {
+    "vehicle": VEHICLE,
+    "parameters": config["vehicle"]["parameters"],
+    "content": VEHICLE_CONTENT,
+    "limits": {
+        "lead_speed_min": config["filters"]["lead_speed_min"],
+        "lead_speed_max": config["filters"]["lead_speed_max"],
+        "range_max": config["filters"]["range_max"],
+    },
+    "crash_map": config["crash_map"],
+    "seed": config["seed"],
+}
+VEHICLE_RESULTS = Path("results/vehicles") / "-".join(
+    [Path(VEHICLE.replace(":", "/")).name, value_digest(MAPPED)[:10]]
+)
 
 
 wildcard_constraints:
     variable="inverse_range|inverse_ttc",
     segment="|".join(["all", *SEGMENTS]),
     scope="|".join(["all", *SEGMENTS]),
-    method="|".join(METHODS),
-    judged="|".join([*METHODS, "crude"]),
+    method="|".join(SEARCHING),
+    judged="|".join(JUDGED),
     seed=r"\d+",
 
 
-def library(*rooms: str) -> list[str]:
-    """Modules of the library's rooms: Snakemake does not see that a script imports them."""
-    shared = [
-        LIBRARY / name for name in ("errors.py", "files.py", "jobs.py", "randomness.py")
+def modules_of(script: str, *notebooks: str, members=None):
+    """Modules of the library that a script and notebooks import: Snakemake does not look into them by itself.
+
+    What is returned is an input function, so that a job parses what it needs, and not what all rules need.
+    ``members`` names, by room, the only members of its registry that are looked up.
+    """
+    sources = [SCRIPTS / script, *notebooks]
+    return lambda _: [
+        str(module) for module in imported_modules(sources, LIBRARY, members or {})
     ]
-    return [
-        str(path)
-        for path in shared
-        + [m for room in rooms for m in sorted((LIBRARY / room).rglob("*.py"))]
-    ]
+
+
+def content_of_records(_) -> str:
+    """Digest of the records."""
+    return content_digest(RECORDS)
+
+
+def settings_of(method: str) -> dict:
+    """Sections of the configuration that a method reads."""
+    return part(config, *METHODS[method].sections)
+
+
+def part(section: dict, *keys: str) -> dict:
+    """Those keys of a section of the configuration that a rule uses; edits of the others do not concern it."""
+    return {key: section[key] for key in keys}
 
 
 def result(*parts: str) -> str:
@@ -62,29 +113,3 @@ def log_of(*parts: str) -> str:
 def benchmark_of(*parts: str) -> str:
     """Path of a benchmark of this study: seconds and memory of the jobs of a rule."""
     return str(RESULTS.joinpath("benchmarks", *parts))
-
-
-def in_report(path, category, name):
-    """Show a file in the report, under its category and with the caption of its name."""
-    caption = f"{workflow.basedir}/workflow/report/{name if category != 'Notebooks' else 'notebook'}.rst"
-    return report(path, caption=caption, category=category, labels={"name": name})
-
-
-def made(notebook, kind):
-    """Files of a kind, figures or tables, that a notebook makes; the first format goes into the report."""
-    folder, formats = {
-        "figures": (FIGURES, FIGURE_FORMATS),
-        "tables": (FIGURES / "tables", TABLE_FORMATS),
-    }[kind]
-    paths = []
-    for name in NOTEBOOKS[notebook].get(kind, []):
-        first, *others = [str(folder / f"{name}.{extension}") for extension in formats]
-        paths += [in_report(first, kind.capitalize(), name), *others]
-    return paths
-
-
-def published(kind):
-    """Files of a kind that all notebooks make: notebooks (as HTML), figures or tables."""
-    if kind == "notebooks":
-        return [result("notebooks", f"{notebook}.html") for notebook in NOTEBOOKS]
-    return [path for notebook in NOTEBOOKS for path in made(notebook, kind)]

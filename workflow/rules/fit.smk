@@ -8,7 +8,7 @@ rule fit_models:
     """Fit the piecewise mixtures, their knots chosen as configured, and the single parametric model."""
     input:
         encounters=rules.ingest_encounters.output.encounters,
-        library=library("encounters", "distributions", "laws", "fitting"),
+        library=modules_of("fit_models.py"),
     output:
         **{model: result("models", f"{model}.json") for model in MODELS},
     log:
@@ -19,7 +19,17 @@ rule fit_models:
     resources:
         mem_mb=1000,
     params:
-        models=config["models"],
+        models={
+            "inverse_range": part(
+                config["models"]["inverse_range"],
+                "pieces",
+                "two_pieces",
+                "three_pieces",
+            ),
+            "inverse_ttc": config["models"]["inverse_ttc"],
+        },
+        description=DESCRIPTION,
+        closing_speed_max=config["models"]["closing_speed_max"],
         range_max=config["filters"]["range_max"],
     message:
         "Fitting the lane-change models"
@@ -35,7 +45,7 @@ rule fit_candidates:
             rules.fit_models.output.two_pieces,
             rules.fit_models.output.three_pieces,
         ],
-        library=library("distributions", "laws", "fitting"),
+        library=modules_of("fit_candidates.py"),
     output:
         table=result("candidates", "{variable}_{segment}.csv"),
     log:
@@ -59,7 +69,7 @@ rule collect_candidates:
             for variable in ("inverse_range", "inverse_ttc")
             for segment in (["all"] if variable == "inverse_range" else []) + SEGMENTS
         ],
-        library=library(),
+        library=modules_of("collect_tables.py"),
     output:
         candidates=result("candidates.csv"),
     log:

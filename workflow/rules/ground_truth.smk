@@ -7,26 +7,24 @@
 rule map_crashes:
     """Map where the vehicle crashes, at full, half and quarter resolution, whatever the model."""
     input:
-        vehicle=VEHICLE_FILES,
-        library=library("vehicles", "methods", "truth"),
+        vehicle=ancient(VEHICLE_FILES),
+        library=modules_of("map_crashes.py"),
     output:
-        full=result("crash_map", "full.npz"),
-        half=result("crash_map", "half.npz"),
-        quarter=result("crash_map", "quarter.npz"),
+        full=str(VEHICLE_RESULTS / "crash_map" / "full.npz"),
+        half=str(VEHICLE_RESULTS / "crash_map" / "half.npz"),
+        quarter=str(VEHICLE_RESULTS / "crash_map" / "quarter.npz"),
+        vehicle=str(VEHICLE_RESULTS / "vehicle.json"),
     log:
-        log_of("map_crashes.log"),
+        str(VEHICLE_RESULTS / "logs" / "map_crashes.log"),
     benchmark:
-        benchmark_of("map_crashes.tsv")
+        str(VEHICLE_RESULTS / "benchmarks" / "map_crashes.tsv")
     threads: 1
     resources:
         mem_mb=2000,
     params:
-        seed=config["seed"],
-        vehicle=config["vehicle"],
-        filters=config["filters"],
-        crash_map=config["crash_map"],
+        mapped=MAPPED,
     message:
-        "Mapping the crashes of {params.vehicle[name]}"
+        "Mapping the crashes of {params.mapped[vehicle]}"
     script:
         "../scripts/map_crashes.py"
 
@@ -35,12 +33,14 @@ rule compute_exact:
     """Weigh the map with the models: exact probabilities, severity, and the variation of every f*."""
     input:
         **rules.fit_models.output,
-        **rules.map_crashes.output,
+        full=rules.map_crashes.output.full,
+        half=rules.map_crashes.output.half,
+        quarter=rules.map_crashes.output.quarter,
         encounters=rules.ingest_encounters.output.encounters,
         proposals=expand(
-            rules.search_proposals.output.proposals, method=METHODS, seed=SEEDS
+            rules.search_proposals.output.proposals, method=SEARCHING, seed=SEEDS
         ),
-        library=library("distributions", "laws", "methods", "truth"),
+        library=modules_of("compute_exact.py"),
     output:
         exact=result("exact.csv"),
         convergence=result("convergence.csv"),
@@ -55,10 +55,10 @@ rule compute_exact:
     resources:
         mem_mb=2000,
     params:
-        methods=[method for method in METHODS for _ in SEEDS],
-        seeds=[seed for _ in METHODS for seed in SEEDS],
+        methods=[method for method in SEARCHING for _ in SEEDS],
+        seeds=[seed for _ in SEARCHING for seed in SEEDS],
         variant=MODEL,
-        exposure=config["exposure"],
+        distance=config["exposure"]["distance"],
     message:
         "Computing exact probabilities"
     script:
@@ -72,8 +72,8 @@ rule study_sensitivity:
         full=rules.map_crashes.output.full,
         half=rules.map_crashes.output.half,
         encounters=rules.ingest_encounters.output.encounters,
-        vehicle=VEHICLE_FILES,
-        library=library("distributions", "laws", "fitting", "vehicles", "methods", "truth"),
+        vehicle=ancient(VEHICLE_FILES),
+        library=modules_of("study_sensitivity.py"),
     output:
         sensitivity=result("sensitivity.csv"),
     log:
@@ -86,7 +86,9 @@ rule study_sensitivity:
     params:
         seed=config["seed"],
         variant=MODEL,
-        sensitivity=config["sensitivity"],
+        vehicle=part(config["vehicle"], "name", "parameters"),
+        vehicle_content=VEHICLE_CONTENT,
+        sensitivity=config["sensitivity"] | part(SOURCE, "outlier_rows"),
     message:
         "Studying what the crash probability depends on"
     script:
@@ -100,7 +102,7 @@ rule bootstrap_uncertainty:
         three_pieces=rules.fit_models.output.three_pieces,
         half=rules.map_crashes.output.half,
         encounters=rules.ingest_encounters.output.encounters,
-        library=library("distributions", "laws", "fitting", "methods", "truth"),
+        library=modules_of("bootstrap_uncertainty.py"),
     output:
         uncertainty=result("uncertainty.csv"),
         bootstrap=result("bootstrap.csv"),

@@ -7,8 +7,8 @@
 rule ingest_encounters:
     """Read, filter and segment the lane changes, and account for every row."""
     input:
-        records=config["data"][config["data"]["source"]]["path"],
-        library=library("encounters"),
+        records=ancient(RECORDS),
+        library=modules_of("ingest_encounters.py"),
     output:
         encounters=result("encounters.parquet"),
         account=result("encounters_account.csv"),
@@ -22,6 +22,7 @@ rule ingest_encounters:
         mem_mb=1000,
     params:
         seed=config["seed"],
+        content=content_of_records,
         data=config["data"],
         filters=config["filters"],
         segments=config["segments"],
@@ -35,7 +36,7 @@ rule describe_encounters:
     """Count the segments and test whether the variables are independent inside them."""
     input:
         encounters=rules.ingest_encounters.output.encounters,
-        library=library("encounters"),
+        library=modules_of("describe_encounters.py"),
     output:
         segments=result("segments.csv"),
         dependence=result("dependence.csv"),

@@ -3,16 +3,14 @@
 # In: the model, the vehicle, f* of every search, the exact probability. Out: the crude estimate and its course;
 # for each method bias, variation and coverage over many replicates, for fixed sizes and for stopping rules.
 
-JUDGED = [*METHODS, "crude"]
-
 
 rule run_crude_monte_carlo:
     """Simulate as many lane changes as the paper extrapolates to, drawn from f itself; resumes in the middle."""
     input:
         encounters=rules.ingest_encounters.output.encounters,
         model=rules.fit_models.output[MODEL],
-        vehicle=VEHICLE_FILES,
-        library=library("distributions", "laws", "vehicles", "methods", "truth"),
+        vehicle=ancient(VEHICLE_FILES),
+        library=modules_of("run_crude_monte_carlo.py"),
     output:
         estimates=result("crude.csv"),
         course=result("crude_course.csv"),
@@ -26,6 +24,7 @@ rule run_crude_monte_carlo:
     params:
         seed=config["seed"],
         vehicle=config["vehicle"],
+        vehicle_content=VEHICLE_CONTENT,
         crude_monte_carlo=config["crude_monte_carlo"],
         alpha=config["importance_sampling"]["alpha"],
         checkpoint=result("crude_checkpoint.json"),
@@ -43,15 +42,15 @@ rule study_coverage:
         exact=rules.compute_exact.output.exact,
         proposals=lambda wildcards: (
             []
-            if wildcards.judged == "crude"
+            if wildcards.judged not in SEARCHING
             else expand(
                 rules.search_proposals.output.proposals,
                 method=wildcards.judged,
                 seed=SEEDS,
             )
         ),
-        vehicle=VEHICLE_FILES,
-        library=library("distributions", "laws", "vehicles", "methods", "truth"),
+        vehicle=ancient(VEHICLE_FILES),
+        library=modules_of("study_coverage.py"),
     output:
         coverage=result("coverage", "{judged}.csv"),
         replicates=result("coverage", "{judged}_replicates.csv"),
@@ -65,9 +64,15 @@ rule study_coverage:
     params:
         seed=config["seed"],
         vehicle=config["vehicle"],
-        importance_sampling=config["importance_sampling"],
+        vehicle_content=VEHICLE_CONTENT,
+        stopping=part(
+            config["importance_sampling"],
+            "alpha",
+            "beta",
+            "minimum_events",
+            "maximum_simulations",
+        ),
         coverage=config["coverage"],
-        method=lambda wildcards: wildcards.judged,
     message:
         "Judging the intervals of {wildcards.judged}"
     script:
@@ -78,7 +83,7 @@ rule collect_coverage:
     """Join the verdicts on all methods."""
     input:
         coverage=expand(rules.study_coverage.output.coverage, judged=JUDGED),
-        library=library(),
+        library=modules_of("collect_tables.py"),
     output:
         coverage=result("coverage.csv"),
     log:

@@ -1,22 +1,19 @@
-"""Fit the piecewise models and the single parametric one to the encounters."""
+"""Fit the paper's laws to the encounters: the piecewise ones, and the single parametric one."""
 
-import pandas as pd
-from accelerated_evaluation.encounters.sources import describe
+from accelerated_evaluation.encounters.contract import read_encounters
 from accelerated_evaluation.jobs import job
-from accelerated_evaluation.laws.lane_change_model import write_model
-from accelerated_evaluation.laws.paper import fit_lane_change_models
-
-
-def main(config: dict, encounters_path: str, outputs: dict[str, str]) -> None:
-    """Write one model file for each name in ``outputs``."""
-    encounters = pd.read_parquet(encounters_path)
-    fitted = fit_lane_change_models(
-        encounters, config["models"], config["filters"]["range_max"], describe(config["data"])
-    )
-    for name, path in outputs.items():
-        write_model(path, fitted[name])
-
+from accelerated_evaluation.laws.files import write_law
+from accelerated_evaluation.laws.paper import fit_paper_laws
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
-        main(snakemake.config, snakemake.input.encounters, dict(snakemake.output.items()))
+        params = snakemake.params
+        fitted = fit_paper_laws(
+            read_encounters(snakemake.input.encounters),
+            params.models,
+            params.range_max,
+            params.description,
+            params.closing_speed_max,
+        )
+        for name, path in snakemake.output.items():
+            write_law(path, fitted[name])

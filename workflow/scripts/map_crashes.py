@@ -1,5 +1,9 @@
 """Map where the vehicle crashes, at full, half and quarter resolution."""
 
+from collections.abc import Mapping
+from typing import Any
+
+from accelerated_evaluation.files import write_json
 from accelerated_evaluation.jobs import job
 from accelerated_evaluation.randomness import child_generator
 from accelerated_evaluation.truth.crash_map import Grid, write_crash_map
@@ -8,23 +12,17 @@ from accelerated_evaluation.truth.severity import events_from
 from accelerated_evaluation.vehicles.loading import load_vehicle
 
 
-def main(config: dict, outputs: dict[str, str]) -> None:
+def main(problem: Mapping[str, Any], outputs: Mapping[str, str]) -> None:
     """Write the map with all events as ``full``, and those of crashes alone as ``half`` and ``quarter``."""
-    vehicle = load_vehicle(config["vehicle"]["name"], **config["vehicle"]["parameters"])
-    filters = config["filters"]
-    grid = Grid(
-        lead_speed_min=filters["lead_speed_min"],
-        lead_speed_max=filters["lead_speed_max"],
-        range_max=filters["range_max"],
-        closing_speed_max=config["vehicle"]["closing_speed_max"],
-        **config["crash_map"]["grid"],
-    )
+    vehicle = load_vehicle(problem["vehicle"], **problem["parameters"])
+    grid = Grid(**problem["limits"], **problem["crash_map"]["grid"])
     for name, factor in {"quarter": 0.25, "half": 0.5, "full": 1.0}.items():
-        events = events_from(config["crash_map"]["events"]) if name == "full" else []
-        generator = child_generator(config["seed"], "crash_map", name)
+        events = events_from(problem["crash_map"]["events"]) if name == "full" else []
+        generator = child_generator(problem["seed"], "crash_map", name)
         write_crash_map(outputs[name], map_crashes(vehicle, grid.refined(factor), events, generator))
+    write_json(outputs["vehicle"], problem)
 
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
-        main(snakemake.config, dict(snakemake.output.items()))
+        main(snakemake.params.mapped, dict(snakemake.output.items()))

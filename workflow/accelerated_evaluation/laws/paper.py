@@ -15,7 +15,7 @@ from accelerated_evaluation.fitting.piecewise import (
     knots_at_quantiles,
     knots_by_profile_likelihood,
 )
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
+from accelerated_evaluation.laws.independent import IndependentLaw, recorded_lead_speeds
 
 
 def choose_knots(
@@ -30,10 +30,14 @@ def choose_knots(
     return knots_by_profile_likelihood(x, lower, families, grid)
 
 
-def fit_lane_change_models(
-    encounters: pd.DataFrame, models: Mapping[str, Any], range_max: float, description: str
-) -> dict[str, LaneChangeModel]:
-    """Fit the models ``two_pieces`` and ``three_pieces`` of R^-1, and ``single``.
+def fit_paper_laws(
+    encounters: pd.DataFrame,
+    models: Mapping[str, Any],
+    range_max: float,
+    description: str,
+    closing_speed_max: float,
+) -> dict[str, IndependentLaw]:
+    """Fit the laws ``two_pieces`` and ``three_pieces``, named by the pieces of R^-1, and ``single``.
 
     Parameters
     ----------
@@ -45,6 +49,8 @@ def fit_lane_change_models(
         Largest range [m]; R^-1 begins at its inverse.
     description
         What the encounters are.
+    closing_speed_max
+        Cap on closing speeds [m/s].
     """
     lower = 1 / range_max
     inverse_range = encounters["inverse_range"].to_numpy()
@@ -68,7 +74,8 @@ def fit_lane_change_models(
         "single": (Pareto.fit(inverse_range, lower), _by_segment(encounters, fit_exponential_from_zero)),
     }
     events = {segment: len(rows) for segment, rows in _segments(encounters)}
-    return {name: LaneChangeModel(description, events, *laws) for name, laws in ranges.items()}
+    recorded = recorded_lead_speeds(encounters, events), closing_speed_max
+    return {name: IndependentLaw(description, events, *laws, *recorded) for name, laws in ranges.items()}
 
 
 def fit_exponential_from_zero(x: Array) -> BoundedExponential:

@@ -13,7 +13,7 @@ from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.encounters.segments import assign_segments
 from accelerated_evaluation.fitting.pieces import EXPONENTIAL, PieceFamily
 from accelerated_evaluation.fitting.piecewise import fit_piecewise, knots_at_quantiles
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
+from accelerated_evaluation.laws.independent import IndependentLaw, recorded_lead_speeds
 from accelerated_evaluation.truth.crash_map import CrashMap
 from accelerated_evaluation.truth.exact import ALL, Exact, exact_probabilities
 from accelerated_evaluation.truth.mapping import map_crashes
@@ -41,7 +41,7 @@ class Levels:
     tail: PieceFamily
 
     @classmethod
-    def of(cls, model: LaneChangeModel) -> "Levels":
+    def of(cls, model: IndependentLaw) -> "Levels":
         """Read them off a fitted model; the weight of its bodies, which may differ by ties, is pooled."""
         bodies = [law.weights[0] * model.events[segment] for segment, law in model.inverse_ttc.items()]
         body, tail = next(iter(model.inverse_ttc.values())).components
@@ -55,8 +55,12 @@ class Levels:
 
 
 def fit_for_crashes(
-    encounters: pd.DataFrame, levels: Levels, range_max: float, smallest_inverse_ttc: float
-) -> LaneChangeModel:
+    encounters: pd.DataFrame,
+    levels: Levels,
+    range_max: float,
+    smallest_inverse_ttc: float,
+    closing_speed_max: float,
+) -> IndependentLaw:
     """Fit a piecewise model whose crash probability, and nothing else of it, is to be known.
 
     Where nothing crashes below the knot of TTC^-1, the body counts only by its weight: it is then fitted with
@@ -72,6 +76,8 @@ def fit_for_crashes(
         Largest range [m].
     smallest_inverse_ttc
         TTC^-1 below which nothing crashes [1/s], as the crash map shows.
+    closing_speed_max
+        Cap on closing speeds [m/s].
     """
 
     def inverse_ttc(x: Array) -> PiecewiseMixture:
@@ -83,11 +89,14 @@ def fit_for_crashes(
     families = [levels.pieces_of_range] * (len(levels.inverse_range) + 1)
     knots = knots_at_quantiles(inverse_range, levels.inverse_range)
     groups = encounters.groupby("segment")
-    return LaneChangeModel(
+    events = {segment: len(rows) for segment, rows in groups}
+    return IndependentLaw(
         "refit",
-        {segment: len(rows) for segment, rows in groups},
+        events,
         fit_piecewise(inverse_range, 1 / range_max, knots, families),
         {segment: inverse_ttc(rows["inverse_ttc"].to_numpy()) for segment, rows in groups},
+        recorded_lead_speeds(encounters, events),
+        closing_speed_max,
     )
 
 
@@ -97,17 +106,20 @@ class Refit:
 
     crash_map: CrashMap
     smallest_inverse_ttc: float
+    closing_speed_max: float
 
     @classmethod
-    def by(cls, crash_map: CrashMap) -> "Refit":
-        """Prepare refits that are judged with a map."""
-        return cls(crash_map, crash_map.smallest_inverse_ttc())
+    def by(cls, crash_map: CrashMap, closing_speed_max: float) -> "Refit":
+        """Prepare refits that are judged with a map, under a cap on closing speeds [m/s]."""
+        return cls(crash_map, crash_map.smallest_inverse_ttc(), closing_speed_max)
 
     def probability(self, encounters: pd.DataFrame, levels: Levels) -> Exact:
         """Fit a model to encounters and return its crash probability over all segments."""
         range_max = self.crash_map.grid.range_max
-        model = fit_for_crashes(encounters, levels, range_max, self.smallest_inverse_ttc)
-        return exact_probabilities(self.crash_map, model, encounters)[ALL]
+        law = fit_for_crashes(
+            encounters, levels, range_max, self.smallest_inverse_ttc, self.closing_speed_max
+        )
+        return exact_probabilities(self.crash_map, law)[ALL]
 
 
 def is_repeated(encounters: pd.DataFrame) -> Array:
@@ -117,7 +129,7 @@ def is_repeated(encounters: pd.DataFrame) -> Array:
 
 def study_sensitivity(
     crash_map: CrashMap,
-    models: Mapping[str, LaneChangeModel],
+    models: Mapping[str, IndependentLaw],
     variant: str,
     encounters: pd.DataFrame,
     settings: Mapping[str, Any],
@@ -141,10 +153,10 @@ def study_sensitivity(
     pandas.DataFrame
         Columns ``choice``, ``value``, ``probability`` and ``standard_error``.
     """
-    refit, base = Refit.by(crash_map), Levels.of(models[variant])
+    base = Levels.of(models[variant])
+    refit = Refit.by(crash_map, models[variant].closing_speed_max)
     rows: list[tuple[str, str, Exact]] = [
-        ("model", name, exact_probabilities(crash_map, model, encounters)[ALL])
-        for name, model in models.items()
+        ("model", name, exact_probabilities(crash_map, model)[ALL]) for name, model in models.items()
     ]
     cases: list[tuple[str, str, pd.DataFrame, Levels]] = []
     for level in settings["inverse_ttc_knots"]:
@@ -167,8 +179,7 @@ def study_sensitivity(
 def study_cap(
     vehicle: Vehicle,
     crash_map: CrashMap,
-    model: LaneChangeModel,
-    encounters: pd.DataFrame,
+    law: IndependentLaw,
     caps: Sequence[float],
     generator: np.random.Generator,
 ) -> pd.DataFrame:
@@ -176,9 +187,8 @@ def study_cap(
     rows = []
     for cap in caps:
         other = map_crashes(vehicle, replace(crash_map.grid, closing_speed_max=cap), [], generator)
-        rows.append(
-            ("closing-speed cap [m/s]", f"{cap:g}", exact_probabilities(other, model, encounters)[ALL])
-        )
+        exact = exact_probabilities(other, replace(law, closing_speed_max=cap))[ALL]
+        rows.append(("closing-speed cap [m/s]", f"{cap:g}", exact))
     return _table(rows)
 
 

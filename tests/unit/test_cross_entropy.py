@@ -1,9 +1,9 @@
 """The search for f*: updates against brute force, events, and vehicles whose crash probability is known."""
 
 import dataclasses
+import json
 import math
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -16,30 +16,28 @@ from accelerated_evaluation.distributions import (
     Mixture,
     PiecewiseMixture,
 )
-from accelerated_evaluation.errors import ConvergenceError
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel, read_model
+from accelerated_evaluation.errors import ConvergenceError, InputError
+from accelerated_evaluation.laws import CutIns, Factors
+from accelerated_evaluation.laws.independent import IndependentLaw
+from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.cross_entropy import search as cross_entropy
 from accelerated_evaluation.methods.cross_entropy.families import (
     PiecewiseFamily,
     SingleFamily,
     bounded_weights,
 )
+from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMethod
+from accelerated_evaluation.methods.cross_entropy.proposals import Proposals, read_proposals, write_proposals
 from accelerated_evaluation.methods.cross_entropy.search import Settings, event_score, search
-from accelerated_evaluation.methods.paper import (
-    METHODS,
-    cut_ins,
-    read_proposals,
-    search_by_method,
-    write_proposals,
-)
-from accelerated_evaluation.problem import CutIn, Proposal, Sample
+from accelerated_evaluation.problem import Problem, Sample
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
 from scipy.optimize import minimize
 
-FITTED = Path(__file__).resolve().parents[2] / "benchmarks" / "samplers" / "data"
-CONFIG = load()["cross_entropy"]
+SETTINGS = load()
+CONFIG = SETTINGS["cross_entropy"]
+PAPERS = [name for name, method in METHODS.items() if issubclass(method, CrossEntropyMethod)]
 BODY = Mixture((0.2, 0.8), (BoundedNormal(0.037, 0.0, 0.166), BoundedNormal(0.0885, 0.0, 0.166)))
-F = Proposal(
+F = Factors(
     PiecewiseMixture(
         (0.83, 0.17), (BoundedExponential(107.0, 1 / 75, 0.037), BoundedExponential(43.0, 0.037))
     ),
@@ -71,20 +69,28 @@ def toy(inverse_range, inverse_ttc):
     """Return cut-ins before a vehicle whose thresholds, if there are any, have these tail probabilities."""
     thresholds = [
         0.0 if tail is None else float(law.isf(tail))
-        for law, tail in ((F.inverse_range, inverse_range), (F.inverse_ttc, inverse_ttc))
+        for law, tail in ((F.first, inverse_range), (F.second, inverse_ttc))
     ]
-    return CutIn(Empirical([20.0]), F, Toy(*thresholds))
+    return before(Toy(*thresholds))
+
+
+def before(vehicle, cap=math.inf):
+    """Return the problem of a vehicle before cut-ins of one segment, all at 20 m/s."""
+    law = IndependentLaw("toy", {"all": 1}, F.first, {"all": F.second}, {"all": Empirical([20.0])}, cap)
+    return Problem(law, vehicle)
 
 
 def families(method):
     make = SingleFamily.start if method == "single" else lambda law: PiecewiseFamily.start(law, 0.01, 5)
-    return make(F.inverse_range), make(F.inverse_ttc)
+    return make(F.first), make(F.second)
 
 
 def found(method, problem, seed, **changes):
     rows = []
     generator = np.random.default_rng(seed)
-    result = search_by_method(method, problem, CONFIG | changes, generator, rows.append)
+    configured = METHODS[method].configured(SETTINGS | {"cross_entropy": CONFIG | changes})
+    (stratum,) = problem.law.strata
+    result = configured.search(problem, stratum, generator, rows.append)
     assert rows == result.trace
     return result
 
@@ -102,8 +108,8 @@ def events():
 
 
 def test_single_update_maximizes_the_weighted_likelihood(events):
-    family = SingleFamily.start(F.inverse_ttc)
-    assert family.distribution.mean() == pytest.approx(F.inverse_ttc.mean())
+    family = SingleFamily.start(F.second)
+    assert family.distribution.mean() == pytest.approx(F.second.mean())
     best = family.update(*events)
     brute = minimize(lambda p: -weighted_likelihood(BoundedExponential(math.exp(p[0])), *events), [1.0])
     assert best.parameters() == {"rate": best.distribution.rate}
@@ -112,24 +118,24 @@ def test_single_update_maximizes_the_weighted_likelihood(events):
 
 
 def test_piecewise_update_maximizes_the_weighted_likelihood(events):
-    best = PiecewiseFamily.start(F.inverse_ttc, 0.01, 5).update(*events)
+    best = PiecewiseFamily.start(F.second, 0.01, 5).update(*events)
 
     def loss(parameters):
         share = 1 / (1 + math.exp(-parameters[0]))
         tilts = parameters[1], 21 - math.exp(parameters[2])
-        return -weighted_likelihood(F.inverse_ttc.accelerated(tilts, (share, 1 - share)), *events)
+        return -weighted_likelihood(F.second.accelerated(tilts, (share, 1 - share)), *events)
 
     brute = minimize(loss, [0.0, 0.0, 3.0], method="Nelder-Mead", options={"xatol": 1e-7, "fatol": 1e-9})
     assert weighted_likelihood(best.distribution, *events) == pytest.approx(-brute.fun, abs=1e-6)
     assert best.thetas == pytest.approx((brute.x[1], 21 - math.exp(brute.x[2])), rel=1e-3)
     assert best.weights[0] == pytest.approx(1 / (1 + math.exp(-brute.x[0])), rel=1e-4)
-    unweighted = PiecewiseFamily.start(F.inverse_ttc, 0.01, 5).update(events[0], np.ones(100))
+    unweighted = PiecewiseFamily.start(F.second, 0.01, 5).update(events[0], np.ones(100))
     assert weighted_likelihood(unweighted.distribution, *events) < -brute.fun - 1e-3
 
 
 @pytest.mark.parametrize("light", [0.0, 5e-324, 1e-320])
 def test_pieces_without_events_keep_theta(light):
-    family = dataclasses.replace(PiecewiseFamily.start(F.inverse_ttc, 0.01, 5), thetas=(7.0, 1.0))
+    family = dataclasses.replace(PiecewiseFamily.start(F.second, 0.01, 5), thetas=(7.0, 1.0))
     x = np.array([0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.3, 0.4, 0.5, 0.6, 0.7])
     few = family.update(x[2:], np.ones(9))  # four events in the body
     assert few.thetas[0] == 7.0
@@ -141,14 +147,14 @@ def test_pieces_without_events_keep_theta(light):
 
 
 def test_needles_at_the_edge_of_a_bounded_piece_are_blunted():
-    family = PiecewiseFamily.start(F.inverse_ttc, 0.01, 5)
+    family = PiecewiseFamily.start(F.second, 0.01, 5)
     for edge, mean in ((1e-6, 0.02 * 0.166), (0.166 - 1e-6, 0.98 * 0.166)):
         body = family.update(np.full(9, edge), np.ones(9)).distribution.components[0]
         assert body.mean() == pytest.approx(mean)
 
 
 def test_the_tail_of_f_star_is_never_lighter_than_that_of_f():
-    family = PiecewiseFamily.start(F.inverse_ttc, 0.01, 5)
+    family = PiecewiseFamily.start(F.second, 0.01, 5)
     near, far = (
         family.update(np.full(9, x), np.ones(9)).distribution.components[1].rate for x in (0.17, 0.6)
     )
@@ -181,7 +187,7 @@ def test_weights_that_cannot_be_are_refused(size, minimum):
 def outcomes_of(crash, min_range, min_ttc):
     crash, nothing = np.asarray(crash), np.zeros(len(crash))
     outcomes = Outcomes(crash, np.asarray(min_range), np.asarray(min_ttc), nothing)
-    return Sample(nothing, nothing, nothing, nothing, outcomes)
+    return Sample(nothing, nothing, nothing, crash, outcomes)
 
 
 def test_event_score_is_the_threshold_of_nested_events():
@@ -201,13 +207,17 @@ def test_event_score_is_the_threshold_of_nested_events():
 
 def test_samples_join_and_weigh_crashes_alone():
     problem, generator = toy(None, 0.01), np.random.default_rng(1)
-    parts = [problem.sample(F, generator, size) for size in (3, 500)]
+    parts = [problem.sample("all", F, generator, size) for size in (3, 500)]
     whole = parts[0].join(parts[1])
-    assert whole.lead_speed.shape == whole.outcomes.crash.shape == (503,)
-    np.testing.assert_array_equal(whole.inverse_ttc[3:], parts[1].inverse_ttc)
+    assert whole.first.shape == whole.outcomes.crash.shape == (503,)
+    for name in ("first", "second", "happened"):
+        for place, part in zip((slice(3), slice(3, None)), parts, strict=True):
+            np.testing.assert_array_equal(getattr(whole, name)[place], getattr(part, name))
     np.testing.assert_array_equal(whole.outcomes.min_ttc[:3], parts[0].outcomes.min_ttc)
     np.testing.assert_array_equal(whole.log_ratio, 0)
-    np.testing.assert_array_equal(whole.crash_weight, whole.outcomes.crash)
+    np.testing.assert_array_equal(whole.happened, whole.outcomes.crash)
+    np.testing.assert_array_equal(whole.weight, whole.outcomes.crash)
+    assert 0 < whole.happened.sum() < 30
 
 
 def test_closing_speeds_are_capped():
@@ -217,8 +227,8 @@ def test_closing_speeds_are_capped():
             return Toy().simulate(*inputs)
 
     recorder = Recorder()
-    inputs = np.array([20.0, 30.0]), np.array([0.1, 0.01]), np.array([0.5, 0.5])
-    CutIn(Empirical([20.0]), F, recorder, 23.49).simulate(*inputs)
+    cut_ins = CutIns(np.array([20.0, 30.0]), np.array([0.1, 0.01]), np.array([0.5, 0.5]))
+    before(recorder, cap=23.49).simulate(cut_ins)
     np.testing.assert_allclose(recorder.seen, [[20, 30], [10, 100], [5, 23.49]], rtol=1e-15)
 
 
@@ -231,17 +241,15 @@ def accelerated(law, thetas, shift=0.0):
     "f_star",
     [
         F,
-        Proposal(BoundedExponential(35.0, 1 / 75), BoundedExponential(12.0)),
-        Proposal(accelerated(F.inverse_range, (-50.0, 10.0)), accelerated(F.inverse_ttc, (8.0, 15.0))),
-        Proposal(
-            accelerated(F.inverse_range, (90.0, 10.0), 0.01), accelerated(F.inverse_ttc, (8.0, 10.0), 0.05)
-        ),
+        Factors(BoundedExponential(35.0, 1 / 75), BoundedExponential(12.0)),
+        Factors(accelerated(F.first, (-50.0, 10.0)), accelerated(F.second, (8.0, 15.0))),
+        Factors(accelerated(F.first, (90.0, 10.0), 0.01), accelerated(F.second, (8.0, 10.0), 0.05)),
     ],
-    ids=["f", *METHODS],
+    ids=["f", "single", "piecewise", "heuristic"],
 )
 def test_likelihood_ratios_average_to_one(f_star):
     size = 20_000
-    sample = toy(None, None).sample(f_star, np.random.default_rng(3), size)
+    sample = toy(None, None).sample("all", f_star, np.random.default_rng(3), size)
     ratio = np.exp(sample.log_ratio)
     assert ratio.mean() == pytest.approx(1, abs=4 * ratio.std() / math.sqrt(size) + 1e-14)
     assert ratio.std() < 10
@@ -250,7 +258,7 @@ def test_likelihood_ratios_average_to_one(f_star):
         assert abs(half.mean() - 1) > 4 * half.std() / math.sqrt(size)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", PAPERS)
 @pytest.mark.parametrize(
     ("inverse_range", "inverse_ttc"),
     [(None, 1e-3), (None, 1e-6), (None, 1e-12), (1e-6, None), (1e-3, 1e-3), (1e-6, 1e-6)],
@@ -259,8 +267,8 @@ def test_known_probabilities_are_found(method, inverse_range, inverse_ttc):
     problem = toy(inverse_range, inverse_ttc)
     truth = (inverse_range or 1.0) * (inverse_ttc or 1.0)
     result = found(method, problem, 11)
-    sample = problem.sample(result.proposal, np.random.default_rng(12), 20_000)
-    weight = sample.crash_weight
+    sample = problem.sample("all", result.proposal, np.random.default_rng(12), 20_000)
+    weight = sample.weight
     assert sample.outcomes.crash.mean() > 0.05
     assert weight.mean() == pytest.approx(truth, rel=0, abs=4 * weight.std() / math.sqrt(weight.size))
     assert weight.std() / math.sqrt(weight.size) < 0.15 * truth
@@ -268,7 +276,7 @@ def test_known_probabilities_are_found(method, inverse_range, inverse_ttc):
     assert abs(share - truth) > 4 * math.sqrt(share / weight.size)  # the estimator that forgets the weights
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", PAPERS)
 def test_the_trace_keeps_the_books(method):
     result = found(method, toy(1e-2, 1e-6), 3, minimum_events=300)
     trace = pd.DataFrame(result.trace)
@@ -292,14 +300,14 @@ def test_the_trace_keeps_the_books(method):
         (steps["effective_sample_size"] >= 1 - 1e-12)
         & (steps["effective_sample_size"] <= steps["events"] * (1 + 1e-12))
     )
-    parameters = result.inverse_range.parameters(), result.inverse_ttc.parameters()
+    parameters = result.first.parameters(), result.second.parameters()
     for variable, values in zip(("inverse_range", "inverse_ttc"), parameters, strict=True):
         for name, value in values.items():
             assert trace[f"{variable}_{name}"].iloc[-1] == value
     assert sum(len(values) for values in parameters) == (2 if method == "single" else 12)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", PAPERS)
 def test_the_generator_alone_decides(method):
     first, again, other = (found(method, toy(None, 1e-4), seed) for seed in (1, 1, 2))
     pd.testing.assert_frame_equal(pd.DataFrame(first.trace), pd.DataFrame(again.trace), check_exact=True)
@@ -316,7 +324,7 @@ def test_heuristic_moves_truncation_points_but_never_past_an_event():
     assert 0.166 < knots[-1] < threshold
     assert {row["inverse_ttc_from_1"] for row in moved.trace} == {0.0}
 
-    full = PiecewiseFamily.start(F.inverse_ttc, 0.01, 5).update(np.full(9, 1.0), np.ones(9))
+    full = PiecewiseFamily.start(F.second, 0.01, 5).update(np.full(9, 1.0), np.ones(9))
     for lowest in (0.166 + 1e-9, 0.265, 0.267, 0.5, 0.9123):
         family, last = full, None
         while family != last:
@@ -349,40 +357,104 @@ class Fading(Toy):
 )
 def test_a_search_that_does_not_end_says_so(vehicle, changes, message):
     settings = Settings(**{"sample_size": 100, "maximum_iterations": 6, "minimum_events": 5} | changes)
-    problem = CutIn(Empirical([20.0]), F, vehicle)
     with pytest.raises(ConvergenceError, match=message):
-        search(problem, *families("piecewise"), settings, np.random.default_rng(1))
+        search(before(vehicle), "all", families("piecewise"), settings, np.random.default_rng(1))
+
+
+def proposals():
+    searches = {
+        f"{method} {seed}": found(method, toy(1e-1, 1e-3), seed) for seed, method in enumerate(PAPERS)
+    }
+    return searches, Proposals.of(searches)
 
 
 def test_proposals_come_back_equal(tmp_path):
-    proposals = {
-        str(seed): found(method, toy(1e-1, 1e-3), seed).proposal for seed, method in enumerate(METHODS)
-    }
-    write_proposals(tmp_path / "proposals.json", proposals)
-    assert read_proposals(tmp_path / "proposals.json") == proposals
+    searches, kept = proposals()
+    assert kept.factors == {name: search.proposal for name, search in searches.items()}
+    assert kept.simulations == {name: search.simulations for name, search in searches.items()}
+    assert kept.total == sum(search.simulations for search in searches.values()) > 0
+    first, second = tmp_path / "first.json", tmp_path / "second.json"
+    write_proposals(first, kept)
+    back = read_proposals(first)
+    assert back == kept
+    assert list(back.factors) == list(kept.factors)
+    write_proposals(second, back)
+    assert first.read_bytes() == second.read_bytes()
+    other = dataclasses.replace(kept, simulations=kept.simulations | {"single 2": 1})
+    assert other != kept
 
 
-def test_each_segment_has_its_own_speeds_and_law():
+def test_proposals_of_one_stratum():
+    searches, kept = proposals()
+    alone = kept.only("piecewise 1")
+    assert alone.factors == {"piecewise 1": searches["piecewise 1"].proposal}
+    assert alone.total == searches["piecewise 1"].simulations < kept.total
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda text: text[:-30],
+        lambda text: "",
+        lambda text: "[]",
+        lambda text: text.replace('"second"', '"third"'),
+        lambda text: text.replace('"simulations"', '"simulation"'),
+        lambda text: text.replace("bounded exponential", "Weibull"),
+        lambda text: text.replace('"rate"', '"speed"'),
+        lambda text: json.dumps(json.loads(text) | {"slow": 3}),
+    ],
+)
+def test_damaged_proposals_are_refused(tmp_path, damage):
+    path = tmp_path / "proposals.json"
+    write_proposals(path, Proposals({"slow": F}, {"slow": 7000}))
+    text = path.read_text(encoding="utf-8")
+    assert damage(text) != text
+    path.write_text(damage(text), encoding="utf-8")
+    with pytest.raises(InputError, match=r"proposals\.json: seen .*; expected a file of accelerated"):
+        read_proposals(path)
+
+
+def test_each_stratum_is_searched_and_sampled_with_its_own_law():
+    """At 6 or 7 m/s TTC^-1 is that of F, at 30 m/s exponential; a crash is a TTC^-1 of 0.3 and more."""
     other = BoundedExponential(30.0)
-    model = LaneChangeModel(
-        "made up", {"slow": 2, "fast": 1}, F.inverse_range, {"slow": F.inverse_ttc, "fast": other}
+    law = IndependentLaw(
+        "made up",
+        {"slow": 2, "fast": 1},
+        F.first,
+        {"slow": F.second, "fast": other},
+        {"slow": Empirical([7.0, 6.0]), "fast": Empirical([30.0])},
     )
-    encounters = pd.DataFrame({"segment": ["fast", "slow", "slow"], "lead_speed": [30.0, 7.0, 6.0]})
-    problems = cut_ins(model, encounters, Toy(), 23.49)
-    assert list(problems) == ["slow", "fast"]
-    assert (problems["slow"].lead_speed.lower, problems["slow"].lead_speed.upper) == (6, 7)
-    assert problems["fast"].model == Proposal(F.inverse_range, other)
-    assert problems["fast"].closing_speed_max == 23.49
+    seen = {}
+
+    class Recorder(Toy):
+        def simulate(self, lead_speed, range_, closing_speed):
+            seen.setdefault("speeds", set()).update(lead_speed.tolist())
+            return super().simulate(lead_speed, range_, closing_speed)
+
+    problem = Problem(law, Recorder(inverse_ttc=0.3))
+    single = METHODS["single"].configured(SETTINGS)
+    for stratum, (f, speeds) in {"slow": (F.second, {6.0, 7.0}), "fast": (other, {30.0})}.items():
+        seen.clear()
+        result = single.search(problem, stratum, np.random.default_rng(1))
+        assert seen["speeds"] == speeds
+        sample = problem.sample(stratum, result.proposal, np.random.default_rng(2), 20_000)
+        error = 4 * sample.weight.std() / math.sqrt(20_000)
+        assert sample.weight.mean() == pytest.approx(float(f.sf(0.3)), rel=0, abs=error)
+        assert error < 0.15 * float(f.sf(0.3))
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_twenty_seeds_end_well_on_a_model_fitted_to_records(method):
-    model = read_model(FITTED / "model.json")
-    quantiles = pd.read_csv(FITTED / "lead_speed_quantiles.csv").rename(
-        columns={"lead_speed [m/s]": "lead_speed"}
+@pytest.mark.parametrize("method", PAPERS)
+def test_twenty_seeds_end_well_before_the_car_of_the_study(method):
+    law = IndependentLaw(
+        "near the records of 5 to 15 m/s",
+        {"5-15": 1},
+        F.first,
+        {"5-15": F.second},
+        {"5-15": Empirical(np.linspace(5, 15, 201)[:-1])},
+        closing_speed_max=23.49,
     )
-    problem = cut_ins(model, quantiles, AccAeb(), 23.49)["5-15"]
+    problem = Problem(law, AccAeb())
     for seed in range(20):
         result = found(method, problem, seed)
-        sample = problem.sample(result.proposal, np.random.default_rng(seed), 2000)
-        assert sample.outcomes.crash.mean() > 0.05
+        sample = problem.sample("5-15", result.proposal, np.random.default_rng(seed), 2000)
+        assert sample.happened.mean() > 0.05

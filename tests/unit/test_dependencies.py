@@ -1,0 +1,113 @@
+"""The import graph, and the digests by which the files and settings of a user count."""
+
+import hashlib
+import json
+from pathlib import Path
+
+import pytest
+from accelerated_evaluation.configuration import load
+from accelerated_evaluation.dependencies import (
+    content_digest,
+    imported_modules,
+    in_order,
+    value_digest,
+    without_unused,
+)
+
+MODULES = {
+    "__init__.py": "",
+    "alone.py": "import numpy\nfrom house_of_others import alone\n",
+    "shared.py": "from house.alone import something\n",
+    "lazy.py": "def f():\n    import house.room.deep as deep\n    return deep\n",
+    "room/__init__.py": "",
+    "room/deep.py": "from ..shared import x\n",
+    "circle.py": "from house import circle_back\n",
+    "circle_back.py": "from house.circle import x\n",
+    "members/__init__.py": "from house.registry import Registry\nALL = Registry('x', __name__, __path__)\n",
+    "members/one.py": "from house.shared import x\n",
+    "members/group/__init__.py": "from house.members.group import part\n",
+    "members/group/part.py": "",
+    "members/group/other.py": "",
+    "registry.py": "class Registry: ...\n",
+}
+
+
+@pytest.fixture
+def house(tmp_path) -> Path:
+    """Return a package of toy modules."""
+    for name, code in MODULES.items():
+        path = tmp_path / "house" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(code)
+    return tmp_path / "house"
+
+
+def imported(house: Path, code: str) -> set[str]:
+    script = house.parent / "script.py"
+    script.write_text(code)
+    return {str(path.relative_to(house)) for path in imported_modules([script], house)} - {"__init__.py"}
+
+
+@pytest.mark.parametrize(
+    ("code", "modules"),
+    [
+        ("import json\nfrom scipy import stats\n", set()),
+        ("from house.alone import f\n", {"alone.py"}),
+        ("import house.shared\n", {"shared.py", "alone.py"}),
+        ("from house import shared as s\n", {"shared.py", "alone.py"}),
+        ("if True:\n    from house.lazy import f\n",
+         {"lazy.py", "room/__init__.py", "room/deep.py", "shared.py", "alone.py"}),
+        ("from house.circle import x\n", {"circle.py", "circle_back.py"}),
+        ("from house.room import deep\n", {"room/__init__.py", "room/deep.py", "shared.py", "alone.py"}),
+    ],
+)  # fmt: skip
+def test_modules_that_a_script_imports(house, code, modules):
+    assert imported(house, code) == modules
+
+
+def test_who_looks_up_a_registry_depends_on_all_its_members(house):
+    members = {"members/__init__.py", "members/one.py", "members/group/__init__.py", "members/group/part.py"}
+    expected = members | {"registry.py", "shared.py", "alone.py"}
+    assert imported(house, "from house.members import ALL\n") == expected
+
+
+def test_code_cells_of_a_notebook_count_and_its_text_does_not(house, tmp_path):
+    cells = [
+        {"cell_type": "markdown", "source": ["from house import circle\n"]},
+        {"cell_type": "code", "source": ["import json\n", "from house import alone\n"]},
+    ]
+    notebook = tmp_path / "notebook.ipynb"
+    notebook.write_text(json.dumps({"cells": cells}))
+    assert house / "alone.py" in imported_modules([notebook], house)
+    assert house / "circle.py" not in imported_modules([notebook], house)
+
+
+def test_content_counts_and_dates_and_names_do_not(tmp_path):
+    one, two = tmp_path / "one.csv", tmp_path / "two.csv"
+    one.write_text("1\n")
+    two.write_text("1\n")
+    assert content_digest([one]) == content_digest([two])
+    two.write_text("2\n")
+    assert content_digest([one]) != content_digest([two])
+    assert content_digest([one, two]) != content_digest([two, one])
+
+
+def test_a_file_to_be_retrieved_counts_as_the_one_that_will_come(tmp_path):
+    path = tmp_path / "records.mat"
+    foreseen = content_digest([path], missing=hashlib.sha256(b"1\n").hexdigest())
+    path.write_text("1\n")
+    assert content_digest([path]) == foreseen
+
+
+def test_the_order_of_keys_does_not_count():
+    one, two = {"a": 1, "b": [{"c": 2, "d": 3}]}, {"b": [{"d": 3, "c": 2}], "a": 1}
+    assert repr(in_order(one)) == repr(in_order(two))
+    assert value_digest(one) == value_digest(two)
+    assert value_digest(one) != value_digest(one | {"a": 2})
+
+
+def test_sources_that_are_not_used_do_not_count():
+    config = load()
+    other = {**config["data"], "table": {**config["data"]["table"], "path": "mine.csv"}}
+    assert without_unused(config) == without_unused({**config, "data": other})
+    assert set(without_unused(config)["data"]) & {"twin", "spmd", "table"} == {config["data"]["source"]}

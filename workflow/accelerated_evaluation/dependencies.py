@@ -1,0 +1,171 @@
+"""What the result of a rule depends on: the modules that its code imports, and the content of users' files.
+
+Snakemake notices a changed script, but neither an edited module that it imports nor a user's file that is
+replaced by an older one. The rules therefore name the modules as inputs, and digests as parameters.
+"""
+
+import ast
+import hashlib
+import json
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+Paths = Iterable[str | os.PathLike]
+
+
+def imported_modules(
+    sources: Paths, package: str | os.PathLike, members: Mapping[str, Iterable[str]] | None = None
+) -> list[Path]:
+    """Return the modules of a package that some scripts or notebooks import, directly or through each other.
+
+    The sources are parsed, never run, so imports inside of functions count as well. A module that makes a
+    `registry.Registry` imports all modules beside it when a name is looked up, and therefore depends on them.
+
+    Parameters
+    ----------
+    sources
+        Python files or notebooks.
+    package
+        Folder of the package; modules outside of it are not followed.
+    members
+        The members that are looked up in the registry of a room, by the room's name. Without an entry all
+        members of the room count.
+
+    Returns
+    -------
+    list of Path
+        In alphabetical order; empty where nothing of the package is imported.
+    """
+    package = Path(package)
+    found: set[Path] = set()
+    waiting = [module for source in sources for module in _imports(Path(source), package)]
+    while waiting:
+        module = waiting.pop()
+        if module not in found:
+            found.add(module)
+            waiting += [*_imports(module, package), *_registered(module, members or {})]
+    return sorted(found)
+
+
+def content_digest(paths: Paths, missing: str = "") -> str:
+    """Return a digest of the contents of files, in their order; their names and dates do not count.
+
+    Parameters
+    ----------
+    paths
+        The files.
+    missing
+        Stands for the SHA-256 of a file that does not exist, such as one that is still to be retrieved. The
+        rule that needs the file as an input says that it is missing.
+    """
+    files = [Path(path) for path in paths]
+    return value_digest(
+        [hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else missing for file in files]
+    )
+
+
+def value_digest(value: Any) -> str:  # noqa: ANN401
+    """Return a digest of a value that JSON can hold; the order of the keys of its mappings does not count."""
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
+
+
+def in_order(value: Any) -> Any:  # noqa: ANN401
+    """Return a value of the configuration with the keys of all its mappings in alphabetical order.
+
+    Snakemake compares parameters as text: the same settings in another order would count as changed.
+    """
+    if isinstance(value, Mapping):
+        return {key: in_order(value[key]) for key in sorted(value)}
+    return [in_order(item) for item in value] if isinstance(value, list) else value
+
+
+def without_unused(config: Mapping[str, Any], sources: Iterable[str]) -> dict[str, Any]:
+    """Return a valid configuration in order, without the sections of the sources that the study does not use.
+
+    An edit of a section that is not used must not run any job again.
+
+    Parameters
+    ----------
+    config
+        A valid configuration.
+    sources
+        Names of all sources.
+    """
+    unused = set(sources) - {config["data"]["source"]}
+    data = {key: value for key, value in config["data"].items() if key not in unused}
+    return in_order({**config, "data": data})
+
+
+@cache
+def _imports(source: Path, package: Path) -> frozenset[Path]:
+    """Return the modules of the package that the code of one file imports by itself."""
+    tree = ast.parse(_code(source), filename=str(source))
+    names = set(_imported_names(tree, source, package))
+    modules = {module for name in names for module in _modules(name, package)}
+    return frozenset(modules - {source})
+
+
+def _registered(module: Path, members: Mapping[str, Iterable[str]]) -> list[Path]:
+    """Return the modules that a registry in a module imports: those beside it, or those of some members."""
+    room = module.parent
+    if module.name != "__init__.py" or not _has_registry(module):
+        return []
+    if room.name not in members:
+        return [*room.glob("*.py"), *room.glob("*/__init__.py")]
+    paths = (
+        path for name in members[room.name] for path in (room / f"{name}.py", room / name / "__init__.py")
+    )
+    return [path for path in paths if path.is_file()]
+
+
+@cache
+def _has_registry(module: Path) -> bool:
+    return any(_makes_registry(node) for node in ast.walk(ast.parse(_code(module))))
+
+
+def _code(source: Path) -> str:
+    """Return the code of a Python file, or of the code cells of a notebook."""
+    text = source.read_text(encoding="utf-8")
+    if source.suffix != ".ipynb":
+        return text
+    cells = [cell for cell in json.loads(text)["cells"] if cell["cell_type"] == "code"]
+    return "\n".join("".join(cell["source"]) for cell in cells)
+
+
+def _imported_names(tree: ast.AST, source: Path, package: Path) -> Iterator[str]:
+    """Yield the dotted names of all that may be a module in the import statements of a file."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            above = source.relative_to(package.parent).parts[: -node.level] if node.level else ()
+            module = ".".join([*above, node.module] if node.module else above)
+            yield from (f"{module}.{alias.name}" for alias in node.names)
+
+
+def _modules(name: str, package: Path) -> Iterator[Path]:
+    """Yield the files that an import of a dotted name runs: those of the packages around it, then its own."""
+    first, *parts = name.split(".")
+    if first != package.name:
+        return
+    folder = package
+    yield folder / "__init__.py"
+    for part in parts:
+        if (folder / f"{part}.py").is_file():
+            yield folder / f"{part}.py"
+        folder /= part
+        if not (folder / "__init__.py").is_file():
+            return  # the rest of the name is a module that was found, or what it defines
+        yield folder / "__init__.py"
+
+
+def _makes_registry(node: ast.AST) -> bool:
+    """Tell whether a node of the syntax tree is a call of the class Registry."""
+    if not isinstance(node, ast.Call):
+        return False
+    called = node.func
+    name = called.attr if isinstance(called, ast.Attribute) else getattr(called, "id", None)
+    return name == "Registry"
