@@ -49,6 +49,7 @@ class Bounded(Described):
 
     @cached_property
     def _total(self) -> float:
+        # Kept, because quantiles of mixtures ask for it once for every step of their search.
         return float(self._integral(self.lower, self.upper))
 
     def _clip(self, x: ArrayLike) -> Array:

@@ -145,6 +145,8 @@ class BoundedNormal(Bounded):
 
     def _fall(self, offset: Array, width: Array) -> Array:
         """Integral over ``width`` of the falling side, from ``offset`` on, divided by the density there."""
+        if not np.any(width):  # as on one side of a peak that is at a bound of the support
+            return np.zeros(np.broadcast_shapes(np.shape(offset), np.shape(width)))
         exponent = width * (2 * offset + width) / (2 * self.sd**2)
         scale = self.sd * math.sqrt(2)
         far = erfcx(offset / scale) - np.exp(-exponent) * erfcx((offset + width) / scale)

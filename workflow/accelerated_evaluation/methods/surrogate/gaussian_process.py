@@ -1,8 +1,8 @@
 """Surrogate of an event: the probability that it happens at a point that was not simulated.
 
 This is Gaussian process classification of the event's flag: the probability is Phi(latent) with a Gaussian
-process as latent function. Its posterior is approximated by expectation propagation (Rasmussen and Williams 2006,
-section 3.6). Its lengths and amplitude are those of highest posterior density.
+process as latent function. Its posterior is approximated by expectation propagation (Rasmussen and Williams
+2006, section 3.6). Its lengths and amplitude are those of highest posterior density.
 """
 
 import math
@@ -34,12 +34,13 @@ from accelerated_evaluation.methods.surrogate.constants import (
 )
 
 LOG_ROOT_2PI = 0.5 * math.log(2 * math.pi)
-BLOCK = 256  # points that are predicted at once, so that their covariances stay in the processor's cache
 
 
 @njit(cache=True)
-def _matern(cross: Array, a_square: Array, b_square: Array, value: Array, slope: Array) -> None:
-    """Fill in Matern 5/2 correlations, and -2 times their derivative by the squared distance.
+def _fill(
+    cross: Array, a_square: Array, b_square: Array, variance: float, value: Array, slope: Array
+) -> None:
+    """Fill in covariances, variance (1 + Matern 5/2), and slopes of the Matern correlation.
 
     Parameters
     ----------
@@ -47,21 +48,24 @@ def _matern(cross: Array, a_square: Array, b_square: Array, value: Array, slope:
         Twice the inner products of points a and b, shape (n, m).
     a_square, b_square
         Squared norms of the points, shapes (n,) and (m,).
+    variance
+        Square of the amplitude.
     value
-        Where the correlations are put, shape (n, m).
+        Where the covariances are put, shape (n, m).
     slope
-        Where the derivatives are put, shape (n, m), or empty if they are not wanted.
+        Where -2 times the derivatives of the correlations by the squared distance are put, shape (n, m);
+        empty if they are not wanted.
     """
     n, m = cross.shape
     r, decay = np.empty(m), np.empty(m)
     for i in range(n):
-        # One loop for each operation: the processor takes several roots at once, but one exponential at a time.
+        # One loop for each operation: the processor takes several roots at once, but single exponentials.
         for j in range(m):
             r[j] = math.sqrt(5 * max(a_square[i] + b_square[j] - cross[i, j], 0.0))
         for j in range(m):
             decay[j] = math.exp(-r[j])
         for j in range(m):
-            value[i, j] = (1 + r[j] + r[j] * r[j] / 3) * decay[j]
+            value[i, j] = variance * ((1 + r[j] + r[j] * r[j] / 3) * decay[j] + 1)
         if slope.size:
             for j in range(m):
                 slope[i, j] = 5 / 3 * (1 + r[j]) * decay[j]
@@ -76,12 +80,20 @@ def _scale_both_sides(covariance: Array, root: Array, scaled: Array) -> None:
         scaled[i, i] = 1 + root[i] * covariance[i, i] * root[i]
 
 
-def _correlation(a: Array, b: Array, *, with_slope: bool = False) -> tuple[Array, Array]:
-    """Return correlations, shape (n, m), of points in units of the lengths, and their slopes if wanted."""
+def _covariance(a: Array, b: Array, variance: float, *, with_slope: bool = False) -> tuple[Array, Array]:
+    """Return covariances, shape (n, m), of points in units of the lengths, and the slopes if wanted."""
     cross = 2 * a @ b.T
     value, slope = np.empty_like(cross), np.empty_like(cross) if with_slope else np.empty((0, 0))
-    _matern(cross, (a * a).sum(1), (b * b).sum(1), value, slope)
+    _fill(cross, (a * a).sum(1), (b * b).sum(1), variance, value, slope)
     return value, slope
+
+
+def _covariance_of_runs(runs: Array, variance: float, *, with_slope: bool = False) -> tuple[Array, Array]:
+    """Return the covariance of the runs, shape (n, n), with a little more on its diagonal, and the slopes."""
+    covariance, slope = _covariance(runs, runs, 1.0, with_slope=with_slope)
+    covariance.flat[:: len(runs) + 1] += JITTER
+    covariance *= variance
+    return covariance, slope
 
 
 class EventSurrogate:
@@ -134,29 +146,15 @@ class EventSurrogate:
             self.theta = found.x
         self._lengths, self._variance = np.exp(self.theta[:-1]), math.exp(2 * self.theta[-1])
         self._runs = z / self._lengths
-        covariance = self._covariance(_correlation(self._runs, self._runs)[0], self._variance)
+        covariance, _ = _covariance_of_runs(self._runs, self._variance)
         _, self._factor, self._root, self._weights = self._propagate(covariance, sign, tolerance=SETTLED)
 
     def probability(self, z: Array) -> Array:
         """Probability of the event at points z, shape (m, d)."""
-        points = z / self._lengths
-        blocks = (points[start : start + BLOCK] for start in range(0, len(points), BLOCK))
-        return np.concatenate([self._probability(block) for block in blocks])
-
-    def _probability(self, points: Array) -> Array:
-        """Probability at points in units of the lengths, few enough for the cache."""
-        covariance = self._variance * (_correlation(self._runs, points)[0] + 1)
+        covariance = _covariance(self._runs, z / self._lengths, self._variance)[0]
         scaled = dtrtrs(self._factor, self._root[:, None] * covariance, lower=1)[0]
         variance = np.maximum(2 * self._variance - np.einsum("ij,ij->j", scaled, scaled), 0.0)
         return ndtr(covariance.T @ self._weights / np.sqrt(1 + variance))
-
-    @staticmethod
-    def _covariance(correlation: Array, variance: float) -> Array:
-        """Return the covariance of the runs; the correlation's own array is used for it."""
-        correlation += 1
-        correlation.flat[:: len(correlation) + 1] += JITTER
-        correlation *= variance
-        return correlation
 
     def _propagate(
         self, covariance: Array, sign: Array, tolerance: float
@@ -191,8 +189,8 @@ class EventSurrogate:
             if abs(evidence - previous) < tolerance:
                 break
             previous = evidence
-            # The new site gives the cavity times the site the moments of the cavity times the probit. The ratio
-            # of the normal density to its integral is taken in logarithms, because both vanish far out.
+            # A new site gives cavity times site the moments of cavity times probit. The ratio of the normal
+            # density to its integral is taken in logarithms, because both vanish far out.
             hazard = np.exp(-0.5 * score * score - LOG_ROOT_2PI - log_mass)
             matched_mean = centre + sign * hazard / (rest * width)
             matched_variance = 1 / rest - hazard * (score + hazard) / (rest * width) ** 2
@@ -206,8 +204,7 @@ class EventSurrogate:
         """Negative log posterior density of the log lengths and log amplitude, and its gradient."""
         variance = math.exp(2 * theta[-1])
         runs = z / np.exp(theta[:-1])
-        correlation, slope = _correlation(runs, runs, with_slope=True)
-        covariance = self._covariance(correlation, variance)
+        covariance, slope = _covariance_of_runs(runs, variance, with_slope=True)
         evidence, factor, root, weights = self._propagate(covariance, sign, tolerance=ROUGHLY_SETTLED)
         inverse = dtrtrs(factor, np.diag(root), lower=1)[0]
         outer = 0.5 * (np.outer(weights, weights) - inverse.T @ inverse)
