@@ -10,7 +10,7 @@ DT, LENGTH, WIDTH = 0.1, 4.3, 1.9
 
 
 def simulate(decide, lead, gap, closing, *, reaction=0.75, lateral_speed=0.0, crossing=3.5):
-    """Return crash, smallest range and TTC, and impact speed; ``decide`` gives (unsafe, deceleration)."""
+    """Return crash, smallest range, smallest TTC and impact speed; ``decide`` returns (unsafe, braking)."""
     s = SimpleNamespace(u=lead, v=lead + closing, acc=0.0, ramp=None, w=0.0, y=0.0, dx=gap + LENGTH)
     sideways = 0
     if lateral_speed:

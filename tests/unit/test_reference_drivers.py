@@ -33,10 +33,8 @@ def published(name, driver):
 def one_by_one(driver, encounters, lateral_speeds, **parameters):
     """Outcomes of encounters that each have a lateral speed of their own, shape (4, n)."""
     vehicles = (load_vehicle(driver, lateral_speed=speed, **parameters) for speed in lateral_speeds)
-    outcomes = [
-        vehicle.simulate(*encounter[:, None])
-        for vehicle, encounter in zip(vehicles, encounters.T, strict=True)
-    ]
+    pairs = zip(vehicles, encounters.T, strict=True)
+    outcomes = [vehicle.simulate(*encounter[:, None]) for vehicle, encounter in pairs]
     return np.array([[getattr(each, name)[0] for name in OUTCOMES] for each in outcomes]).T
 
 

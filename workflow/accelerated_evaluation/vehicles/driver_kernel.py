@@ -125,7 +125,7 @@ def _wake_gap(driver: Driver, speed: float, lead: float) -> float:
 
 @compiled
 def _ttc(gap: float, closing: float) -> float:
-    """Time to collision [s], never 0 by underflow; infinite where the cars do not close in, or touch."""
+    """Time to collision [s], never 0; infinite where the cars do not close in, or touch already."""
     return max(gap / closing, SMALLEST) if (gap > 0.0) & (closing > 0.0) else np.inf
 
 
