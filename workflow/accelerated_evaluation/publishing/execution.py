@@ -31,7 +31,7 @@ class ThisProcess(Engine):
         kernel_name: str,
         **_: Any,  # noqa: ANN401
     ) -> None:
-        """Run the cells one after the other, up to the first error; papermill raises what is recorded of it."""
+        """Run the cells up to the first error, which papermill raises after it has saved the notebook."""
         # Figures that are shown without being saved are displayed in the notebook, as a kernel does it.
         os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
         shell = InteractiveShell.instance(config=Config({"HistoryManager": {"enabled": False}}))
