@@ -125,7 +125,7 @@ for _notebook in NOTEBOOKS:
             **NOTEBOOKS[_notebook]["reads"],
             notebook=f"notebooks/{_notebook}.ipynb",
             config=rules.record_configuration.output.config,
-            library=modules_of("record_configuration.py"),
+            library=modules_of("run_notebook.py", f"notebooks/{_notebook}.ipynb"),
         output:
             figures=made(_notebook, "figures"),
             tables=made(_notebook, "tables"),
