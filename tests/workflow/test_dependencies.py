@@ -13,8 +13,8 @@ LIBRARY = Path("workflow/accelerated_evaluation")
 EDIT = "\n# edited\n"
 
 # By hand: the rules that stand first in line to run again after some modules are edited, with those modules,
-# and all rules that run then. Together the modules are of every room. For a rule that waits for another Snakemake
-# gives no reason of its own, so leaves of the import graph are edited together, and its trunk by itself.
+# and all rules that run then. Together the modules are of every room. For a rule that waits for another,
+# Snakemake gives no reason of its own: leaves of the import graph are edited together, its trunk by itself.
 LEAVES = (
     {
         "fit_candidates": {"fitting/candidate_families.py", "laws/comparison.py"},

@@ -1,6 +1,5 @@
 """What every script of the workflow shares: its log, and errors as one message."""
 
-import errno
 import os
 import sys
 import traceback
@@ -8,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from accelerated_evaluation.errors import StudyError
+from accelerated_evaluation.files import is_disk_full
 
 # Set by the logger plugin, which shows the progress of jobs, and their errors after all else.
 LOGGER_VARIABLE = "ACCELERATED_EVALUATION_LOGGER"
@@ -36,21 +36,13 @@ def job(log: str | os.PathLike) -> Iterator[None]:
             f"error: the job was ended by sys.exit({error.code!r}), which nothing that it runs may call\n"
         )
     except Exception as error:
-        message = _no_space(error) or traceback.format_exc()
+        message = traceback.format_exc()
+        if is_disk_full(error):
+            message = "error: no space left on the disk; free some and run the study again\n"
     if message:
         _tell(message, terminal)
         sys.exit(1)
     os.dup2(terminal, 2)
-
-
-def _no_space(error: BaseException | None) -> str:
-    """Say that the disk is full, if that is what an error or one of its causes comes from; else nothing."""
-    while error is not None:
-        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
-            where = error.filename or "a file of the study"
-            return f"error: no space left on the disk to write {where}. Free some and run the study again.\n"
-        error = error.__cause__ or error.__context__
-    return ""
 
 
 def _tell(message: str, terminal: int) -> None:

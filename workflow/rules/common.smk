@@ -4,6 +4,7 @@
 
 from pathlib import Path
 
+from accelerated_evaluation.alive import release_dead_locks
 from accelerated_evaluation.configuration import validate
 from accelerated_evaluation.dependencies import (
     content_digest,
@@ -15,6 +16,8 @@ from accelerated_evaluation.encounters.segments import segment_names
 from accelerated_evaluation.errors import StudyError
 from accelerated_evaluation.methods.paper import METHODS
 from snakemake.exceptions import WorkflowError
+
+ALIVE = release_dead_locks()
 
 try:
     validate(config)

@@ -56,8 +56,10 @@ def plain_error(message: str) -> str:
     """
     if message.startswith("Traceback"):
         last = message.strip().splitlines()[-1]
-        is_of_file = re.match(r"(FileNotFound|IsADirectory|Permission|UnicodeDecode)Error: ", last)
+        is_of_file = re.match(r"(OS|FileNotFound|IsADirectory|Permission|UnicodeDecode)Error: ", last)
         return f"error: {last.partition(': ')[2]}" if is_of_file else message
+    if "Directory cannot be locked" in message:
+        return f"error: another run makes files of this study in {Path.cwd()}; wait for it to end, or stop it"
     lines = [line for line in message.splitlines() if not re.match(r'  File ".*", line \d+', line)]
     if lines and re.match(r"\w+(Error|Exception)( in file .*)?:$", lines[0]):
         lines = lines[1:]
@@ -80,7 +82,7 @@ def failure(what: str, rule: str, logs: Sequence[str], errors: Sequence[str]) ->
     starts = [match.start() for match in re.finditer(r"^(error: |Traceback \(most)", text, re.MULTILINE)]
     message = "\n".join(text[starts[0] if starts else 0 :].splitlines()[-LAST_LINES:]).strip()
     if not starts and shutil.disk_usage(Path.cwd()).free < LAST_BYTES:
-        message = "error: no space left on the disk. Free some and run the study again."
+        message = "error: no space left on the disk; free some and run the study again"
     elif not starts:
         how = errors[-1].splitlines()[-1] if errors else "error: it was ended from outside"
         message = f"{message}\n{how}; the job left no message.".strip()
