@@ -5,6 +5,7 @@
 from dataclasses import asdict
 from pathlib import Path
 
+from accelerated_evaluation.alive import release_dead_locks
 from accelerated_evaluation.configuration import validate
 from accelerated_evaluation.dependencies import (
     content_digest,
@@ -17,6 +18,8 @@ from accelerated_evaluation.encounters.sources import SOURCES, describe
 from accelerated_evaluation.errors import StudyError
 from accelerated_evaluation.methods import METHODS
 from snakemake.exceptions import WorkflowError
+
+ALIVE = release_dead_locks()
 
 try:
     validate(config)
