@@ -32,22 +32,22 @@ localrules:
     tables,
 
 
-rule all:
-    """Everything: figures, tables and rendered notebooks."""
-    default_target: True
-    input:
-        published("notebooks"),
-        published("figures"),
-        published("tables"),
-
-
 rule figures:
     """All figures of the paper, each with its data."""
     input:
-        published("figures"),
+        [file for notebook in NOTEBOOKS for file in figures_of(notebook)],
 
 
 rule tables:
     """All tables."""
     input:
-        published("tables"),
+        [file for notebook in NOTEBOOKS for file in tables_of(notebook)],
+
+
+rule all:
+    """Everything: figures, tables and rendered notebooks."""
+    default_target: True
+    input:
+        [result("notebooks", f"{notebook}.html") for notebook in NOTEBOOKS],
+        rules.figures.input,
+        rules.tables.input,

@@ -27,7 +27,7 @@ def rate(lead_speed):
 
 
 def scale(lead_speed, inverse_range):
-    return 0.6 + 0.03 * lead_speed + 0.03 / inverse_range
+    return 0.6 + 0.03 * lead_speed + 0.045 / inverse_range
 
 
 def closing_speed_tail(lead_speed, inverse_range, closing_speed):

@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from accelerated_evaluation.configuration import load
-from accelerated_evaluation.distributions import BoundedExponential, PiecewiseMixture
+from accelerated_evaluation.distributions import BoundedExponential, Empirical, PiecewiseMixture
 from accelerated_evaluation.laws.independent import IndependentLaw
 from accelerated_evaluation.publishing.claims import CLAIMS, PREMISES, Claim, claims_table, verdict
 from accelerated_evaluation.publishing.spreads import Spread
@@ -28,7 +28,9 @@ def study():
     )
     events = dict(zip(SEGMENTS, (75783, 37580, 44394), strict=True))
     models = {
-        name: IndependentLaw("real", events, law, dict.fromkeys(events, law))
+        name: IndependentLaw(
+            "real", events, law, dict.fromkeys(events, law), dict.fromkeys(events, Empirical([10.0]))
+        )
         for name, law in (("single", exponential), ("piecewise", pieces))
     }
     rows = [(method, k, n) for method, values in N.items() for k, n in enumerate(values)]

@@ -1,187 +1,27 @@
-"""The search for f*: updates against brute force, events, and vehicles whose crash probability is known."""
+"""The search for f*: events, likelihood ratios, and vehicles whose crash probability is known."""
 
 import dataclasses
-import json
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.configuration import load
 from accelerated_evaluation.distributions import (
     BoundedExponential,
-    BoundedNormal,
     Empirical,
-    Mixture,
-    PiecewiseMixture,
 )
-from accelerated_evaluation.errors import ConvergenceError, InputError
+from accelerated_evaluation.errors import ConvergenceError
 from accelerated_evaluation.laws import CutIns, Factors
 from accelerated_evaluation.laws.independent import IndependentLaw
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.cross_entropy import search as cross_entropy
 from accelerated_evaluation.methods.cross_entropy.families import (
     PiecewiseFamily,
-    SingleFamily,
-    bounded_weights,
 )
-from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMethod
-from accelerated_evaluation.methods.cross_entropy.proposals import Proposals, read_proposals, write_proposals
 from accelerated_evaluation.methods.cross_entropy.search import Settings, event_score, search
 from accelerated_evaluation.problem import Problem, Sample
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
-from scipy.optimize import minimize
-
-SETTINGS = load()
-CONFIG = SETTINGS["cross_entropy"]
-PAPERS = [name for name, method in METHODS.items() if issubclass(method, CrossEntropyMethod)]
-BODY = Mixture((0.2, 0.8), (BoundedNormal(0.037, 0.0, 0.166), BoundedNormal(0.0885, 0.0, 0.166)))
-F = Factors(
-    PiecewiseMixture(
-        (0.83, 0.17), (BoundedExponential(107.0, 1 / 75, 0.037), BoundedExponential(43.0, 0.037))
-    ),
-    PiecewiseMixture((0.95, 0.05), (BODY, BoundedExponential(21.0, 0.166))),
-)
-
-
-@dataclass(frozen=True)
-class Toy:
-    """A vehicle that crashes if and only if R^-1 and TTC^-1 are both above their thresholds."""
-
-    inverse_range: float = 0.0
-    inverse_ttc: float = 0.0
-
-    def simulate(self, lead_speed, range_, closing_speed):
-        missing = np.zeros(range_.size)
-        for threshold, value in (
-            (self.inverse_range, 1 / range_),
-            (self.inverse_ttc, closing_speed / range_),
-        ):
-            missing = np.maximum(missing, threshold - value)
-        crash = missing == 0
-        return Outcomes(
-            crash, np.where(crash, 0.0, range_), np.where(crash, np.inf, missing), np.zeros(range_.size)
-        )
-
-
-def toy(inverse_range, inverse_ttc):
-    """Return cut-ins before a vehicle whose thresholds, if there are any, have these tail probabilities."""
-    thresholds = [
-        0.0 if tail is None else float(law.isf(tail))
-        for law, tail in ((F.first, inverse_range), (F.second, inverse_ttc))
-    ]
-    return before(Toy(*thresholds))
-
-
-def before(vehicle, cap=math.inf):
-    """Return the problem of a vehicle before cut-ins of one segment, all at 20 m/s."""
-    law = IndependentLaw("toy", {"all": 1}, F.first, {"all": F.second}, {"all": Empirical([20.0])}, cap)
-    return Problem(law, vehicle)
-
-
-def families(method):
-    make = SingleFamily.start if method == "single" else lambda law: PiecewiseFamily.start(law, 0.01, 5)
-    return make(F.first), make(F.second)
-
-
-def found(method, problem, seed, **changes):
-    rows = []
-    generator = np.random.default_rng(seed)
-    configured = METHODS[method].configured(SETTINGS | {"cross_entropy": CONFIG | changes})
-    (stratum,) = problem.law.strata
-    result = configured.search(problem, stratum, generator, rows.append)
-    assert rows == result.trace
-    return result
-
-
-def weighted_likelihood(law, x, weight):
-    return float((weight * law.logpdf(x)).sum())
-
-
-@pytest.fixture
-def events():
-    """Events of one variable with weights of any size, most of them in the tail piece."""
-    generator = np.random.default_rng(5)
-    x = np.concatenate([generator.uniform(0.05, 0.16, 40), 0.3 + generator.exponential(0.1, 60)])
-    return x, generator.exponential(1.0, 100) ** 3
-
-
-def test_single_update_maximizes_the_weighted_likelihood(events):
-    family = SingleFamily.start(F.second)
-    assert family.distribution.mean() == pytest.approx(F.second.mean())
-    best = family.update(*events)
-    brute = minimize(lambda p: -weighted_likelihood(BoundedExponential(math.exp(p[0])), *events), [1.0])
-    assert best.parameters() == {"rate": best.distribution.rate}
-    assert best.distribution.rate == pytest.approx(math.exp(brute.x[0]), rel=1e-4)
-    assert weighted_likelihood(best.distribution, *events) >= -brute.fun
-
-
-def test_piecewise_update_maximizes_the_weighted_likelihood(events):
-    best = PiecewiseFamily.start(F.second, 0.01, 5).update(*events)
-
-    def loss(parameters):
-        share = 1 / (1 + math.exp(-parameters[0]))
-        tilts = parameters[1], 21 - math.exp(parameters[2])
-        return -weighted_likelihood(F.second.accelerated(tilts, (share, 1 - share)), *events)
-
-    brute = minimize(loss, [0.0, 0.0, 3.0], method="Nelder-Mead", options={"xatol": 1e-7, "fatol": 1e-9})
-    assert weighted_likelihood(best.distribution, *events) == pytest.approx(-brute.fun, abs=1e-6)
-    assert best.thetas == pytest.approx((brute.x[1], 21 - math.exp(brute.x[2])), rel=1e-3)
-    assert best.weights[0] == pytest.approx(1 / (1 + math.exp(-brute.x[0])), rel=1e-4)
-    unweighted = PiecewiseFamily.start(F.second, 0.01, 5).update(events[0], np.ones(100))
-    assert weighted_likelihood(unweighted.distribution, *events) < -brute.fun - 1e-3
-
-
-@pytest.mark.parametrize("light", [0.0, 5e-324, 1e-320])
-def test_pieces_without_events_keep_theta(light):
-    family = dataclasses.replace(PiecewiseFamily.start(F.second, 0.01, 5), thetas=(7.0, 1.0))
-    x = np.array([0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.3, 0.4, 0.5, 0.6, 0.7])
-    few = family.update(x[2:], np.ones(9))  # four events in the body
-    assert few.thetas[0] == 7.0
-    assert few.thetas[1] == pytest.approx(21 - 1 / (0.5 - 0.166))
-    lost = family.update(x, np.where(x < 0.166, light, 1.0))  # six, but their weights underflow
-    assert lost.thetas == few.thetas
-    assert lost.weights == pytest.approx((0.01, 0.99))
-    assert family.update(x[:6], np.ones(6)).thetas[1] == 1.0
-
-
-def test_needles_at_the_edge_of_a_bounded_piece_are_blunted():
-    family = PiecewiseFamily.start(F.second, 0.01, 5)
-    for edge, mean in ((1e-6, 0.02 * 0.166), (0.166 - 1e-6, 0.98 * 0.166)):
-        body = family.update(np.full(9, edge), np.ones(9)).distribution.components[0]
-        assert body.mean() == pytest.approx(mean)
-
-
-def test_the_tail_of_f_star_is_never_lighter_than_that_of_f():
-    family = PiecewiseFamily.start(F.second, 0.01, 5)
-    near, far = (
-        family.update(np.full(9, x), np.ones(9)).distribution.components[1].rate for x in (0.17, 0.6)
-    )
-    assert near == 21  # nine events next to the knot ask for a rate of 250
-    assert far == pytest.approx(1 / (0.6 - 0.166))
-
-
-@pytest.mark.parametrize(
-    "shares", [(0.2, 0.3, 0.5), (0.0, 0.0, 1.0), (0.06, 0.9, 0.04), (0.11, 0.8, 0.09), (1 / 3,) * 3]
-)
-@pytest.mark.parametrize("minimum", [0.01, 0.1, 0.33])
-def test_bounded_weights_are_the_best_of_all_that_are_allowed(shares, minimum):
-    shares = np.array(shares)
-    weights = np.array(bounded_weights(shares, minimum))
-    assert weights.sum() == pytest.approx(1, rel=1e-15)
-    assert weights.min() >= minimum
-    assert np.all(np.diff(weights[np.argsort(shares)]) >= -1e-15)
-    grid = np.linspace(minimum, 1 - 2 * minimum, 201)
-    first, second = (part.ravel() for part in np.meshgrid(grid, grid))
-    allowed = np.stack([first, second, 1 - first - second])[:, 1 - first - second >= minimum]
-    assert shares @ np.log(weights) >= (shares @ np.log(allowed)).max() - 1e-12
-
-
-@pytest.mark.parametrize(("size", "minimum"), [(3, 0.34), (2, 0.5), (2, 0.7), (2, 0.0), (2, math.nan)])
-def test_weights_that_cannot_be_are_refused(size, minimum):
-    with pytest.raises(ValueError, match=f"{size} weights cannot all be at least"):
-        bounded_weights(np.full(size, 1 / size), minimum)
+from toy_segment import CONFIG, PAPERS, SETTINGS, F, Toy, before, families, found, toy
 
 
 def outcomes_of(crash, min_range, min_ttc):
@@ -359,59 +199,6 @@ def test_a_search_that_does_not_end_says_so(vehicle, changes, message):
     settings = Settings(**{"sample_size": 100, "maximum_iterations": 6, "minimum_events": 5} | changes)
     with pytest.raises(ConvergenceError, match=message):
         search(before(vehicle), "all", families("piecewise"), settings, np.random.default_rng(1))
-
-
-def proposals():
-    searches = {
-        f"{method} {seed}": found(method, toy(1e-1, 1e-3), seed) for seed, method in enumerate(PAPERS)
-    }
-    return searches, Proposals.of(searches)
-
-
-def test_proposals_come_back_equal(tmp_path):
-    searches, kept = proposals()
-    assert kept.factors == {name: search.proposal for name, search in searches.items()}
-    assert kept.simulations == {name: search.simulations for name, search in searches.items()}
-    assert kept.total == sum(search.simulations for search in searches.values()) > 0
-    first, second = tmp_path / "first.json", tmp_path / "second.json"
-    write_proposals(first, kept)
-    back = read_proposals(first)
-    assert back == kept
-    assert list(back.factors) == list(kept.factors)
-    write_proposals(second, back)
-    assert first.read_bytes() == second.read_bytes()
-    other = dataclasses.replace(kept, simulations=kept.simulations | {"single 2": 1})
-    assert other != kept
-
-
-def test_proposals_of_one_stratum():
-    searches, kept = proposals()
-    alone = kept.only("piecewise 1")
-    assert alone.factors == {"piecewise 1": searches["piecewise 1"].proposal}
-    assert alone.total == searches["piecewise 1"].simulations < kept.total
-
-
-@pytest.mark.parametrize(
-    "damage",
-    [
-        lambda text: text[:-30],
-        lambda text: "",
-        lambda text: "[]",
-        lambda text: text.replace('"second"', '"third"'),
-        lambda text: text.replace('"simulations"', '"simulation"'),
-        lambda text: text.replace("bounded exponential", "Weibull"),
-        lambda text: text.replace('"rate"', '"speed"'),
-        lambda text: json.dumps(json.loads(text) | {"slow": 3}),
-    ],
-)
-def test_damaged_proposals_are_refused(tmp_path, damage):
-    path = tmp_path / "proposals.json"
-    write_proposals(path, Proposals({"slow": F}, {"slow": 7000}))
-    text = path.read_text(encoding="utf-8")
-    assert damage(text) != text
-    path.write_text(damage(text), encoding="utf-8")
-    with pytest.raises(InputError, match=r"proposals\.json: seen .*; expected a file of accelerated"):
-        read_proposals(path)
 
 
 def test_each_stratum_is_searched_and_sampled_with_its_own_law():

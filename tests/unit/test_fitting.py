@@ -26,7 +26,7 @@ from accelerated_evaluation.fitting.piecewise import (
 from accelerated_evaluation.laws.paper import (
     choose_knots,
     fit_exponential_from_zero,
-    fit_lane_change_models,
+    fit_paper_laws,
     refit,
 )
 from scipy.optimize import minimize
@@ -231,14 +231,14 @@ def models():
     return models
 
 
-def test_lane_change_models(models):
+def test_the_papers_laws(models):
     generator = np.random.default_rng(4)
     lead_speed = np.concatenate(
         [np.linspace(25, 34, 500), np.linspace(5, 14, 2000), np.linspace(15, 24, 1000)]
     )
     inverse_range = BoundedExponential(60.0, 1 / 75).rvs(generator, lead_speed.size)
     encounters = segmented(inverse_range, PIECEWISE.rvs(generator, lead_speed.size), lead_speed)
-    fitted = fit_lane_change_models(encounters, models, 75, "made up")
+    fitted = fit_paper_laws(encounters, models, 75, "made up", 23.49)
     assert {name: model.n_parameters for name, model in fitted.items()} == {
         "two_pieces": 18,
         "three_pieces": 20,
@@ -249,6 +249,7 @@ def test_lane_change_models(models):
         assert model.segments == ("5-15", "15-25", "25-35")
         assert model.inverse_range.lower == 1 / 75
         assert model.description == "made up"
+        assert model.closing_speed_max == 23.49
     x = encounters.loc[encounters["segment"] == "15-25", "inverse_ttc"].to_numpy()
     assert fitted["two_pieces"].inverse_ttc["15-25"].knots == (np.quantile(x, 0.95),)
     assert fitted["single"].inverse_ttc["15-25"].rate == pytest.approx(1 / x.mean())

@@ -143,7 +143,7 @@ def test_coordinates_and_cut_ins_are_inverse(law):
     ("start", "end"), [(0.0, 3.0), (2.0, 2.0001), (6.0, 20.0), (8.0, np.inf), (0.0, np.inf)]
 )
 def test_probability_of_closing_speeds_is_the_closed_form(place, start, end):
-    """Down to 10^-60, where a difference of distribution functions would be 0."""
+    """Down to 10^-36, where a difference of distribution functions would be 0."""
     speed, inverse_range = place
     place = [np.array([value]) for value in (speed, inverse_range, start, end)]
     found = DEPENDENT.strata["slow"].closing_speed_probability(*place)

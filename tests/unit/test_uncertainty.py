@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation.fitting.pieces import PieceFamily
 from accelerated_evaluation.truth.crash_map import Grid
 from accelerated_evaluation.truth.mapping import map_crashes
 from accelerated_evaluation.truth.sensitivity import Levels, Refit
@@ -15,7 +16,9 @@ from accelerated_evaluation.truth.uncertainty import (
 from accelerated_evaluation.vehicles import AccAeb
 
 CAP = 23.49  # [m/s]
-LEVELS = Levels((0.8,), 0.95, 2)
+EXPONENTIAL = PieceFamily("bounded exponential")
+PIECES = EXPONENTIAL, PieceFamily("bounded normal", 2), EXPONENTIAL
+LEVELS = Levels((0.8,), 0.95, *PIECES)
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +115,7 @@ def test_same_generator_same_bootstrap(crash_map):
 
 def test_choices_are_a_product(crash_map):
     values = probabilities_of_choices(
-        crash_map, table(2000), [LEVELS, Levels((0.7, 0.9), 0.95, 2)], [0.9, 0.95], CAP
+        crash_map, table(2000), [LEVELS, Levels((0.7, 0.9), 0.95, *PIECES)], [0.9, 0.95], CAP
     )
     assert values.shape == (4,)
     assert values[1] == Refit.by(crash_map, CAP).probability(table(2000), LEVELS).probability

@@ -2,6 +2,7 @@
 
 import math
 from abc import abstractmethod
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -41,12 +42,14 @@ class Bounded(Described):
     def ppf(self, q: ArrayLike) -> Array:
         """Inverse of cdf."""
 
-    @property
+    # Kept once computed: every call of a density or of a share of the mass needs these two.
+    @cached_property
     def _mode(self) -> float:
         return float(self._peak(self.lower, self.upper))
 
-    @property
+    @cached_property
     def _total(self) -> float:
+        # Kept, because quantiles of mixtures ask for it once for every step of their search.
         return float(self._integral(self.lower, self.upper))
 
     def _clip(self, x: ArrayLike) -> Array:

@@ -67,7 +67,7 @@ def fig01_concept(
     with paper_style():
         drawn, axes = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.0), sharex=True, sharey=True)
         for axis, (method, title) in zip(axes, TITLES.items(), strict=True):
-            both = laws[method].inverse_ttc[segment], proposals[method][segment].inverse_ttc
+            both = laws[method].inverse_ttc[segment], proposals[method][segment].second
             draw_histogram(axis, records, INVERSE_TTC, f"{RECORDS}, n = {x.size:,}")
             tables.append(_draw_densities(axis, both, 1.05 * x.max(), records).assign(method=method))
             axis.set_title(title, loc="left")

@@ -3,19 +3,19 @@
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
 from accelerated_evaluation.encounters.contract import read_encounters
-from accelerated_evaluation.encounters.segments import segment_names
 from accelerated_evaluation.encounters.sources import describe
 from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.files import read_json
-from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.independent import IndependentLaw
-from accelerated_evaluation.methods.cross_entropy.proposals import read_proposals
+
+if TYPE_CHECKING:
+    from accelerated_evaluation.laws import Factors
 
 
 class Study:
@@ -94,7 +94,7 @@ class Study:
     @property
     def segments(self) -> tuple[str, ...]:
         """Names of the segments, by rising lead speed."""
-        return tuple(segment_names(self.config["segments"]["lead_speed_edges"]))
+        return self.piecewise.segments
 
     @property
     def first_segment(self) -> str:
@@ -179,8 +179,11 @@ class Study:
         return self._table("cross_entropy_trace.csv")
 
     @cached_property
-    def proposals(self) -> dict[str, Mapping[str, Factors]]:
+    def proposals(self) -> "dict[str, Mapping[str, Factors]]":
         """The accelerated distributions f* of the first seed, by method and segment."""
+        # Imported here, because it takes the compiled vehicle along, which the other results do not need.
+        from accelerated_evaluation.methods.cross_entropy.proposals import read_proposals
+
         methods = self.trace["method"].unique()
         paths = {method: self.path("cross_entropy/{method}_0.json", method=method) for method in methods}
         return {method: read_proposals(path).factors for method, path in paths.items()}

@@ -6,8 +6,7 @@ from typing import Self
 
 import numpy as np
 from numba import njit
-from scipy.special import gammaln
-from scipy.stats import chi2
+from scipy.special import chdtr, chdtrc, chdtri, gammaincinv, gammaln
 
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.methods.surrogate.constants import REACH, SMALLEST_SPREAD
@@ -19,7 +18,7 @@ def draw_wide(n: int, dimension: int, generator: np.random.Generator) -> Array:
     Their directions are uniform, and -log P(|Z| > radius) is uniform on [0, REACH], where Z is standard
     normal. So every decade of P(|Z| > radius) gets the same number of points, however rare it is.
     """
-    radius = np.sqrt(chi2.isf(np.exp(-generator.uniform(0, REACH, n)), dimension))
+    radius = np.sqrt(chdtri(dimension, np.exp(-generator.uniform(0, REACH, n))))
     z = generator.normal(size=(n, dimension))
     return z * (radius / np.linalg.norm(z, axis=1))[:, None]
 
@@ -30,8 +29,18 @@ def log_normal_to_wide(z: Array) -> Array:
     Both densities depend on the radius alone, and u = -log P(|Z| > radius) has the density exp(-u) under the
     standard normal law and 1 / REACH under the wide law. So the ratio is REACH P(|Z| > radius).
     """
-    log_tail = chi2.logsf((z * z).sum(1), z.shape[1])
+    log_tail = _log_tail((z * z).sum(1), z.shape[1])
     return np.where(log_tail >= -REACH, log_tail + math.log(REACH), np.inf)
+
+
+def _log_tail(square: Array, dimension: int) -> Array:
+    """Log of P(|Z|^2 > square), Z standard normal, in each half of the law by the smaller probability."""
+    tail = square > 2 * gammaincinv(dimension / 2, 0.5)  # beyond the median
+    log_tail = np.empty_like(square)
+    with np.errstate(divide="ignore"):  # where the tail underflows
+        log_tail[tail] = np.log(chdtrc(dimension, square[tail]))
+    log_tail[~tail] = np.log1p(-chdtr(dimension, square[~tail]))
+    return log_tail
 
 
 def bound_without_event(runs: int, alpha: float) -> float:
