@@ -52,16 +52,24 @@ class Independent:
 
 def by_rising_speed(law: IndependentLaw) -> list[Distribution]:
     """Return the distributions of TTC^-1, by rising speed of the segments that their names begin with."""
-    return [law.inverse_ttc[name] for name in sorted(law.inverse_ttc, key=lambda name: float(name.split("-")[0]))]
+    return [
+        law.inverse_ttc[name] for name in sorted(law.inverse_ttc, key=lambda name: float(name.split("-")[0]))
+    ]
 
 
 def independent_masses(lines: Lines, law: IndependentLaw, cap: float) -> Array:
     """Return the probability of a crash in each interval under a law of the paper's kind, with a cap [m/s]."""
     cells = (law.inverse_range.sf(np.exp(edge) / RANGE_MAX) for edge in (lines.farther, lines.nearer))
-    far, near = (np.where(np.isfinite(edge), value, 0) for edge, value in zip((lines.farther, lines.nearer), cells, strict=True))
+    far, near = (
+        np.where(np.isfinite(edge), value, 0)
+        for edge, value in zip((lines.farther, lines.nearer), cells, strict=True)
+    )
     share, inverse_range = lines.share * (far - near), 1 / lines.places.range_[lines.row]
     end = np.where(lines.end > cap, np.inf, lines.end)
-    segment, masses = np.digitize(lines.places.lead_speed, Independent.edges)[lines.row], np.zeros(lines.row.size)
+    segment, masses = (
+        np.digitize(lines.places.lead_speed, Independent.edges)[lines.row],
+        np.zeros(lines.row.size),
+    )
     for number, distribution in enumerate(by_rising_speed(law)):
         here = (segment == number) & (lines.start <= cap)
         ends = (distribution.sf(x[here] * inverse_range[here]) for x in (lines.start, end))
@@ -112,7 +120,12 @@ class TwoKindsOfDrivers:
         """Draw the kind of each driver first."""
         second = generator.random(lead_speed.size) < SHARE
         return draw_smooth(
-            self.family, self.law, lead_speed, generator, np.where(second, NEARER, 1.0), np.where(second, FASTER, 1.0)
+            self.family,
+            self.law,
+            lead_speed,
+            generator,
+            np.where(second, NEARER, 1.0),
+            np.where(second, FASTER, 1.0),
         )
 
     def masses(self, lines: Lines) -> Array:

@@ -38,7 +38,9 @@ def ours(records: pd.DataFrame, setting: Setting, generator: np.random.Generator
     told = {"probability": posterior.probability, "mean": float(posterior.probabilities.mean())}
     for level in COVERAGES:
         told[f"low{level:g}"], told[f"high{level:g}"] = posterior.interval(level)
-    return told | {f"weight {member.name}": weight for member, weight in zip(MEMBERS, weights.mean(axis=0), strict=True)}
+    return told | {
+        f"weight {member.name}": weight for member, weight in zip(MEMBERS, weights.mean(axis=0), strict=True)
+    }
 
 
 def paper(records: pd.DataFrame, setting: Setting, generator: np.random.Generator) -> Intervals:

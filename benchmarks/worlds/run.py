@@ -45,7 +45,9 @@ def main() -> None:
             start = time.process_time()
             told = procedure(records, setting, child_generator(ROOT, "worlds", kind, number, name))
             seconds = round(time.process_time() - start, 2)
-            rows.append({"kind": kind, "world": number, "procedure": name, "truth": truth, "seconds": seconds} | told)
+            rows.append(
+                {"kind": kind, "world": number, "procedure": name, "truth": truth, "seconds": seconds} | told
+            )
     write_csv(arguments.output, pd.DataFrame(rows))
 
 

@@ -56,7 +56,9 @@ def prepare(config: dict) -> Setting:
     events = Events(speed, np.minimum(1 / inverse_range, 75.0), inverse_ttc / inverse_range)
     family = Fitter(events, MEMBERS).fit()
     segmented = assign_segments(records, config["segments"]["lead_speed_edges"])
-    law = fit_paper_laws(segmented, config["models"], config["filters"]["range_max"], "records", np.inf)["two_pieces"]
+    law = fit_paper_laws(segmented, config["models"], config["filters"]["range_max"], "records", np.inf)[
+        "two_pieces"
+    ]
     grid = Grid(5, 35, 75, 30, 50, 12, TOP, 240)
     lines = Lines.of(map_crashes(AccAeb(), grid, [], child_generator(ROOT, "worlds", "map")), speed)
     laws = [world.masses(lines) for world in worlds(family, law).values()]

@@ -26,7 +26,10 @@ RANGE_MAX = 75.0  # [m]
 ROOT_MIN = 0.5  # square root of the range below which it has no further effect
 CLOSING_TOP = 24.0  # [m/s], closing speed above which the hazard of the body is constant
 RANGE_BOTTOM = 2.5  # [m], range below which its distribution function is a power of the range
-BASES = (Basis(*SPEEDS, 6), Basis(ROOT_MIN, float(np.sqrt(RANGE_MAX)), 5))  # of lead speed and root of the range
+BASES = (
+    Basis(*SPEEDS, 6),
+    Basis(ROOT_MIN, float(np.sqrt(RANGE_MAX)), 5),
+)  # of lead speed and root of the range
 PENALTY = Penalty.of(BASES)
 
 
@@ -83,7 +86,9 @@ class Places:
 
     def only(self, chosen: Array) -> "Places":
         """Return the chosen ones, by index or mask."""
-        return Places(*(getattr(self, name)[chosen] for name in ("lead_speed", "range_", "along_speed", "splines")))
+        return Places(
+            *(getattr(self, name)[chosen] for name in ("lead_speed", "range_", "along_speed", "splines"))
+        )
 
     def body(self, body: SmoothHazard) -> Cumulative:
         """Return the cumulative hazards of the closing speed."""

@@ -37,14 +37,14 @@ class Excess:
     smoothing
         Smoothing parameters of the scale.
     factor
-        Upper Cholesky factor of the penalised information of coefficients and parameters.
+        Upper Cholesky factor of the penalised information of coefficients and parameters; none after reading.
     """
 
     shape: Shape
     coefficients: Array
     parameters: Array
-    smoothing: tuple[float, ...]
-    factor: Array
+    smoothing: tuple[float, ...] = ()
+    factor: Array | None = None
 
     def scale(self, covariates: Array) -> Array:
         """Return the scales for covariates of shape (n, p)."""
@@ -54,7 +54,9 @@ class Excess:
         """Draw coefficients and parameters from the normal approximation of the posterior."""
         noise = solve_triangular(self.factor, generator.standard_normal(len(self.factor)))
         p = self.coefficients.size
-        return replace(self, coefficients=self.coefficients + noise[:p], parameters=self.parameters + noise[p:])
+        return replace(
+            self, coefficients=self.coefficients + noise[:p], parameters=self.parameters + noise[p:]
+        )
 
 
 def fit_excess(

@@ -162,5 +162,7 @@ class Fitter:
             gram = splines.T @ splines
             for member in (member for member in self.members if member.level == level):
                 before = start.tails[member] if start else None
-                tails[member] = fit_excess(excess, splines, PENALTY, SHAPES[member.shape], start=before, gram=gram)
+                tails[member] = fit_excess(
+                    excess, splines, PENALTY, SHAPES[member.shape], start=before, gram=gram
+                )
         return tails

@@ -91,13 +91,14 @@ class SmoothHazard:
     smoothing
         Smoothing parameters of the three directions.
     factor
-        Upper Cholesky factor of the penalised information; its inverse draws coefficients.
+        Upper Cholesky factor of the penalised information, whose inverse draws coefficients; a law that was read
+        from a file has none.
     """
 
     grid: HazardGrid
     coefficients: Array
-    smoothing: tuple[float, float, float]
-    factor: Array
+    smoothing: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    factor: Array | None = None
 
     def cumulative(self, splines: Array) -> "Cumulative":
         """Return the cumulative hazards where the products of the covariates' splines are given, shape (n, p)."""
@@ -202,7 +203,9 @@ class _Problem:
         for _ in range(ITERATIONS):
             expected = self.data.exposure * self._hazard(coefficients)
             factor, _ = cho_factor(self.tensor.gram(expected) + precision)
-            score = self.tensor.transposed(self.data.events - expected).ravel() - precision @ coefficients.ravel()
+            score = (
+                self.tensor.transposed(self.data.events - expected).ravel() - precision @ coefficients.ravel()
+            )
             step = cho_solve((factor, False), score)
             gain, size = float(step @ score), 1.0
             while size > SMALLEST_STEP:
