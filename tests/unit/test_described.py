@@ -6,11 +6,13 @@ from dataclasses import dataclass, fields
 from typing import ClassVar
 
 import numpy as np
+import pandas as pd
 import pytest
 from accelerated_evaluation.distributions import (
     DISTRIBUTIONS,
     BoundedExponential,
     BoundedNormal,
+    Empirical,
     Mixture,
     Parameter,
     Pareto,
@@ -21,7 +23,8 @@ from accelerated_evaluation.distributions import (
 )
 from accelerated_evaluation.fitting.pieces import EXPONENTIAL, PieceFamily, piece_kinds
 from accelerated_evaluation.fitting.piecewise import fit_piecewise
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel, read_model, write_model
+from accelerated_evaluation.laws.files import read_law, write_law
+from accelerated_evaluation.laws.independent import IndependentLaw
 from accelerated_evaluation.publishing.model_tables import parameter_table
 
 KINDS = {
@@ -126,9 +129,12 @@ def test_a_new_distribution_is_fitted_stored_and_tabulated_without_another_chang
     law = fit_piecewise(x, 0.0, [0.05], [PieceFamily("toy exponential"), EXPONENTIAL])
     assert law.components[0] == ToyExponential(law.components[0].rate, 0.0, 0.05)
     assert PieceFamily.of(law.components[0]) == PieceFamily("toy exponential")
-    model = LaneChangeModel("made up for a test", {"5-15": 500}, law, {"5-15": law})
-    write_model(tmp_path / "model.json", model)
-    assert read_model(tmp_path / "model.json") == model
+    encounters = pd.DataFrame({"segment": ["5-15"], "lead_speed": [10.0]})
+    model = IndependentLaw(
+        "made up for a test", {"5-15": 500}, law, {"5-15": law}, {"5-15": Empirical([10.0])}
+    )
+    write_law(tmp_path / "law.json", model)
+    assert read_law(tmp_path / "law.json", encounters) == model
     assert parameter_table(model)[["family", "parameter", "value_unit"]].to_numpy().tolist() == [
         ["toy exponential", "rate", "m"],
         ["bounded exponential", "rate", "m"],

@@ -26,14 +26,12 @@ from accelerated_evaluation.fitting.piecewise import (
 from accelerated_evaluation.laws.paper import (
     choose_knots,
     fit_exponential_from_zero,
-    fit_lane_change_models,
+    fit_paper_laws,
     refit,
 )
-from scipy.io import loadmat
 from scipy.optimize import minimize
 
-PUBLISHED = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "spmd" / "lane_changes.mat"
-needs_published = pytest.mark.skipif(not PUBLISHED.exists(), reason="no copy of the published SPMD file")
+RECORDS = Path(__file__).resolve().parents[2] / "data" / "spmd" / "cut_ins.parquet"
 
 NORMAL, TWO_NORMALS = PieceFamily("bounded normal"), PieceFamily("bounded normal", 2)
 BODY = Mixture((0.3, 0.7), (BoundedNormal(0.03, 0.0, 0.166), BoundedNormal(0.09, 0.0, 0.166)))
@@ -233,14 +231,14 @@ def models():
     return models
 
 
-def test_lane_change_models(models):
+def test_the_papers_laws(models):
     generator = np.random.default_rng(4)
     lead_speed = np.concatenate(
         [np.linspace(25, 34, 500), np.linspace(5, 14, 2000), np.linspace(15, 24, 1000)]
     )
     inverse_range = BoundedExponential(60.0, 1 / 75).rvs(generator, lead_speed.size)
     encounters = segmented(inverse_range, PIECEWISE.rvs(generator, lead_speed.size), lead_speed)
-    fitted = fit_lane_change_models(encounters, models, 75, "made up")
+    fitted = fit_paper_laws(encounters, models, 75, "made up", 23.49)
     assert {name: model.n_parameters for name, model in fitted.items()} == {
         "two_pieces": 18,
         "three_pieces": 20,
@@ -251,14 +249,14 @@ def test_lane_change_models(models):
         assert model.segments == ("5-15", "15-25", "25-35")
         assert model.inverse_range.lower == 1 / 75
         assert model.description == "made up"
+        assert model.closing_speed_max == 23.49
     x = encounters.loc[encounters["segment"] == "15-25", "inverse_ttc"].to_numpy()
     assert fitted["two_pieces"].inverse_ttc["15-25"].knots == (np.quantile(x, 0.95),)
     assert fitted["single"].inverse_ttc["15-25"].rate == pytest.approx(1 / x.mean())
 
 
-@needs_published
-def test_fits_to_the_published_lane_changes():
-    lead_speed, inverse_range, inverse_ttc = loadmat(PUBLISHED)["mixture_data"].T
+def test_fits_to_the_recorded_lane_changes():
+    lead_speed, inverse_range, inverse_ttc = pd.read_parquet(RECORDS).to_numpy().T
     encounters = segmented(inverse_range, inverse_ttc, lead_speed)
     assert Pareto.fit(inverse_range, 1 / 75).shape == pytest.approx(1.7320507600110688, rel=1e-12)
     groups = {name: group["inverse_ttc"].to_numpy() for name, group in encounters.groupby("segment")}

@@ -4,7 +4,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from accelerated_evaluation.encounters.table import UNITS
+from accelerated_evaluation.encounters.sources import SOURCES
+from accelerated_evaluation.encounters.sources.table import UNITS
 from accelerated_evaluation.fitting.pieces import mixture_kinds, piece_kinds
 
 COMPARED = {"crude", "heuristic", "piecewise", "single", "surrogate"}
@@ -32,6 +33,16 @@ def _rising(values: Sequence[float] | None) -> bool:
     return values is None or all(low < high for low, high in pairwise(values))
 
 
+def _segments_rise(edges: Sequence[float]) -> bool:
+    """Whether edges rise as they are printed, because the names of segments are made of the printed edges."""
+    return _rising([float(f"{edge:g}") for edge in edges])
+
+
+def _enclose(edges: Sequence[float], low: float, high: float) -> bool:
+    """Whether all lead speeds that pass the filters, [low, high), lie between the first edge and the last."""
+    return edges[0] <= low and high <= edges[-1]
+
+
 CHECKS = (
     Check(
         ("methods",),
@@ -43,11 +54,20 @@ CHECKS = (
         lambda low, high: low < high,
         "lead_speed_min below lead_speed_max",
     ),
-    Check(("segments.lead_speed_edges",), _rising, "edges in increasing order"),
+    Check(
+        ("segments.lead_speed_edges",),
+        _segments_rise,
+        "edges in increasing order, also after rounding to six digits",
+    ),
     Check(
         ("segments.lead_speed_edges", "filters.lead_speed_min", "filters.lead_speed_max"),
-        lambda edges, low, high: edges[0] <= low and high <= edges[-1],
+        _enclose,
         "edges that begin at or below lead_speed_min and end at or above lead_speed_max",
+    ),
+    Check(
+        ("sensitivity.lead_speed_edges", "filters.lead_speed_min", "filters.lead_speed_max"),
+        lambda tried, low, high: all(_segments_rise(edges) and _enclose(edges, low, high) for edges in tried),
+        "lists of edges in increasing order, each from lead_speed_min or below to lead_speed_max or above",
     ),
     *(
         check
@@ -94,11 +114,29 @@ CHECKS = (
         "a minimum weight that all pieces can have at once: less than 1 / pieces",
     ),
     Check(
+        ("models.closing_speed_max", "crash_map.grid.closing_speed_max"),
+        lambda cap, top: cap <= top,
+        "a map that reaches up to the cap of the laws",
+    ),
+    Check(
         ("importance_sampling.minimum_events", "importance_sampling.maximum_simulations"),
         lambda events, simulations: events <= simulations,
         "minimum_events not above maximum_simulations",
     ),
     Check(("uncertainty.sampling_interval",), _rising, "the lower end first"),
+    Check(
+        ("data.source",),
+        lambda source: source in SOURCES,
+        f"a source of records: one of {', '.join(SOURCES)}",
+    ),
+    *(
+        Check(
+            ("data.sample", "data.source", f"data.{name}.outlier_rows"),
+            lambda sample, source, rows, name=name: sample is None or source != name or not rows,
+            "no outlier rows with a sample, because they count the rows of the whole table",
+        )
+        for name in SOURCES
+    ),
     Check(
         ("data.source", "data.table.path"),
         lambda source, path: source != "table" or path is not None,

@@ -82,12 +82,19 @@ def in_order(value: Any) -> Any:  # noqa: ANN401
     return [in_order(item) for item in value] if isinstance(value, list) else value
 
 
-def without_unused(config: Mapping[str, Any]) -> dict[str, Any]:
+def without_unused(config: Mapping[str, Any], sources: Iterable[str]) -> dict[str, Any]:
     """Return a valid configuration in order, without the sections of the sources that the study does not use.
 
     An edit of a section that is not used must not run any job again.
+
+    Parameters
+    ----------
+    config
+        A valid configuration.
+    sources
+        Names of all sources.
     """
-    unused = {"twin", "spmd", "table"} - {config["data"]["source"]}
+    unused = set(sources) - {config["data"]["source"]}
     data = {key: value for key, value in config["data"].items() if key not in unused}
     return in_order({**config, "data": data})
 

@@ -1,6 +1,7 @@
 """The problem: a law of cut-ins, a vehicle and an event, whose probability is asked for."""
 
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Protocol, Self
@@ -106,9 +107,9 @@ class Problem:
 
     @property
     def fingerprint(self) -> str:
-        """The parts of the problem in words; an object that cannot describe itself is named by its class."""
-        parts = (self.law.kind, self.law.description, [*self.law.shares], self.vehicle, self.event)
-        return "; ".join(_described(part) for part in parts)
+        """All parts in words; an object that cannot describe itself is named by its class."""
+        # What Python prints for such an object holds its address in memory, which differs in every process.
+        return re.sub(r"<\S*?(\w+) object at 0x\w+>", r"\1", repr(self))
 
     def only(self, stratum: str) -> Self:
         """Return the problem in one stratum of the lead speed."""
@@ -162,12 +163,6 @@ def load_problem(
     """
     car = load_vehicle(vehicle["name"], **vehicle["parameters"])
     return Problem(read_law(law, read_encounters(encounters)), car)
-
-
-def _described(part: object) -> str:
-    """Describe a part by its own words, if it has any, else by its class: addresses in memory change."""
-    own_words = type(part).__repr__ is not object.__repr__
-    return repr(part) if own_words else type(part).__qualname__
 
 
 @dataclass(frozen=True)

@@ -88,7 +88,7 @@ rule study_sensitivity:
         variant=MODEL,
         vehicle=part(config["vehicle"], "name", "parameters"),
         vehicle_content=VEHICLE_CONTENT,
-        sensitivity=config["sensitivity"],
+        sensitivity=config["sensitivity"] | part(SOURCE, "outlier_rows"),
     message:
         "Studying what the crash probability depends on"
     script:

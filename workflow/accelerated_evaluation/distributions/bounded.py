@@ -42,6 +42,7 @@ class Bounded(Described):
     def ppf(self, q: ArrayLike) -> Array:
         """Inverse of cdf."""
 
+    # Kept once computed: every call of a density or of a share of the mass needs these two.
     @cached_property
     def _mode(self) -> float:
         return float(self._peak(self.lower, self.upper))

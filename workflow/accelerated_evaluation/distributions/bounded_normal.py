@@ -150,13 +150,16 @@ class BoundedNormal(Bounded):
         exponent = width * (2 * offset + width) / (2 * self.sd**2)
         scale = self.sd * math.sqrt(2)
         far = erfcx(offset / scale) - np.exp(-exponent) * erfcx((offset + width) / scale)
+        far = far * scale * math.sqrt(math.pi) / 2
         short = exponent < 1
-        # There the two terms are nearly equal, and the density hardly changes.
+        if not np.any(short):
+            return far
+        # There the two terms are nearly equal, and the density hardly changes: a quadrature is exact.
         width = np.where(short, width, 0.0)[..., None]
         t = width * (_NODES + 1) / 2
         density = np.exp(-t * (2 * offset[..., None] + t) / (2 * self.sd**2))
         near = (density * _NODE_WEIGHTS).sum(axis=-1) * width[..., 0] / 2
-        return np.where(short, near, far * scale * math.sqrt(math.pi) / 2)
+        return np.where(short, near, far)
 
     def ppf(self, q: ArrayLike) -> Array:
         """Inverse of cdf (paper, appendix A), solved in logarithms to the rounding of sd and x - location."""

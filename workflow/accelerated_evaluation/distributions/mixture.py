@@ -125,6 +125,8 @@ class Mixture(Described):
             return (getattr(self, function)(x) - q) / scale
 
         root = find_root(error, (low, high), args=(q, scale))
+        if np.all(root.success):
+            return np.asarray(root.x)
         # Where rounding hides the change of sign, or an end is infinite, the better end is the solution.
         end = np.where(np.abs(error(low, q, scale)) <= np.abs(error(high, q, scale)), low, high)
         return np.where(root.success, root.x, end)

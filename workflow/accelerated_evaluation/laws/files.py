@@ -44,6 +44,9 @@ def read_law(path: str | os.PathLike, encounters: pd.DataFrame) -> Law:
         kind = content["format"], content["version"]
         if kind != (FORMAT, VERSION):
             raise InputError(str(path), seen=f"{kind}", expected=f"{(FORMAT, VERSION)}", change=change)
+        if content["kind"] not in LAWS:
+            seen = f"a law of kind {content['kind']!r}"
+            raise InputError(str(path), seen=seen, expected=f"one of {', '.join(LAWS)}", change=change)
         cap = content["closing_speed_max"]["value"]
         return LAWS[content["kind"]].from_content(
             content, encounters, content["description"], math.inf if cap is None else float(cap)

@@ -1,12 +1,13 @@
 """A user's own lane-change records: a CSV or Parquet table with a mapping of its columns and units."""
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
 from accelerated_evaluation.encounters.reading import read_csv, read_parquet, require_file
+from accelerated_evaluation.encounters.sources import SOURCES
 from accelerated_evaluation.errors import InputError
 
 # factor of each unit to the SI unit of its quantity
@@ -24,17 +25,17 @@ UNITS = {
 }
 
 
-def read(path: str | os.PathLike, columns: Mapping[str, Mapping[str, str]]) -> pd.DataFrame:
+@SOURCES.add("table")
+def read(settings: Mapping[str, Any]) -> pd.DataFrame:
     """Read a table of lane changes and convert it to SI units.
 
     Parameters
     ----------
-    path
-        A file whose name ends in .csv (comma-separated, UTF-8, with a header) or .parquet.
-    columns
-        ``lead_speed``, ``range`` and ``closing``, each with the ``name`` of its column and its ``unit``; and
-        for ``closing`` its ``quantity``: closing_speed, range_rate (negative when closing) or ttc. An inverse
-        unit, such as 1/m or 1/s, says that the column holds the inverse.
+    settings
+        ``path`` of a file whose name ends in .csv (comma-separated, UTF-8, with a header) or .parquet; and
+        ``columns``: ``lead_speed``, ``range`` and ``closing``, each with the ``name`` of its column and its
+        ``unit``, and for ``closing`` its ``quantity``: closing_speed, range_rate (negative when closing) or
+        ttc. An inverse unit, such as 1/m or 1/s, says that the column holds the inverse.
 
     Returns
     -------
@@ -47,6 +48,7 @@ def read(path: str | os.PathLike, columns: Mapping[str, Mapping[str, str]]) -> p
     InputError
         If the file is missing or damaged, of another kind, lacks a column, or a unit is unknown.
     """
+    path, columns = settings["path"], settings["columns"]
     require_file(path, "Set data.table.path to the file of lane changes.")
     quantities = {
         "lead_speed": "lead_speed",
