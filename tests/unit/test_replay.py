@@ -73,8 +73,13 @@ def test_a_trace_obeys_the_laws_of_motion(name):
     np.testing.assert_allclose(np.diff(trace.host_position_m), moved, atol=1e-9)
     np.testing.assert_allclose(trace.lead_position_m, 30 + 20 * trace.time_s, atol=1e-9)
     np.testing.assert_allclose(trace.range_m, trace.lead_position_m - trace.host_position_m, atol=1e-9)
-    expected = {"acc_only": {0}, "acc_aeb": {0, 1}, "cc_human": {0, 1}, "reg157": {0, 1}}
+    expected = {"acc_only": {0}, "acc_aeb": {0}, "cc_human": {0, 1}, "reg157": {0, 1}}
     assert set(trace.emergency) == expected.get(name, {1})
+
+
+def test_the_emergency_of_the_car_is_its_aeb():
+    assert trace_encounter("acc_aeb", 20.0, 14.0, 14.0).emergency.any()
+    assert not trace_encounter("acc_only", 20.0, 14.0, 14.0).emergency.any()
 
 
 def test_the_command(tmp_path, monkeypatch, capsys):
