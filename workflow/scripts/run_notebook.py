@@ -1,12 +1,15 @@
 """Run a parameterised notebook and render it as HTML."""
 
-import nbformat
-import papermill
 from accelerated_evaluation.errors import StudyError
 from accelerated_evaluation.files import atomic_path, write_text
+from accelerated_evaluation.imports import without
 from accelerated_evaluation.jobs import job
-from nbconvert import HTMLExporter
-from papermill.exceptions import PapermillExecutionError
+
+with without("rfc3987_syntax"):
+    import nbformat
+    import papermill
+    from nbconvert import HTMLExporter
+    from papermill.exceptions import PapermillExecutionError
 
 
 def main(notebook: str, parameters: dict[str, str], executed: str, html: str) -> None:
