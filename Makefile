@@ -22,7 +22,7 @@ $(ENVIRONMENT): environment.txt pyproject.toml
 	.venv/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
 
-study: $(ENVIRONMENT) ## run the study: make study [CONFIG=config/spmd.yaml] [CORES=2]
+study: $(ENVIRONMENT) ## run the study: make study [CONFIG=my_study.yaml] [CORES=2]
 	$(SNAKEMAKE)
 
 report: study ## run the study, then write its self-contained HTML report to results/report.html

@@ -10,13 +10,14 @@ import pytest
 from accelerated_evaluation.distributions import (
     BoundedExponential,
     BoundedNormal,
+    Empirical,
     Mixture,
     Pareto,
     PiecewiseMixture,
 )
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
-from accelerated_evaluation.problem import Proposal
-from accelerated_evaluation.publishing import encounter_figures, model_figures
+from accelerated_evaluation.laws import Factors
+from accelerated_evaluation.laws.independent import IndependentLaw
+from accelerated_evaluation.publishing import concept_figures, data_figures, model_figures
 from accelerated_evaluation.publishing.model_tables import (
     close_call_table,
     leaves,
@@ -51,21 +52,24 @@ def pieces_of_ttc(scale: float) -> PiecewiseMixture:
 
 SCALES = dict(zip(SEGMENTS, (1.0, 0.7, 0.5), strict=True))
 TTC = {segment: pieces_of_ttc(scale) for segment, scale in SCALES.items()}
-TWO = LaneChangeModel(SOURCE, EVENTS, pieces_of_range((0.037,)), TTC)
-THREE = LaneChangeModel(SOURCE, EVENTS, pieces_of_range((0.029, 0.06)), TTC)
-SINGLE = LaneChangeModel(
+SPEEDS = dict.fromkeys(SEGMENTS, Empirical([10.0]))
+TWO = IndependentLaw(SOURCE, EVENTS, pieces_of_range((0.037,)), TTC, SPEEDS)
+THREE = IndependentLaw(SOURCE, EVENTS, pieces_of_range((0.029, 0.06)), TTC, SPEEDS)
+SINGLE = IndependentLaw(
     SOURCE,
     EVENTS,
     Pareto(1.7, LOWER),
     {segment: BoundedExponential(16 / scale) for segment, scale in SCALES.items()},
+    SPEEDS,
 )
-MODELS = {"two_pieces": TWO, "three_pieces": THREE}
 PROPOSALS = {
-    "single": Proposal(BoundedExponential(80.0, LOWER), BoundedExponential(1.6)),
-    "piecewise": Proposal(
-        TWO.inverse_range.accelerated((50.0, 10.0), (0.5, 0.5)),
-        TTC["5-15"].accelerated((8.0, 17.0), (0.01, 0.99)),
-    ),
+    "single": {"5-15": Factors(BoundedExponential(80.0, LOWER), BoundedExponential(1.6))},
+    "piecewise": {
+        "5-15": Factors(
+            TWO.inverse_range.accelerated((50.0, 10.0), (0.5, 0.5)),
+            TTC["5-15"].accelerated((8.0, 17.0), (0.01, 0.99)),
+        )
+    },
 }
 
 
@@ -98,11 +102,9 @@ def encounters() -> pd.DataFrame:
 
 
 FIGURES: dict[str, Callable] = {
-    "fig01_concept": lambda e: encounter_figures.fig01_concept(
-        e, {"single": SINGLE, "piecewise": TWO}, PROPOSALS, "5-15", SOURCE
-    ),
-    "fig02_data": lambda e: encounter_figures.fig02_data(e, EDGES, SOURCE),
-    "fig04_inverse_range_fit": lambda e: model_figures.fig04_inverse_range_fit(e, MODELS, SOURCE),
+    "fig01_concept": lambda e: concept_figures.fig01_concept(e, SINGLE, TWO, PROPOSALS, "5-15", SOURCE),
+    "fig02_data": lambda e: data_figures.fig02_data(e, EDGES, SOURCE),
+    "fig04_inverse_range_fit": lambda e: model_figures.fig04_inverse_range_fit(e, TWO, THREE, SOURCE),
     "fig05_inverse_ttc_fit": lambda e: model_figures.fig05_inverse_ttc_fit(e, TWO, "15-25", SOURCE),
     "fig06_inverse_range_comparison": lambda e: model_figures.fig06_inverse_range_comparison(
         e, TWO, SINGLE, SOURCE
@@ -185,7 +187,10 @@ def test_concept_shows_f_and_its_acceleration(encounters):
     data = FIGURES["fig01_concept"](encounters)[1]
     laws = {"single": SINGLE, "piecewise": TWO}
     for method, model in laws.items():
-        for curve, law in {"f": model.inverse_ttc["5-15"], "f*": PROPOSALS[method].inverse_ttc}.items():
+        for curve, law in {
+            "f": model.inverse_ttc["5-15"],
+            "f*": PROPOSALS[method]["5-15"].second,
+        }.items():
             rows = data[(data["method"] == method) & (data["curve"] == curve)]
             np.testing.assert_array_equal(
                 rows["density_s"], np.exp(law.logpdf(rows["inverse_ttc_per_s"].to_numpy()))

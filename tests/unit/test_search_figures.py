@@ -7,11 +7,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.configuration import load
-from accelerated_evaluation.distributions import BoundedExponential, PiecewiseMixture
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
-from accelerated_evaluation.publishing import search_figures
+from accelerated_evaluation.distributions import BoundedExponential, Empirical, PiecewiseMixture
+from accelerated_evaluation.laws.independent import IndependentLaw
+from accelerated_evaluation.publishing import flow_figures, search_figures
 from accelerated_evaluation.publishing.flow_chart import Arrow, Box
-from accelerated_evaluation.publishing.search_figures import FLOW_ARROWS, flow_boxes
+from accelerated_evaluation.publishing.flow_figures import FLOW_ARROWS, flow_boxes
 from accelerated_evaluation.publishing.style import FORMATS, save_figure
 
 SETTINGS = load()["cross_entropy"]
@@ -29,7 +29,7 @@ def _closed():
 def model():
     pieces = BoundedExponential(3.0, 0.0, KNOT), BoundedExponential(20.0, KNOT, math.inf)
     law = PiecewiseMixture((0.9, 0.1), pieces)
-    return LaneChangeModel("made up", {"5-15": 10}, law, {"5-15": law})
+    return IndependentLaw("made up", {"5-15": 10}, law, {"5-15": law}, {"5-15": Empirical([10.0])})
 
 
 @pytest.fixture
@@ -60,7 +60,7 @@ def trace():
 
 def figures(trace, model):
     return {
-        "fig03": search_figures.fig03_cross_entropy_flow(SETTINGS, "made up"),
+        "fig03": flow_figures.fig03_cross_entropy_flow(SETTINGS, "made up"),
         "fig08": search_figures.fig08_thresholds(trace, "5-15", "made up"),
         "fig09": search_figures.fig09_inverse_range_parameters(trace, "5-15", "made up"),
         "fig10": search_figures.fig10_inverse_ttc_parameters(trace, "5-15", "made up"),
@@ -97,7 +97,7 @@ def test_flow_shows_the_settings_that_the_search_runs_with():
 
 
 def test_flow_texts_fit_their_boxes_and_boxes_do_not_overlap():
-    figure, _ = search_figures.fig03_cross_entropy_flow(SETTINGS, "made up")
+    figure, _ = flow_figures.fig03_cross_entropy_flow(SETTINGS, "made up")
     figure.draw_without_rendering()
     (axes,) = figure.axes
     texts = {text.get_text(): text for text in axes.texts}
@@ -130,7 +130,7 @@ def test_arrows_join_the_sides_that_they_name():
 
 
 def test_flow_data_holds_every_box_and_arrow():
-    _, data = search_figures.fig03_cross_entropy_flow(SETTINGS, "made up")
+    _, data = flow_figures.fig03_cross_entropy_flow(SETTINGS, "made up")
     assert (data["kind"] == "box").sum() == len(flow_boxes(SETTINGS))
     assert (data["kind"] == "arrow").sum() == len(FLOW_ARROWS)
 

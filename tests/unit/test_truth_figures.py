@@ -6,12 +6,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.publishing import truth_figures
-from accelerated_evaluation.publishing.style import METHODS
+from accelerated_evaluation.publishing import coverage_figures, truth_figures
+from accelerated_evaluation.publishing.coverage_tables import COVERAGE_COLUMNS, coverage_table
+from accelerated_evaluation.publishing.looks import look_of
 from accelerated_evaluation.publishing.truth_tables import (
-    COVERAGE_COLUMNS,
     needed_simulations,
-    published_coverage,
     severity_digest,
 )
 from accelerated_evaluation.truth.coverage import INTERVALS
@@ -19,6 +18,7 @@ from figure_checks import check_bytes_and_legend
 from scipy.special import ndtri
 from scipy.stats import beta
 
+METHODS = ("single", "piecewise", "heuristic", "crude")
 PAPER = (7.0e-7, 7.8e-7)
 FIGURES = (
     "fig14_estimates_against_truth",
@@ -131,7 +131,8 @@ def draw(estimates, exact, crude, sensitivity, uncertainty, bootstrap, severity,
         "fig17_severity": (severity, "made up"),
         "fig18_coverage": (coverage, "made up"),
     }
-    return lambda name: getattr(truth_figures, name)(*arguments[name])
+    room = {"fig18_coverage": coverage_figures}
+    return lambda name: getattr(room.get(name, truth_figures), name)(*arguments[name])
 
 
 def drawn(axes, marker="o"):
@@ -152,8 +153,8 @@ def test_estimates_of_all_segments_are_drawn_with_their_intervals(draw):
         "crude",
     ]
     axes = figure.axes[0]
-    assert drawn(axes, METHODS["single"]["marker"]) == [8e-7, 9.5e-7]
-    assert drawn(axes, METHODS["crude"]["marker"]) == [7.7e-7]
+    assert drawn(axes, look_of("single")["marker"]) == [8e-7, 9.5e-7]
+    assert drawn(axes, look_of("crude")["marker"]) == [7.7e-7]
     expected = [PAPER, *3 * [(0.8 * p, 1.2 * p) for p in (8e-7, 9.5e-7)], (6.3e-7, 9.3e-7)]
     assert np.sort(bars(axes), axis=0) == pytest.approx(np.sort(expected, axis=0))
     reach = -ndtri(0.1) * 4e-10
@@ -210,8 +211,8 @@ def test_coverage_has_exact_binomial_intervals(draw):
 
 
 def test_every_way_to_stop_has_a_look_of_its_own():
-    looks = {(look["marker"], look["fillstyle"]) for look in truth_figures.STOPPINGS.values()}
-    assert list(truth_figures.STOPPINGS) == list(INTERVALS)
+    looks = {(look["marker"], look["fillstyle"]) for look in coverage_figures.STOPPINGS.values()}
+    assert list(coverage_figures.STOPPINGS) == list(INTERVALS)
     assert len(looks) == len(INTERVALS)
 
 
@@ -248,7 +249,7 @@ def test_the_digest_says_what_happens_over_all_segments(severity):
     assert digest["probability"].iloc[-1] == pytest.approx(4.5e-5)
 
 
-def test_published_coverage_has_the_verdict_first_and_the_source_last(coverage):
-    table = published_coverage(coverage, "made up")
-    assert table.columns.tolist() == [*COVERAGE_COLUMNS, "converged", "data"]
+def test_published_coverage_has_the_verdict_first(coverage):
+    table = coverage_table(coverage)
+    assert table.columns.tolist() == [*COVERAGE_COLUMNS, "converged"]
     assert table["coverage95"].tolist() == coverage["coverage95"].tolist()

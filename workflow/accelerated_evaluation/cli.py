@@ -15,6 +15,7 @@ from tqdm import tqdm
 
 from accelerated_evaluation.errors import InputError, StudyError
 from accelerated_evaluation.files import atomic_path
+from accelerated_evaluation.vehicles.built_in import VEHICLES
 from accelerated_evaluation.vehicles.checks import INPUTS, OUTCOMES, checked_encounters
 from accelerated_evaluation.vehicles.loading import load_vehicle
 from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
@@ -91,7 +92,7 @@ def _add_simulate(commands: argparse._SubParsersAction) -> None:
         "--vehicle",
         metavar="NAME",
         default="acc_aeb",
-        help="acc_aeb, acc_only, or path/to/file.py:ClassName for your own (default: %(default)s)",
+        help=f"{', '.join(VEHICLES)}, or path/to/file.py:ClassName for your own (default: %(default)s)",
     )
     command.add_argument(
         "--closing-speed-max",

@@ -10,27 +10,31 @@ import numpy as np
 import pandas as pd
 from scipy.special import ndtri
 
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
-from accelerated_evaluation.publishing.paper_tables import (
+from accelerated_evaluation.encounters.sources import describe
+from accelerated_evaluation.laws.independent import IndependentLaw
+from accelerated_evaluation.publishing.paper_numbers import (
     PAPER_PARAMETERS,
     PAPER_PROBABILITY,
     PAPER_RATIOS,
     PAPER_SEARCHES,
     PAPER_SIMULATIONS,
+)
+from accelerated_evaluation.publishing.published import table
+from accelerated_evaluation.publishing.search_tables import search_totals, searched_parameters
+from accelerated_evaluation.publishing.spreads import (
     Spread,
     count,
     crude_sample_size,
     of_method,
     pooled_probability,
     sample_size,
-    search_totals,
-    searched_parameters,
     spread_over,
 )
 
 # What a study must share with the paper before their numbers can be compared.
 PREMISES = {
     "data.source": "spmd",
+    "data.sample": None,
     "vehicle.name": "acc_aeb",
     "vehicle.parameters": {},
     "importance_sampling.alpha": 0.2,
@@ -154,8 +158,10 @@ def verdict(claim: Claim, ours: Spread) -> str:
     return "agrees" if inside else "differs"
 
 
+@table("claims", digits=3)
 def claims_table(
-    models: Mapping[str, LaneChangeModel],
+    single: IndependentLaw,
+    piecewise: IndependentLaw,
     trace: pd.DataFrame,
     estimates: pd.DataFrame,
     course: pd.DataFrame,
@@ -166,8 +172,8 @@ def claims_table(
 
     Parameters
     ----------
-    models
-        The fitted models of the methods ``piecewise`` and ``single``.
+    single, piecewise
+        The fitted models of these two methods.
     trace, estimates, course
         ``cross_entropy_trace.csv``, ``estimates.csv`` and ``estimates_course.csv`` of a study.
     exact
@@ -181,15 +187,15 @@ def claims_table(
         A row for each claim. The verdict is ``agrees`` or ``differs`` by the rule of `verdict`, or ``not
         comparable`` where the study departs from the paper's premises or has no like quantity.
     """
-    source = config["data"][config["data"]["source"]]["description"]
-    ours = _counts(models, trace) | _searches(trace)
+    source = describe(config["data"])
+    ours = _counts({"single": single, "piecewise": piecewise}, trace) | _searches(trace)
     ours |= _samples(estimates, course, exact, config["importance_sampling"])
     departure, obstacles = _departure(config, source), _obstacles(estimates)
     rows = [
         _row(claim, ours[key], (departure if claim.rests_on_study else "") or obstacles.get(key, ""))
         for key, claim in CLAIMS.items()
     ]
-    return pd.DataFrame(rows).assign(data=source)
+    return pd.DataFrame(rows)
 
 
 def _row(claim: Claim, ours: Spread, obstacle: str) -> dict[str, str | float]:
@@ -240,7 +246,7 @@ def _obstacles(estimates: pd.DataFrame) -> dict[str, str]:
     return obstacles
 
 
-def _counts(models: Mapping[str, LaneChangeModel], trace: pd.DataFrame) -> dict[str, Spread]:
+def _counts(models: Mapping[str, IndependentLaw], trace: pd.DataFrame) -> dict[str, Spread]:
     events = count(sum(models["piecewise"].events.values()))
     numbers = {"identified": events, "closing": events}
     for method in ("piecewise", "single"):

@@ -9,13 +9,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
-from accelerated_evaluation.publishing.paper_tables import PAPER_PROBABILITY, of_method
-from accelerated_evaluation.publishing.style import COLUMN_WIDTH, METHODS, note_source, paper_style
+from accelerated_evaluation.publishing.looks import look_of
+from accelerated_evaluation.publishing.paper_numbers import PAPER_PROBABILITY
+from accelerated_evaluation.publishing.published import figure
+from accelerated_evaluation.publishing.spreads import of_method
+from accelerated_evaluation.publishing.style import COLUMN_WIDTH, note_source, paper_style
 
 NUMBERS = ("probability", "ci_low", "ci_high", "relative_half_width")
+COMPARED = ("piecewise", "single")  # in the paper's figure 12
 REFERENCE = {"color": "black", "linewidth": 0.8, "linestyle": ":"}
 
 
+@figure
 def fig12_crash_probability(
     estimates: pd.DataFrame, course: pd.DataFrame, alpha: float, source: str
 ) -> tuple[Figure, pd.DataFrame]:
@@ -36,32 +41,33 @@ def fig12_crash_probability(
         A panel for each method, the first replicate with its interval in front; kind (course, converged or
         paper), method, replicate, simulations, probability, ci_low and ci_high.
     """
-    table = _rows(estimates, course, ("piecewise", "single"), "all")
+    table = _rows(estimates, course, COMPARED, "all")
     last = table.groupby(["method", "replicate"])["probability"].last().max()
     with paper_style():
-        figure, panels = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.2), sharex=True, sharey=True)
+        drawn, panels = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.2), sharex=True, sharey=True)
         for axes, (method, rows) in zip(panels, table.groupby("method", sort=False), strict=True):
             _draw_replicates(axes, rows, method, "probability")
             front = rows[(rows["kind"] == "course") & (rows["replicate"] == rows["replicate"].min())]
-            style = {"color": METHODS[method]["color"], "alpha": 0.2, "linewidth": 0, "zorder": 1}
+            style = {**look_of(method, "color"), "alpha": 0.2, "linewidth": 0, "zorder": 1}
             label = f"{100 * (1 - alpha):g} % interval"
             axes.fill_between(front["simulations"], front["ci_low"], front["ci_high"], label=label, **style)
             label = rf"paper: {1e7 * PAPER_PROBABILITY:g} $\times$ 10$^{{-7}}$"
             axes.axhline(PAPER_PROBABILITY, label=label, **REFERENCE)
             axes.set(ylabel="crash probability", ylim=(0, 2 * max(last, PAPER_PROBABILITY)))
             axes.ticklabel_format(axis="y", style="sci", scilimits=(0, 0), useMathText=True)
-        _add_legend(figure)
+        _add_legend(drawn, COMPARED)
         panels[-1].set_xlabel("simulations, all segments")
         panels[-1].xaxis.set_major_locator(MaxNLocator(5))
         panels[-1].xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
-        note_source(figure, source)
-    return figure, _complete(table, "paper", "probability", PAPER_PROBABILITY, drop="relative_half_width")
+        note_source(drawn, source)
+    return drawn, _complete(table, "paper", "probability", PAPER_PROBABILITY, drop="relative_half_width")
 
 
+@figure
 def fig13_relative_half_width(
     estimates: pd.DataFrame, course: pd.DataFrame, segment: str, beta: float, source: str
 ) -> tuple[Figure, pd.DataFrame]:
-    """Draw how the interval narrows in one segment alone: single, piecewise, heuristic (paper, figure 13).
+    """Draw how the interval narrows in one segment alone, by method (paper, figure 13).
 
     Parameters
     ----------
@@ -80,9 +86,9 @@ def fig13_relative_half_width(
         The first replicate of each method in front; kind (course, converged or beta), method, replicate,
         simulations and relative_half_width.
     """
-    table = _rows(estimates, course, ("single", "piecewise", "heuristic"), segment)
+    table = _rows(estimates, course, estimates["method"].unique(), segment)
     with paper_style():
-        figure, axes = plt.subplots(figsize=(COLUMN_WIDTH, 3.0))
+        drawn, axes = plt.subplots(figsize=(COLUMN_WIDTH, 3.0))
         for method, rows in table.groupby("method", sort=False):
             _draw_replicates(axes, rows, method, "relative_half_width")
         axes.axhline(beta, label=rf"$\beta$ = {beta:g}", **REFERENCE)
@@ -92,9 +98,9 @@ def fig13_relative_half_width(
         axes.yaxis.set_minor_formatter(NullFormatter())
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_major_formatter(StrMethodFormatter("{x:,g}"))
-        _add_legend(figure)
-        note_source(figure, source)
-    return figure, _complete(table, "beta", "relative_half_width", beta, drop=list(NUMBERS[:3]))
+        _add_legend(drawn, estimates["method"].unique())
+        note_source(drawn, source)
+    return drawn, _complete(table, "beta", "relative_half_width", beta, drop=list(NUMBERS[:3]))
 
 
 def _rows(estimates: pd.DataFrame, course: pd.DataFrame, methods: Sequence[str], scope: str) -> pd.DataFrame:
@@ -113,7 +119,7 @@ def _rows(estimates: pd.DataFrame, course: pd.DataFrame, methods: Sequence[str],
 
 def _draw_replicates(axes: Axes, rows: pd.DataFrame, method: str, column: str) -> None:
     """Draw all replicates of a method, the first in front, with circles where they converge."""
-    look = {name: METHODS[method][name] for name in ("color", "linestyle")}
+    look = look_of(method, "color", "linestyle")
     first = rows["replicate"].min()
     for replicate, course in rows[rows["kind"] == "course"].groupby("replicate"):
         front = replicate == first
@@ -127,12 +133,12 @@ def _draw_replicates(axes: Axes, rows: pd.DataFrame, method: str, column: str) -
         axes.plot(chosen["simulations"], chosen[column], color=look["color"], zorder=4, label=label, **circle)
 
 
-def _add_legend(figure: Figure) -> None:
+def _add_legend(drawn: Figure, methods: Sequence[str]) -> None:
     """Explain above the panels, where it can cover no data, what is drawn in them, each thing once."""
-    entries = [dict(zip(*axes.get_legend_handles_labels()[::-1], strict=True)) for axes in figure.axes]
-    methods = {label: entry[label] for entry in entries for label in entry if label in METHODS}
-    legend = methods | entries[0]
-    figure.legend(legend.values(), legend.keys(), loc="outside upper center", ncols=3)
+    entries = [dict(zip(*axes.get_legend_handles_labels()[::-1], strict=True)) for axes in drawn.axes]
+    named = {label: entry[label] for entry in entries for label in entry if label in methods}
+    legend = named | entries[0]
+    drawn.legend(legend.values(), legend.keys(), loc="outside upper center", ncols=3)
 
 
 def _complete(

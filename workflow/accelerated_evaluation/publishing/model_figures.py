@@ -1,137 +1,41 @@
 """The fitted models beside the data: figures 4 to 7 of the paper."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from accelerated_evaluation.distributions import BoundedNormal, Distribution, Empirical
+from accelerated_evaluation.distributions import Described, Empirical, unit_to_power
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel, to_dict
+from accelerated_evaluation.laws.independent import IndependentLaw
+from accelerated_evaluation.publishing.curves import (
+    INVERSE_RANGE,
+    INVERSE_TTC,
+    RECORDS,
+    RECORDS_COLOR,
+    Curve,
+    Variable,
+    density_table,
+    draw_curve,
+    draw_histogram,
+    histogram,
+    set_log_ticks,
+)
+from accelerated_evaluation.publishing.looks import look_of
 from accelerated_evaluation.publishing.model_tables import leaves
-from accelerated_evaluation.publishing.style import COLUMN_WIDTH, METHODS, PIECES, note_source, paper_style
+from accelerated_evaluation.publishing.published import figure
+from accelerated_evaluation.publishing.style import COLUMN_WIDTH, PIECES, note_source, paper_style
 
-RECORDS = "empirical"
-RECORDS_COLOR = "#c0c0c0"
 BODY_SHARE = 0.99  # of the events, where the panel of the body ends
 BINS = 60
 POINTS = 400
 
 
-@dataclass(frozen=True)
-class Variable:
-    """How figures and their data name a variable and its units."""
-
-    name: str
-    symbol: str
-    unit: str
-    unit_name: str
-    density_unit: str
-    log_scale: bool
-
-    @property
-    def column(self) -> str:
-        """Its column."""
-        return f"{self.name}_{self.unit_name}"
-
-    @property
-    def width(self) -> str:
-        """Column of the widths of bins."""
-        return f"bin_width_{self.unit_name}"
-
-    @property
-    def density(self) -> str:
-        """Column of densities."""
-        return f"density_{self.density_unit}"
-
-
-INVERSE_RANGE = Variable("inverse_range", "R^{-1}", "1/m", "per_m", "m", log_scale=True)
-INVERSE_TTC = Variable("inverse_ttc", "TTC^{-1}", "1/s", "per_s", "s", log_scale=False)
-
-
-@dataclass(frozen=True)
-class Curve:
-    """A law to draw and how; ``weight`` times its density, and its survival function if it is ``whole``."""
-
-    law: Distribution
-    style: Mapping[str, Any] = field(default_factory=dict)
-    weight: float = 1.0
-    whole: bool = True
-
-    @property
-    def knots(self) -> Array:
-        """Its truncation points, shape (k - 1,); none for a single law."""
-        return np.asarray(getattr(self.law, "knots", ()))
-
-    def grid(self, points: Array) -> Array:
-        """Return the rising ``points`` with both sides of every knot that they enclose."""
-        knots = self.knots[(self.knots > points[0]) & (self.knots < points[-1])]
-        return np.unique(np.concatenate([points, knots, np.nextafter(knots, -np.inf)]))
-
-
-def histogram(x: Array, edges: Array, variable: Variable) -> pd.DataFrame:
-    """Count events in bins.
-
-    Parameters
-    ----------
-    x
-        Events, shape (n,); the density refers to all of them, those outside the bins included.
-    edges
-        Rising edges of the bins, in the unit of x.
-
-    Returns
-    -------
-    pandas.DataFrame
-        A row a bin: curve, middle, width, count and density, count / (n width).
-    """
-    count, width = np.histogram(x, edges)[0], np.diff(edges)
-    columns = (variable.column, variable.width, "count", variable.density)
-    values = (edges[:-1] + width / 2, width, count, count / (x.size * width))
-    return pd.DataFrame({"curve": RECORDS, **dict(zip(columns, values, strict=True))})
-
-
-def density_table(name: str, curve: Curve, points: Array, variable: Variable) -> pd.DataFrame:
-    """Tabulate a curve's density at points, shape (n,), and its knots: curve, x, density, is_knot."""
-    x = curve.grid(points)
-    density = curve.weight * np.exp(curve.law.logpdf(x))
-    inside = density > 0
-    table = {variable.column: x, variable.density: density, "is_knot": np.isin(x, curve.knots)}
-    return pd.DataFrame({"curve": name, **{column: values[inside] for column, values in table.items()}})
-
-
-def draw_histogram(axis: Axes, rows: pd.DataFrame, variable: Variable, label: str) -> None:
-    """Fill a histogram down to a third of its lowest density on a logarithmic axis, which it limits."""
-    middle, half = rows[variable.column].to_numpy(), rows[variable.width].to_numpy() / 2
-    edges = np.append(middle - half, middle[-1] + half[-1])
-    density = rows[variable.density].to_numpy()
-    floor = density[density > 0].min() / 3
-    axis.stairs(density, edges, baseline=floor, fill=True, color=RECORDS_COLOR, label=label)
-    axis.set(yscale="log", ylim=(floor, 2 * density.max()))
-
-
-def set_log_ticks(axis: Axes) -> None:
-    """Scale x logarithmically, with ticks at 1, 2 and 5 written as plain numbers."""
-    axis.set_xscale("log")
-    axis.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axis.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axis.xaxis.set_minor_formatter(NullFormatter())
-
-
-def draw_curve(axis: Axes, rows: pd.DataFrame, columns: tuple[str, str], label: str, curve: Curve) -> None:
-    """Draw two columns of a curve's rows against each other, its knots as markers."""
-    knots = np.flatnonzero(rows["is_knot"].to_numpy(dtype=bool)).tolist()
-    style = dict(curve.style) if knots else {**curve.style, "marker": None}
-    axis.plot(*(rows[column] for column in columns), label=label, markevery=knots or None, **style)
-
-
+@figure
 def fig04_inverse_range_fit(
-    encounters: pd.DataFrame, models: Mapping[str, LaneChangeModel], source: str
+    encounters: pd.DataFrame, two_pieces: IndependentLaw, three_pieces: IndependentLaw, source: str
 ) -> tuple[Figure, pd.DataFrame]:
     """Piecewise fits of R^-1, pooled over the segments, by number of pieces (paper, figure 4).
 
@@ -139,8 +43,8 @@ def fig04_inverse_range_fit(
     ----------
     encounters
         Encounter table.
-    models
-        Piecewise models by name; they are told apart by the pieces of their R^-1.
+    two_pieces, three_pieces
+        The piecewise models, told apart by the pieces of their R^-1.
     source
         What the encounters are, to be printed.
 
@@ -150,7 +54,7 @@ def fig04_inverse_range_fit(
         The body as densities, the tail as survival functions, knots marked; and all that is drawn:
         panel, curve, inverse_range_per_m, bin_width_per_m, count, density_m, is_knot, survival.
     """
-    laws = [model.inverse_range for model in models.values()]
+    laws = two_pieces.inverse_range, three_pieces.inverse_range
     styles = (
         {"color": PIECES[1], "linestyle": "--", "marker": "s"},
         {"color": PIECES[0], "linestyle": "-", "marker": "o"},
@@ -161,8 +65,9 @@ def fig04_inverse_range_fit(
     return _fit_figure(encounters["inverse_range"].to_numpy(), curves, INVERSE_RANGE, source)
 
 
+@figure
 def fig05_inverse_ttc_fit(
-    encounters: pd.DataFrame, model: LaneChangeModel, segment: str, source: str
+    encounters: pd.DataFrame, piecewise: IndependentLaw, segment: str, source: str
 ) -> tuple[Figure, pd.DataFrame]:
     """Piecewise fit of TTC^-1 in one segment, with the components of its body (paper, figure 5).
 
@@ -170,7 +75,7 @@ def fig05_inverse_ttc_fit(
     ----------
     encounters
         Encounter table.
-    model
+    piecewise
         A piecewise model.
     segment
         Segment of v_L; the paper shows the second one.
@@ -182,18 +87,18 @@ def fig05_inverse_ttc_fit(
     figure, data
         As of `fig04_inverse_range_fit`, in inverse_ttc_per_s, bin_width_per_s and density_s.
     """
-    law = model.inverse_ttc[segment]
-    curves = {f"piecewise ({len(law.components)} pieces)": Curve(law, METHODS["piecewise"])}
-    normals = [(weight, leaf) for weight, leaf in leaves(law) if isinstance(leaf, BoundedNormal)]
-    for number, (weight, leaf) in enumerate(normals):
+    law = piecewise.inverse_ttc[segment]
+    curves = {f"piecewise ({len(law.components)} pieces)": Curve(law, look_of("piecewise"))}
+    body = [(weight, leaf) for weight, leaf in leaves(law) if leaf.upper < np.inf]
+    for number, (weight, leaf) in enumerate(body):
         style = {"color": "#444444", "linewidth": 0.9, "linestyle": ("--", ":", "-.")[number % 3]}
-        name = f"normal, $\\sigma$ = {leaf.sd:.3f} 1/s"
-        curves[name] = Curve(leaf, style, weight, whole=False)
+        curves[_described(leaf, INVERSE_TTC)] = Curve(leaf, style, weight, whole=False)
     return _fit_figure(_inverse_ttc(encounters, segment), curves, INVERSE_TTC, source, segment)
 
 
+@figure
 def fig06_inverse_range_comparison(
-    encounters: pd.DataFrame, piecewise: LaneChangeModel, single: LaneChangeModel, source: str
+    encounters: pd.DataFrame, piecewise: IndependentLaw, single: IndependentLaw, source: str
 ) -> tuple[Figure, pd.DataFrame]:
     """Piecewise against single parametric fit of R^-1, pooled over the segments (paper, figure 6).
 
@@ -203,8 +108,9 @@ def fig06_inverse_range_comparison(
     return _fit_figure(encounters["inverse_range"].to_numpy(), curves, INVERSE_RANGE, source)
 
 
+@figure
 def fig07_inverse_ttc_comparison(
-    encounters: pd.DataFrame, piecewise: LaneChangeModel, single: LaneChangeModel, segment: str, source: str
+    encounters: pd.DataFrame, piecewise: IndependentLaw, single: IndependentLaw, segment: str, source: str
 ) -> tuple[Figure, pd.DataFrame]:
     """Piecewise against single parametric fit of TTC^-1 in one segment (paper, figure 7).
 
@@ -218,11 +124,20 @@ def _inverse_ttc(encounters: pd.DataFrame, segment: str) -> Array:
     return encounters.loc[encounters["segment"] == segment, "inverse_ttc"].to_numpy()
 
 
-def _compared(piecewise: Distribution, single: Distribution) -> dict[str, Curve]:
-    kind = to_dict(single)["kind"].removeprefix("bounded ")
+def _described(leaf: Described, variable: Variable) -> str:
+    """Name a component by its kind and its parameters, such as ``normal, sigma = 0.089 1/s``."""
+    parameters = [
+        f"${parameter.symbol}$ = {getattr(leaf, name):.3f} {unit_to_power(variable.unit, parameter.power)}"
+        for name, parameter in leaf.parameters.items()
+    ]
+    return ", ".join([leaf.kind.removeprefix("bounded "), *parameters])
+
+
+def _compared(piecewise: Described, single: Described) -> dict[str, Curve]:
+    kind = single.kind.removeprefix("bounded ")
     return {
-        f"single ({kind})": Curve(single, METHODS["single"]),
-        f"piecewise ({len(piecewise.components)} pieces)": Curve(piecewise, METHODS["piecewise"]),
+        f"single ({kind})": Curve(single, look_of("single")),
+        f"piecewise ({len(piecewise.components)} pieces)": Curve(piecewise, look_of("piecewise")),
     }
 
 
@@ -259,7 +174,7 @@ def _fit_figure(
     rows = dict(list(table.groupby(["panel", "curve"])))
     given = f", $v_L$ {segment.replace('-', '–')} m/s" if segment else ""
     with paper_style():
-        figure, (body, tail) = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.3))
+        drawn, (body, tail) = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.3))
         draw_histogram(body, rows["body", RECORDS], variable, f"{RECORDS}, n = {x.size:,}")
         survival = variable.column, "survival"
         tail.plot(*(rows["tail", RECORDS][name] for name in survival), color=RECORDS_COLOR, linewidth=3.5)
@@ -275,6 +190,6 @@ def _fit_figure(
             set_log_ticks(tail)
         for axis in (body, tail):
             axis.set_xlabel(f"${variable.symbol}$ [{variable.unit}]{given}")
-        figure.legend(*body.get_legend_handles_labels(), loc="outside upper left", ncols=2)
-        note_source(figure, source)
-    return figure, table
+        drawn.legend(*body.get_legend_handles_labels(), loc="outside upper left", ncols=2)
+        note_source(drawn, source)
+    return drawn, table

@@ -1,7 +1,5 @@
-"""The Cross-Entropy search: figures 3 and 8 to 11 of the paper."""
+"""The Cross-Entropy search: figures 8 to 11 of the paper."""
 
-from collections.abc import Mapping
-from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -13,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from accelerated_evaluation.distributions import PiecewiseMixture
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
-from accelerated_evaluation.publishing.flow_chart import Arrow, Box, draw_flow_chart, flow_table
+from accelerated_evaluation.laws.independent import IndependentLaw
+from accelerated_evaluation.publishing.published import figure
 from accelerated_evaluation.publishing.style import COLUMN_WIDTH, PIECES, note_source, paper_style
 
 PIECE_STYLES = tuple(
@@ -24,97 +22,9 @@ PIECE_STYLES = tuple(
 CURVES = 5  # densities in figure 11
 LINES = ("--", ":", "-.", (0, (6, 1, 1, 1, 1, 1)), "-")
 DENSITY_FLOOR = 1e-4  # [s], the lower end of figure 11
-FLOW_HEIGHT = 5.6  # [in]
 
 
-MAIN, WIDE = 1.36, 2.3  # middle and width of the main column of the flow chart [in]
-FLOW_BOXES = {
-    "start": Box(
-        "f* starts as f, no weight below {minimum_weight:g}\n(single: exponentials with f's means)",
-        *(MAIN, 5.35, WIDE, 0.36),
-    ),
-    "draw": Box(
-        "draw N = {sample_size:,} cut-ins from f*, simulate\nthem; score t: the least of TTC and of\n"
-        "R / ({range_per_ttc:g} m/s); 0 if it is a crash",
-        *(MAIN, 4.74, WIDE, 0.5),
-    ),
-    "rarer": Box(
-        "is the {event_quantile:g} quantile of t\nbelow the last $t_{{TTC}}$?",
-        *(MAIN, 4.02, WIDE, 0.62),
-        question=True,
-    ),
-    "more": Box(
-        "draw on, to {minimum_events}\ncrashes or {maximum_batches} N;\n"
-        "take the {minimum_events}th\nsmallest t",
-        *(2.98, 3.31, 0.84, 0.56),
-    ),
-    "event": Box(
-        "$t_{{TTC}}$ falls to it, and $t_R$ in step;\nevent: TTC hits $t_{{TTC}}$ or R hits $t_R$",
-        *(MAIN, 3.31, 2.05, 0.4),
-    ),
-    "update": Box(
-        "weigh events by f / f*; update weights,\n"
-        "$\\theta$ of pieces with {minimum_piece_events} events (single: rates)",
-        *(MAIN, 2.71, WIDE, 0.4),
-    ),
-    "full": Box(
-        "heuristic: is the tail at full\nweight, with room below\nall events?",
-        *(MAIN, 1.94, WIDE, 0.74),
-        question=True,
-    ),
-    "shift": Box("shift the\ntruncation\npoints up", 3.06, 1.94, 0.62, 0.46),
-    "crash": Box(
-        "was the crash itself the\nevent {crash_iterations} times in a row?",
-        *(MAIN, 1.08, WIDE, 0.62),
-        question=True,
-    ),
-    "end": Box("f*", MAIN, 0.45, 0.5, 0.24),
-}
-FLOW_ARROWS = (
-    Arrow("start", "draw"),
-    Arrow("draw", "rarer"),
-    Arrow("rarer", "event", answer="yes"),
-    Arrow("rarer", "more", ("right", "top"), "no"),
-    Arrow("more", "event", ("left", "right")),
-    Arrow("event", "update"),
-    Arrow("update", "full"),
-    Arrow("full", "shift", ("right", "left"), "yes"),
-    Arrow("full", "crash", answer="no"),
-    Arrow("shift", "draw", ("right", "right"), lane=3.46),
-    Arrow("crash", "draw", ("left", "left"), "no", lane=0.04),
-    Arrow("crash", "end", answer="yes"),
-)
-
-
-def flow_boxes(settings: Mapping[str, Any]) -> dict[str, Box]:
-    """Describe the steps of `sampling.cross_entropy.search` with the settings that it runs with."""
-    return {name: replace(box, text=box.text.format(**settings)) for name, box in FLOW_BOXES.items()}
-
-
-def fig03_cross_entropy_flow(settings: Mapping[str, Any], source: str) -> tuple[Figure, pd.DataFrame]:
-    """Draw how our search iterates (paper, figure 3).
-
-    Parameters
-    ----------
-    settings
-        Section ``cross_entropy`` of the configuration.
-    source
-        Description of the data that the settings are for.
-
-    Returns
-    -------
-    figure, data
-        The flow chart, and its boxes and arrows as `flow_chart.flow_table` has them.
-    """
-    boxes = flow_boxes(settings)
-    with paper_style():
-        figure, axes = plt.subplots(figsize=(COLUMN_WIDTH, FLOW_HEIGHT))
-        axes.set(xlim=(0, COLUMN_WIDTH), ylim=(0.3, FLOW_HEIGHT))
-        draw_flow_chart(axes, boxes, FLOW_ARROWS)
-        note_source(figure, f"none; settings of the study of {source}")
-    return figure, flow_table(boxes, FLOW_ARROWS)
-
-
+@figure
 def fig08_thresholds(trace: pd.DataFrame, segment: str, source: str) -> tuple[Figure, pd.DataFrame]:
     """Draw the thresholds of the relaxed events through the iterations (paper, figure 8).
 
@@ -135,7 +45,7 @@ def fig08_thresholds(trace: pd.DataFrame, segment: str, source: str) -> tuple[Fi
     rows = _piecewise(trace, segment)
     ratio = (rows["threshold_range_m"] / rows["threshold_ttc_s"]).max()
     with paper_style():
-        figure, axes = plt.subplots()
+        drawn, axes = plt.subplots()
         for rank, (seed, search) in enumerate(rows.groupby("seed")):
             style = PIECE_STYLES[0] | _depth(rank, f"seed {seed}", "other seeds")
             axes.plot(search["iteration"], search["threshold_ttc_s"], **style)
@@ -146,9 +56,9 @@ def fig08_thresholds(trace: pd.DataFrame, segment: str, source: str) -> tuple[Fi
         right.set_ylabel("threshold $t_R$ [m]")
         right.spines["right"].set_visible(True)
         axes.legend()
-        note_source(figure, source)
+        note_source(drawn, source)
     columns = ["seed", "iteration", "threshold_ttc_s", "threshold_range_m", "events"]
-    return figure, rows[columns].reset_index(drop=True)
+    return drawn, rows[columns].reset_index(drop=True)
 
 
 def _mark_crash(axes: Axes, search: pd.DataFrame) -> None:
@@ -162,6 +72,7 @@ def _mark_crash(axes: Axes, search: pd.DataFrame) -> None:
         )
 
 
+@figure
 def fig09_inverse_range_parameters(
     trace: pd.DataFrame, segment: str, source: str
 ) -> tuple[Figure, pd.DataFrame]:
@@ -177,6 +88,7 @@ def fig09_inverse_range_parameters(
     return _parameters(trace, segment, "inverse_range", source)
 
 
+@figure
 def fig10_inverse_ttc_parameters(
     trace: pd.DataFrame, segment: str, source: str
 ) -> tuple[Figure, pd.DataFrame]:
@@ -191,7 +103,7 @@ def _parameters(trace: pd.DataFrame, segment: str, variable: str, source: str) -
     symbol, unit = {"inverse_range": ("$R^{-1}$", "m"), "inverse_ttc": ("$TTC^{-1}$", "s")}[variable]
     table = _piece_table(_piecewise(trace, segment), variable)
     with paper_style():
-        figure, (upper, lower) = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 3.6), sharex=True)
+        drawn, (upper, lower) = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 3.6), sharex=True)
         seeds = sorted(table["seed"].unique())
         for (piece, seed), rows in table.groupby(["piece", "seed"]):
             label = f"{symbol} from {rows['from'].iloc[0]:.3g} 1/{unit}"
@@ -201,9 +113,9 @@ def _parameters(trace: pd.DataFrame, segment: str, variable: str, source: str) -
         upper.set(ylabel=r"weight $\tilde{\pi}$", yscale="log")
         lower.set(ylabel=rf"tilt $\theta$ [{unit}]")
         _count_iterations(lower, table, segment)
-        figure.legend(*upper.get_legend_handles_labels(), loc="outside upper center", ncols=2)
-        note_source(figure, source)
-    return figure, table.rename(columns={"from": f"from_per_{unit}", "theta": f"theta_{unit}"})
+        drawn.legend(*upper.get_legend_handles_labels(), loc="outside upper center", ncols=2)
+        note_source(drawn, source)
+    return drawn, table.rename(columns={"from": f"from_per_{unit}", "theta": f"theta_{unit}"})
 
 
 def _piece_table(rows: pd.DataFrame, variable: str) -> pd.DataFrame:
@@ -214,8 +126,9 @@ def _piece_table(rows: pd.DataFrame, variable: str) -> pd.DataFrame:
     return table.dropna().reset_index().sort_values(["seed", "iteration", "piece"], ignore_index=True)
 
 
+@figure
 def fig11_inverse_ttc_density(
-    trace: pd.DataFrame, model: LaneChangeModel, segment: str, source: str
+    trace: pd.DataFrame, piecewise: IndependentLaw, segment: str, source: str
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw how the density of TTC^-1 moves from f to f* in the first seed's search (paper, figure 11).
 
@@ -223,7 +136,7 @@ def fig11_inverse_ttc_density(
     ----------
     trace
         ``cross_entropy_trace.csv`` of a study.
-    model
+    piecewise
         The piecewise model that was searched; the iterations' densities are rebuilt from its pieces.
     segment
         Segment of v_L.
@@ -235,11 +148,11 @@ def fig11_inverse_ttc_density(
     figure, data
         The densities, light to dark; iteration, inverse_ttc_per_s, density_s.
     """
-    table = _density_table(_piecewise(trace, segment), model.inverse_ttc[segment])
+    table = _density_table(_piecewise(trace, segment), piecewise.inverse_ttc[segment])
     chosen = table["iteration"].unique()
     names = {1: "f (iteration 1)", chosen[-1]: f"f* (iteration {chosen[-1]})"}
     with paper_style():
-        figure, axes = plt.subplots()
+        drawn, axes = plt.subplots()
         for place, (at, rows) in enumerate(table.groupby("iteration")):
             look = {
                 "color": plt.get_cmap("Blues")(0.4 + 0.6 * place / (chosen.size - 1)),
@@ -251,8 +164,8 @@ def fig11_inverse_ttc_density(
         axes.set(xlabel=f"$TTC^{{-1}}$ [1/s], {_speeds(segment)}", ylabel="density [s]", yscale="log")
         axes.set_ylim(DENSITY_FLOOR, 3 * table["density_s"].max())
         axes.legend(loc="upper right")
-        note_source(figure, source)
-    return figure, table
+        note_source(drawn, source)
+    return drawn, table
 
 
 def _density_table(rows: pd.DataFrame, pieces: PiecewiseMixture) -> pd.DataFrame:

@@ -21,7 +21,9 @@ from accelerated_evaluation.publishing.dot_chart import (
     spaced,
     write_beside,
 )
-from accelerated_evaluation.publishing.style import COLUMN_WIDTH, METHODS, note_source, paper_style
+from accelerated_evaluation.publishing.looks import look_of
+from accelerated_evaluation.publishing.published import figure
+from accelerated_evaluation.publishing.style import COLUMN_WIDTH, note_source, paper_style
 from accelerated_evaluation.publishing.surrogate_tables import PHASES, side_by_side
 from accelerated_evaluation.publishing.tables import readable
 
@@ -30,10 +32,11 @@ SCORES = {"z_inverse_range": "$R^{-1}$", "z_inverse_ttc": "$TTC^{-1}$"}
 PHASE_LOOKS = {
     "search": {"color": "#8c8c8c", "marker": "^"},
     "learn": {"color": "#2b8cbe", "marker": "s"},
-    "estimate": {key: METHODS["surrogate"][key] for key in ("color", "marker")},
+    "estimate": look_of("surrogate", "color", "marker"),
 }
 
 
+@figure
 def fig19_surrogate_runs(
     runs: pd.DataFrame, exact: pd.DataFrame, shares: Mapping[str, float], source: str
 ) -> tuple[Figure, pd.DataFrame]:
@@ -61,7 +64,7 @@ def fig19_surrogate_runs(
     spread = _shares_by_segment(runs, exact, shares)
     y = spaced(spread["segment"], 1.5)
     with paper_style():
-        figure, panels = plt.subplot_mosaic(
+        drawn, panels = plt.subplot_mosaic(
             [["a", "b"], ["c", "c"]],
             figsize=(COLUMN_WIDTH, 1.8 + FRAME + ROW * y.max()),
             height_ratios=(1.4, ROW * y.max()),
@@ -77,26 +80,19 @@ def fig19_surrogate_runs(
         panels["a"].set_ylabel(f"score of {SCORES['z_inverse_ttc']}")
         _draw_shares(panels["c"], spread, y)
         signs = panels["a"].get_legend_handles_labels()
-        figure.legend(*signs, loc="outside upper center", ncols=3, columnspacing=1, handletextpad=0.3)
-        note_source(figure, source)
-    return figure, pd.concat([shown.assign(panel="a, b"), spread.assign(panel="c")], ignore_index=True)
+        drawn.legend(*signs, loc="outside upper center", ncols=3, columnspacing=1, handletextpad=0.3)
+        note_source(drawn, source)
+    return drawn, pd.concat([shown.assign(panel="a, b"), spread.assign(panel="c")], ignore_index=True)
 
 
-def fig20_methods(
-    estimates: pd.DataFrame,
-    trace: pd.DataFrame,
-    surrogate: pd.DataFrame,
-    runs: pd.DataFrame,
-    exact: pd.DataFrame,
-    source: str,
-) -> tuple[Figure, pd.DataFrame]:
-    """Draw what every replicate of the four methods costs, and what it finds, over all segments.
+@figure
+def fig20_methods(replicates: pd.DataFrame, exact: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
+    """Draw what every replicate of every method costs, and what it finds, over all segments.
 
     Parameters
     ----------
-    estimates, trace, surrogate, runs, exact
-        ``estimates.csv``, ``cross_entropy_trace.csv``, ``surrogate.csv``, ``surrogate_runs.csv`` and
-        ``exact.csv`` of a study.
+    replicates, exact
+        The estimates of all methods, and ``exact.csv`` of a study.
     source
         Description of the data.
 
@@ -107,15 +103,15 @@ def fig20_methods(
         and ``together``; probability, ci_low, ci_high and ``to_exact``, the ratio to the exact probability.
     """
     truth = exact.set_index("segment").loc["all"]
-    data = side_by_side(estimates, trace, surrogate, runs, "all")
+    data = side_by_side(replicates, "all")
     data["to_exact"] = data["probability"] / truth["probability"]
     ratios = data[["probability", "ci_low", "ci_high"]] / truth["probability"]
     y = spaced(data["method"], 1.0)
     with paper_style():
         height = FRAME + 0.6 * ROW * y.max()
-        figure, (left, right) = plt.subplots(1, 2, figsize=(COLUMN_WIDTH, height), sharey=True)
+        drawn, (left, right) = plt.subplots(1, 2, figsize=(COLUMN_WIDTH, height), sharey=True)
         for method in data["method"].unique():
-            rows, look = data["method"] == method, {key: METHODS[method][key] for key in ("color", "marker")}
+            rows, look = data["method"] == method, look_of(method, "color", "marker")
             style = {"linestyle": "none", "markersize": 3.5, "markeredgewidth": 0.6} | look
             left.plot(data.loc[rows, "estimating"], y[rows], fillstyle="none", **style)
             left.plot(data.loc[rows, "together"], y[rows], **style)
@@ -135,9 +131,9 @@ def fig20_methods(
             plt.Line2D([], [], **sign, label="learning and estimating"),
             plt.Line2D([], [], **TRUTH, label="exact"),
         ]
-        figure.legend(handles=signs, loc="outside upper center", ncols=3, columnspacing=1, handletextpad=0.3)
-        note_source(figure, source)
-    return figure, data
+        drawn.legend(handles=signs, loc="outside upper center", ncols=3, columnspacing=1, handletextpad=0.3)
+        note_source(drawn, source)
+    return drawn, data
 
 
 def _shares_by_segment(runs: pd.DataFrame, exact: pd.DataFrame, shares: Mapping[str, float]) -> pd.DataFrame:

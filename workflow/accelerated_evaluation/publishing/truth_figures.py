@@ -1,4 +1,4 @@
-"""Beyond the paper: estimates, choices, uncertainty, severity, coverage by the exact probability (14-18)."""
+"""Beyond the paper: estimates, choices, uncertainty and severity by the exact probability (14-17)."""
 
 import re
 from itertools import cycle
@@ -9,16 +9,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator, PercentFormatter
 from scipy.special import ndtri
 
-from accelerated_evaluation.methods.intervals import binomial_interval
 from accelerated_evaluation.publishing.dot_chart import (
     DOT,
     FRAME,
     INTERVAL,
     ROW,
-    TRUTH,
     draw_intervals,
     draw_truth,
     finish,
@@ -28,25 +25,21 @@ from accelerated_evaluation.publishing.dot_chart import (
     spaced,
     write_beside,
 )
-from accelerated_evaluation.publishing.paper_tables import of_method
-from accelerated_evaluation.publishing.style import COLUMN_WIDTH, METHODS, PIECES, note_source, paper_style
+from accelerated_evaluation.publishing.looks import look_of
+from accelerated_evaluation.publishing.published import figure
+from accelerated_evaluation.publishing.spreads import of_method
+from accelerated_evaluation.publishing.style import COLUMN_WIDTH, PIECES, note_source, paper_style
 from accelerated_evaluation.publishing.truth_tables import severity_digest
-from accelerated_evaluation.truth.coverage import LEVELS
 
 PAPER = {"color": "black", "marker": "*"}
 RARE = 1e-6  # lower end of the shares in figure 17
-STOPPINGS = {
-    "fixed": {"label": "fixed size, normal", "marker": "o", "fillstyle": "none"},
-    "fixed_gamma": {"label": "fixed size, gamma", "marker": "o", "fillstyle": "full"},
-    "sequential": {"label": "sequential, normal", "marker": "^", "fillstyle": "none"},
-    "sequential_gamma": {"label": "sequential, gamma", "marker": "^", "fillstyle": "full"},
-}
 
 
+@figure
 def fig14_estimates_against_truth(
     estimates: pd.DataFrame,
     exact: pd.DataFrame,
-    paper: tuple[float, float],
+    paper_interval: tuple[float, float],
     alpha: float,
     source: str,
     crude: pd.DataFrame | None = None,
@@ -57,7 +50,7 @@ def fig14_estimates_against_truth(
     ----------
     estimates, exact
         ``estimates.csv`` and ``exact.csv`` of a study.
-    paper
+    paper_interval
         The paper's interval (section VI.C).
     alpha
         Intervals are 100 (1 - alpha) %.
@@ -72,14 +65,14 @@ def fig14_estimates_against_truth(
         A row for each replicate; kind (exact, paper or estimate), method, replicate, simulations,
         probability, ci_low and ci_high.
     """
-    data = _estimate_rows(estimates, _all(exact), paper, alpha, crude)
+    data = _estimate_rows(estimates, _all(exact), paper_interval, alpha, crude)
     with paper_style():
         shown = data.iloc[1:]
         label = shown["method"].fillna("paper")
         y = spaced(label, 1.0)
-        figure, axes = plt.subplots(figsize=(COLUMN_WIDTH, FRAME + 0.7 * ROW * y.max()))
+        drawn, axes = plt.subplots(figsize=(COLUMN_WIDTH, FRAME + 0.7 * ROW * y.max()))
         for name in label.unique():
-            look = METHODS.get(name, PAPER) | {"linestyle": "none"}
+            look = (PAPER if name == "paper" else look_of(name)) | {"linestyle": "none"}
             draw_intervals(axes, shown[label == name], y[label == name], **look)
         draw_truth(axes, data.iloc[0], f"exact, {100 * (1 - alpha):g} % band")
         name_groups(axes, y, label)
@@ -87,10 +80,11 @@ def fig14_estimates_against_truth(
         seen = data.loc[data["probability"] > 0, "ci_high"]
         axes.set(xlabel="crash probability", xlim=(0, 1.05 * seen.max()))
         axes.ticklabel_format(axis="x", style="sci", scilimits=(0, 0), useMathText=True)
-        finish(figure, axes, source)
-    return figure, data
+        finish(drawn, axes, source)
+    return drawn, data
 
 
+@figure
 def fig15_sensitivity(
     sensitivity: pd.DataFrame, exact: pd.DataFrame, source: str
 ) -> tuple[Figure, pd.DataFrame]:
@@ -116,16 +110,17 @@ def fig15_sensitivity(
     shown = data.iloc[1:]
     y = spaced(shown["choice"], 1.5)
     with paper_style():
-        figure, axes = plt.subplots(figsize=(COLUMN_WIDTH, FRAME + ROW * y.max()))
+        drawn, axes = plt.subplots(figsize=(COLUMN_WIDTH, FRAME + ROW * y.max()))
         axes.plot(shown["probability"], y, **DOT)
         draw_truth(axes, data.iloc[0], "model, data and vehicle of the study")
         name_rows(axes, y, shown["choice"].map(_in_symbols), shown["value"].map(_value_label))
         write_beside(axes, y, in_ratios(shown["ratio"]), "to study")
         axes.set(xlabel="crash probability", xscale="log")
-        finish(figure, axes, source)
-    return figure, data
+        finish(drawn, axes, source)
+    return drawn, data
 
 
+@figure
 def fig16_uncertainty(
     uncertainty: pd.DataFrame, bootstrap: pd.DataFrame, exact: pd.DataFrame, source: str
 ) -> tuple[Figure, pd.DataFrame]:
@@ -151,7 +146,7 @@ def fig16_uncertainty(
     names = {"sampling": "sampling (paper)", "data": "data (bootstrap)"}
     y = np.arange(len(budget))
     with paper_style():
-        figure, axes = plt.subplots(figsize=(COLUMN_WIDTH, 2.2))
+        drawn, axes = plt.subplots(figsize=(COLUMN_WIDTH, 2.2))
         at = np.flatnonzero(budget["source"] == "data")[0] + 0.3
         strokes = {"color": PIECES[2], "marker": "|", "linestyle": "none", "markersize": 5, "zorder": 1}
         axes.plot(refits["probability"], np.full(len(refits), at), markeredgewidth=0.3, **strokes)
@@ -162,10 +157,11 @@ def fig16_uncertainty(
         axes.set(xlabel="crash probability")
         axes.ticklabel_format(axis="x", style="sci", scilimits=(0, 0), useMathText=True)
         axes.set(xlim=(0, None), ylim=(-0.5, len(budget) - 0.4))
-        finish(figure, axes, source)
-    return figure, data
+        finish(drawn, axes, source)
+    return drawn, data
 
 
+@figure
 def fig17_severity(severity: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
     """Draw how fast crashes end, by segment, and how much more frequent near misses are, over all.
 
@@ -189,7 +185,7 @@ def fig17_severity(severity: pd.DataFrame, source: str) -> tuple[Figure, pd.Data
     segments = impacts["segment"].unique()
     colors = mpl.colormaps["Blues"](np.linspace(1, 0.45, segments.size))
     with paper_style():
-        figure, (top, bottom) = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.2))
+        drawn, (top, bottom) = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.2))
         for segment, color, line, marker in zip(
             segments[::-1], colors, cycle(("-", "--", "-.", ":")), cycle("os^D")
         ):
@@ -204,48 +200,9 @@ def fig17_severity(severity: pd.DataFrame, source: str) -> tuple[Figure, pd.Data
         write_beside(bottom, y, in_ratios(near["to_crash"]), "to crash")
         bottom.set(xscale="log", xlabel="probability in a lane change")
         bottom.invert_yaxis()
-        figure.legend(*top.get_legend_handles_labels(), loc="outside upper center", ncols=4)
-        note_source(figure, source)
-    return figure, data
-
-
-def fig18_coverage(coverage: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
-    """Draw how often intervals hold the exact probability, by method and way to stop.
-
-    Parameters
-    ----------
-    coverage
-        ``coverage.csv`` of a study.
-    source
-        Description of the data.
-
-    Returns
-    -------
-    figure, data
-        A panel for each level, with exact binomial 95 % intervals; method, stopping, replicates, level,
-        coverage, ci_low and ci_high.
-    """
-    data = _coverage_rows(coverage)
-    y = spaced(coverage["method"], 1.0)
-    with paper_style():
-        figure, panels = plt.subplots(
-            1, len(LEVELS), figsize=(COLUMN_WIDTH, FRAME + ROW * y.max()), sharey=True
-        )
-        for axes, (level, rows) in zip(panels, data.groupby("level", sort=False), strict=True):
-            shown = rows.rename(columns={"coverage": "probability"})
-            for at, (_, row) in zip(y, shown.iterrows(), strict=True):
-                look = STOPPINGS[row["stopping"]] | {"color": METHODS[row["method"]]["color"]}
-                draw_intervals(axes, row.to_frame().T, [at], **look)
-            axes.axvline(level / 100, linestyle=":", **TRUTH)
-            axes.set(xlabel=f"coverage of {level} %", xlim=(None, 1))
-            axes.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 4, 5, 10]))
-            axes.xaxis.set_major_formatter(PercentFormatter(1, decimals=0))
-        name_groups(panels[0], y, coverage["method"])
-        panels[0].invert_yaxis()
-        signs = [plt.Line2D([], [], color="black", linestyle="none", **look) for look in STOPPINGS.values()]
-        figure.legend(handles=signs, loc="outside upper center", ncols=2)
-        note_source(figure, source)
-    return figure, data
+        drawn.legend(*top.get_legend_handles_labels(), loc="outside upper center", ncols=4)
+        note_source(drawn, source)
+    return drawn, data
 
 
 def _estimate_rows(
@@ -260,29 +217,13 @@ def _estimate_rows(
     value = {"kind": "exact", "probability": truth["probability"]}
     lines = [value | {"ci_low": value["probability"] - reach, "ci_high": value["probability"] + reach}]
     lines.append(dict(zip(("kind", *INTERVAL), ("paper", sum(paper) / 2, *paper), strict=True)))
-    parts = [of_method(estimates, method) for method in METHODS]
+    parts = [of_method(estimates, method) for method in estimates["method"].unique()]
     if crude is not None:
         parts.append(crude[crude["segment"] == "all"].assign(method="crude", replicate=0))
     rows = pd.concat([pd.DataFrame(lines), pd.concat(parts).assign(kind="estimate")], ignore_index=True)
     return rows[["kind", "method", "replicate", "simulations", *INTERVAL]].astype(
         {"replicate": "Int64", "simulations": "Int64"}
     )
-
-
-def _coverage_rows(coverage: pd.DataFrame) -> pd.DataFrame:
-    """Stack the levels, with binomial intervals of the coverages."""
-    data = pd.concat(
-        [
-            coverage[["method", "stopping", "replicates"]].assign(
-                level=level, coverage=coverage[f"coverage{level}"]
-            )
-            for level in LEVELS
-        ],
-        ignore_index=True,
-    )
-    held = (data["coverage"] * data["replicates"]).round().astype(int)
-    bounds = [binomial_interval(k, n, 0.05) for k, n in zip(held, data["replicates"], strict=True)]
-    return data.assign(ci_low=[bound.low for bound in bounds], ci_high=[bound.high for bound in bounds])
 
 
 def _all(exact: pd.DataFrame) -> pd.Series:

@@ -1,4 +1,4 @@
-"""Tables about the exact probability: simulations that each f* needs, severity in words, coverage."""
+"""Tables about the exact probability: simulations that each f* needs, severity in words."""
 
 import math
 
@@ -6,8 +6,8 @@ import pandas as pd
 from scipy.special import ndtri
 
 from accelerated_evaluation.methods.importance_sampling import crude_simulations
-from accelerated_evaluation.publishing.paper_tables import PAPER_SIMULATIONS
-from accelerated_evaluation.truth.coverage import LEVELS
+from accelerated_evaluation.publishing.paper_numbers import PAPER_SIMULATIONS
+from accelerated_evaluation.publishing.published import table
 
 DIGEST = ("event", "probability", "to_crash", "per_million_km")
 EVENTS = {
@@ -17,10 +17,6 @@ EVENTS = {
     "min_ttc": "smallest TTC < {:g} s",
 }
 HEAVY = 10  # times the variation without the rarest crashes
-COVERAGE_COLUMNS = (
-    *("method", "stopping", "replicates", "bias", "cov_true", "cov_reported"),
-    *(f"coverage{level}" for level in LEVELS),
-)
 
 
 def needed_simulations(
@@ -82,7 +78,37 @@ def severity_digest(severity: pd.DataFrame) -> pd.DataFrame:
     return rows[["probability", "to_crash", "per_million_km"]].assign(event=events)[list(DIGEST)]
 
 
-def published_coverage(coverage: pd.DataFrame, source: str) -> pd.DataFrame:
-    """Order the columns of ``coverage.csv``, the verdict first, and add the source of the data."""
-    others = [name for name in coverage.columns if name not in COVERAGE_COLUMNS]
-    return coverage[[*COVERAGE_COLUMNS, *others]].assign(data=source)
+@table("exact", digits=4)
+def exact_table(exact: pd.DataFrame) -> pd.DataFrame:
+    """Return the exact crash probabilities as they are published."""
+    return exact
+
+
+@table("convergence", digits=4)
+def convergence_table(convergence: pd.DataFrame) -> pd.DataFrame:
+    """Return the exact crash probabilities by resolution of the map as they are published."""
+    return convergence
+
+
+@table("crude", digits=3)
+def crude_table(crude: pd.DataFrame) -> pd.DataFrame:
+    """Return what crude Monte Carlo found as it is published."""
+    return crude
+
+
+@table("sensitivity", digits=4)
+def sensitivity_table(sensitivity: pd.DataFrame) -> pd.DataFrame:
+    """Return the crash probability by choice as it is published."""
+    return sensitivity
+
+
+@table("uncertainty", digits=3)
+def uncertainty_table(uncertainty: pd.DataFrame) -> pd.DataFrame:
+    """Return the budget of the uncertainty as it is published."""
+    return uncertainty
+
+
+@table("severity", digits=3, digest=severity_digest)
+def severity_table(severity: pd.DataFrame) -> pd.DataFrame:
+    """Return the probabilities of crashes and near misses; `severity_digest` is what is read of them."""
+    return severity

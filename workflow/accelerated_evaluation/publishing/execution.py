@@ -1,0 +1,103 @@
+"""Run a parameterised notebook with papermill, in this process instead of a kernel, and render it as HTML."""
+
+import os
+from base64 import b64encode
+from collections.abc import Iterator
+from typing import Any
+
+from IPython.core.interactiveshell import ExecutionResult, InteractiveShell
+from IPython.utils.capture import CapturedIO, capture_output
+from traitlets.config import Config
+
+from accelerated_evaluation.errors import StudyError
+from accelerated_evaluation.files import atomic_path, write_text
+from accelerated_evaluation.imports import without
+
+with without("rfc3987_syntax"):
+    import nbformat
+    import papermill
+    from nbconvert import HTMLExporter
+    from nbformat import NotebookNode
+    from papermill.engines import Engine, NotebookExecutionManager, papermill_engines
+    from papermill.exceptions import PapermillExecutionError
+
+ENGINE = "this process"
+
+
+class ThisProcess(Engine):
+    """Runs the cells in this process: starting a kernel takes longer than most of the notebooks."""
+
+    @classmethod
+    def execute_managed_notebook(
+        cls,
+        nb_man: NotebookExecutionManager,
+        kernel_name: str,
+        **_: Any,  # noqa: ANN401
+    ) -> None:
+        """Run the cells up to the first error, which papermill raises after it has saved the notebook."""
+        # Figures that are shown without being saved are displayed in the notebook, as a kernel does it.
+        os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
+        shell = InteractiveShell.instance(config=Config({"HistoryManager": {"enabled": False}}))
+        shell.reset()
+        for number, cell in enumerate(nb_man.nb.cells, start=1):
+            nb_man.cell_start(cell, number)
+            if cell.cell_type == "code":
+                cell.execution_count = number
+                with capture_output() as captured:
+                    result = shell.run_cell(cell.source)
+                cell.outputs = [*_outputs(captured), *_errors(result)]
+                if not result.success:
+                    nb_man.cell_exception(cell, number, exception=result.error_in_exec)
+                    return
+            nb_man.cell_complete(cell, number)
+
+
+papermill_engines.register(ENGINE, ThisProcess)
+
+
+def run_notebook(notebook: str, parameters: dict[str, str], executed: str, html: str) -> None:
+    """Execute a notebook, whose code makes figures and tables, and render it.
+
+    Parameters
+    ----------
+    notebook
+        Path of the notebook.
+    parameters
+        Values for the names in its cell of parameters.
+    executed, html
+        Paths for the notebook with all outputs, and for its rendering.
+
+    Raises
+    ------
+    StudyError
+        With cell and message, if the notebook fails.
+    """
+    with atomic_path(executed) as temporary:
+        try:
+            content = papermill.execute_notebook(
+                notebook, temporary, parameters, engine_name=ENGINE, progress_bar=True
+            )
+        except PapermillExecutionError as error:
+            raise StudyError(f"{notebook}, cell {error.exec_count}: {error.ename}: {error.evalue}") from error
+        exporter = HTMLExporter(embed_images=True, exclude_input_prompt=True, exclude_output_prompt=True)
+        write_text(html, exporter.from_notebook_node(content)[0])
+
+
+def _outputs(captured: CapturedIO) -> Iterator[NotebookNode]:
+    """Yield what a cell printed and displayed, pictures as text."""
+    for name in ("stdout", "stderr"):
+        if text := getattr(captured, name):
+            yield nbformat.v4.new_output("stream", name=name, text=text)
+    for shown in captured.outputs:
+        data = {
+            kind: b64encode(value).decode() if isinstance(value, bytes) else value
+            for kind, value in shown.data.items()
+        }
+        yield nbformat.v4.new_output("display_data", data=data, metadata=shown.metadata or {})
+
+
+def _errors(result: ExecutionResult) -> Iterator[NotebookNode]:
+    """Yield the error that a cell ended with, if any."""
+    error = result.error_before_exec or result.error_in_exec
+    if error is not None:
+        yield nbformat.v4.new_output("error", ename=type(error).__name__, evalue=str(error), traceback=[])

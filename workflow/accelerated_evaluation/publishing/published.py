@@ -1,0 +1,126 @@
+"""Figures and tables to be published: a decorator registers each, and one call in a notebook shows it.
+
+A new figure is a function here in this room, its place in a notebook, and its caption::
+
+    @figure
+    def fig25_example(estimates: pd.DataFrame, alpha: float, source: str) -> tuple[Figure, pd.DataFrame]:
+        ...
+
+    show(study, fig25_example)      # in the notebook
+
+The name of the function is the name of its files and of its caption, ``workflow/report/fig25_example.rst``.
+Its parameters say what it reads of a `Study`. The workflow finds out both by itself (`publishing.catalogue`).
+"""
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from accelerated_evaluation.publishing.study import Study
+from accelerated_evaluation.publishing.style import COLUMN_WIDTH, save_figure
+from accelerated_evaluation.publishing.tables import readable, save_table
+
+Make = TypeVar("Make", bound=Callable[..., Any])
+WIDTH = 150 * COLUMN_WIDTH  # [px], of a figure in a notebook
+MAX_ROWS = 60  # of a table in a notebook
+
+
+def figure(make: Make) -> Make:
+    """Register a function that returns a figure and its data; its files have the name of the function."""
+
+    def publish(study: Study, made: tuple[Figure, pd.DataFrame]) -> ShownFigure:
+        drawn, data = made
+        save_figure(drawn, data, study.figures, make.__name__)
+        return ShownFigure(data, study.figures / f"{make.__name__}.png")
+
+    make.publish = publish
+    return make
+
+
+def table(
+    name: str,
+    *,
+    digits: int | None = None,
+    digest: Callable[[pd.DataFrame], pd.DataFrame] | None = None,
+) -> Callable[[Make], Make]:
+    """Register a function that returns a table.
+
+    Parameters
+    ----------
+    name
+        Name of its files.
+    digits
+        Significant digits of numbers in Markdown, LaTeX and notebooks; all by default.
+    digest
+        Makes, of a table that is too long to be read, what these show in its place.
+    """
+
+    def register(make: Make) -> Make:
+        def publish(study: Study, made: pd.DataFrame) -> ShownTable:
+            shown = made if digest is None else digest(made)
+            described = {"data": study.source}
+            save_table(
+                made.assign(**described),
+                study.figures / "tables",
+                name,
+                digits=digits,
+                digest=shown.assign(**described),
+            )
+            return ShownTable(made, shown if digits is None else shown.map(readable, digits=digits))
+
+        make.publish = publish
+        return make
+
+    return register
+
+
+@dataclass(frozen=True)
+class ShownFigure:
+    """A published figure: notebooks display it, and its data are at hand."""
+
+    data: pd.DataFrame
+    png: Path
+
+    def _repr_png_(self) -> tuple[bytes, dict[str, float]]:
+        """Return the published file itself, because drawing the figure once more takes time."""
+        return self.png.read_bytes(), {"width": WIDTH}
+
+
+@dataclass(frozen=True)
+class ShownTable:
+    """A published table: notebooks display its digest, and all its data are at hand."""
+
+    data: pd.DataFrame
+    digest: pd.DataFrame
+
+    def _repr_html_(self) -> str:
+        with pd.option_context("display.max_colwidth", None):
+            return self.digest.to_html(max_rows=MAX_ROWS, notebook=True)
+
+    def __repr__(self) -> str:
+        return repr(self.digest)
+
+
+Shown = ShownFigure | ShownTable
+
+
+def show(study: Study, make: Callable[..., Any], **given: Any) -> Shown:  # noqa: ANN401
+    """Make a registered figure or table of a study, publish it, and return what a notebook displays.
+
+    Parameters
+    ----------
+    study
+        What the parameters of ``make`` are read from, by their names.
+    make
+        A function that `figure` or `table` registered.
+    given
+        Arguments that are not read from the study by their names.
+    """
+    read = [name for name in inspect.signature(make).parameters if name not in given]
+    made = make(**{name: getattr(study, name) for name in read}, **given)
+    return make.publish(study, made)

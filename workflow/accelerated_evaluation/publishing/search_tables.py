@@ -1,0 +1,56 @@
+"""Digests of the Cross-Entropy searches: what they took, what they moved and how they ended."""
+
+import pandas as pd
+
+
+def search_totals(trace: pd.DataFrame) -> pd.Series:
+    """Return the simulations of the searches of all segments together, by method and seed."""
+    searches = trace.groupby(["method", "segment", "seed"])["simulations_total"].max()
+    return searches.groupby(["method", "seed"]).sum()
+
+
+def searched_parameters(trace: pd.DataFrame, method: str) -> int:
+    """Count the parameters that the searches of a method move, over all segments.
+
+    The weights of a variable sum to one, so one of them is not free.
+    """
+    columns = trace.filter(regex=r"^inverse_(range|ttc)_(rate|weight|theta|from)").columns
+    total = 0
+    for _, rows in trace[trace["method"] == method].groupby("segment"):
+        moved = columns[rows[columns].max() > rows[columns].min()]
+        bound = {name.split("_weight_")[0] for name in moved if "_weight_" in name}
+        total += len(moved) - len(bound)
+    return total
+
+
+def search_digest(trace: pd.DataFrame) -> pd.DataFrame:
+    """Digest the traces, a row for each method and segment.
+
+    Means over the seeds: iterations with an update, simulations (and their extremes), and of the last
+    iteration the threshold reached, the crashes and the effective sample size of their weights; and how far
+    the heuristic moved the truncation points [1/m] and [1/s].
+    """
+    first, last = (
+        trace.groupby(["method", "segment", "seed"], sort=False).nth(row).reset_index(drop=True)
+        for row in (0, -1)
+    )
+    knots = [f"inverse_{variable}_from_2" for variable in ("range", "ttc")]
+    shift = last[knots] - first[knots]
+    searches = last.assign(
+        updates=last["iteration"] - 1,
+        crash_share=last["crashes"] / last["simulations"],
+        shift_range=shift[knots[0]],
+        shift_ttc=shift[knots[1]],
+    )
+    digest = searches.groupby(["method", "segment"], sort=False).agg(
+        seeds=("seed", "size"),
+        iterations=("updates", "mean"),
+        simulations=("simulations_total", "mean"),
+        simulations_min=("simulations_total", "min"),
+        simulations_max=("simulations_total", "max"),
+        crash_share=("crash_share", "mean"),
+        effective_sample_size=("effective_sample_size", "mean"),
+        knot_shift_inverse_range_per_m=("shift_range", "mean"),
+        knot_shift_inverse_ttc_per_s=("shift_ttc", "mean"),
+    )
+    return digest.reset_index()

@@ -1,0 +1,78 @@
+"""Numbers of ours with how far they spread: over replicates and seeds, pooled, or from an interval."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+from scipy.special import ndtri
+
+from accelerated_evaluation.methods.importance_sampling import crude_simulations
+
+
+class Spread(NamedTuple):
+    """A number of ours with how far it spreads, and what that spread is."""
+
+    value: float
+    low: float
+    high: float
+    of: str
+
+
+def spread_over(values: ArrayLike, things: str) -> Spread:
+    """Return the mean of some values, and their 10 and 90 % quantiles."""
+    values = np.asarray(values, dtype=float)
+    low, high = np.quantile(values, (0.1, 0.9))
+    return Spread(float(values.mean()), float(low), float(high), f"10-90 % over {values.size} {things}")
+
+
+def count(number: int) -> Spread:
+    """Return a count as a number without spread."""
+    return Spread(number, number, number, "none, a count")
+
+
+def of_method(table: pd.DataFrame, method: str, scope: str = "all") -> pd.DataFrame:
+    """Return the rows of one method and scope of the estimates or of their courses."""
+    return table[(table["method"] == method) & (table["scope"] == scope)]
+
+
+def pooled_probability(course: pd.DataFrame, method: str, alpha: float, scope: str = "all") -> Spread:
+    """Pool the last rows of all replicates' courses into one estimate.
+
+    The courses go on past convergence, so that, unlike the mean of the estimates at convergence, this one
+    owes nothing to a moment of stopping that depends on the estimate itself.
+
+    Returns
+    -------
+    Spread
+        The probability, weighted by simulations, with its 100 (1 - alpha) % normal interval.
+    """
+    last = of_method(course, method, scope).groupby("replicate").last()
+    weight = last["simulations"] / last["simulations"].sum()
+    probability = float(weight @ last["probability"])
+    half_width = float(-ndtri(alpha / 2)) * math.sqrt(weight**2 @ last["variance"])
+    simulations = last["simulations"].sum()
+    of = f"{100 * (1 - alpha):g} % interval of {simulations:,} simulations"
+    low, high = max(probability - half_width, 0.0), min(probability + half_width, 1.0)
+    return Spread(probability, low, high, of)
+
+
+def sample_size(estimates: pd.DataFrame, method: str) -> Spread:
+    """Return the simulations to convergence over all segments.
+
+    A replicate that did not converge counts with all its simulations, too few; the spread says so.
+    """
+    rows = of_method(estimates, method)
+    spread = spread_over(rows["simulations"], "replicates")
+    missing = int((~rows["converged"]).sum())
+    return spread._replace(of=f"{spread.of}, {missing} not converged") if missing else spread
+
+
+def crude_sample_size(probability: Spread, alpha: float, beta: float) -> Spread:
+    """Return the simulations that crude Monte Carlo would need (section VI.C, N-hat)."""
+    value, high, low = (
+        crude_simulations(p, alpha, beta) if p > 0 else math.inf
+        for p in (probability.value, probability.low, probability.high)
+    )
+    return Spread(value, low, high, f"from the {probability.of}")
