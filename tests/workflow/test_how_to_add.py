@@ -1,4 +1,4 @@
-"""CONTRIBUTING.md, "How to add ...": a toy method, distribution and vehicle, each by the files named there alone.
+"""CONTRIBUTING.md, "How to add ...": a toy method, distribution and vehicle, each by its own files alone.
 
 One copy of the project gets all three, and runs the whole smoke study with them.
 """
