@@ -22,8 +22,7 @@ $(ENVIRONMENT): environment.txt pyproject.toml
 	.venv/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
 
-study: $(ENVIRONMENT) ## run the study: make study [CONFIG=config/spmd.yaml] [CORES=2]
-	@$(SNAKEMAKE) --unlock --quiet all 2>/dev/null || true  # a killed run leaves its lock
+study: $(ENVIRONMENT) ## run the study: make study [CONFIG=my_study.yaml] [CORES=2]
 	$(SNAKEMAKE)
 
 report: study ## run the study, then write its self-contained HTML report to results/report.html
@@ -37,7 +36,6 @@ bench: $(ENVIRONMENT) ## encounters per second of the simulator, and ratios to N
 
 benchmark-samplers: $(ENVIRONMENT) ## fewest simulations: our sampler beside public ones; about 1.5 hours, resumable
 	python -m pip install --quiet --require-hashes -r benchmarks/environment.txt
-	@$(SAMPLERS) --unlock --quiet all 2>/dev/null || true
 	$(SAMPLERS)
 
 lint: $(ENVIRONMENT) ## ruff and snakefmt

@@ -1,7 +1,7 @@
 # From lane-change records to a crash probability: the study of Huang, Zhao, Lam and LeBlanc as a workflow.
 #
-#   snakemake --cores 2                                     the embedded twin of the real lane changes
-#   snakemake --cores 2 --configfile config/spmd.yaml       the real ones
+#   snakemake --cores 2                                     the recorded lane changes of SPMD (data/spmd)
+#   snakemake --cores 2 --configfile my_study.yaml          another study, for example with your own records
 #
 # Every path holds the name of the study, so studies never share a file.
 
@@ -18,7 +18,6 @@ include: "workflow/rules/ingest.smk"
 include: "workflow/rules/fit.smk"
 include: "workflow/rules/accelerate.smk"
 include: "workflow/rules/estimate.smk"
-include: "workflow/rules/surrogate.smk"
 include: "workflow/rules/ground_truth.smk"
 include: "workflow/rules/judge.smk"
 include: "workflow/rules/publish.smk"

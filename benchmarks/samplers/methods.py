@@ -7,34 +7,35 @@ from functools import wraps
 
 import numpy as np
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.methods.surrogate import sampler as surrogate_sampler
-from accelerated_evaluation.rare_event import RareEvent, Response
+from accelerated_evaluation.methods import METHODS, Stopping
+from accelerated_evaluation.methods.estimate import normal_reach
+from accelerated_evaluation.problem import Problem as CutInProblem
+from accelerated_evaluation.problem import Response, ScoreProblem
 from accelerated_evaluation.vehicles import Outcomes, Vehicle
 from problems import Problem
-from scipy.special import ndtri
 
 PEERS = ("nais", "nais_25", "cross_entropy", "subset", "form", "enkf")
+HOUSE = tuple(METHODS)
 PAPER = ("piecewise", "single", "heuristic")
-HOUSE = ("surrogate", "crude", *PAPER)
 LIMITS = {"surrogate": 1000, "crude": 2_000_000}  # simulator calls; other methods: that of `Target`
 CRUDE_RUN = ("weak_aeb", "no_aeb", "near_miss_1e-3")  # elsewhere crude Monte Carlo needs more than 2 million
 
 
 @dataclass(frozen=True)
-class Target(surrogate_sampler.Target):
-    """The sampler's target, with a limit of calls that other methods need, and what they are told."""
+class Target(Stopping):
+    """The stopping rule of the benchmark, with what some methods are told in other terms."""
 
-    maximum_calls: int = 200_000
+    maximum_simulations: int = 200_000
 
     @property
     def cov(self) -> float:
         """The coefficient of variation that belongs to the half-width."""
-        return self.half_width / self.reach
+        return self.beta / self.reach
 
     @property
     def reach(self) -> float:
         """Half-width of the interval in standard errors."""
-        return -float(ndtri(self.alpha / 2))
+        return normal_reach(self.alpha)
 
 
 @dataclass(frozen=True)
@@ -64,14 +65,13 @@ class Counter:
             raise RuntimeError(f"more than {self.limit:,.0f} simulator calls")
         self.calls += size
 
-    def event(self, event: RareEvent) -> RareEvent:
+    def event(self, event: ScoreProblem) -> ScoreProblem:
         """Return the event with its calls counted."""
+        return _CountedEvent(event, self)
 
-        def respond(x: Array) -> Response:
-            self.count(len(x))
-            return event.respond(x)
-
-        return replace(event, respond=respond)
+    def cut_in(self, problem: CutInProblem) -> CutInProblem:
+        """Return a problem of cut-ins with the calls of its vehicle counted."""
+        return replace(problem, vehicle=_CountedVehicle(problem.vehicle, self))
 
     def level(self, problem: Problem, *, smooth: bool = False) -> Callable[[Array], Array]:
         """Return a function of normal scores, shape (n, d), that is at most 0 in the event and only there."""
@@ -87,9 +87,23 @@ class Counter:
 
         return level
 
-    def vehicle(self, vehicle: Vehicle) -> Vehicle:
-        """Return the vehicle with its calls counted."""
-        return _CountedVehicle(vehicle, self)
+
+@dataclass(frozen=True)
+class _CountedEvent:
+    event: ScoreProblem
+    counter: Counter
+
+    @property
+    def dimension(self) -> int:
+        return self.event.dimension
+
+    @property
+    def fingerprint(self) -> str:
+        return self.event.fingerprint
+
+    def evaluate(self, z: Array) -> Response:
+        self.counter.count(len(z))
+        return self.event.evaluate(z)
 
 
 @dataclass(frozen=True)
@@ -109,7 +123,7 @@ def adapter(
 
     @wraps(run)
     def estimate(problem: Problem, generator: np.random.Generator, target: Target) -> Outcome:
-        counter = Counter(target.maximum_calls)
+        counter = Counter(target.maximum_simulations)
         try:
             result = run(problem, counter, generator, target)
         except Exception as error:  # of any kind: the tools are not ours

@@ -95,7 +95,7 @@ def form(problem: Problem, counter: Counter, generator: np.random.Generator, tar
     algorithm = ot.PostAnalyticalImportanceSampling(search.getResult())
     algorithm.setMaximumCoefficientOfVariation(target.cov)
     algorithm.setBlockSize(100)
-    algorithm.setMaximumOuterSampling((target.maximum_calls - counter.calls) // 100)
+    algorithm.setMaximumOuterSampling((target.maximum_simulations - counter.calls) // 100)
     return finished(algorithm, target)
 
 

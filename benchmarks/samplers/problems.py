@@ -1,7 +1,7 @@
 """The problems on which the samplers are compared: cut-ins before three vehicles, and textbook limit states.
 
-Every problem is an event in the space of normal scores, a `RareEvent`. Those of cut-ins are also given as a
-`CutIn`, which the paper's methods need.
+Every problem is an event in the space of normal scores. Those of cut-ins whose law can be tilted are also
+given as a `Problem` of the library, which the paper's methods need.
 """
 
 from collections.abc import Callable
@@ -10,6 +10,8 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
+from accelerated_evaluation import problem as library
 from accelerated_evaluation.distributions import (
     BoundedExponential,
     BoundedNormal,
@@ -18,17 +20,18 @@ from accelerated_evaluation.distributions import (
     Mixture,
     Pareto,
     PiecewiseMixture,
+    from_dict,
 )
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.encounters.twin import LEAD_SPEED, read_lead_speed
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel, read_model
-from accelerated_evaluation.problem import CutIn, Proposal
-from accelerated_evaluation.rare_event import RareEvent, cut_in_event
+from accelerated_evaluation.files import read_json
+from accelerated_evaluation.laws import CutIns, Factors
+from accelerated_evaluation.laws.independent import IndependentLaw
+from accelerated_evaluation.problem import ScoreProblem, SystemProblem
 from accelerated_evaluation.vehicles import AccAeb, Outcomes, Vehicle, load_vehicle
 from accelerated_evaluation.vehicles.events import Event
 from scipy.special import ndtr
 
-TWIN = Path(__file__).resolve().parents[2] / "data" / "twin"
+DATA = Path(__file__).resolve().parent / "data"
 CLOSING_SPEED_MAX = 23.49  # [m/s], the authors' cap
 LEAD_SPEEDS = 20_000  # values of v_L in a segment
 
@@ -78,25 +81,33 @@ class Problem:
 
     name: str
     label: str
-    event: RareEvent
+    event: ScoreProblem
     threshold: float = 0.0
-    smooth: RareEvent | None = None
-    cut_in: CutIn | None = None
+    smooth: ScoreProblem | None = None
+    cut_in: library.Problem | None = None
     exact: float | None = None
     ours_only: bool = False
 
 
 @dataclass(frozen=True)
-class NearMiss:
-    """A vehicle whose near misses are told as crashes, so that the paper's methods estimate them."""
+class Scored:
+    """The event "score <= 0" of the outcomes of cut-ins and of the cut-ins themselves."""
 
-    vehicle: Vehicle
-    event: Event
+    problem: library.Problem
+    score: Callable[[Outcomes, CutIns], Array]
 
-    def simulate(self, lead_speed: Array, range_: Array, closing_speed: Array) -> Outcomes:
-        """Simulate n cut-ins; see `Vehicle`."""
-        outcomes = self.vehicle.simulate(lead_speed, range_, closing_speed)
-        return replace(outcomes, crash=self.event.happens(outcomes))
+    dimension = 3
+
+    @property
+    def fingerprint(self) -> str:
+        """That of the problem, whose score is another one here."""
+        return f"{self.problem.fingerprint}; {self.score.__qualname__}"
+
+    def evaluate(self, z: Array) -> tuple[Array, Array]:
+        """Run the system at normal scores, shape (n, 3)."""
+        cut_ins = self.problem.law.from_scores(z)
+        scores = self.score(self.problem.simulate(cut_ins), cut_ins)
+        return scores <= 0, scores
 
 
 class Tabulated:
@@ -120,8 +131,8 @@ class Tabulated:
         return self.ppf(1 - q)
 
 
-def tabulated(cut_in: CutIn) -> CutIn:
-    """Return the cut-in with tables in place of the mixtures inside the laws of its model."""
+def tabulated(problem: library.Problem) -> library.Problem:
+    """Return the problem with tables in place of the mixtures inside its law."""
 
     def quick(law: Distribution) -> Distribution:
         if not isinstance(law, PiecewiseMixture):
@@ -129,55 +140,65 @@ def tabulated(cut_in: CutIn) -> CutIn:
         pieces = [Tabulated(piece) if isinstance(piece, Mixture) else piece for piece in law.components]
         return PiecewiseMixture(law.weights, pieces)
 
-    law = cut_in.model
-    return replace(cut_in, model=Proposal(quick(law.inverse_range), quick(law.inverse_ttc)))
+    law = problem.law
+    inverse_ttc = {segment: quick(each) for segment, each in law.inverse_ttc.items()}
+    return replace(problem, law=replace(law, inverse_range=quick(law.inverse_range), inverse_ttc=inverse_ttc))
 
 
 @cache
-def model() -> LaneChangeModel:
-    """Return the lane-change model of the twin."""
-    return read_model(TWIN / "model.json")
+def law() -> IndependentLaw:
+    """Return the law that the benchmark keeps, with its cap on closing speeds (data/README.md)."""
+    content = read_json(DATA / "model.json")
+    return IndependentLaw(
+        description=content["description"],
+        events=content["events"],
+        inverse_range=from_dict(content["inverse_range"]["distribution"]),
+        inverse_ttc={
+            segment: from_dict(each) for segment, each in content["inverse_ttc"]["distributions"].items()
+        },
+        lead_speeds={segment: lead_speed(segment) for segment in content["events"]},
+        closing_speed_max=CLOSING_SPEED_MAX,
+    )
 
 
 @cache
 def lead_speed(segment: str) -> Empirical:
     """Return v_L [m/s] in a segment, from its quantiles."""
-    table = read_lead_speed(TWIN / "lead_speed_quantiles.csv")
-    table = table[table["segment"] == segment]
+    table = pd.read_csv(DATA / "lead_speed_quantiles.csv").set_index("segment").loc[segment]
     middles = (np.arange(LEAD_SPEEDS) + 0.5) / LEAD_SPEEDS
-    return Empirical(np.interp(middles, table["probability"], table[LEAD_SPEED]))
+    return Empirical(np.interp(middles, table["probability"], table["lead_speed [m/s]"]))
 
 
-def segment_cut_in(segment: str, vehicle: Vehicle, law: Proposal | None = None) -> CutIn:
-    """Set up the cut-ins of a segment, by default with the laws of the twin."""
-    law = law or Proposal(model().inverse_range, model().inverse_ttc[segment])
-    return CutIn(lead_speed(segment), law, vehicle, CLOSING_SPEED_MAX)
+def segment_problem(segment: str, vehicle: Vehicle, factors: Factors | None = None) -> library.Problem:
+    """Set up the cut-ins of a segment, by default with the distributions of the benchmark's law."""
+    only = law().only(segment)
+    if factors is not None:
+        only = replace(only, inverse_range=factors.first, inverse_ttc={segment: factors.second})
+    return library.Problem(only, vehicle)
 
 
-def scored(event: RareEvent, cut_in: CutIn, score: Callable[[Outcomes, Array], Array]) -> RareEvent:
-    """Return the event "score <= 0" of outcomes and inputs, shape (n, 3)."""
-
-    def respond(x: Array) -> tuple[Array, Array]:
-        scores = score(cut_in.simulate(*x.T), x)
-        return scores <= 0, scores
-
-    return replace(event, respond=respond)
+def range_left(outcomes: Outcomes, cut_ins: CutIns) -> Array:
+    """Return the smallest range over the first, which is at most 0 at a crash."""
+    return outcomes.min_range * cut_ins.inverse_range
 
 
-def crash(name: str, label: str, cut_in: CutIn, *, tiltable: bool = True) -> Problem:
+def crash(name: str, label: str, problem: library.Problem, *, tiltable: bool = True) -> Problem:
     """Return a crash in one segment; its smooth score is the smallest range over the first."""
-    event = cut_in_event({"segment": tabulated(cut_in)}, {"segment": 1.0})
-    smooth = scored(event, cut_in, lambda outcomes, x: outcomes.min_range * x[:, 1])
-    return Problem(name, label, event, smooth=smooth, cut_in=cut_in if tiltable else None)
+    event = tabulated(problem)
+    smooth = Scored(event, range_left)
+    return Problem(name, label, event, smooth=smooth, cut_in=problem if tiltable else None)
 
 
 def near_miss(name: str, label: str, ttc: float) -> Problem:
     """Return a time to collision of at most ``ttc`` [s]; its smooth score is the inverse of that time."""
-    kind, cut_in = Event("min_ttc", ttc), segment_cut_in("5-15", AccAeb(), BENCHMARK)
-    event = cut_in_event({"segment": tabulated(cut_in)}, {"segment": 1.0}, kind)
-    smooth = scored(event, cut_in, lambda outcomes, _: 1 / ttc - 1 / outcomes.min_ttc)
-    wrapped = replace(cut_in, vehicle=NearMiss(cut_in.vehicle, kind))
-    return Problem(name, label, event, ttc, smooth, wrapped)
+    problem = segment_problem("5-15", AccAeb(), BENCHMARK)
+    problem = replace(problem, event=Event("min_ttc", ttc))
+
+    def nearer(outcomes: Outcomes, cut_ins: CutIns) -> Array:
+        return 1 / ttc - 1 / outcomes.min_ttc
+
+    event = tabulated(problem)
+    return Problem(name, label, event, ttc, Scored(event, nearer), problem)
 
 
 def limit_state(
@@ -189,14 +210,13 @@ def limit_state(
         score = g(*z.T)
         return score <= 0, score
 
-    return Problem(name, label, RareEvent(2, lambda z: z, respond), exact=exact)
+    return Problem(name, label, SystemProblem(respond, 2, fingerprint=name), exact=exact)
 
 
 def whole() -> Problem:
-    """Return a crash in any segment of the twin."""
-    cut_ins = {segment: tabulated(segment_cut_in(segment, AccAeb())) for segment in model().segments}
-    shares = {segment: model().share(segment) for segment in model().segments}
-    return Problem("all_segments", "all segments", cut_in_event(cut_ins, shares), ours_only=True)
+    """Return a crash in any segment."""
+    event = tabulated(library.Problem(law(), AccAeb()))
+    return Problem("all_segments", "all segments", event, ours_only=True)
 
 
 def two_regions(a: Array, b: Array) -> Array:
@@ -216,8 +236,8 @@ def four_branches(a: Array, b: Array) -> Array:
     return np.minimum.reduce(branches)
 
 
-BENCHMARK = Proposal(INVERSE_RANGE, INVERSE_TTC)
-SINGLE = Proposal(Pareto(1.732, 1 / 75), BoundedExponential(15.81))  # like the authors' earlier work
+BENCHMARK = Factors(INVERSE_RANGE, INVERSE_TTC)
+SINGLE = Factors(Pareto(1.732, 1 / 75), BoundedExponential(15.81))  # like the authors' earlier work
 WEAK_AEB = {"aeb_deceleration": 5.8, "aeb_jerk": 12.0, "aeb_ttc": 0.7}
 
 
@@ -227,12 +247,12 @@ def problems() -> dict[str, Problem]:
     weak = load_vehicle("acc_aeb", **WEAK_AEB)
     both = float(ndtr(-4.2) + ndtr(-4.5))
     everything = [
-        crash("segment_5_15", "5–15 m/s", segment_cut_in("5-15", AccAeb(), BENCHMARK)),
-        crash("segment_15_25", "15–25 m/s", segment_cut_in("15-25", AccAeb())),
-        replace(crash("segment_25_35", "25–35 m/s", segment_cut_in("25-35", AccAeb())), ours_only=True),
-        crash("weak_aeb", "weak AEB", segment_cut_in("5-15", weak, BENCHMARK)),
-        crash("no_aeb", "no AEB", segment_cut_in("5-15", load_vehicle("acc_only"), BENCHMARK)),
-        crash("pareto", "Pareto", segment_cut_in("5-15", AccAeb(), SINGLE), tiltable=False),
+        crash("segment_5_15", "5–15 m/s", segment_problem("5-15", AccAeb(), BENCHMARK)),
+        crash("segment_15_25", "15–25 m/s", segment_problem("15-25", AccAeb())),
+        replace(crash("segment_25_35", "25–35 m/s", segment_problem("25-35", AccAeb())), ours_only=True),
+        crash("weak_aeb", "weak AEB", segment_problem("5-15", weak, BENCHMARK)),
+        crash("no_aeb", "no AEB", segment_problem("5-15", load_vehicle("acc_only"), BENCHMARK)),
+        crash("pareto", "Pareto", segment_problem("5-15", AccAeb(), SINGLE), tiltable=False),
         near_miss("near_miss_1e-3", "TTC ≤ 2.49 s", 2.491),
         near_miss("near_miss_1e-5", "TTC ≤ 0.63 s", 0.6342),
         limit_state("two_regions", "two regions", two_regions, both),

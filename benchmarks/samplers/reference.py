@@ -12,8 +12,8 @@ import math
 import numpy as np
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.files import write_json
+from accelerated_evaluation.problem import ScoreProblem
 from accelerated_evaluation.randomness import child_generator
-from accelerated_evaluation.rare_event import RareEvent
 from problems import problems
 from scipy.spatial.distance import cdist
 from scipy.stats import chi2
@@ -52,7 +52,7 @@ def log_kernels(z: Array, centres: Array, width: Array) -> Array:
         return np.log(np.concatenate(mean)) - constant
 
 
-def pilot(event: RareEvent, generator: np.random.Generator) -> tuple[Array, Array]:
+def pilot(event: ScoreProblem, generator: np.random.Generator) -> tuple[Array, Array]:
     """Return events of the wide law with their weights, shapes (n, d) and (n,)."""
     met = []
     for _ in range(PILOT):
@@ -62,7 +62,7 @@ def pilot(event: RareEvent, generator: np.random.Generator) -> tuple[Array, Arra
     return z, np.exp(log_ratio_wide(z))
 
 
-def reference(event: RareEvent, generator: np.random.Generator) -> tuple[float, float]:
+def reference(event: ScoreProblem, generator: np.random.Generator) -> tuple[float, float]:
     """Return the probability of an event and its standard error."""
     z, weight = pilot(event, generator)
     centres = z[generator.choice(len(z), KERNELS, p=weight / weight.sum())]

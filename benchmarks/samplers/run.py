@@ -8,6 +8,7 @@ from dataclasses import asdict
 import pandas as pd
 from accelerated_evaluation.files import write_csv
 from accelerated_evaluation.randomness import child_generator
+from house import house
 from methods import HOUSE, LIMITS, Target
 from problems import problems
 
@@ -23,8 +24,9 @@ def main() -> None:
     parser.add_argument("--output", required=True)
     arguments = parser.parse_args()
     name, method = arguments.problem, arguments.method
-    estimate = getattr(importlib.import_module("house" if method in HOUSE else "peers"), method)
-    target = Target(maximum_calls=LIMITS.get(method, Target.maximum_calls))
+    # The public tools are installed for this benchmark alone, so they are imported only if they are run.
+    estimate = house(method) if method in HOUSE else getattr(importlib.import_module("peers"), method)
+    target = Target(maximum_simulations=LIMITS.get(method, Target.maximum_simulations))
     rows = []
     for seed in range(*arguments.seeds):
         start = time.perf_counter()

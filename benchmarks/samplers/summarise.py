@@ -84,7 +84,7 @@ def _error_of_deviation(values: pd.Series) -> float:
 def crude_by_theory(reference: float) -> dict[str, float]:
     """Tell what crude Monte Carlo would need; it was not run."""
     target = Target()
-    calls = crude_simulations(reference, target.alpha, target.half_width)
+    calls = crude_simulations(reference, target.alpha, target.beta)
     return {"seeds": 0, "calls_mean": calls, "cov": target.cov, "error": target.cov, "effective_calls": calls}
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.rare_event import cut_in_event
 from scipy.integrate import quad
 from scipy.special import ndtr
 from scipy.stats import chi2, norm
@@ -22,7 +21,7 @@ import methods  # noqa: E402
 import reference  # noqa: E402
 import summarise  # noqa: E402
 from methods import Counter, Target  # noqa: E402
-from problems import INVERSE_RANGE, INVERSE_TTC, TTC_BODY, TTC_TAIL, NearMiss, problems  # noqa: E402
+from problems import INVERSE_RANGE, INVERSE_TTC, TTC_BODY, TTC_TAIL, problems  # noqa: E402
 
 COMPARED = [problem for problem in problems().values() if not problem.ours_only]
 NAMES = [problem.name for problem in COMPARED]
@@ -95,20 +94,19 @@ def test_levels_are_at_most_zero_in_the_event_and_only_there(name):
 def test_tables_of_quantiles_hardly_change_the_inputs():
     problem = problems()["segment_5_15"]
     z = np.random.default_rng(4).uniform(-4, 6, (300, 3))
-    exact = cut_in_event({"segment": problem.cut_in}, {"segment": 1.0}).inputs(z)
-    np.testing.assert_allclose(problem.event.inputs(z), exact, rtol=1e-6, atol=1e-9)
+    exact, quick = (vars(each.law.from_scores(z)) for each in (problem.cut_in, problem.event))
+    for name, values in exact.items():
+        np.testing.assert_allclose(quick[name], values, rtol=1e-6, atol=1e-9)
 
 
-def test_near_misses_are_told_as_crashes():
+def test_near_misses_are_the_event_that_the_papers_methods_estimate():
     problem = problems()["near_miss_1e-3"]
-    cut_in = problem.cut_in
-    assert isinstance(cut_in.vehicle, NearMiss)
     z = reference.draw_wide(np.random.default_rng(5), 2000, 3)
-    outcomes = cut_in.simulate(*problem.event.inputs(z).T)
-    np.testing.assert_array_equal(outcomes.crash, problem.event.evaluate(z)[0])
-    assert (
-        outcomes.crash.sum() > cut_in.vehicle.vehicle.simulate(10 * np.ones(9), *np.ones((2, 9))).crash.sum()
-    )
+    happened, _ = problem.event.evaluate(z)
+    np.testing.assert_array_equal(problem.cut_in.evaluate(z)[0], happened)
+    crashes = problem.cut_in.simulate(problem.cut_in.law.from_scores(z)).crash
+    assert happened[crashes].all()
+    assert happened.sum() > crashes.sum()
 
 
 def test_counter_counts_every_call_and_refuses_those_beyond_the_limit():
@@ -116,7 +114,7 @@ def test_counter_counts_every_call_and_refuses_those_beyond_the_limit():
     z = np.zeros((7, 3))
     counter.event(problem.event).evaluate(z)
     counter.level(problem, smooth=True)(z)
-    counter.vehicle(problem.cut_in.vehicle).simulate(*np.full((3, 11), 10.0))
+    counter.cut_in(problem.cut_in).vehicle.simulate(*np.full((3, 11), 10.0))
     assert counter.calls == 25
     with pytest.raises(RuntimeError, match="more than 40"):
         counter.event(problem.event).evaluate(np.zeros((16, 3)))
@@ -173,8 +171,8 @@ def test_standard_error_of_a_deviation_is_that_of_a_normal_sample():
 
 
 def test_crude_monte_carlo_meets_its_target():
-    problem, target = problems()["near_miss_1e-3"], Target(half_width=0.3, maximum_calls=2_000_000)
-    outcome = house.crude(problem, np.random.default_rng(8), target)
+    problem, target = problems()["near_miss_1e-3"], Target(beta=0.3, maximum_simulations=2_000_000)
+    outcome = house.house("crude")(problem, np.random.default_rng(8), target)
     assert outcome.converged
     # 1.013e-3, by its own reference; about 20 events: four standard errors.
     assert outcome.probability == pytest.approx(1.013e-3, rel=4 * target.cov)
@@ -182,7 +180,7 @@ def test_crude_monte_carlo_meets_its_target():
 
 
 def test_paper_counts_the_search_and_the_estimate():
-    outcome = house.single(problems()["near_miss_1e-3"], np.random.default_rng(9), Target())
+    outcome = house.house("single")(problems()["near_miss_1e-3"], np.random.default_rng(9), Target())
     assert outcome.converged
     assert outcome.calls > 2 * house.SEARCH_SAMPLE
     assert outcome.probability == pytest.approx(1.013e-3, rel=4 * Target().cov)

@@ -4,12 +4,13 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.fitting import candidate_estimators
 from accelerated_evaluation.fitting.candidate_families import FAMILIES
 from accelerated_evaluation.fitting.candidates import CandidateFit, compare, fit_candidates, score
-from scipy import io, optimize, stats
+from scipy import optimize, stats
 
 LOWER = 0.2
 BY_NAME = {family.name: family for family in FAMILIES}
@@ -63,10 +64,8 @@ def gradient(function, at, step):
 
 
 def real(column, low=5, high=35):
-    path = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "spmd" / "lane_changes.mat"
-    if not path.exists():
-        pytest.skip("the recorded lane changes are not beside the repository (../shared/data/spmd)")
-    data = io.loadmat(path)["mixture_data"]
+    path = Path(__file__).resolve().parents[2] / "data" / "spmd" / "cut_ins.parquet"
+    data = pd.read_parquet(path).to_numpy()
     return data[(data[:, 0] >= low) & (data[:, 0] < high), column]
 
 

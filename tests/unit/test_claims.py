@@ -7,8 +7,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from accelerated_evaluation.configuration import load
-from accelerated_evaluation.distributions import BoundedExponential, PiecewiseMixture
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
+from accelerated_evaluation.distributions import BoundedExponential, Empirical, PiecewiseMixture
+from accelerated_evaluation.laws.independent import IndependentLaw
 from accelerated_evaluation.publishing.claims import CLAIMS, PREMISES, Claim, claims_table, verdict
 from accelerated_evaluation.publishing.spreads import Spread
 from accelerated_evaluation.publishing.tables import save_table
@@ -28,7 +28,9 @@ def study():
     )
     events = dict(zip(SEGMENTS, (75783, 37580, 44394), strict=True))
     models = {
-        name: LaneChangeModel("real", events, law, dict.fromkeys(events, law))
+        name: IndependentLaw(
+            "real", events, law, dict.fromkeys(events, law), dict.fromkeys(events, Empirical([10.0]))
+        )
         for name, law in (("single", exponential), ("piecewise", pieces))
     }
     rows = [(method, k, n) for method, values in N.items() for k, n in enumerate(values)]
@@ -49,7 +51,7 @@ def study():
         "estimates": estimates,
         "course": course,
         "exact": pd.DataFrame({"segment": ["all"], "probability": [7.5e-7], "standard_error": [1e-10]}),
-        "config": load([ROOT / "config" / "spmd.yaml"]),
+        "config": load(),
     }
 
 
@@ -91,12 +93,13 @@ def test_a_probability_off_the_papers_interval_differs_and_says_how_far(study):
     assert row["why"].startswith("ours is 100 % above: the paper does not print its knots")
 
 
-def test_a_twin_is_not_comparable_but_for_counts_of_parameters(study):
-    study["config"] = load()
+def test_a_sample_is_not_comparable_but_for_counts_of_parameters(study):
+    study["config"] = load([ROOT / "config" / "smoke.yaml"])
     claims = table(study)
     counts = {key for key, claim in CLAIMS.items() if not claim.rests_on_study}
     assert set(claims.index[claims["verdict"] != "not comparable"]) == counts
-    why = "data.source is twin, the paper's is spmd; data: simulated twin of SPMD"
+    data = "Safety Pilot Model Deployment (real events), a sample of 6,000"
+    why = f"data.sample is 6000, the paper's is None; data: {data}"
     assert set(claims.loc[claims["verdict"] == "not comparable", "why"]) == {why}
 
 
@@ -107,9 +110,13 @@ def test_every_premise_matters(study, key):
     section = config
     for part in path:
         section = section[part]
-    section[name] = {"data.source": "twin", "vehicle.name": "acc", "vehicle.parameters": {"a": 1}}.get(
-        key, 0.1
-    )
+    others = {
+        "data.source": "table",
+        "data.sample": 500,
+        "vehicle.name": "acc",
+        "vehicle.parameters": {"a": 1},
+    }
+    section[name] = others.get(key, 0.1)
     row = table(study | {"config": config}).loc["piecewise"]
     assert row["verdict"] == "not comparable"
     assert row["why"].startswith(f"{key} is ")

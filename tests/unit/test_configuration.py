@@ -8,12 +8,11 @@ import pytest
 import yaml
 from accelerated_evaluation import configuration
 from accelerated_evaluation.configuration import ConfigurationError, load, parameter_table, validate
-from accelerated_evaluation.encounters.table import UNITS
+from accelerated_evaluation.encounters.sources.table import UNITS
 from accelerated_evaluation.errors import InputError
 from jsonschema import Draft202012Validator
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-PUBLISHED = REPOSITORY / ".." / "shared" / "data" / "spmd" / "README.md"
 SCHEMA = yaml.safe_load((REPOSITORY / "workflow" / "schemas" / "config.schema.yaml").read_text())
 
 
@@ -47,24 +46,12 @@ def parts_of(schema, path=()):
 # ---------------------------------------------------------------- the shipped files
 
 
-@pytest.mark.parametrize("name", ["config", "spmd", "smoke"])
+@pytest.mark.parametrize("name", ["config", "smoke"])
 def test_shipped_configurations_are_valid_studies_of_their_own(name):
     config = load([REPOSITORY / "config" / f"{name}.yaml"])
-    assert config["study"] == {"config": "twin"}.get(name, name)
-    assert config["data"]["source"] == {"spmd": "spmd"}.get(name, "twin")
-
-
-def test_twin_is_called_a_twin_and_the_real_events_are_not():
-    data = load()["data"]
-    assert data["twin"]["description"] == "simulated twin of SPMD"
-    assert "twin" not in data["spmd"]["description"]
-
-
-@pytest.mark.skipif(not PUBLISHED.exists(), reason="no description of the published SPMD file")
-def test_address_and_checksum_are_the_published_ones():
-    spmd, published = load()["data"]["spmd"], PUBLISHED.read_text()
-    assert spmd["url"] in published
-    assert spmd["sha256"] in published
+    assert config["study"] == {"config": "spmd"}.get(name, name)
+    assert config["data"]["source"] == "spmd"
+    assert (config["data"]["sample"] is None) == (name == "config")
 
 
 def test_table_in_the_readme_is_that_of_the_schema():
@@ -133,12 +120,11 @@ WRONG = {
     "infinite": ("filters__lead_speed_min", float("-inf"), "seen -Infinity; expected number >= 0"),
     "impossible value": ("importance_sampling__alpha", 1.5, "seen 1.5; expected number > 0 and < 1"),
     "negative": ("seed", -1, "seen -1; expected integer >= 0"),
-    "unknown source": ("data__source", "smpd", 'seen "smpd"; expected one of twin, spmd, table'),
+    "sample of nothing": ("data__sample", 0, "seen 0; expected integer >= 100 and <= 100,000,000 or null"),
     "unknown unit": ("data__table__columns__range__unit", "furlong", "expected one of m, km, ft, 1/m, 1/ft"),
     "unsafe name": ("study", "a/b", 'seen "a/b"; expected text matching'),
     "short checksum": ("data__spmd__sha256", "93fc", 'seen "93fc"; expected text matching'),
     "empty path": ("data__spmd__path", "", 'seen ""; expected non-empty text'),
-    "twin in disguise": ("data__twin__description", "real events", "text matching `simulated twin`"),
     "null section": ("vehicle", None, "seen null; expected mapping"),
     "number of knots": (
         "models__inverse_range__two_pieces__quantiles",
@@ -214,7 +200,28 @@ INCONSISTENT = {
         {"importance_sampling__maximum_simulations": 100, "importance_sampling__minimum_events": 101},
         "not above",
     ),
+    "edges that print the same": (
+        {"segments__lead_speed_edges": [5, 15, 15.0000001, 35]},
+        "after rounding to six digits",
+    ),
+    "tried edges too high": ({"sensitivity__lead_speed_edges": [[5, 35], [6, 35]]}, "from lead_speed_min or"),
+    "tried edges too low": ({"sensitivity__lead_speed_edges": [[5, 34]]}, "to lead_speed_max or above"),
+    "tried edges that fall": ({"sensitivity__lead_speed_edges": [[5, 25, 15, 35]]}, "increasing order"),
+    "unknown source": ({"data__source": "smpd"}, "a source of records: one of spmd, table"),
+    "outliers of a sample": ({"data__sample": 1000}, "no outlier rows with a sample"),
     "no table": ({"data__source": "table"}, "the path of the table"),
+    "unknown distribution": (
+        {"models__inverse_ttc__tail": "bounded gamma"},
+        "one of bounded exponential, bounded normal",
+    ),
+    "distribution that cannot be tilted": (
+        {"models__inverse_range__pieces": "Pareto"},
+        "can be fitted to a piece and tilted",
+    ),
+    "mixture that cannot be fitted": (
+        {"models__inverse_ttc__body__kind": "bounded exponential"},
+        "one component, or a distribution of which mixtures can be fitted: bounded normal",
+    ),
     "unit of another quantity": (
         {"data__table__columns__closing__quantity": "ttc"},
         "a unit of that quantity",

@@ -1,10 +1,12 @@
 """The study of coverage: closed forms, its stream of replicates, and a verdict on dishonest intervals."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation.methods import Stopping
 from accelerated_evaluation.methods.importance_sampling import crude_simulations, first_converged, running
 from accelerated_evaluation.methods.intervals import Sums
 from accelerated_evaluation.truth import coverage
@@ -18,7 +20,7 @@ from accelerated_evaluation.truth.coverage import (
     stop_importance_sampling,
 )
 
-SETTINGS = {"alpha": 0.2, "beta": 0.2, "minimum_events": 20, "maximum_simulations": 20_000}
+STOPPING = Stopping(alpha=0.2, beta=0.2, minimum_events=20, maximum_simulations=20_000)
 EVENT_SHARE = 0.1
 
 
@@ -26,11 +28,11 @@ EVENT_SHARE = 0.1
 def toy(monkeypatch):
     """Exponential weights of mean 1 for a tenth of the simulations, instead of simulated cut-ins."""
 
-    def draw(strata, generator, size):
+    def draw(problem, proposals, generator, size):
         crash = generator.random(size) < EVENT_SHARE
         return np.where(crash, generator.standard_exponential(size), 0.0)
 
-    monkeypatch.setattr(coverage, "draw_crash_weights", draw)
+    monkeypatch.setattr(coverage, "draw_weights", draw)
 
 
 def rows_of(stop, replicates, weight_bound=None):
@@ -44,7 +46,7 @@ def rows_of(stop, replicates, weight_bound=None):
 
 def test_foretold_size_is_that_of_the_weights_variance(toy):
     pilot = 200_000
-    size = foretold_size([{}, {}], np.random.default_rng(1), pilot, SETTINGS)
+    size = foretold_size(None, [{}, {}], np.random.default_rng(1), pilot, STOPPING)
     cov = math.sqrt(2 / EVENT_SHARE - 1)  # E w^2 = 2 share, E w = share
     # Of E w^2 / (E w)^2: sqrt(E w^4 / (E w^2)^2 / n) and twice the relative error of the mean.
     error = math.sqrt(24 / (4 * EVENT_SHARE) / (2 * pilot)) + 2 * cov / math.sqrt(2 * pilot)
@@ -52,7 +54,7 @@ def test_foretold_size_is_that_of_the_weights_variance(toy):
 
 
 def test_replicates_follow_one_another_in_the_stream(toy):
-    stream = Stream({}, np.random.default_rng(2))
+    stream = Stream(None, {}, np.random.default_rng(2))
     first = stream.first(1500).copy()
     assert np.array_equal(stream.first(400), first[:400])
     stream.end_replicate(1000)
@@ -61,10 +63,10 @@ def test_replicates_follow_one_another_in_the_stream(toy):
 
 
 def test_every_way_to_stop_reads_the_same_simulations(toy):
-    stream, fixed = Stream({}, np.random.default_rng(3)), 900
-    weights = Stream({}, np.random.default_rng(3)).first(20_000)
-    stopped = stop_importance_sampling(stream, fixed, SETTINGS)
-    first = first_converged(running(weights, 0.2), 0.2, 20)
+    stream, fixed = Stream(None, {}, np.random.default_rng(3)), 900
+    weights = Stream(None, {}, np.random.default_rng(3)).first(20_000)
+    stopped = stop_importance_sampling(stream, fixed, STOPPING)
+    first = first_converged(running(weights, 0.2), STOPPING)
     ours = stopped["sequential_gamma"][0].simulations
     for name, size in {
         "fixed": fixed,
@@ -81,8 +83,8 @@ def test_every_way_to_stop_reads_the_same_simulations(toy):
 
 
 def test_rules_that_are_not_met_are_reported(toy):
-    limits = SETTINGS | {"maximum_simulations": 600, "beta": 0.01}
-    stopped = stop_importance_sampling(Stream({}, np.random.default_rng(4)), 500, limits)
+    limits = replace(STOPPING, maximum_simulations=600, beta=0.01)
+    stopped = stop_importance_sampling(Stream(None, {}, np.random.default_rng(4)), 500, limits)
     for name in ("sequential", "sequential_gamma"):
         sums, converged = stopped[name]
         assert (sums.simulations, converged) == (600, False)
@@ -92,7 +94,7 @@ def test_rules_that_are_not_met_are_reported(toy):
 def test_crude_monte_carlo_follows_its_law():
     probability, replicates = 1e-4, 1000
     generator = np.random.default_rng(5)
-    table = rows_of(lambda: stop_crude(probability, generator, SETTINGS), replicates, 1.0)
+    table = rows_of(lambda: stop_crude(probability, generator, STOPPING), replicates, 1.0)
     sequential = table[table["stopping"] == "sequential"]
     assert set(sequential["events"]) == {42}  # (1.2816 / 0.2)^2 = 41.06
     error = math.sqrt(42 / replicates) / probability  # of the mean of a sum of 42 geometric numbers
@@ -103,13 +105,13 @@ def test_crude_monte_carlo_follows_its_law():
 
 
 def test_the_rule_of_the_paper_under_covers_and_the_gamma_rule_does_not(monkeypatch):
-    def draw(strata, generator, size):
+    def draw(problem, proposals, generator, size):
         crash = generator.random(size) < EVENT_SHARE
         return np.where(crash, np.exp(1.2 * generator.standard_normal(size) - 0.72), 0.0)
 
-    monkeypatch.setattr(coverage, "draw_crash_weights", draw)
-    stream = Stream({}, np.random.default_rng(6))
-    table = rows_of(lambda: stop_importance_sampling(stream, 1700, SETTINGS), 1500)
+    monkeypatch.setattr(coverage, "draw_weights", draw)
+    stream = Stream(None, {}, np.random.default_rng(6))
+    table = rows_of(lambda: stop_importance_sampling(stream, 1700, STOPPING), 1500)
     verdict = coverage_table(table, EVENT_SHARE).set_index("stopping")
     assert list(verdict.index) == list(INTERVALS)
     papers, ours = verdict.loc["sequential"], verdict.loc["sequential_gamma"]

@@ -13,6 +13,7 @@ from accelerated_evaluation.dependencies import (
     value_digest,
     without_unused,
 )
+from accelerated_evaluation.encounters.sources import SOURCES
 
 MODULES = {
     "__init__.py": "",
@@ -109,5 +110,5 @@ def test_the_order_of_keys_does_not_count():
 def test_sources_that_are_not_used_do_not_count():
     config = load()
     other = {**config["data"], "table": {**config["data"]["table"], "path": "mine.csv"}}
-    assert without_unused(config) == without_unused({**config, "data": other})
-    assert set(without_unused(config)["data"]) & {"twin", "spmd", "table"} == {config["data"]["source"]}
+    assert without_unused(config, SOURCES) == without_unused({**config, "data": other}, SOURCES)
+    assert set(without_unused(config, SOURCES)["data"]) & set(SOURCES) == {config["data"]["source"]}

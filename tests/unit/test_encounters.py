@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.configuration import load
-from accelerated_evaluation.encounters import spmd, table, twin
 from accelerated_evaluation.encounters.contract import (
     COLUMNS,
     NUMBERS,
@@ -14,7 +13,8 @@ from accelerated_evaluation.encounters.contract import (
     read_encounters,
     write_encounters,
 )
-from accelerated_evaluation.encounters.ingest import ingest, read_source
+from accelerated_evaluation.encounters.filters import Account
+from accelerated_evaluation.encounters.ingest import ingest
 from accelerated_evaluation.encounters.segments import (
     assign_segments,
     dependence,
@@ -22,11 +22,13 @@ from accelerated_evaluation.encounters.segments import (
     segment_names,
     tau_interval,
 )
+from accelerated_evaluation.encounters.sources import SOURCES, describe, read_source, spmd, table
 from accelerated_evaluation.errors import InputError
-from scipy.io import savemat
+from scipy.io import loadmat
 from scipy.stats import binom, kendalltau
 
 REPOSITORY = Path(__file__).resolve().parents[2]
+RECORDS = REPOSITORY / "data" / "spmd" / "cut_ins.parquet"
 PUBLISHED = REPOSITORY / ".." / "shared" / "data" / "spmd" / "lane_changes.mat"
 needs_published = pytest.mark.skipif(not PUBLISHED.exists(), reason="no copy of the published SPMD file")
 
@@ -56,7 +58,10 @@ def csv_config(config, tmp_path):
 
 
 def ingested(config):
-    return ingest(read_source(config["data"]), config)
+    """Return the encounter table and the account of a configuration's records."""
+    raw = read_source(config["data"], np.random.default_rng())
+    account = Account(len(raw))
+    return ingest(raw, config, account), account.table()
 
 
 def normal_pairs(generator, rows, rho):
@@ -95,11 +100,11 @@ def test_encounter_table_has_the_same_bytes_twice_and_reads_back_equal(csv_confi
     encounters, _ = ingested(csv_config(GOOD_ROWS))
     paths = [tmp_path / "a.parquet", tmp_path / "b.parquet"]
     for path in paths:
-        write_encounters(path, encounters, "simulated twin of SPMD")
+        write_encounters(path, encounters, "made up for a test")
     assert paths[0].read_bytes() == paths[1].read_bytes()
     again = read_encounters(paths[0])
     pd.testing.assert_frame_equal(again, encounters)
-    assert again.attrs["description"] == "simulated twin of SPMD"
+    assert again.attrs["description"] == "made up for a test"
     assert list(again.columns) == list(COLUMNS)
 
 
@@ -120,85 +125,69 @@ def test_write_encounters_leaves_nothing_behind_when_it_fails(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-# ---------------------------------------------------------------- the published file
+# ---------------------------------------------------------------- the recorded lane changes
 
 
-@pytest.fixture
-def mat_file(tmp_path):
-    """A small file of the published form; its path and checksum."""
-    path = tmp_path / "source" / "lane_changes.mat"
-    path.parent.mkdir()
-    values = np.random.default_rng(1).uniform(0.1, 0.2, (500, 3))
-    savemat(path, {"mixture_data": values}, do_compression=True)
-    return path, hashlib.sha256(path.read_bytes()).hexdigest(), values
+@pytest.fixture(scope="module")
+def recorded():
+    """The default configuration, its records, the encounter table and the account."""
+    config = load()
+    config["data"]["spmd"]["path"] = str(RECORDS)
+    raw = read_source(config["data"], np.random.default_rng())
+    account = Account(len(raw))
+    return config, raw, ingest(raw, config, account), account.table()
 
 
-def test_spmd_keeps_the_values_of_the_file(mat_file):
-    path, sha256, values = mat_file
-    raw = spmd.read(path, sha256)
-    assert (raw[["lead_speed", "inverse_range", "inverse_ttc"]].to_numpy() == values).all()
-    assert raw.index[0] == 1
+@needs_published
+def test_records_are_those_of_the_published_file(recorded):
+    published = loadmat(PUBLISHED)["mixture_data"]
+    assert hashlib.sha256(PUBLISHED.read_bytes()).hexdigest() in (RECORDS.parent / "README.md").read_text()
+    assert published.shape == (157_757, 3)
+    raw = recorded[1]
+    assert list(raw.columns) == ["lead_speed", "inverse_range", "inverse_ttc"]
+    assert raw.to_numpy().tobytes() == published.tobytes()  # every bit, in the order of the file
 
 
-def test_retrieve_downloads_the_file(mat_file, tmp_path):
-    path, sha256, _ = mat_file
-    target = tmp_path / "raw" / "lane_changes.mat"
-    spmd.retrieve(path.as_uri(), sha256, target)
-    assert target.read_bytes() == path.read_bytes()
+def test_readme_of_the_records_states_the_checksum_that_is_verified(recorded):
+    assert recorded[0]["data"]["spmd"]["sha256"] in (RECORDS.parent / "README.md").read_text()
 
 
-@pytest.mark.parametrize("fault", ["checksum", "address"])
-def test_failed_retrieve_leaves_what_was_there(mat_file, tmp_path, fault):
-    path, sha256, _ = mat_file
-    target = tmp_path / "raw" / "lane_changes.mat"
-    target.parent.mkdir()
-    target.write_text("older copy")
-    url = path.as_uri() if fault == "checksum" else (tmp_path / "nowhere.mat").as_uri()
-    with pytest.raises(InputError, match="sha256 0{64}" if fault == "checksum" else "nowhere"):
-        spmd.retrieve(url, "0" * 64 if fault == "checksum" else sha256, target)
-    assert target.read_text() == "older copy"
-    assert [file.name for file in target.parent.iterdir()] == [target.name]
+def test_rows_of_the_records_are_counted_from_one(recorded):
+    assert (recorded[1].index[0], recorded[1].index[-1], recorded[1].index.name) == (1, 157_757, "row")
 
 
 def test_spmd_refuses_a_missing_file(tmp_path):
     with pytest.raises(InputError, match="no such file"):
-        spmd.read(tmp_path / "lane_changes.mat", "0" * 64)
+        spmd.read({"path": tmp_path / "cut_ins.parquet", "sha256": "0" * 64})
 
 
-def test_spmd_refuses_a_wrong_checksum(mat_file):
-    with pytest.raises(InputError, match=r"expected sha256 0{64}"):
-        spmd.read(mat_file[0], "0" * 64)
-
-
-@pytest.mark.parametrize("kept", [0.0, 0.0005, 0.01, 0.02, 0.5, 0.999])
-def test_spmd_refuses_a_truncated_file(mat_file, kept):
-    path, _, _ = mat_file
-    content = path.read_bytes()
+@pytest.mark.parametrize("kept", [0.0, 0.5, 0.999])
+def test_spmd_refuses_an_altered_file(tmp_path, kept):
+    content, path = RECORDS.read_bytes(), tmp_path / "cut_ins.parquet"
     path.write_bytes(content[: int(kept * len(content))])
-    with pytest.raises(InputError, match="mixture_data"):
-        spmd.read(path, hashlib.sha256(path.read_bytes()).hexdigest())
+    sha256 = hashlib.sha256(content).hexdigest()
+    with pytest.raises(InputError, match=rf"expected sha256 {sha256}"):
+        spmd.read({"path": path, "sha256": sha256})
 
 
-@pytest.mark.parametrize("content", [{"other": np.ones((2, 3))}, {"mixture_data": np.ones((2, 4))}])
-def test_spmd_refuses_another_matlab_file(tmp_path, content):
-    path = tmp_path / "other.mat"
-    savemat(path, content)
-    with pytest.raises(InputError, match="three columns of doubles"):
-        spmd.read(path, hashlib.sha256(path.read_bytes()).hexdigest())
+@pytest.mark.parametrize(
+    "columns",
+    [
+        {"x": [1.0]},
+        {"lead_speed": [1.0], "inverse_range": [1], "inverse_ttc": [1.0]},
+        {"inverse_range": [1.0], "lead_speed": [1.0], "inverse_ttc": [1.0]},
+    ],
+)
+def test_spmd_refuses_another_table(tmp_path, columns):
+    path = tmp_path / "cut_ins.parquet"
+    pd.DataFrame(columns).to_parquet(path)
+    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+    with pytest.raises(InputError, match="expected columns of doubles: lead_speed, inverse_range"):
+        spmd.read({"path": path, "sha256": sha256})
 
 
-@pytest.fixture(scope="module")
-def published():
-    config = copy.deepcopy(load())
-    config["data"]["source"] = "spmd"
-    config["data"]["spmd"]["path"] = str(PUBLISHED)
-    raw = read_source(config["data"])
-    return config, raw, *ingest(raw, config)
-
-
-@needs_published
-def test_published_events_all_pass_the_filters_of_the_paper(published):
-    _, raw, encounters, account = published
+def test_recorded_events_all_pass_the_filters_of_the_paper(recorded):
+    _, raw, encounters, account = recorded
     assert len(encounters) == 157_757
     assert (account["rows_dropped"] == 0).all()
     assert account.set_index("step").loc["repeated", "rows_found"] == 11_703
@@ -213,19 +202,17 @@ def test_published_events_all_pass_the_filters_of_the_paper(published):
     assert encounters["closing_speed"].max() == pytest.approx(22.13, abs=0.005)
 
 
-@needs_published
-def test_published_repeated_rows_are_dropped_on_request(published):
-    config, raw, _, _ = published
+def test_recorded_repeated_rows_are_dropped_on_request(recorded):
+    config, raw, _, _ = recorded
     config = copy.deepcopy(config)
     config["data"]["repeated_rows"] = "drop"
-    encounters, _ = ingest(raw, config)
+    encounters = ingest(raw, config, Account(len(raw)))
     assert len(encounters) == 157_757 - 11_703
     assert not encounters.duplicated().any()
 
 
-@needs_published
-def test_published_time_to_collision_depends_on_lead_speed_inside_segments(published):
-    result = dependence(published[2]).set_index(["pair", "segment"]).sort_index()
+def test_recorded_time_to_collision_depends_on_lead_speed_inside_segments(recorded):
+    result = dependence(recorded[2]).set_index(["pair", "segment"]).sort_index()
     tau = result["tau"]
     expected = {"5-15": -0.24, "15-25": -0.07, "25-35": -0.15}
     for segment, value in expected.items():
@@ -251,7 +238,7 @@ def test_csv_numbers_are_read_exactly(csv_config):
     values = np.random.default_rng(3).uniform(5, 15, (300, 3))
     rows = "".join(",".join(map(repr, row)) + "\n" for row in values.tolist())
     config = csv_config(rows)
-    assert (read_source(config["data"]).to_numpy(float) == values).all()
+    assert (read_source(config["data"], np.random.default_rng()).to_numpy(float) == values).all()
 
 
 @pytest.mark.parametrize(
@@ -262,7 +249,7 @@ def test_units_of_speed(csv_config, unit, cell):
     config = csv_config(f"{cell},50,{cell}\n20,40,3\n")
     columns = config["data"]["table"]["columns"]
     columns["lead_speed"]["unit"] = columns["closing"]["unit"] = unit
-    first = complete(read_source(config["data"]).astype(float)).iloc[0]
+    first = complete(read_source(config["data"], np.random.default_rng()).astype(float)).iloc[0]
     np.testing.assert_allclose(first, [10, 50, 10, 1 / 50, 10 / 50], rtol=1e-15)
 
 
@@ -273,7 +260,7 @@ def test_units_of_speed(csv_config, unit, cell):
 def test_units_of_range(csv_config, unit, cell):
     config = csv_config(f"10,{cell},2\n")
     config["data"]["table"]["columns"]["range"]["unit"] = unit
-    first = complete(read_source(config["data"]).astype(float)).iloc[0]
+    first = complete(read_source(config["data"], np.random.default_rng()).astype(float)).iloc[0]
     np.testing.assert_allclose(first, [10, 50, 2, 1 / 50, 2 / 50], rtol=1e-15)
 
 
@@ -290,7 +277,7 @@ def test_units_of_range(csv_config, unit, cell):
 def test_ways_to_state_how_the_gap_closes(csv_config, quantity, unit, cell):
     config = csv_config(f"10,50,{cell}\n")
     config["data"]["table"]["columns"]["closing"].update(quantity=quantity, unit=unit)
-    first = complete(read_source(config["data"]).astype(float)).iloc[0]
+    first = complete(read_source(config["data"], np.random.default_rng()).astype(float)).iloc[0]
     np.testing.assert_allclose(first, [10, 50, 2, 1 / 50, 2 / 50], rtol=1e-15)
 
 
@@ -413,9 +400,9 @@ def test_repeated_rows_are_counted_when_kept(csv_config):
     ],
 )
 def test_table_refuses_a_mapping_that_does_not_fit(csv_config, changes, message):
-    config = csv_config(GOOD_ROWS)
+    settings = csv_config(GOOD_ROWS)["data"]["table"]
     with pytest.raises(InputError, match=message):
-        table.read(config["data"]["table"]["path"], config["data"]["table"]["columns"] | changes)
+        table.read({**settings, "columns": settings["columns"] | changes})
 
 
 @pytest.mark.parametrize(
@@ -438,7 +425,7 @@ def test_table_refuses_files_that_it_cannot_read(config, tmp_path, name, content
     if content is not None:
         (tmp_path / name).write_bytes(content)
     with pytest.raises(InputError, match=message) as error:
-        table.read(tmp_path / name, config["data"]["table"]["columns"])
+        table.read(config["data"]["table"] | {"path": tmp_path / name})
     assert name in str(error.value)
 
 
@@ -513,99 +500,84 @@ def test_dependence_has_a_line_for_each_pair_and_segment():
     assert result["ci_low"].notna().tolist() == [True] * 3 + [False] * 3  # 50 rows: fewer than two a block
 
 
-# ---------------------------------------------------------------- the twin
+# ---------------------------------------------------------------- sources and samples
 
 
-class Exponential:
-    """Beginning at ``start``, with the given mean above it."""
-
-    def __init__(self, mean, start=0.0):
-        self.mean, self.start = mean, start
-
-    def rvs(self, generator, size):
-        return self.start + generator.exponential(self.mean, size)
+def test_every_source_has_its_section_in_the_configuration():
+    data = load()["data"]
+    assert {"spmd", "table"} <= set(SOURCES)
+    for source in SOURCES:
+        assert {"description", "path", "outlier_rows"} <= set(data[source])
 
 
-@pytest.fixture
-def model():
-    segments = {"5-15": 5000, "15-25": 2500, "25-35": 3000}
-    quantiles = pd.concat(
-        pd.DataFrame({"segment": segment, "probability": [0.0, 0.5, 1.0], "lead_speed [m/s]": speeds})
-        for segment, speeds in zip(segments, ([5, 6, 14.9], [15, 20, 24.9], [25, 34, 34.9]), strict=True)
+def test_a_new_source_is_one_function(config, monkeypatch):
+    monkeypatch.setattr(SOURCES, "_members", dict(SOURCES))
+
+    @SOURCES.add("toy")
+    def read(settings):
+        return pd.DataFrame({"lead_speed": [10.0], "range": [settings["gap"]], "closing_speed": [2.0]})
+
+    config["data"].update(source="toy", toy={"description": "made up", "gap": 50.0})
+    assert complete(read_source(config["data"], np.random.default_rng()))["inverse_range"].tolist() == [0.02]
+    assert describe(config["data"]) == "made up"
+
+
+def test_a_sample_keeps_rows_and_order_and_says_that_it_is_one(csv_config):
+    config = csv_config("".join(f"{5 + row / 100},50,2\n" for row in range(1000)), sample=200)
+    first, again, other = (read_source(config["data"], np.random.default_rng(seed)) for seed in (1, 1, 2))
+    pd.testing.assert_frame_equal(first, again)
+    assert not first.index.equals(other.index)
+    assert len(first) == first.index.nunique() == 200
+    assert first.index.is_monotonic_increasing
+    np.testing.assert_allclose(first["lead_speed"].astype(float), 5 + (first.index - 1) / 100, rtol=1e-15)
+    assert describe(config["data"]) == "lane changes of a user's table, a sample of 200"
+    # Each half of the table has its share, within five standard deviations of a hypergeometric count.
+    assert abs((first.index <= 500).sum() - 100) < 5 * np.sqrt(200 * 0.25 * 800 / 999)
+
+
+def test_a_sample_of_all_records_is_all_of_them_and_a_larger_one_is_refused(csv_config):
+    config = csv_config(GOOD_ROWS, sample=3)
+    pd.testing.assert_frame_equal(
+        read_source(config["data"], np.random.default_rng()), SOURCES["table"](config["data"]["table"])
     )
-    inverse_ttc = dict(zip(segments, map(Exponential, (0.06, 0.03, 0.02)), strict=True))
-    return twin.Twin(Exponential(0.02, 1 / 75), inverse_ttc, segments, quantiles)
+    config["data"]["sample"] = 4
+    with pytest.raises(InputError, match=r"data\.sample: seen 4, but only 3 records in .*events\.csv"):
+        read_source(config["data"], np.random.default_rng())
 
 
-def test_twin_follows_its_model(model, config):
-    config["data"]["source"] = "twin"
-    raw = read_source(config["data"], model=model, generator=np.random.default_rng(4))
-    encounters, account = ingest(raw, config)
-    assert (account["rows_dropped"] == 0).all()
-    assert segment_counts(encounters)["rows"].tolist() == [5000, 2500, 3000]
-    for segment, part in encounters.groupby("segment"):
-        error = 1 / np.sqrt(len(part))  # standard deviation of an exponential mean, relative
-        mean = model.inverse_ttc[segment].mean
-        assert abs(part["inverse_ttc"].mean() / mean - 1) < 5 * error
-        assert abs((part["inverse_range"] - 1 / 75).mean() / 0.02 - 1) < 5 * error
-        median = model.lead_speed.set_index(["segment", "probability"])["lead_speed [m/s]"][segment, 0.5]
-        assert abs((part["lead_speed"] < median).mean() - 0.5) < 5 * 0.5 * error
-
-
-def test_twin_is_the_same_for_the_same_seed_only(model):
-    first, second, other = (twin.generate(model, np.random.default_rng(seed)) for seed in (1, 1, 2))
-    pd.testing.assert_frame_equal(first, second)
-    assert not first.equals(other)
+# ---------------------------------------------------------------- nothing left
 
 
 @pytest.mark.parametrize(
-    ("counts", "events", "expected"),
+    ("rows", "told"),
     [
-        ({"a": 75_783, "b": 37_580, "c": 44_394}, 157_757, [75_783, 37_580, 44_394]),
-        ({"a": 1, "b": 1, "c": 1}, 100, [34, 33, 33]),
-        ({"a": 75_783, "b": 37_580, "c": 44_394}, 1000, [480, 238, 282]),  # shares 480.4, 238.2, 281.4
+        ("10,50,-2\n10,80,2\n", "1 by closing: range rate not negative; 1 by range: R above 75 m"),
+        ("1,50,2\n1,50,3\n1,50,4\n", r"3 by lead_speed: v_L outside \[5, 35\) m/s"),
+        ("", "none were dropped"),
     ],
 )
-def test_events_are_shared_out_by_largest_remainders(counts, events, expected):
-    assert list(twin.share_out(counts, events).values()) == expected
+def test_when_no_row_is_left_the_file_and_the_counts_are_told_and_the_account_is_kept(csv_config, rows, told):
+    config = csv_config(rows)
+    raw = read_source(config["data"], np.random.default_rng())
+    account = Account(len(raw))
+    with pytest.raises(
+        InputError, match=rf"events\.csv: seen {len(raw)} rows, of which none is left \({told}"
+    ):
+        ingest(raw, config, account)
+    assert account.table()["rows_dropped"].sum() == len(raw)
 
 
-def test_twin_draws_the_number_of_events_asked_for(model):
-    assert len(twin.generate(model, np.random.default_rng(0), events=777)) == 777
+@pytest.mark.parametrize("speed", [4.999, 15.0, 20.0, np.nan])
+def test_rows_outside_the_edges_are_refused_and_go_to_no_other_segment(speed):
+    encounters = pd.DataFrame({"lead_speed": [7.0, speed, 12.0]})
+    with pytest.raises(InputError, match=r"5 10 15 m/s: seen 1 of 3 rows outside, the first with"):
+        assign_segments(encounters, [5, 10, 15])
 
 
-def test_twin_refuses_parts_of_different_segments(model):
-    parts = {**vars(model), "lead_speed": model.lead_speed[model.lead_speed["segment"] != "15-25"]}
-    with pytest.raises(InputError, match="seen segments 5-15, 25-35; expected segments 5-15, 15-25"):
-        twin.generate(twin.Twin(**parts), np.random.default_rng(0))
-
-
-def test_lead_speed_quantiles_stay_in_their_segment_and_read_back_equal(csv_config, tmp_path):
-    generator = np.random.default_rng(6)
-    rows = "".join(f"{speed!r},50,2\n" for speed in generator.uniform(5, 35, 3000).tolist())
-    encounters, _ = ingested(csv_config(rows))
-    quantiles = twin.lead_speed_quantiles(encounters, np.linspace(0, 1, 21))
-    for segment, part in quantiles.groupby("segment"):
-        low, high = map(float, segment.split("-"))
-        assert low <= part["lead_speed [m/s]"].min() <= part["lead_speed [m/s]"].max() < high
-    path = tmp_path / "quantiles.csv"
-    quantiles.to_csv(path, index=False)
-    pd.testing.assert_frame_equal(twin.read_lead_speed(path), quantiles)
-
-
-@pytest.mark.parametrize(
-    "content",
-    [
-        None,
-        "segment,probability\n5-15,0\n",
-        "segment,probability,lead_speed [m/s]\n5-15,0,6\n5-15,0.9,7\n",
-        "segment,probability,lead_speed [m/s]\n5-15,0,7\n5-15,1,6\n",
-        "segment,probability,lead_speed [m/s]\n5-15,0,six\n5-15,1,7\n",
-    ],
-)
-def test_read_lead_speed_refuses_what_is_no_quantile_table(tmp_path, content):
-    path = tmp_path / "quantiles.csv"
-    if content:
-        path.write_text(content)
-    with pytest.raises(InputError, match=r"quantiles\.csv"):
-        twin.read_lead_speed(path)
+def test_outlier_rows_beyond_the_table_are_refused(csv_config):
+    config = csv_config(GOOD_ROWS)
+    config["data"]["table"]["outlier_rows"] = [2, 3]
+    assert len(ingested(config)[0]) == 3
+    config["data"]["table"]["outlier_rows"] = [2, 4]
+    with pytest.raises(InputError, match=r"data\.table\.outlier_rows: seen row 4; expected .* has 3"):
+        ingested(config)

@@ -5,7 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 from accelerated_evaluation.distributions import (
     BoundedExponential,
@@ -14,28 +13,31 @@ from accelerated_evaluation.distributions import (
     Mixture,
     PiecewiseMixture,
 )
+from accelerated_evaluation.distributions.tails import interval_probability
 from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
-from accelerated_evaluation.problem import CutIn, Proposal
+from accelerated_evaluation.laws import Factors
+from accelerated_evaluation.laws.independent import IndependentLaw
+from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.truth.crash_map import Intervals
 from accelerated_evaluation.truth.exact import (
     ALL,
+    capped_intervals,
     exact_probabilities,
     exact_table,
-    interval_probability,
 )
 from accelerated_evaluation.truth.mapping import map_crashes
 from accelerated_evaluation.truth.severity import events_from
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
-from wall_car import GRID, RANGE_LAWS, TTC_LAWS, WallCar, encounters, integral, model
+from accelerated_evaluation.vehicles.events import CRASH
+from wall_car import GRID, RANGE_LAWS, TTC_LAWS, WallCar, integral, law_of
 
 BENCHMARK = Path(__file__).resolve().parents[2] / ".." / "shared/data/benchmark/segment_5_15.json"
 SPMD = Path(__file__).resolve().parents[2] / ".." / "shared/data/spmd/lane_changes.mat"
 
 
-def probability(car, range_law, ttc_law, grid=GRID, seed=1):
+def probability(car, range_law, ttc_law, grid=GRID, seed=1, cap=np.inf):
     crash_map = map_crashes(car, grid, [], np.random.default_rng(seed))
-    return exact_probabilities(crash_map, model(range_law, ttc_law), encounters())[ALL]
+    return exact_probabilities(crash_map, law_of(range_law, ttc_law, cap=cap))[ALL]
 
 
 @pytest.mark.parametrize("law", TTC_LAWS.values(), ids=TTC_LAWS.keys())
@@ -73,7 +75,7 @@ def test_blindness_to_holes_would_be_noticed():
     keep = crash.end < np.inf
     blind = Intervals(crash.line[keep], crash.start[keep], np.full(keep.sum(), np.inf))
     blind_map = replace(crash_map, events={next(iter(crash_map.events)): blind})
-    found = exact_probabilities(blind_map, model(*laws), encounters())[ALL]
+    found = exact_probabilities(blind_map, law_of(*laws))[ALL]
     assert abs(found.probability / exact - 1) > 4 * found.standard_error / exact + 2e-3
 
 
@@ -118,45 +120,93 @@ def test_shortest_ranges_do_not_fake_crashes():
 def test_cap_gathers_all_beyond_it():
     car = WallCar(first=12.0, hole=(99, 99))
     laws = RANGE_LAWS["exponential"], TTC_LAWS["exponential"]
-    capped = probability(car, *laws, replace(GRID, closing_speed_max=12.1))
-    assert capped.probability == pytest.approx(integral(*laws, (12.0, 99.0, 99.0)), rel=5e-3)
+    exact = integral(*laws, (12.0, 99.0, 99.0))
+    by_the_map = probability(car, *laws, replace(GRID, closing_speed_max=12.1))
+    assert by_the_map.probability == pytest.approx(exact, rel=5e-3)
+    assert probability(car, *laws, cap=12.1).probability == pytest.approx(exact, rel=5e-3)
     assert probability(car, *laws, replace(GRID, closing_speed_max=11.9)).probability == 0
+    assert probability(car, *laws, cap=11.9).probability == 0
+
+
+@pytest.mark.parametrize("ttc", TTC_LAWS)
+def test_a_cap_of_the_law_equals_a_map_that_ends_there(ttc):
+    """The hole from 12.5 m/s lies above the cap, at which the car crashes: it must not be seen any more."""
+    laws = RANGE_LAWS["pieces"], TTC_LAWS[ttc]
+    law = law_of(*laws, cap=12.1)
+    high, low = (
+        map_crashes(WallCar(), replace(GRID, closing_speed_max=top), [], np.random.default_rng(1))
+        for top in (60.0, 12.1)
+    )
+    found, same = exact_probabilities(high, law)[ALL], exact_probabilities(low, law)[ALL]
+    error = np.hypot(found.standard_error, same.standard_error)
+    assert abs(found.probability - same.probability) < 4 * error + 2e-3 * same.probability
+    exact = integral(*laws, (12.0, 99.0, 99.0))
+    assert abs(found.probability / exact - 1) < 4 * found.standard_error / exact + 2e-3
+    uncapped = exact_probabilities(high, replace(law, closing_speed_max=np.inf))[ALL]
+    assert abs(uncapped.probability - same.probability) > 20 * error + 2e-3 * same.probability
+
+
+def test_capped_intervals_by_hand():
+    """On line 0 [2, 5) and [7, top]; on line 1 [6, 6.5): each cap cuts another one of them."""
+    crash_map = map_crashes(WallCar(), GRID.refined(0.25), [], np.random.default_rng(1))
+    ends = np.array([2.0, 7.0, 6.0]), np.array([5.0, np.inf, 6.5])
+    crash_map = replace(crash_map, events={CRASH: Intervals(np.array([0, 0, 1]), *ends)})
+    for cap, expected in {
+        1.0: [],
+        2.0: [(0, 2, np.inf)],  # all faster ones are simulated at 2 m/s, where the crash begins
+        5.0: [(0, 2, 5)],
+        6.0: [(0, 2, 5), (1, 6, np.inf)],
+        6.5: [(0, 2, 5), (1, 6, 6.5)],
+        7.0: [(0, 2, 5), (0, 7, np.inf), (1, 6, 6.5)],
+        60.0: [(0, 2, 5), (0, 7, np.inf), (1, 6, 6.5)],
+        np.inf: [(0, 2, 5), (0, 7, np.inf), (1, 6, 6.5)],
+    }.items():
+        assert list(zip(*capped_intervals(crash_map, CRASH, cap), strict=True)) == expected, cap
+
+
+def test_a_cap_above_the_top_of_the_map_is_refused():
+    crash_map = map_crashes(WallCar(), GRID.refined(0.25), [], np.random.default_rng(1))
+    laws = RANGE_LAWS["exponential"], TTC_LAWS["exponential"]
+    with pytest.raises(
+        InputError, match=r"closing speed of the law: seen up to the cap of 60\.1 m/s.* 60 m/s"
+    ):
+        exact_probabilities(crash_map, law_of(*laws, cap=60.1))
+    assert exact_probabilities(crash_map, law_of(*laws, cap=60.0))[ALL].probability > 0
 
 
 def test_agrees_with_importance_sampling():
     laws = RANGE_LAWS["pieces"], TTC_LAWS["pieces"]
-    table, grid = encounters(), replace(GRID, closing_speed_max=23.49, lead_speed_cells=20, range_cells=60)
+    grid, law = replace(GRID, closing_speed_max=23.49, lead_speed_cells=20, range_cells=60), law_of(*laws)
+    capped = replace(law, closing_speed_max=23.49)
     crash_map = map_crashes(
         AccAeb(), grid, events_from({"min_ttc": [1.0], "min_range": [2.0]}), np.random.default_rng(1)
     )
-    found = exact_probabilities(crash_map, model(*laws), table)[ALL]
-    problem = CutIn(Empirical(table["lead_speed"]), Proposal(*laws), AccAeb(), 23.49)
-    sample = problem.sample(
-        Proposal(laws[0], BoundedExponential(8.0, 0.5)), np.random.default_rng(2), 400_000
-    )
-    weights = sample.crash_weight
+    found = exact_probabilities(crash_map, capped)[ALL]
+    assert exact_probabilities(crash_map, law)[ALL] == found  # the map ends at the cap
+    problem = Problem(capped, AccAeb())
+    proposal = Factors(laws[0], BoundedExponential(8.0, 0.5))
+    weights = problem.sample("5-15", proposal, np.random.default_rng(2), 400_000).weight
     error = np.hypot(weights.std() / np.sqrt(weights.size), found.standard_error)
     assert abs(weights.mean() - found.probability) < 4 * error
     assert error / found.probability < 0.02
-    crude = problem.sample(Proposal(*laws), np.random.default_rng(4), 1_000_000).outcomes
+    crude = problem.sample("5-15", Factors(*laws), np.random.default_rng(4), 1_000_000).outcomes
     events = list(crash_map.events)[1:]
     for event in events:
-        value = exact_probabilities(crash_map, model(*laws), table, event)[ALL]
+        value = exact_probabilities(crash_map, capped, event)[ALL]
         mean = event.happens(crude).mean()
         assert abs(mean - value.probability) < 4 * np.hypot(np.sqrt(mean / 1e6), value.standard_error)
 
 
 def test_all_is_the_mean_of_the_segments():
-    rng = np.random.default_rng(5)
-    table = pd.DataFrame({"lead_speed": rng.uniform(5, 15, 3000)})
-    table["segment"] = np.where(table["lead_speed"] < 10, "slow", "fast")
+    drawn = np.random.default_rng(5).uniform(5, 15, 3000)
+    speeds = {"slow": Empirical(drawn[drawn < 10]), "fast": Empirical(drawn[drawn >= 10])}
     laws = {"slow": BoundedExponential(21.0), "fast": BoundedExponential(30.0)}
-    two = LaneChangeModel("two", {"slow": 1000, "fast": 3000}, RANGE_LAWS["exponential"], laws)
+    two = IndependentLaw("two", {"slow": 1000, "fast": 3000}, RANGE_LAWS["exponential"], laws, speeds)
     crash_map = map_crashes(AccAeb(), replace(GRID, closing_speed_max=23.49), [], np.random.default_rng(1))
-    found = exact_probabilities(crash_map, two, table)
+    found = exact_probabilities(crash_map, two)
     mean = 0.25 * found["slow"].probability + 0.75 * found["fast"].probability
     assert found[ALL].probability == pytest.approx(mean, rel=1e-12)
-    listed = exact_table({"full": crash_map}, {"two": two}, table)
+    listed = exact_table({"full": crash_map}, {"two": two})
     assert list(listed["segment"]) == ["slow", "fast", ALL]
 
 
@@ -171,7 +221,7 @@ def test_all_is_the_mean_of_the_segments():
 def test_models_beyond_the_map_are_refused(speeds, law, where):
     crash_map = map_crashes(WallCar(), replace(GRID, refinement=1), [], np.random.default_rng(1))
     with pytest.raises(InputError, match=where):
-        exact_probabilities(crash_map, model(law, TTC_LAWS["exponential"]), encounters(speeds))
+        exact_probabilities(crash_map, law_of(law, TTC_LAWS["exponential"], Empirical(speeds)))
 
 
 def piece(content):
@@ -202,9 +252,8 @@ def test_benchmark():
         closing_speed_points=240,
     )
     crash_map = map_crashes(AccAeb(), grid, [], np.random.default_rng(1))
-    found = exact_probabilities(crash_map, model(*laws), encounters(speeds[(speeds >= 5) & (speeds < 15)]))[
-        ALL
-    ]
+    law = law_of(*laws, Empirical(speeds[(speeds >= 5) & (speeds < 15)]), cap=23.49)
+    found = exact_probabilities(crash_map, law)[ALL]
     assert found.standard_error < 1.5e-3 * content["reference_probability"]
     error = np.hypot(found.standard_error, content["reference_standard_error"])
     assert abs(found.probability - content["reference_probability"]) < 4 * error

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,17 +13,12 @@ from accelerated_evaluation.distributions import (
     BoundedExponential,
     BoundedNormal,
     Mixture,
+    Pareto,
     PiecewiseMixture,
 )
 from accelerated_evaluation.errors import ConvergenceError, InputError
-from accelerated_evaluation.fitting.pieces import (
-    fit_exponential,
-    fit_normal,
-    fit_normal_mixture,
-    fit_piece,
-)
+from accelerated_evaluation.fitting.pieces import EXPONENTIAL, PieceFamily, mixture_kinds, piece_kinds
 from accelerated_evaluation.fitting.piecewise import (
-    PieceFamily,
     fit_piecewise,
     knots_at_quantiles,
     knots_by_profile_likelihood,
@@ -30,24 +26,17 @@ from accelerated_evaluation.fitting.piecewise import (
 from accelerated_evaluation.laws.paper import (
     choose_knots,
     fit_exponential_from_zero,
-    fit_lane_change_models,
-    fit_pareto,
+    fit_paper_laws,
     refit,
 )
-from scipy.io import loadmat
 from scipy.optimize import minimize
 
-PUBLISHED = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "spmd" / "lane_changes.mat"
-needs_published = pytest.mark.skipif(not PUBLISHED.exists(), reason="no copy of the published SPMD file")
+RECORDS = Path(__file__).resolve().parents[2] / "data" / "spmd" / "cut_ins.parquet"
 
-EXPONENTIAL, NORMAL, TWO_NORMALS = PieceFamily("exponential"), PieceFamily("normal"), PieceFamily("normal", 2)
+NORMAL, TWO_NORMALS = PieceFamily("bounded normal"), PieceFamily("bounded normal", 2)
 BODY = Mixture((0.3, 0.7), (BoundedNormal(0.03, 0.0, 0.166), BoundedNormal(0.09, 0.0, 0.166)))
 PIECEWISE = PiecewiseMixture((0.9, 0.1), (BODY, BoundedExponential(21.0, 0.166)))
 SIZE = 20_000
-
-
-def fit_normal_to(x, lower, upper):
-    return fit_normal(float(np.mean(x**2)), lower, upper)
 
 
 def sample(law, size=SIZE, seed=1):
@@ -65,24 +54,24 @@ def score_and_error(make, parameter, x):
 
 
 @pytest.mark.parametrize(
-    ("fit", "law", "parameter"),
+    "law",
     [
-        *(
-            (fit_exponential, BoundedExponential(rate, 0.0133, 0.0373), "rate")
-            for rate in (107.0, 0.0, -60.0)
-        ),
-        (fit_exponential, BoundedExponential(21.0, 0.166), "rate"),
-        *((fit_normal_to, BoundedNormal(sd, 0.0, 0.166), "sd") for sd in (0.03, 0.09)),
-        (fit_normal_to, BoundedNormal(0.1, 0.2, 0.5), "sd"),
-        (fit_normal_to, BoundedNormal(0.1, 0.3), "sd"),
+        *(BoundedExponential(rate, 0.0133, 0.0373) for rate in (107.0, 0.0, -60.0)),
+        BoundedExponential(21.0, 0.166),
+        *(BoundedNormal(sd, 0.0, 0.166) for sd in (0.03, 0.09)),
+        BoundedNormal(0.1, 0.2, 0.5),
+        BoundedNormal(0.1, 0.3),
+        Pareto(1.7, 1 / 75),
     ],
 )
-def test_one_parameter_is_recovered_where_the_score_is_zero(fit, law, parameter):
+def test_one_parameter_is_recovered_where_the_score_is_zero(law):
     x = sample(law)
-    fitted = fit(x, law.lower, law.upper)
+    fitted = type(law).fit(x, law.lower, law.upper)
+    assert fitted == PieceFamily(law.kind).fit(x, law.lower, law.upper)
+    (parameter,) = law.parameters
 
     def make(value):
-        return type(law)(value, law.lower, law.upper)
+        return replace(law, **{parameter: value})
 
     score, error = score_and_error(make, getattr(fitted, parameter), x)
     assert abs(score) < 0.01  # differences of steps of 1e-3; a hundredth of a standard deviation in any case
@@ -93,7 +82,7 @@ def test_one_parameter_is_recovered_where_the_score_is_zero(fit, law, parameter)
 
 def test_em_never_falls_and_finds_what_an_independent_optimizer_finds():
     x, course = sample(BODY), []
-    fitted = fit_normal_mixture(x, 0.0, 0.166, 2, on_iteration=course.append)
+    fitted = BoundedNormal.fit_mixture(x, 0.0, 0.166, 2, on_iteration=course.append)
     assert len(course) > 2
     assert np.all(np.diff(course) > -1e-9 * abs(course[-1]))  # but for the rounding of a sum
     assert fitted.logpdf(x).sum() == pytest.approx(course[-1], rel=1e-12)
@@ -122,7 +111,7 @@ def test_em_never_falls_and_finds_what_an_independent_optimizer_finds():
 
 def test_em_that_has_not_converged_says_so():
     with pytest.raises(ConvergenceError, match=r"EM for 2 .* limit 3 iterations"):
-        fit_normal_mixture(sample(BODY), 0.0, 0.166, 2, maximum_iterations=3)
+        BoundedNormal.fit_mixture(sample(BODY), 0.0, 0.166, 2, maximum_iterations=3)
 
 
 @pytest.mark.parametrize("rate", [0.0, -30.0])
@@ -130,12 +119,24 @@ def test_em_that_has_not_converged_says_so():
 def test_no_normal_fits_what_does_not_fall(rate, components):
     x = BoundedExponential(rate, 0.0, 0.166).ppf((np.arange(SIZE) + 0.5) / SIZE)
     with pytest.raises(ConvergenceError, match="do not fall"):
-        fit_piece(x, 0.0, 0.166, "normal", components)
+        PieceFamily("bounded normal", components).fit(x, 0.0, 0.166)
 
 
-def test_an_unknown_family_is_refused():
-    with pytest.raises(ValueError, match="'gamma'"):
-        fit_piece(sample(BODY), 0.0, 0.166, "gamma")
+def test_an_unknown_kind_is_refused_with_the_nearest_known_one():
+    with pytest.raises(InputError, match=r"'bounded gamma'; expected one of Pareto, .* Did you mean bounded"):
+        PieceFamily("bounded gamma").fit(sample(BODY), 0.0, 0.166)
+
+
+def test_kinds_of_pieces_are_those_that_can_be_fitted_and_tilted():
+    assert set(piece_kinds()) >= {"bounded exponential", "bounded normal"}
+    assert not {"Pareto", "mixture", "piecewise mixture"} & set(piece_kinds())
+    assert "bounded normal" in mixture_kinds()
+    assert "bounded exponential" not in mixture_kinds()
+
+
+@pytest.mark.parametrize("family", [EXPONENTIAL, NORMAL, TWO_NORMALS, PieceFamily("bounded normal", 3)])
+def test_the_family_of_a_fitted_piece_is_the_one_it_was_fitted_with(family):
+    assert PieceFamily.of(family.fit(sample(BODY), 0.0, 0.166)) == family
 
 
 def test_piecewise_fit_is_that_of_its_pieces():
@@ -144,7 +145,7 @@ def test_piecewise_fit_is_that_of_its_pieces():
     body, tail = x[x < 0.166], x[x >= 0.166]
     assert fitted.weights == (body.size / SIZE, tail.size / SIZE)
     assert fitted.components == (
-        fit_normal_mixture(body, 0.0, 0.166, 2),
+        BoundedNormal.fit_mixture(body, 0.0, 0.166, 2),
         BoundedExponential.from_mean(tail.mean(), 0.166),
     )
     assert fitted.weights[1] == pytest.approx(0.1, abs=4 * math.sqrt(0.09 / SIZE))
@@ -230,14 +231,14 @@ def models():
     return models
 
 
-def test_lane_change_models(models):
+def test_the_papers_laws(models):
     generator = np.random.default_rng(4)
     lead_speed = np.concatenate(
         [np.linspace(25, 34, 500), np.linspace(5, 14, 2000), np.linspace(15, 24, 1000)]
     )
     inverse_range = BoundedExponential(60.0, 1 / 75).rvs(generator, lead_speed.size)
     encounters = segmented(inverse_range, PIECEWISE.rvs(generator, lead_speed.size), lead_speed)
-    fitted = fit_lane_change_models(encounters, models, 75, "made up")
+    fitted = fit_paper_laws(encounters, models, 75, "made up", 23.49)
     assert {name: model.n_parameters for name, model in fitted.items()} == {
         "two_pieces": 18,
         "three_pieces": 20,
@@ -248,16 +249,16 @@ def test_lane_change_models(models):
         assert model.segments == ("5-15", "15-25", "25-35")
         assert model.inverse_range.lower == 1 / 75
         assert model.description == "made up"
+        assert model.closing_speed_max == 23.49
     x = encounters.loc[encounters["segment"] == "15-25", "inverse_ttc"].to_numpy()
     assert fitted["two_pieces"].inverse_ttc["15-25"].knots == (np.quantile(x, 0.95),)
     assert fitted["single"].inverse_ttc["15-25"].rate == pytest.approx(1 / x.mean())
 
 
-@needs_published
-def test_fits_to_the_published_lane_changes():
-    lead_speed, inverse_range, inverse_ttc = loadmat(PUBLISHED)["mixture_data"].T
+def test_fits_to_the_recorded_lane_changes():
+    lead_speed, inverse_range, inverse_ttc = pd.read_parquet(RECORDS).to_numpy().T
     encounters = segmented(inverse_range, inverse_ttc, lead_speed)
-    assert fit_pareto(inverse_range, 1 / 75).shape == pytest.approx(1.7320507600110688, rel=1e-12)
+    assert Pareto.fit(inverse_range, 1 / 75).shape == pytest.approx(1.7320507600110688, rel=1e-12)
     groups = {name: group["inverse_ttc"].to_numpy() for name, group in encounters.groupby("segment")}
     rates = {name: round(fit_exponential_from_zero(x).rate, 2) for name, x in groups.items()}
     assert rates == {"5-15": 15.81, "15-25": 33.12, "25-35": 46.84}

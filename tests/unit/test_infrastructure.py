@@ -1,15 +1,20 @@
 """Files whole or not at all, generators by name, and the log of a rule's script."""
 
+import errno
 import itertools
 import json
 import math
+import os
 import subprocess
 import sys
 
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation.alive import release_dead_locks
+from accelerated_evaluation.errors import StudyError
 from accelerated_evaluation.files import atomic_path, read_json, write_csv, write_json, write_text
+from accelerated_evaluation.jobs import LOGGER_VARIABLE
 from accelerated_evaluation.randomness import child_generator
 
 
@@ -65,7 +70,7 @@ def test_numbers_come_back_equal(tmp_path):
 
 PATHS = [
     (),
-    ("twin",),
+    ("sample",),
     ("cross_entropy", "single", "5-15", 0),
     ("cross_entropy", "single", "5-15", 1),
     ("cross_entropy", "single", "15-25", 0),
@@ -84,7 +89,7 @@ def test_a_generator_is_known_by_its_path_alone():
         assert not set(one) & set(two)
     assert child_generator(2017, *PATHS[2]).random(4).tolist() not in first.values()
     # Fixed, so that a study can be repeated in years to come.
-    assert child_generator(2016, "twin").integers(10**9) == 270569476
+    assert child_generator(2016, "sample").integers(10**9) == 128627084
 
 
 SCRIPT = """
@@ -110,16 +115,73 @@ print("done")
             "error: a.csv: seen x; expected y. Mend it.",
         ),
         ("1 / 0", 1, "ZeroDivisionError: division by zero"),
-        ("sys.exit(3)", 3, ""),
+        ("sys.exit(0)", 1, "error: the job was ended by sys.exit(0)"),
+        ("open('/dev/full', 'wb', buffering=0).write(b'x')", 1, "error: no space left on the disk"),
     ],
 )
-def test_a_job_keeps_its_log_and_ends_as_it_should(tmp_path, ending, status, message):
+@pytest.mark.parametrize("logger", [None, "study"])
+def test_a_job_keeps_its_log_and_ends_as_it_should(tmp_path, monkeypatch, ending, status, message, logger):
+    monkeypatch.delenv(LOGGER_VARIABLE, raising=False)
+    if logger:
+        monkeypatch.setenv(LOGGER_VARIABLE, logger)
     log = tmp_path / "job.log"
     command = [sys.executable, "-c", SCRIPT.format(ending), str(log)]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert ended.returncode == status
     assert ended.stdout == ("done\n" if status == 0 else "")
-    assert log.read_text() == ended.stderr
     for part in ("progress", "UserWarning: beware", "from a child", message):
-        assert part in ended.stderr
-    assert ("Traceback" in ended.stderr) == ("division" in message)
+        assert part in log.read_text()
+    assert ("Traceback" in log.read_text()) == ("division" in message)
+    # The logger of the workflow shows the message at the end; without one the job tells it.
+    assert ended.stderr in log.read_text()
+    assert bool(ended.stderr) == (status != 0 and logger is None)
+
+
+def test_a_job_whose_log_cannot_be_written_tells_the_terminal(monkeypatch):
+    monkeypatch.setenv(LOGGER_VARIABLE, "study")
+    command = [sys.executable, "-c", SCRIPT.format("1 / 0"), "/dev/full"]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert ended.returncode == 1
+    assert "no space left" in ended.stderr
+
+
+def test_a_full_disk_is_told_with_the_file_and_leaves_nothing(tmp_path):
+    told = r"no space left on the disk to write .*table\.csv"
+    with pytest.raises(StudyError, match=told), atomic_path(tmp_path / "table.csv"):
+        raise OSError(errno.ENOSPC, "No space left on device")
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_a_killed_process_left_is_removed_by_the_next(tmp_path):
+    path = tmp_path / "notebook.ipynb"
+    killed = "import os, sys; from accelerated_evaluation.files import atomic_path\n"
+    killed += "with atomic_path(sys.argv[1]): os.kill(os.getpid(), 9)"
+    subprocess.run([sys.executable, "-c", killed, str(path)], check=False)
+    other = tmp_path / f".notebook.ipynb.{os.getpid()}.abc.ipynb"  # of a process that is alive
+    other.touch()
+    assert len(list(tmp_path.iterdir())) == 2
+    write_text(path, "whole")
+    assert set(tmp_path.iterdir()) == {path, other}
+
+
+HOLD = """
+import sys
+from accelerated_evaluation.alive import release_dead_locks
+held = release_dead_locks(sys.argv[1])
+print("alive", flush=True)
+sys.stdin.read()
+"""
+
+
+def test_locks_of_a_living_run_stay_and_those_of_a_killed_one_go(tmp_path):
+    lock = tmp_path / "locks" / "0.output.lock"
+    command = [sys.executable, "-c", HOLD, str(tmp_path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as run:
+        assert run.stdout.readline() == b"alive\n"
+        lock.parent.mkdir()
+        lock.touch()
+        release_dead_locks(tmp_path).close()
+        assert lock.exists()
+        run.kill()
+    release_dead_locks(tmp_path).close()
+    assert not lock.exists()

@@ -1,10 +1,12 @@
 """Intervals: closed forms, exact coverage, and a stopping rule that holds where the paper's does not."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from accelerated_evaluation.methods.importance_sampling import estimate, first_converged, running
+from accelerated_evaluation.methods import Stopping
+from accelerated_evaluation.methods.importance_sampling import estimate_from_weights, first_converged, running
 from accelerated_evaluation.methods.intervals import (
     Interval,
     Sums,
@@ -16,6 +18,7 @@ from accelerated_evaluation.methods.intervals import (
 from scipy import stats
 
 CRASH_SHARE = 0.1
+STOPPING = Stopping(alpha=0.2, beta=0.2, minimum_events=10, maximum_simulations=20_000)
 
 
 def skewed_weights(generator, size, spread=1.2):
@@ -34,9 +37,10 @@ def test_sums_of_two_samples_add_up():
 
 def test_normal_interval_is_the_one_of_the_estimates():
     weights = skewed_weights(np.random.default_rng(2), 5000)
-    expected, interval = estimate(weights, 0.2), normal_interval(Sums.of(weights), 0.2)
-    assert interval.low == pytest.approx(expected.ci_low, rel=1e-12)
-    assert interval.high == pytest.approx(expected.ci_high, rel=1e-12)
+    expected = estimate_from_weights(weights, 0.2, converged=True)
+    interval = normal_interval(Sums.of(weights), 0.2)
+    assert interval.low == pytest.approx(expected.low, rel=1e-12)
+    assert interval.high == pytest.approx(expected.high, rel=1e-12)
 
 
 @pytest.mark.parametrize("events", [0, 1])
@@ -128,7 +132,7 @@ def test_exact_coverage_of_crude_monte_carlo(alpha):
 def coverage(interval_of_replicate, replicates=2000):
     generator = np.random.default_rng(4)
     intervals = [interval_of_replicate(generator) for _ in range(replicates)]
-    held = np.mean([interval.covers(CRASH_SHARE) for interval in intervals])
+    held = np.mean([interval.low <= CRASH_SHARE <= interval.high for interval in intervals])
     return held, math.sqrt(0.8 * 0.2 / replicates)
 
 
@@ -146,20 +150,15 @@ def test_the_rule_holds_its_level_where_the_papers_does_not_and_costs_less_than_
     sizes = {"paper": [], "ours": []}
 
     def ours(generator):
-        found = sequential_estimate(
-            lambda size: Sums.of(skewed_weights(generator, size)),
-            alpha=0.2,
-            beta=0.2,
-            minimum_events=10,
-            maximum_simulations=20_000,
-            first=100,
+        sums, _ = sequential_estimate(
+            lambda size: Sums.of(skewed_weights(generator, size)), STOPPING, first=100
         )
-        sizes["ours"].append(found.sums.simulations)
-        return found.interval
+        sizes["ours"].append(sums.simulations)
+        return gamma_interval(sums, 0.2)
 
     def papers(generator):
         weights = skewed_weights(generator, 6000)
-        first = first_converged(running(weights, 0.2), 0.2, 10)
+        first = first_converged(running(weights, 0.2), STOPPING)
         sizes["paper"].append(first or weights.size)
         return normal_interval(Sums.of(weights[:first]), 0.2)
 
@@ -176,32 +175,46 @@ def test_the_rule_looks_at_growing_sizes_and_stops_at_the_first_that_is_narrow()
         looks.append(size)
         return Sums.unweighted(size, size // 10)
 
-    found = sequential_estimate(
-        draw, alpha=0.2, beta=0.2, minimum_events=10, maximum_simulations=10**6, first=100, growth=1.5
+    found, converged = sequential_estimate(
+        draw, replace(STOPPING, maximum_simulations=10**6), first=100, growth=1.5
     )
+    interval = gamma_interval(found, 0.2)
     sizes = np.cumsum(looks).tolist()
     assert sizes == [math.ceil(100 * 1.5**k) for k in range(len(sizes))]
-    assert found.converged
-    assert found.interval == gamma_interval(found.sums, 0.2)
-    assert (found.interval.high - found.interval.low) / 2 <= 0.2 * found.sums.probability
+    assert converged
+    assert found == Sums.unweighted(sizes[-1], sum(size // 10 for size in looks))
+    assert (interval.high - interval.low) / 2 <= 0.2 * found.probability
     one_look_less = Sums.unweighted(sizes[-2], sum(size // 10 for size in looks[:-1]))
     before = gamma_interval(one_look_less, 0.2)
     assert (before.high - before.low) / 2 > 0.2 * one_look_less.probability
 
 
 def test_the_rule_waits_for_the_least_number_of_events():
-    found = sequential_estimate(
-        lambda size: Sums.unweighted(size, size // 10),
-        alpha=0.2,
-        beta=0.5,
-        minimum_events=80,
-        maximum_simulations=10**6,
-    )
-    assert 80 <= found.sums.events <= 90
+    rule = replace(STOPPING, beta=0.5, minimum_events=80, maximum_simulations=10**6)
+    found, converged = sequential_estimate(lambda size: Sums.unweighted(size, size // 10), rule)
+    assert converged
+    assert 80 <= found.events <= 90
 
 
 def test_without_a_crash_the_rule_ends_at_the_largest_size():
-    limits = {"alpha": 0.2, "beta": 0.2, "minimum_events": 0, "maximum_simulations": 3000}
-    found = sequential_estimate(lambda size: Sums.of(np.zeros(size)), **limits)
-    assert (found.sums.simulations, found.converged) == (3000, False)
-    assert (found.interval.low, found.interval.high) == (0, 1)
+    limits = replace(STOPPING, minimum_events=0, maximum_simulations=3000)
+    found, converged = sequential_estimate(lambda size: Sums.of(np.zeros(size)), limits)
+    assert (found.simulations, converged) == (3000, False)
+    assert gamma_interval(found, 0.2) == (0, 1)
+
+
+def test_a_known_bound_of_the_weights_makes_the_rule_go_on():
+    """Every crash weighs 0.2; with a bound of 50 on the next one the interval is wide for longer."""
+
+    def draw(size):
+        crash = np.arange(size) % 10 == 0
+        return Sums.of(np.where(crash, 0.2, 0.0))
+
+    rule = replace(STOPPING, maximum_simulations=10**6)
+    (seen, _), (bound, converged) = (
+        sequential_estimate(draw, rule, weight_bound=weight) for weight in (None, 50.0)
+    )
+    assert converged
+    assert bound.simulations > 2 * seen.simulations
+    interval = gamma_interval(bound, 0.2, 50.0)
+    assert (interval.high - interval.low) / 2 <= 0.2 * bound.probability

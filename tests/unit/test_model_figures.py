@@ -10,12 +10,13 @@ import pytest
 from accelerated_evaluation.distributions import (
     BoundedExponential,
     BoundedNormal,
+    Empirical,
     Mixture,
     Pareto,
     PiecewiseMixture,
 )
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
-from accelerated_evaluation.problem import Proposal
+from accelerated_evaluation.laws import Factors
+from accelerated_evaluation.laws.independent import IndependentLaw
 from accelerated_evaluation.publishing import concept_figures, data_figures, model_figures
 from accelerated_evaluation.publishing.model_tables import (
     close_call_table,
@@ -51,18 +52,20 @@ def pieces_of_ttc(scale: float) -> PiecewiseMixture:
 
 SCALES = dict(zip(SEGMENTS, (1.0, 0.7, 0.5), strict=True))
 TTC = {segment: pieces_of_ttc(scale) for segment, scale in SCALES.items()}
-TWO = LaneChangeModel(SOURCE, EVENTS, pieces_of_range((0.037,)), TTC)
-THREE = LaneChangeModel(SOURCE, EVENTS, pieces_of_range((0.029, 0.06)), TTC)
-SINGLE = LaneChangeModel(
+SPEEDS = dict.fromkeys(SEGMENTS, Empirical([10.0]))
+TWO = IndependentLaw(SOURCE, EVENTS, pieces_of_range((0.037,)), TTC, SPEEDS)
+THREE = IndependentLaw(SOURCE, EVENTS, pieces_of_range((0.029, 0.06)), TTC, SPEEDS)
+SINGLE = IndependentLaw(
     SOURCE,
     EVENTS,
     Pareto(1.7, LOWER),
     {segment: BoundedExponential(16 / scale) for segment, scale in SCALES.items()},
+    SPEEDS,
 )
 PROPOSALS = {
-    "single": {"5-15": Proposal(BoundedExponential(80.0, LOWER), BoundedExponential(1.6))},
+    "single": {"5-15": Factors(BoundedExponential(80.0, LOWER), BoundedExponential(1.6))},
     "piecewise": {
-        "5-15": Proposal(
+        "5-15": Factors(
             TWO.inverse_range.accelerated((50.0, 10.0), (0.5, 0.5)),
             TTC["5-15"].accelerated((8.0, 17.0), (0.01, 0.99)),
         )
@@ -186,7 +189,7 @@ def test_concept_shows_f_and_its_acceleration(encounters):
     for method, model in laws.items():
         for curve, law in {
             "f": model.inverse_ttc["5-15"],
-            "f*": PROPOSALS[method]["5-15"].inverse_ttc,
+            "f*": PROPOSALS[method]["5-15"].second,
         }.items():
             rows = data[(data["method"] == method) & (data["curve"] == curve)]
             np.testing.assert_array_equal(

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.distributions import BoundedExponential, PiecewiseMixture
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
-from accelerated_evaluation.methods.importance_sampling import estimate, running
+from accelerated_evaluation.distributions import BoundedExponential, Empirical, PiecewiseMixture
+from accelerated_evaluation.laws.independent import IndependentLaw
+from accelerated_evaluation.methods.importance_sampling import estimate_from_weights, running
 from accelerated_evaluation.publishing import paper_tables, search_tables, spreads
 from accelerated_evaluation.publishing.paper_numbers import PAPER_SIMULATIONS
 from accelerated_evaluation.publishing.spreads import Spread
@@ -99,10 +99,10 @@ def test_pooling_replicates_is_estimating_from_all_their_weights():
     ends = [running(w, 0.2) for w in weights]
     rows = [(k, 5000, end.probability[-1], end.variance[-1]) for k, end in enumerate(ends)]
     pooled = spreads.pooled_probability(course(rows), "piecewise", 0.2)
-    whole = estimate(weights.ravel(), 0.2)
+    whole = estimate_from_weights(weights.ravel(), 0.2, converged=True)
     assert pooled.value == pytest.approx(whole.probability, rel=1e-12)
     # The spread between replicates is left out of the pooled variance: ten of 50,000 degrees of freedom.
-    assert pooled.high - pooled.low == pytest.approx(whole.ci_high - whole.ci_low, rel=1e-3)
+    assert pooled.high - pooled.low == pytest.approx(whole.high - whole.low, rel=1e-3)
 
 
 def test_crude_sample_size_is_the_papers_for_the_papers_probability():
@@ -168,7 +168,9 @@ def test_table2_by_hand():
     )
     events = {"5-15": 10, "15-25": 10}
     models = {
-        name: LaneChangeModel("made up", events, law, dict.fromkeys(events, law))
+        name: IndependentLaw(
+            "made up", events, law, dict.fromkeys(events, law), dict.fromkeys(events, Empirical([10.0]))
+        )
         for name, law in (("single", exponential), ("piecewise", pieces))
     }
     ends = estimates({"single": [300, 500], "piecewise": [100, 300], "heuristic": [40, 60]})

@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.configuration import load
-from accelerated_evaluation.distributions import BoundedExponential, PiecewiseMixture
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
+from accelerated_evaluation.distributions import BoundedExponential, Empirical, PiecewiseMixture
+from accelerated_evaluation.laws.independent import IndependentLaw
 from accelerated_evaluation.publishing import flow_figures, search_figures
 from accelerated_evaluation.publishing.flow_chart import Arrow, Box
 from accelerated_evaluation.publishing.flow_figures import FLOW_ARROWS, flow_boxes
@@ -29,7 +29,7 @@ def _closed():
 def model():
     pieces = BoundedExponential(3.0, 0.0, KNOT), BoundedExponential(20.0, KNOT, math.inf)
     law = PiecewiseMixture((0.9, 0.1), pieces)
-    return LaneChangeModel("made up", {"5-15": 10}, law, {"5-15": law})
+    return IndependentLaw("made up", {"5-15": 10}, law, {"5-15": law}, {"5-15": Empirical([10.0])})
 
 
 @pytest.fixture

@@ -7,7 +7,8 @@ import pandas as pd
 import pytest
 from accelerated_evaluation.distributions import BoundedExponential, BoundedNormal
 from accelerated_evaluation.encounters.segments import assign_segments
-from accelerated_evaluation.laws.paper import fit_lane_change_models
+from accelerated_evaluation.fitting.pieces import PieceFamily
+from accelerated_evaluation.laws.paper import fit_paper_laws
 from accelerated_evaluation.truth.crash_map import Grid
 from accelerated_evaluation.truth.exact import ALL, exact_probabilities
 from accelerated_evaluation.truth.mapping import map_crashes
@@ -21,13 +22,19 @@ from accelerated_evaluation.truth.sensitivity import (
 )
 from accelerated_evaluation.vehicles import AccAeb
 
-GRID = Grid(5, 15, 75, 8, 40, 6, 23.49, 120)
+CAP = 23.49
+GRID = Grid(5, 15, 75, 8, 40, 6, CAP, 120)
 MODELS = {
     "inverse_range": {
+        "pieces": "bounded exponential",
         "two_pieces": {"method": "quantiles", "quantiles": [0.8]},
         "three_pieces": {"method": "quantiles", "quantiles": [0.7, 0.9]},
     },
-    "inverse_ttc": {"body_components": 1, "knots": {"method": "quantiles", "quantiles": [0.95]}},
+    "inverse_ttc": {
+        "body": {"kind": "bounded normal", "components": 1},
+        "tail": "bounded exponential",
+        "knots": {"method": "quantiles", "quantiles": [0.95]},
+    },
 }
 SETTINGS = {
     "inverse_ttc_knots": [0.9, 0.95],
@@ -64,23 +71,25 @@ def crash_map():
 
 @pytest.fixture(scope="module")
 def models(encounters):
-    return fit_lane_change_models(encounters, MODELS, 75.0, "test")
+    return fit_paper_laws(encounters, MODELS, 75.0, "test", CAP)
 
 
 @pytest.mark.parametrize("variant", ["two_pieces", "three_pieces"])
 def test_quick_refit_gives_the_probability_of_the_full_fit(encounters, crash_map, models, variant):
-    full = exact_probabilities(crash_map, models[variant], encounters)[ALL].probability
-    quick = Refit.by(crash_map).probability(encounters, Levels.of(models[variant])).probability
+    full = exact_probabilities(crash_map, models[variant])[ALL].probability
+    quick = Refit.by(crash_map, CAP).probability(encounters, Levels.of(models[variant])).probability
     # The levels are read off the weights, which ties and rounding move by less than one row.
     assert quick == pytest.approx(full, rel=2e-2)
-    wrong = Refit.by(crash_map).probability(encounters, replace(Levels.of(models[variant]), inverse_ttc=0.9))
+    wrong = Refit.by(crash_map, CAP).probability(
+        encounters, replace(Levels.of(models[variant]), inverse_ttc=0.9)
+    )
     assert wrong.probability != pytest.approx(full, rel=2e-2)
 
 
 def test_body_is_fitted_in_full_where_crashes_reach_into_it(encounters, models):
     levels = Levels.of(models["two_pieces"])
-    quick = fit_for_crashes(encounters, levels, 75.0, smallest_inverse_ttc=0.5)
-    full = fit_for_crashes(encounters, levels, 75.0, smallest_inverse_ttc=0.05)
+    quick = fit_for_crashes(encounters, levels, 75.0, smallest_inverse_ttc=0.5, closing_speed_max=CAP)
+    full = fit_for_crashes(encounters, levels, 75.0, smallest_inverse_ttc=0.05, closing_speed_max=CAP)
     assert all(isinstance(law.components[0], BoundedExponential) for law in quick.inverse_ttc.values())
     assert all(isinstance(law.components[0], BoundedNormal) for law in full.inverse_ttc.values())
 
@@ -89,7 +98,8 @@ def test_levels_of_a_model(models):
     levels = Levels.of(models["three_pieces"])
     assert levels.inverse_range == pytest.approx((0.7, 0.9), abs=1e-3)
     assert levels.inverse_ttc == pytest.approx(0.95, abs=1e-3)
-    assert levels.body_components == 1
+    assert levels.body == PieceFamily("bounded normal")
+    assert levels.tail == levels.pieces_of_range == PieceFamily("bounded exponential")
 
 
 def test_repeated_rows():
@@ -111,7 +121,7 @@ def test_table_of_choices(encounters, crash_map, models):
     assert (table["probability"] > 0).all()
     # Nothing repeats, so dropping what does changes nothing.
     chosen = table.set_index(["choice", "value"])["probability"]
-    base = Refit.by(crash_map).probability(encounters, Levels.of(models["two_pieces"])).probability
+    base = Refit.by(crash_map, CAP).probability(encounters, Levels.of(models["two_pieces"])).probability
     assert chosen["repeated rows", "drop"] == base
 
 
@@ -122,10 +132,15 @@ def test_without_outlier_rows_none_are_dropped(encounters, crash_map, models):
 
 def test_crashes_rise_with_the_cap(encounters, crash_map, models):
     generator = np.random.default_rng(2)
-    table = study_cap(AccAeb(), crash_map, models["two_pieces"], encounters, [20.0, 23.49], generator)
+    table = study_cap(AccAeb(), crash_map, models["two_pieces"], [20.0, CAP], generator)
     assert table["value"].tolist() == ["20", "23.49"]
     low, high = table["probability"]
     assert low < high / 2
-    base = exact_probabilities(crash_map, models["two_pieces"], encounters)[ALL]
+    base = exact_probabilities(crash_map, models["two_pieces"])[ALL]
+    capped = replace(models["two_pieces"], closing_speed_max=20.0)
+    refit = Refit.by(crash_map, 20.0).probability(encounters, Levels.of(capped))
+    for same, error in ((exact_probabilities(crash_map, capped)[ALL], 0.0), (refit, 2e-2 * low)):
+        error += 4 * np.hypot(same.standard_error, table["standard_error"].iloc[0])
+        assert abs(same.probability - low) < error < 0.5 * low
     error = np.hypot(base.standard_error, table["standard_error"].iloc[1])
     assert abs(high - base.probability) < 4 * error

@@ -3,28 +3,28 @@
 import mpmath
 import numpy as np
 import pytest
-from accelerated_evaluation.distributions import BoundedExponential, Empirical, PiecewiseMixture
-from accelerated_evaluation.problem import CutIn, Proposal
+from accelerated_evaluation.distributions import BoundedExponential, PiecewiseMixture
+from accelerated_evaluation.laws import Factors
+from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.truth.exact import ALL, exact_probabilities
 from accelerated_evaluation.truth.exact_variance import exact_variation, variation_table
 from accelerated_evaluation.truth.mapping import map_crashes
 from accelerated_evaluation.truth.severity import events_from, impact_speed_table, severity_table
-from wall_car import GRID, LOWER, RANGE_LAWS, TTC_LAWS, WallCar, encounters, integral, model
+from wall_car import GRID, LOWER, RANGE_LAWS, TTC_LAWS, WallCar, integral, law_of
 
 
 def test_variation_is_that_of_the_weights():
     laws = RANGE_LAWS["pieces"], TTC_LAWS["pieces"]
-    table, car = encounters(), WallCar(hole=(99, 99))
+    car, law = WallCar(hole=(99, 99)), law_of(*laws, cap=60.0)
     crash_map = map_crashes(car, GRID, [], np.random.default_rng(1))
-    proposal = Proposal(
+    proposal = Factors(
         PiecewiseMixture(
             [0.9, 0.1], [BoundedExponential(60.0, LOWER, 0.0374), BoundedExponential(45.0, 0.0374)]
         ),
         PiecewiseMixture([0.1, 0.9], [TTC_LAWS["pieces"].components[0], BoundedExponential(15.0, 0.166)]),
     )
-    exact = exact_variation(crash_map, model(*laws), {"5-15": proposal}, table)
-    problem = CutIn(Empirical(table["lead_speed"]), Proposal(*laws), car, 60.0)
-    weights = problem.sample(proposal, np.random.default_rng(2), 1_000_000).crash_weight
+    exact = exact_variation(crash_map, law, {"5-15": proposal})
+    weights = Problem(law, car).sample("5-15", proposal, np.random.default_rng(2), 1_000_000).weight
     assert exact["5-15"] == exact[ALL]
     # The relative error of a sample's variance is about sqrt((kurtosis - 1) / n).
     kurtosis = np.mean((weights - weights.mean()) ** 4) / weights.var() ** 2
@@ -35,8 +35,8 @@ def test_variation_is_that_of_the_weights():
 def test_variation_of_f_itself_is_that_of_crude_monte_carlo():
     laws = RANGE_LAWS["exponential"], TTC_LAWS["exponential"]
     crash_map = map_crashes(WallCar(), GRID, [], np.random.default_rng(1))
-    found = exact_probabilities(crash_map, model(*laws), encounters())[ALL].probability
-    variation = exact_variation(crash_map, model(*laws), {"5-15": Proposal(*laws)}, encounters())[ALL][0]
+    found = exact_probabilities(crash_map, law_of(*laws))[ALL].probability
+    variation = exact_variation(crash_map, law_of(*laws), {"5-15": Factors(*laws)})[ALL][0]
     assert variation == pytest.approx(np.sqrt(1 / found - 1), rel=5e-3)
 
 
@@ -44,18 +44,18 @@ def test_variation_without_end_is_infinite_and_trimming_ends_it():
     laws = RANGE_LAWS["exponential"], TTC_LAWS["exponential"]
     crash_map = map_crashes(WallCar(), GRID, [], np.random.default_rng(1))
     # Crashes have R^-1 of rate 50 + 21 * 12 under f, so f^2 / f* rises from a rate of 352 of f* on.
-    light = {"5-15": Proposal(BoundedExponential(400.0, LOWER), TTC_LAWS["exponential"])}
-    table = variation_table(crash_map, model(*laws), {("light", 0): light}, encounters())
+    light = {"5-15": Factors(BoundedExponential(400.0, LOWER), TTC_LAWS["exponential"])}
+    table = variation_table(crash_map, law_of(*laws), {("light", 0): light})
     assert np.all(table["variation"] > 1e3 * table["variation_trimmed"])
-    steep = {"5-15": Proposal(RANGE_LAWS["exponential"], BoundedExponential(43.0))}
-    assert exact_variation(crash_map, model(*laws), steep, encounters())[ALL] == (np.inf,)
+    steep = {"5-15": Factors(RANGE_LAWS["exponential"], BoundedExponential(43.0))}
+    assert exact_variation(crash_map, law_of(*laws), steep)[ALL] == (np.inf,)
 
 
 def test_severity_of_a_known_car():
     car, laws = WallCar(hole=(99, 99)), (RANGE_LAWS["exponential"], TTC_LAWS["exponential"])
     events = events_from({"impact_speed": list(range(0, 41)), "min_range": [1.0]})
     crash_map = map_crashes(car, GRID, events, np.random.default_rng(1))
-    table = severity_table(crash_map, model(*laws), encounters(), distance=1000.0)
+    table = severity_table(crash_map, law_of(*laws), 2000, distance=1000.0)
     table = table[table["segment"] == ALL].set_index(["quantity", "threshold"])
     above = integral(*laws, (20.0, 99.0, 99.0)) / integral(*laws, (12.0, 99.0, 99.0))
     assert table.loc[("impact_speed", 20.0), "to_crash"] == pytest.approx(above, rel=5e-3)
@@ -77,7 +77,7 @@ def test_severity_without_crashes_or_distance_is_empty():
     crash_map = map_crashes(
         WallCar(first=99), GRID, events_from({"impact_speed": [5]}), np.random.default_rng(1)
     )
-    table = severity_table(crash_map, model(RANGE_LAWS["exponential"], TTC_LAWS["exponential"]), encounters())
+    table = severity_table(crash_map, law_of(RANGE_LAWS["exponential"], TTC_LAWS["exponential"]), 2000)
     assert (table["probability"] == 0).all()
     assert table["per_million_km"].isna().all()
     assert impact_speed_table(table).empty

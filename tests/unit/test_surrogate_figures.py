@@ -12,7 +12,7 @@ from figure_checks import check_bytes_and_legend
 
 FIGURES = ("fig19_surrogate_runs", "fig20_methods")
 SHARES = {"5-15": 0.4, "15-25": 0.6}
-SEARCHES = {"5-15": (3000, 5000), "15-25": (20000, 30000)}  # by seed
+LEARNING = {"all": (23000, 35000, 23000), "5-15": (3000, 5000, 3000)}  # of the paper's methods, by replicate
 
 
 @pytest.fixture(autouse=True)
@@ -27,37 +27,18 @@ def exact():
 
 
 @pytest.fixture
-def trace():
-    rows = [
-        (method, segment, seed, iteration, iteration * simulations // 2)
-        for method in ("single", "piecewise", "heuristic")
-        for segment, totals in SEARCHES.items()
-        for seed, simulations in enumerate(totals)
-        for iteration in range(3)
-    ]
-    return pd.DataFrame(rows, columns=["method", "segment", "seed", "iteration", "simulations_total"])
-
-
-def replicates(methods):
+def replicates():
     """Return three replicates of each method and scope, at 0.9, 1 and 1.3 times 1.4e-6."""
     rows = [
-        (scope, method, replicate, 100, 1.4e-6 * ratio, 1.12e-6 * ratio, 1.68e-6 * ratio, 20, True)
-        for scope in ("all", "5-15")
-        for method in methods
+        (scope, method, replicate, 1.4e-6 * ratio, 1.12e-6 * ratio, 1.68e-6 * ratio, *spent, 20, True)
+        for scope, learning in LEARNING.items()
+        for method in ("single", "piecewise", "heuristic", "surrogate")
         for replicate, ratio in enumerate((0.9, 1.0, 1.3))
+        for spent in [(70, 30) if method == "surrogate" else (learning[replicate], 100)]
     ]
-    names = ["scope", "method", "replicate", "simulations", "probability", "ci_low", "ci_high", "events"]
-    return pd.DataFrame(rows, columns=[*names, "converged"])
-
-
-@pytest.fixture
-def estimates():
-    return replicates(("single", "piecewise", "heuristic"))
-
-
-@pytest.fixture
-def surrogate():
-    return replicates(("surrogate",))
+    names = ["scope", "method", "replicate", "probability", "ci_low", "ci_high", "learning", "estimating"]
+    table = pd.DataFrame(rows, columns=[*names, "events", "converged"])
+    return table.assign(together=table["learning"] + table["estimating"])
 
 
 @pytest.fixture
@@ -74,29 +55,27 @@ def runs():
 
 
 @pytest.fixture
-def draw(estimates, trace, surrogate, runs, exact):
+def draw(replicates, runs, exact):
     arguments = {
         "fig19_surrogate_runs": (runs, exact, SHARES, "made up"),
-        "fig20_methods": (estimates, trace, surrogate, runs, exact, "made up"),
+        "fig20_methods": (replicates, exact, "made up"),
     }
     return lambda name: getattr(surrogate_figures, name)(*arguments[name])
 
 
-def test_learning_is_the_search_that_a_replicate_took_or_the_runs_before_its_estimate(
-    estimates, trace, surrogate, runs
-):
-    table = side_by_side(estimates, trace, surrogate, runs, "all").set_index("method")
+def test_one_scope_is_shown_as_the_replicates_have_it(replicates):
+    table = side_by_side(replicates, "all").set_index("method")
     assert table.loc["piecewise", "learning"].tolist() == [23000, 35000, 23000]
     assert table.loc["piecewise", "together"].tolist() == [23100, 35100, 23100]
     assert table.loc["surrogate", ["learning", "estimating", "together"]].to_numpy().tolist() == 3 * [
         [70, 30, 100]
     ]
-    alone = side_by_side(estimates, trace, surrogate, runs, "5-15").set_index("method")
+    alone = side_by_side(replicates, "5-15").set_index("method")
     assert alone.loc["single", "learning"].tolist() == [3000, 5000, 3000]
 
 
-def test_the_table_judges_by_the_exact_probability_of_its_scope(estimates, trace, surrogate, runs, exact):
-    table = surrogate_table(estimates, trace, surrogate, runs, exact).set_index(["scope", "method"])
+def test_the_table_judges_by_the_exact_probability_of_its_scope(replicates, exact):
+    table = surrogate_table(replicates, exact).set_index(["scope", "method"])
     assert len(table) == 8
     whole, alone = table.loc[("all", "surrogate")], table.loc[("5-15", "surrogate")]
     assert whole["to_exact"] == pytest.approx(3.2 / 3)
@@ -107,10 +86,12 @@ def test_the_table_judges_by_the_exact_probability_of_its_scope(estimates, trace
     assert whole["together"] == 100
 
 
-def test_a_replicate_without_crash_has_a_row_and_a_figure(estimates, trace, surrogate, runs, exact):
-    none = surrogate.assign(probability=0.0, ci_low=0.0, ci_high=1.0, events=0, converged=False)
+def test_a_replicate_without_crash_has_a_row_and_a_figure(replicates, runs, exact):
+    is_ours = replicates["method"] == "surrogate"
+    none = {"probability": 0.0, "ci_low": 0.0, "ci_high": 1.0, "learning": 100, "estimating": 0}
+    replicates.loc[is_ours, list(none)] = [*none.values()]
     nothing = runs.assign(phase="search", event=False)
-    figure, data = surrogate_figures.fig20_methods(estimates, trace, none, nothing, exact, "made up")
+    figure, data = surrogate_figures.fig20_methods(replicates, exact, "made up")
     assert data.loc[data["method"] == "surrogate", "estimating"].tolist() == [0, 0, 0]
     assert figure.axes[1].get_xlim()[1] < 3
     figure, data = surrogate_figures.fig19_surrogate_runs(nothing, exact, SHARES, "made up")

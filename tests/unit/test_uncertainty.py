@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation.fitting.pieces import PieceFamily
 from accelerated_evaluation.truth.crash_map import Grid
 from accelerated_evaluation.truth.mapping import map_crashes
 from accelerated_evaluation.truth.sensitivity import Levels, Refit
@@ -14,12 +15,15 @@ from accelerated_evaluation.truth.uncertainty import (
 )
 from accelerated_evaluation.vehicles import AccAeb
 
-LEVELS = Levels((0.8,), 0.95, 2)
+CAP = 23.49  # [m/s]
+EXPONENTIAL = PieceFamily("bounded exponential")
+PIECES = EXPONENTIAL, PieceFamily("bounded normal", 2), EXPONENTIAL
+LEVELS = Levels((0.8,), 0.95, *PIECES)
 
 
 @pytest.fixture(scope="module")
 def crash_map():
-    return map_crashes(AccAeb(), Grid(5, 15, 75, 8, 40, 6, 23.49, 120), [], np.random.default_rng(1))
+    return map_crashes(AccAeb(), Grid(5, 15, 75, 8, 40, 6, CAP, 120), [], np.random.default_rng(1))
 
 
 def table(rows, repeats=1):
@@ -68,9 +72,9 @@ def test_every_row_is_drawn_equally_often():
 def test_bootstrap_spreads_as_the_data_say(crash_map):
     data = table(3000)
     values = bootstrap_probabilities(
-        crash_map, data, LEVELS, np.random.default_rng(4), replicates=60, block_runs=1
+        crash_map, data, LEVELS, np.random.default_rng(4), closing_speed_max=CAP, replicates=60, block_runs=1
     )
-    base = Refit.by(crash_map).probability(data, LEVELS).probability
+    base = Refit.by(crash_map, CAP).probability(data, LEVELS).probability
     assert values.min() < base < values.max()
     assert 0.1 < np.std(np.log(values)) < 3
 
@@ -79,7 +83,13 @@ def test_repeating_every_row_widens_nothing(crash_map):
     # Runs are the units: with every row twice the same draws give the same models.
     once, twice = (
         bootstrap_probabilities(
-            crash_map, table(3000, repeats), LEVELS, np.random.default_rng(5), replicates=30, block_runs=1
+            crash_map,
+            table(3000, repeats),
+            LEVELS,
+            np.random.default_rng(5),
+            closing_speed_max=CAP,
+            replicates=30,
+            block_runs=1,
         )
         for repeats in (1, 2)
     )
@@ -90,7 +100,13 @@ def test_repeating_every_row_widens_nothing(crash_map):
 def test_same_generator_same_bootstrap(crash_map):
     one, two = (
         bootstrap_probabilities(
-            crash_map, table(1000), LEVELS, np.random.default_rng(6), replicates=5, block_runs=2
+            crash_map,
+            table(1000),
+            LEVELS,
+            np.random.default_rng(6),
+            closing_speed_max=CAP,
+            replicates=5,
+            block_runs=2,
         )
         for _ in range(2)
     )
@@ -99,10 +115,10 @@ def test_same_generator_same_bootstrap(crash_map):
 
 def test_choices_are_a_product(crash_map):
     values = probabilities_of_choices(
-        crash_map, table(2000), [LEVELS, Levels((0.7, 0.9), 0.95, 2)], [0.9, 0.95]
+        crash_map, table(2000), [LEVELS, Levels((0.7, 0.9), 0.95, *PIECES)], [0.9, 0.95], CAP
     )
     assert values.shape == (4,)
-    assert values[1] == Refit.by(crash_map).probability(table(2000), LEVELS).probability
+    assert values[1] == Refit.by(crash_map, CAP).probability(table(2000), LEVELS).probability
 
 
 def test_budget_of_normal_parts():

@@ -4,15 +4,15 @@ from dataclasses import dataclass
 
 import mpmath
 import numpy as np
-import pandas as pd
 from accelerated_evaluation.distributions import (
     BoundedExponential,
     BoundedNormal,
+    Empirical,
     Mixture,
     Pareto,
     PiecewiseMixture,
 )
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
+from accelerated_evaluation.laws.independent import IndependentLaw
 from accelerated_evaluation.truth.crash_map import Grid
 from accelerated_evaluation.vehicles import Outcomes
 
@@ -61,13 +61,12 @@ class WallCar:
         return Outcomes(crash, gap, range_ / closing_speed, np.where(crash, closing_speed, 0.0))
 
 
-def encounters(speeds=None):
-    speeds = np.random.default_rng(3).uniform(5, 15, 2000) if speeds is None else speeds
-    return pd.DataFrame({"lead_speed": speeds, "segment": "5-15"})
+SPEEDS = Empirical(np.random.default_rng(3).uniform(5, 15, 2000))
 
 
-def model(range_law, ttc_law):
-    return LaneChangeModel("test", {"5-15": 1}, range_law, {"5-15": ttc_law})
+def law_of(range_law, ttc_law, speeds=SPEEDS, cap=np.inf):
+    """Return the law of one segment, 5 to 15 m/s."""
+    return IndependentLaw("test", {"5-15": 1}, range_law, {"5-15": ttc_law}, {"5-15": speeds}, cap)
 
 
 def integral(range_law, ttc_law, edges):

@@ -1,5 +1,6 @@
 """A copy of the project in a temporary folder, and one finished smoke run in it that many tests look at."""
 
+import fcntl
 import os
 import shutil
 import subprocess
@@ -13,16 +14,26 @@ PARTS = ("Snakefile", "workflow", "notebooks", "config", "data", "profiles")
 
 
 class Project:
-    """A copy of the project's files, and Snakemake in it."""
+    """A folder with the project's files, and Snakemake in it."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+
+    @classmethod
+    def fresh(cls, folder: Path) -> "Project":
+        """Copy the files of the project into a folder, without anything that ran."""
         for part in PARTS:
             source = ROOT / part
             if source.is_dir():
                 shutil.copytree(source, folder / part, ignore=shutil.ignore_patterns("__pycache__", "raw"))
             else:
                 shutil.copy2(source, folder / part)
+        return cls(folder)
+
+    def copied(self, folder: Path) -> "Project":
+        """Copy this project with all that ran in it, dates included."""
+        shutil.copytree(self.folder, folder, dirs_exist_ok=True)
+        return Project(folder)
 
     def command(self, *arguments: str, config: str = "config/smoke.yaml", cores: int = 2) -> list[str]:
         return [
@@ -49,15 +60,33 @@ class Project:
 
 
 @pytest.fixture(scope="session")
-def finished(tmp_path_factory):
-    """Return a project whose smoke study ran to the end on two cores."""
-    project = Project(tmp_path_factory.mktemp("finished"))
-    run = project.run()
-    assert run.returncode == 0, run.stderr[-5000:]
-    return project
+def finished(tmp_path_factory, worker_id):
+    """Return a project whose smoke study ran to the end on two cores, once for all processes of the tests.
+
+    Tests only look at it; those that change files do so in a copy.
+    """
+    if worker_id == "master":
+        shared = tmp_path_factory.getbasetemp()
+    else:
+        shared = tmp_path_factory.getbasetemp().parent  # of all workers of this test run
+    folder = shared / "finished_smoke_study"
+    with open(shared / "finished_smoke_study.lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (shared / "finished_smoke_study.log").exists():
+            run = Project.fresh(folder).run()
+            (shared / "finished_smoke_study.log").write_text(f"{run.returncode}\n{run.stdout}{run.stderr}")
+    status, output = (shared / "finished_smoke_study.log").read_text().split("\n", 1)
+    assert status == "0", output[-5000:]
+    return Project(folder)
+
+
+@pytest.fixture(scope="session")
+def project_in():
+    """Return the function that copies the project, in which nothing has run yet, into a folder."""
+    return Project.fresh
 
 
 @pytest.fixture
 def project(tmp_path):
     """Return a project in which nothing has run yet."""
-    return Project(tmp_path)
+    return Project.fresh(tmp_path)

@@ -6,21 +6,22 @@
 import json
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from functools import cache, reduce
-from itertools import pairwise
 from operator import eq, getitem
 from pathlib import Path
 from typing import Any
 
 import yaml
-from jsonschema import Draft202012Validator, ValidationError, validators
 
-from accelerated_evaluation.encounters.table import UNITS
+from accelerated_evaluation.consistency import CHECKS
 from accelerated_evaluation.errors import InputError, StudyError
 from accelerated_evaluation.files import write_text
+from accelerated_evaluation.imports import without
+
+with without("rfc3987_syntax"):
+    from jsonschema import Draft202012Validator, ValidationError, validators
 
 WORKFLOW = Path(__file__).resolve().parents[1]
 SCHEMA = WORKFLOW / "schemas" / "config.schema.yaml"
@@ -30,8 +31,6 @@ MARKS = ("<!-- parameters: made from the schema -->\n", "<!-- end of parameters 
 
 TYPES = {"boolean": "true or false", "object": "mapping"}
 BOUNDS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
-PIECES = {"two_pieces": 2, "three_pieces": 3}
-KNOTS = ("models.inverse_range.two_pieces", "models.inverse_range.three_pieces", "models.inverse_ttc.knots")
 
 
 # YAML knows .nan and .inf, and jsonschema takes 5.0 for an integer: neither is of use here
@@ -50,81 +49,6 @@ class ConfigurationError(StudyError):
     def __str__(self) -> str:
         """Return all lines."""
         return "\n  ".join(("The configuration cannot be used:", *self.args))
-
-
-@dataclass(frozen=True)
-class Check:
-    """A condition on the values of several keys; skipped where one of them is wrong already."""
-
-    keys: tuple[str, ...]
-    holds: Callable[..., bool]
-    expected: str
-
-
-def _rising(values: Sequence[float] | None) -> bool:
-    return values is None or all(low < high for low, high in pairwise(values))
-
-
-CHECKS = (
-    Check(
-        ("filters.lead_speed_min", "filters.lead_speed_max"),
-        lambda low, high: low < high,
-        "lead_speed_min below lead_speed_max",
-    ),
-    Check(("segments.lead_speed_edges",), _rising, "edges in increasing order"),
-    Check(
-        ("segments.lead_speed_edges", "filters.lead_speed_min", "filters.lead_speed_max"),
-        lambda edges, low, high: edges[0] <= low and high <= edges[-1],
-        "edges that begin at or below lead_speed_min and end at or above lead_speed_max",
-    ),
-    *(
-        check
-        for knots in KNOTS
-        for check in (
-            Check((f"{knots}.quantiles",), _rising, "quantiles in increasing order"),
-            Check((f"{knots}.values",), _rising, "knots in increasing order"),
-            Check(
-                (f"{knots}.method", f"{knots}.values"),
-                lambda method, values: method != "values" or values is not None,
-                "a list of knots, as the method is values",
-            ),
-            Check(
-                (f"{knots}.profile.low", f"{knots}.profile.high"),
-                lambda low, high: low < high,
-                "low below high",
-            ),
-        )
-    ),
-    *(
-        Check(
-            (f"models.inverse_range.{variant}.values", "filters.range_max"),
-            lambda values, range_max: values is None or min(values) > 1 / range_max,
-            "knots above 1 / range_max, where R^-1 begins",
-        )
-        for variant in PIECES
-    ),
-    Check(
-        ("cross_entropy.minimum_weight", "models.inverse_range.variant"),
-        lambda weight, variant: weight * PIECES[variant] < 1,
-        "a minimum weight that all pieces can have at once: less than 1 / pieces",
-    ),
-    Check(
-        ("importance_sampling.minimum_events", "importance_sampling.maximum_simulations"),
-        lambda events, simulations: events <= simulations,
-        "minimum_events not above maximum_simulations",
-    ),
-    Check(("uncertainty.sampling_interval",), _rising, "the lower end first"),
-    Check(
-        ("data.source", "data.table.path"),
-        lambda source, path: source != "table" or path is not None,
-        "the path of the table, as the source is table",
-    ),
-    Check(
-        ("data.table.columns.closing.quantity", "data.table.columns.closing.unit"),
-        lambda quantity, unit: any(unit in factors for factors in UNITS[quantity].values()),
-        "a unit of that quantity",
-    ),
-)
 
 
 def load(paths: Sequence[str | os.PathLike] = ()) -> dict[str, Any]:

@@ -16,7 +16,9 @@ from typing import Any
 Paths = Iterable[str | os.PathLike]
 
 
-def imported_modules(sources: Paths, package: str | os.PathLike) -> list[Path]:
+def imported_modules(
+    sources: Paths, package: str | os.PathLike, members: Mapping[str, Iterable[str]] | None = None
+) -> list[Path]:
     """Return the modules of a package that some scripts or notebooks import, directly or through each other.
 
     The sources are parsed, never run, so imports inside of functions count as well. A module that makes a
@@ -28,6 +30,9 @@ def imported_modules(sources: Paths, package: str | os.PathLike) -> list[Path]:
         Python files or notebooks.
     package
         Folder of the package; modules outside of it are not followed.
+    members
+        The members that are looked up in the registry of a room, by the room's name. Without an entry all
+        members of the room count.
 
     Returns
     -------
@@ -41,7 +46,7 @@ def imported_modules(sources: Paths, package: str | os.PathLike) -> list[Path]:
         module = waiting.pop()
         if module not in found:
             found.add(module)
-            waiting += _imports(module, package)
+            waiting += [*_imports(module, package), *_registered(module, members or {})]
     return sorted(found)
 
 
@@ -77,12 +82,19 @@ def in_order(value: Any) -> Any:  # noqa: ANN401
     return [in_order(item) for item in value] if isinstance(value, list) else value
 
 
-def without_unused(config: Mapping[str, Any]) -> dict[str, Any]:
+def without_unused(config: Mapping[str, Any], sources: Iterable[str]) -> dict[str, Any]:
     """Return a valid configuration in order, without the sections of the sources that the study does not use.
 
     An edit of a section that is not used must not run any job again.
+
+    Parameters
+    ----------
+    config
+        A valid configuration.
+    sources
+        Names of all sources.
     """
-    unused = {"twin", "spmd", "table"} - {config["data"]["source"]}
+    unused = set(sources) - {config["data"]["source"]}
     data = {key: value for key, value in config["data"].items() if key not in unused}
     return in_order({**config, "data": data})
 
@@ -93,9 +105,25 @@ def _imports(source: Path, package: Path) -> frozenset[Path]:
     tree = ast.parse(_code(source), filename=str(source))
     names = set(_imported_names(tree, source, package))
     modules = {module for name in names for module in _modules(name, package)}
-    if package in source.parents and any(_makes_registry(node) for node in ast.walk(tree)):
-        modules |= {*source.parent.glob("*.py"), *source.parent.glob("*/__init__.py")}
     return frozenset(modules - {source})
+
+
+def _registered(module: Path, members: Mapping[str, Iterable[str]]) -> list[Path]:
+    """Return the modules that a registry in a module imports: those beside it, or those of some members."""
+    room = module.parent
+    if module.name != "__init__.py" or not _has_registry(module):
+        return []
+    if room.name not in members:
+        return [*room.glob("*.py"), *room.glob("*/__init__.py")]
+    paths = (
+        path for name in members[room.name] for path in (room / f"{name}.py", room / name / "__init__.py")
+    )
+    return [path for path in paths if path.is_file()]
+
+
+@cache
+def _has_registry(module: Path) -> bool:
+    return any(_makes_registry(node) for node in ast.walk(ast.parse(_code(module))))
 
 
 def _code(source: Path) -> str:

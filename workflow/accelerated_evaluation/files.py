@@ -1,30 +1,70 @@
 """Write files whole or not at all."""
 
+import errno
 import json
 import os
+import re
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import pandas as pd
+from accelerated_evaluation.alive import is_alive
+from accelerated_evaluation.errors import StudyError
+
+if TYPE_CHECKING:  # its import takes half a second, which many that write no table can do without
+    import pandas as pd
 
 
 @contextmanager
 def atomic_path(path: str | os.PathLike) -> Iterator[Path]:
-    """Yield a temporary path beside ``path`` that takes its name when the block ends without an error."""
+    """Yield a temporary path beside ``path`` that takes its name when the block ends without an error.
+
+    A process that is killed in the block leaves its temporary file behind; the next one that writes the same
+    path removes it.
+
+    Raises
+    ------
+    StudyError
+        If there is no space left on the disk.
+    """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
+    _remove_abandoned(path)
+    handle, name = tempfile.mkstemp(
+        prefix=f".{path.name}.{os.getpid()}.", suffix=path.suffix, dir=path.parent
+    )
     os.close(handle)
     temporary = Path(name)
     try:
         yield temporary
         temporary.chmod(0o644)
         temporary.replace(path)
+    except OSError as error:
+        if is_disk_full(error):
+            raise StudyError(f"no space left on the disk to write {path}; free some and run again") from error
+        raise
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def is_disk_full(error: BaseException | None) -> bool:
+    """Tell whether an error, or what caused it, is that there is no space left on the disk."""
+    while error is not None:
+        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
+def _remove_abandoned(path: Path) -> None:
+    """Remove the temporary files of ``path`` whose processes are dead."""
+    pattern = re.compile(rf"\.{re.escape(path.name)}\.(\d+)\.\w+{re.escape(path.suffix)}")
+    for other in path.parent.iterdir():
+        match = pattern.fullmatch(other.name)
+        if match and not is_alive(int(match[1])):
+            other.unlink(missing_ok=True)
 
 
 def write_text(path: str | os.PathLike, text: str) -> None:
@@ -43,7 +83,7 @@ def read_json(path: str | os.PathLike) -> Any:  # noqa: ANN401
     return json.loads(Path(path).read_text(encoding="utf-8"))
 
 
-def write_csv(path: str | os.PathLike, table: pd.DataFrame) -> None:
+def write_csv(path: str | os.PathLike, table: "pd.DataFrame") -> None:
     """Write a table as CSV without its index, every float in the shortest form that reads back equal."""
     with atomic_path(path) as temporary:
         table.to_csv(temporary, index=False, lineterminator="\n")

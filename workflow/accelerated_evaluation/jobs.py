@@ -2,47 +2,56 @@
 
 import os
 import sys
-import threading
 import traceback
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from typing import BinaryIO
+from contextlib import contextmanager
 
 from accelerated_evaluation.errors import StudyError
+from accelerated_evaluation.files import is_disk_full
+
+# Set by the logger plugin, which shows the progress of jobs, and their errors after all else.
+LOGGER_VARIABLE = "ACCELERATED_EVALUATION_LOGGER"
 
 
 @contextmanager
 def job(log: str | os.PathLike) -> Iterator[None]:
-    """Run a rule's script: standard error goes to the terminal and to ``log``, warnings and progress alike.
+    """Run a rule's script: what is written to standard error, also warnings and progress, goes to ``log``.
 
-    An error ends the process with status 1: a `StudyError` with its message alone, others with a traceback.
+    Jobs run beside each other, so they leave the terminal to the logger of the workflow. Where there is none,
+    and where the log cannot be written, they write how they failed to the terminal themselves.
+
+    An error ends the process with status 1: a `StudyError` with its message alone, a full disk with what
+    could not be written, others with a traceback.
     """
-    file = open(log, "wb", buffering=0)  # noqa: SIM115, the thread closes it
     terminal = os.dup(2)
-    read_end, write_end = os.pipe()
-    os.dup2(write_end, 2)
-    os.close(write_end)
-    copier = threading.Thread(target=_copy, args=(read_end, terminal, file), daemon=True)
-    copier.start()
-    failed = True
+    message = ""
     try:
+        with open(log, "wb", buffering=0) as file:
+            os.dup2(file.fileno(), 2)
         yield
-        failed = False
     except StudyError as error:
-        print(f"error: {error}", file=sys.stderr)
-    except Exception:
-        traceback.print_exc()
-    finally:
-        sys.stderr.flush()
-        os.dup2(terminal, 2)
-        copier.join(timeout=10)  # A process that was left behind may hold the pipe open.
-    if failed:
+        message = f"error: {error}\n"
+    except SystemExit as error:
+        message = (
+            f"error: the job was ended by sys.exit({error.code!r}), which nothing that it runs may call\n"
+        )
+    except Exception as error:
+        message = traceback.format_exc()
+        if is_disk_full(error):
+            message = "error: no space left on the disk; free some and run the study again\n"
+    if message:
+        _tell(message, terminal)
         sys.exit(1)
+    os.dup2(terminal, 2)
 
 
-def _copy(read_end: int, terminal: int, file: BinaryIO) -> None:
-    with os.fdopen(read_end, "rb", buffering=0) as source, file:
-        while chunk := source.read(65536):
-            file.write(chunk)
-            with suppress(OSError):  # The log goes on where the terminal has gone.
-                os.write(terminal, chunk)
+def _tell(message: str, terminal: int) -> None:
+    """Write how a job failed to its log, and to the terminal where nothing else shows it."""
+    content = message.encode(errors="replace")
+    try:
+        sys.stderr.flush()
+        is_logged = os.write(2, content) == len(content)
+    except OSError:
+        is_logged = False
+    if not is_logged or LOGGER_VARIABLE not in os.environ:
+        os.write(terminal, content)

@@ -1,34 +1,69 @@
-"""The rare-event problem: cut-ins drawn from a lane-change model and simulated with a vehicle."""
+"""The problem: a law of cut-ins, a vehicle and an event, whose probability is asked for."""
 
-from dataclasses import dataclass, fields
+import os
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, Protocol, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
-from accelerated_evaluation.distributions import Distribution, Empirical
+from accelerated_evaluation.distributions import Distribution
 from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.distributions.tails import normal_score_quantile
+from accelerated_evaluation.encounters.contract import read_encounters
+from accelerated_evaluation.laws import CutIns, Factors, Law
+from accelerated_evaluation.laws.files import read_law
+from accelerated_evaluation.vehicles.events import CRASH, Event
+from accelerated_evaluation.vehicles.loading import load_vehicle
 from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
 
+Response = tuple[NDArray[np.bool_], Array | None]
 
-@dataclass(frozen=True)
-class Proposal:
-    """Independent laws of R^-1 [1/m] and TTC^-1 [1/s] within one velocity segment; f and f* are both one."""
 
-    inverse_range: Distribution
-    inverse_ttc: Distribution
+class ScoreProblem(Protocol):
+    """What a sampler in the space of normal scores needs to know of a problem.
 
-    def logpdf(self, inverse_range: Array, inverse_ttc: Array) -> Array:
-        """Log density of pairs, shape (n,)."""
-        return self.inverse_range.logpdf(inverse_range) + self.inverse_ttc.logpdf(inverse_ttc)
+    Attributes
+    ----------
+    dimension
+        Number d of normal scores.
+    fingerprint
+        A text that tells this problem from others, for states that are saved and taken up again.
+    """
+
+    dimension: int
+    fingerprint: str
+
+    def evaluate(self, z: Array) -> Response:
+        """Run the system at normal scores, shape (n, d).
+
+        Returns whether the event happened, shape (n,), and a score, shape (n,), that falls as the event comes
+        nearer, or None where only the flag is known.
+        """
 
 
 @dataclass(frozen=True)
 class Sample:
-    """Simulated cut-ins, arrays of shape (n,)."""
+    """Simulated cut-ins of one stratum in its coordinates; every array has shape (n,).
 
-    lead_speed: Array
-    inverse_range: Array
-    inverse_ttc: Array
+    Attributes
+    ----------
+    first, second
+        Coordinates of the cut-ins.
+    log_ratio
+        Logarithm of the likelihood ratio f / f*.
+    happened
+        Whether the event happened.
+    outcomes
+        What the simulations ended in.
+    """
+
+    first: Array
+    second: Array
     log_ratio: Array
+    happened: NDArray[np.bool_]
     outcomes: Outcomes
 
     def join(self, other: "Sample") -> "Sample":
@@ -42,42 +77,122 @@ class Sample:
         return Sample(**joined(self, other, skip="outcomes"), outcomes=outcomes)
 
     @property
-    def crash_weight(self) -> Array:
-        """I(x) f(x) / f*(x), whose mean estimates the crash probability (paper, section IV.A)."""
-        return np.where(self.outcomes.crash, np.exp(self.log_ratio), 0.0)
+    def weight(self) -> Array:
+        """I(x) f(x) / f*(x), whose mean estimates the probability of the event (paper, section IV.A)."""
+        return np.where(self.happened, np.exp(self.log_ratio), 0.0)
 
 
 @dataclass(frozen=True)
-class CutIn:
-    """Cut-ins of one velocity segment before one vehicle.
+class Problem:
+    """The question how often a vehicle meets an event if cut-ins follow a law.
+
+    Attributes
+    ----------
+    law
+        The law f of the cut-ins.
+    vehicle
+        The car under test.
+    event
+        What must not happen; a crash by default.
+    graded
+        Whether a sampler sees the score of an encounter, or only whether the event happened.
+    """
+
+    law: Law
+    vehicle: Vehicle
+    event: Event = CRASH
+    graded: bool = True
+
+    dimension = 3
+
+    @property
+    def fingerprint(self) -> str:
+        """All parts in words; an object that cannot describe itself is named by its class."""
+        # What Python prints for such an object holds its address in memory, which differs in every process.
+        return re.sub(r"<\S*?(\w+) object at 0x\w+>", r"\1", repr(self))
+
+    def only(self, stratum: str) -> Self:
+        """Return the problem in one stratum of the lead speed."""
+        return replace(self, law=self.law.only(stratum))
+
+    def simulate(self, cut_ins: CutIns) -> Outcomes:
+        """Simulate cut-ins; closing speeds are capped as the law says."""
+        return self.vehicle.simulate(
+            cut_ins.lead_speed, cut_ins.range_, self.law.capped(cut_ins.closing_speed)
+        )
+
+    def evaluate(self, z: Array) -> Response:
+        """Simulate the cut-ins at normal scores, shape (n, 3); see `ScoreProblem.evaluate`."""
+        outcomes = self.simulate(self.law.from_scores(z))
+        return self.event.happens(outcomes), self.event.score(outcomes) if self.graded else None
+
+    def sample(self, stratum: str, proposal: Factors, generator: np.random.Generator, size: int) -> Sample:
+        """Draw cut-ins of one stratum from f*, simulate them, and weigh them by f / f*.
+
+        Parameters
+        ----------
+        stratum
+            Name of the stratum.
+        proposal
+            f* in the coordinates of the stratum.
+        generator
+            Source of all randomness.
+        size
+            Number of cut-ins.
+        """
+        f = self.law.strata[stratum]
+        lead_speed = f.lead_speed.rvs(generator, size)
+        coordinates = proposal.rvs(generator, size)
+        # Both densities are of the coordinates, so the Jacobian of the map to cut-ins cancels.
+        log_ratio = f.factors.logpdf(*coordinates) - proposal.logpdf(*coordinates)
+        outcomes = self.simulate(f.cut_ins(lead_speed, *coordinates))
+        return Sample(*coordinates, log_ratio, self.event.happens(outcomes), outcomes)
+
+
+def load_problem(
+    law: str | os.PathLike, encounters: str | os.PathLike, vehicle: Mapping[str, Any]
+) -> Problem:
+    """Read a law and the encounters that it was fitted to, and put its cut-ins before a vehicle.
 
     Parameters
     ----------
-    lead_speed
-        Law of v_L [m/s]; it is never accelerated here.
-    model
-        f, the law of R^-1 and TTC^-1.
+    law, encounters
+        Law file and encounter table.
     vehicle
-        The car under test.
-    closing_speed_max
-        Closing speeds are capped at this [m/s] before simulating.
+        ``name`` and ``parameters`` of the vehicle, as the configuration has them.
+    """
+    car = load_vehicle(vehicle["name"], **vehicle["parameters"])
+    return Problem(read_law(law, read_encounters(encounters)), car)
+
+
+@dataclass(frozen=True)
+class SystemProblem:
+    """An event of any system with independent inputs, for vehicles and systems other than cut-ins.
+
+    Attributes
+    ----------
+    marginals
+        Distributions of the d inputs; None where the inputs are the normal scores themselves.
+    respond
+        Runs the system on inputs, shape (n, d); see `ScoreProblem.evaluate` for what it returns.
+    dimension
+        Number d of inputs.
+    fingerprint
+        A text that tells this problem from others.
     """
 
-    lead_speed: Empirical
-    model: Proposal
-    vehicle: Vehicle
-    closing_speed_max: float = np.inf
+    respond: Callable[[Array], Response]
+    dimension: int
+    marginals: Sequence[Distribution] | None = None
+    fingerprint: str = "a system with independent inputs"
 
-    def simulate(self, lead_speed: Array, inverse_range: Array, inverse_ttc: Array) -> Outcomes:
-        """Simulate cut-ins given in the paper's variables, each of shape (n,)."""
-        closing_speed = np.minimum(inverse_ttc / inverse_range, self.closing_speed_max)
-        return self.vehicle.simulate(lead_speed, 1 / inverse_range, closing_speed)
+    def inputs(self, z: Array) -> Array:
+        """Map normal scores to inputs, both of shape (n, d)."""
+        if self.marginals is None:
+            return z
+        columns = (normal_score_quantile(law, z[:, k]) for k, law in enumerate(self.marginals))
+        return np.column_stack(list(columns))
 
-    def sample(self, proposal: Proposal, generator: np.random.Generator, size: int) -> Sample:
-        """Draw ``size`` cut-ins from f*, simulate them, and weigh them by log f / f*."""
-        lead_speed = self.lead_speed.rvs(generator, size)
-        inverse_range = proposal.inverse_range.rvs(generator, size)
-        inverse_ttc = proposal.inverse_ttc.rvs(generator, size)
-        pairs = inverse_range, inverse_ttc
-        log_ratio = self.model.logpdf(*pairs) - proposal.logpdf(*pairs)
-        return Sample(lead_speed, *pairs, log_ratio, self.simulate(lead_speed, *pairs))
+    def evaluate(self, z: Array) -> Response:
+        """Run the system at normal scores, shape (n, d)."""
+        return self.respond(self.inputs(z))

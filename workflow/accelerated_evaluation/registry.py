@@ -14,8 +14,9 @@ Member = TypeVar("Member")
 class Registry(Mapping[str, Member], Generic[Member]):
     """The members of one kind by name: laws, distributions, vehicles, methods or sources.
 
-    A member registers itself in the module that defines it, with the decorator `add`. The first look-up
-    imports every module of the package, so a new member is one new file, and no list is kept by hand.
+    A member registers itself in the module that defines it, with the decorator `add`. A look-up imports the
+    module that is called like the member, and if there is none, every module of the package. So a new member
+    is one new file, no list is kept by hand, and what is not used is not imported.
 
     Parameters
     ----------
@@ -52,7 +53,10 @@ class Registry(Mapping[str, Member], Generic[Member]):
 
     def __getitem__(self, name: str) -> Member:
         """Return the member of a name; raise InputError with the known names where there is none."""
-        self._complete()
+        if name not in self._members:
+            self._import_namesake(name)
+        if name not in self._members:
+            self._complete()
         if name not in self._members:
             near = get_close_matches(str(name), self._members, n=1)
             raise InputError(
@@ -77,6 +81,11 @@ class Registry(Mapping[str, Member], Generic[Member]):
         """Return the number of members."""
         self._complete()
         return len(self._members)
+
+    def _import_namesake(self, name: str) -> None:
+        """Import the module called like a member, if there is one."""
+        if any(module.name == name for module in pkgutil.iter_modules(self._path)):
+            importlib.import_module(f"{self._package}.{name}")
 
     def _complete(self) -> None:
         """Import all modules of the package, once."""

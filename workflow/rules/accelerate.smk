@@ -25,7 +25,7 @@ rule search_proposals:
         seed=config["seed"],
         vehicle=config["vehicle"],
         vehicle_content=VEHICLE_CONTENT,
-        cross_entropy=config["cross_entropy"],
+        settings=lambda wildcards: settings_of(wildcards.method),
     message:
         "Cross-Entropy search, method {wildcards.method}, seed {wildcards.seed}"
     script:
@@ -35,7 +35,7 @@ rule search_proposals:
 rule collect_traces:
     """Join the traces of all searches."""
     input:
-        trace=expand(rules.search_proposals.output.trace, method=METHODS, seed=SEEDS),
+        trace=expand(rules.search_proposals.output.trace, method=SEARCHING, seed=SEEDS),
         library=modules_of("collect_tables.py"),
     output:
         trace=result("cross_entropy_trace.csv"),

@@ -2,8 +2,10 @@
 #
 # In: config. Out: nothing; definitions only.
 
+from dataclasses import asdict
 from pathlib import Path
 
+from accelerated_evaluation.alive import release_dead_locks
 from accelerated_evaluation.configuration import validate
 from accelerated_evaluation.dependencies import (
     content_digest,
@@ -12,18 +14,24 @@ from accelerated_evaluation.dependencies import (
     without_unused,
 )
 from accelerated_evaluation.encounters.segments import segment_names
+from accelerated_evaluation.encounters.sources import SOURCES, describe
 from accelerated_evaluation.errors import StudyError
-from accelerated_evaluation.methods.paper import METHODS
+from accelerated_evaluation.methods import METHODS
 from snakemake.exceptions import WorkflowError
+
+ALIVE = release_dead_locks()
 
 try:
     validate(config)
 except StudyError as error:
     raise WorkflowError(str(error)) from None
 
-config = without_unused(config)
+config = without_unused(config, SOURCES)
 
 STUDY = config["study"]
+REPLICATED = [name for name in config["methods"] if METHODS[name].replicates(config)]
+SEARCHING = [name for name in REPLICATED if METHODS[name].learns_apart]
+JUDGED = [*SEARCHING, "crude"]
 RESULTS = Path("results") / STUDY
 FIGURES = Path("figures") / STUDY
 LIBRARY = Path("workflow/accelerated_evaluation")
@@ -32,11 +40,11 @@ SEGMENTS = segment_names(config["segments"]["lead_speed_edges"])
 SEEDS = range(config["cross_entropy"]["seeds"])
 MODELS = ["two_pieces", "three_pieces", "single"]
 MODEL = config["models"]["inverse_range"]["variant"]
-JUDGED = [*METHODS, "crude"]
 
 # The user's own files count by their content, in the parameters of the rules, and not by their date.
 SOURCE = config["data"][config["data"]["source"]]
-RECORDS = [SOURCE[key] for key in ("path", "model", "lead_speed") if key in SOURCE]
+RECORDS = [SOURCE["path"]]
+DESCRIPTION = describe(config["data"])
 VEHICLE = config["vehicle"]["name"]
 VEHICLE_FILES = [VEHICLE.rsplit(":", 1)[0]] if ".py:" in VEHICLE else []
 VEHICLE_CONTENT = content_digest(VEHICLE_FILES)
@@ -50,7 +58,6 @@ MAPPED = {
         "lead_speed_min": config["filters"]["lead_speed_min"],
         "lead_speed_max": config["filters"]["lead_speed_max"],
         "range_max": config["filters"]["range_max"],
-        "closing_speed_max": config["vehicle"]["closing_speed_max"],
     },
     "crash_map": config["crash_map"],
     "seed": config["seed"],
@@ -64,23 +71,31 @@ wildcard_constraints:
     variable="inverse_range|inverse_ttc",
     segment="|".join(["all", *SEGMENTS]),
     scope="|".join(["all", *SEGMENTS]),
-    method="|".join(METHODS),
+    method="|".join(SEARCHING),
     judged="|".join(JUDGED),
     seed=r"\d+",
 
 
-def modules_of(script: str, *notebooks: str):
+def modules_of(script: str, *notebooks: str, members=None):
     """Modules of the library that a script and notebooks import: Snakemake does not look into them by itself.
 
     What is returned is an input function, so that a job parses what it needs, and not what all rules need.
+    ``members`` names, by room, the only members of its registry that are looked up.
     """
     sources = [SCRIPTS / script, *notebooks]
-    return lambda _: [str(module) for module in imported_modules(sources, LIBRARY)]
+    return lambda _: [
+        str(module) for module in imported_modules(sources, LIBRARY, members or {})
+    ]
 
 
 def content_of_records(_) -> str:
-    """Digest of the records; those that are not retrieved yet will have the checksum of the configuration."""
-    return content_digest(RECORDS, missing=SOURCE.get("sha256", ""))
+    """Digest of the records."""
+    return content_digest(RECORDS)
+
+
+def settings_of(method: str) -> dict:
+    """Sections of the configuration that a method reads."""
+    return part(config, *METHODS[method].sections)
 
 
 def part(section: dict, *keys: str) -> dict:

@@ -1,58 +1,80 @@
-# Estimate: the crash probability by importance sampling (paper, sections IV and VI.C).
+# Estimate: the crash probability by every method of the configuration (paper, sections IV and VI.C, and beyond).
 #
-# In: encounters.parquet, the model under study, the vehicle, f* of every seed. Out: an estimate for each
-# replicate at convergence, and the course of its interval, over all segments and in the first one alone.
+# In: encounters.parquet, the law under study, the vehicle, and f* of every seed for methods that search. Out: for each
+# method an estimate for each replicate, and the tables of the method, over all segments and in the first one alone.
+
+SCOPES = ["all", SEGMENTS[0]]
 
 
-rule estimate_crash_probability:
-    """Estimate the crash probability in independent replicates with fresh samples."""
-    input:
-        encounters=rules.ingest_encounters.output.encounters,
-        model=rules.fit_models.output[MODEL],
-        proposals=expand(
-            rules.search_proposals.output.proposals, seed=SEEDS, allow_missing=True
-        ),
-        vehicle=ancient(VEHICLE_FILES),
-        library=modules_of("estimate_crash_probability.py"),
-    output:
-        estimates=result("importance_sampling", "{scope}_{method}.csv"),
-        course=result("importance_sampling", "{scope}_{method}_course.csv"),
-    log:
-        log_of("estimate_crash_probability", "{scope}_{method}.log"),
-    benchmark:
-        benchmark_of("estimate_crash_probability", "{scope}_{method}.tsv")
-    threads: 1
-    resources:
-        mem_mb=1000,
-    params:
-        study=STUDY,
-        seed=config["seed"],
-        vehicle=config["vehicle"],
-        vehicle_content=VEHICLE_CONTENT,
-        importance_sampling=config["importance_sampling"],
-    message:
-        "Importance sampling, method {wildcards.method}, segments {wildcards.scope}"
-    script:
-        "../scripts/estimate_crash_probability.py"
+def estimates_of(table):
+    """Files of a table that the methods give: of all methods, if all have it."""
+    suffix = "" if table == "estimates" else f"_{table}"
+    return [
+        result("estimates", f"{scope}_{method}{suffix}.csv")
+        for scope in SCOPES
+        for method in REPLICATED
+        if table in ("estimates", *METHODS[method].tables)
+    ]
+
+
+for _method in REPLICATED:
+
+    rule:
+        name:
+            f"estimate_{_method}"
+        input:
+            encounters=rules.ingest_encounters.output.encounters,
+            model=rules.fit_models.output[MODEL],
+            proposals=(
+                expand(
+                    rules.search_proposals.output.proposals, method=_method, seed=SEEDS
+                )
+                if METHODS[_method].learns_apart
+                else []
+            ),
+            vehicle=ancient(VEHICLE_FILES),
+            library=modules_of(
+                "estimate_probability.py", members={"methods": [_method]}
+            ),
+        output:
+            **{
+                table: result("estimates", f"{{scope}}_{_method}_{table}.csv")
+                for table in METHODS[_method].tables
+            },
+            estimates=result("estimates", f"{{scope}}_{_method}.csv"),
+        log:
+            log_of(f"estimate_{_method}", "{scope}.log"),
+        benchmark:
+            benchmark_of(f"estimate_{_method}", "{scope}.tsv")
+        threads: 1
+        resources:
+            mem_mb=1000,
+        params:
+            study=STUDY,
+            seed=config["seed"],
+            vehicle=config["vehicle"],
+            vehicle_content=VEHICLE_CONTENT,
+            method=_method,
+            settings=settings_of(_method),
+            stopping=asdict(METHODS[_method].stopping(config)),
+            replicates=METHODS[_method].replicates(config),
+        message:
+            f"Estimating by the method {_method}, segments {{wildcards.scope}}"
+        script:
+            "../scripts/estimate_probability.py"
 
 
 rule collect_estimates:
-    """Join the estimates of all methods, and their courses."""
+    """Join the estimates of all methods, the courses of those that have one, and the runs of the others."""
     input:
-        estimates=expand(
-            rules.estimate_crash_probability.output.estimates,
-            scope=["all", SEGMENTS[0]],
-            method=METHODS,
-        ),
-        course=expand(
-            rules.estimate_crash_probability.output.course,
-            scope=["all", SEGMENTS[0]],
-            method=METHODS,
-        ),
+        estimates=estimates_of("estimates"),
+        course=estimates_of("course"),
+        runs=estimates_of("runs"),
         library=modules_of("collect_tables.py"),
     output:
         estimates=result("estimates.csv"),
         course=result("estimates_course.csv"),
+        runs=result("estimates_runs.csv"),
     log:
         log_of("collect_estimates.log"),
     benchmark:

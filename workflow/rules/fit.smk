@@ -21,11 +21,15 @@ rule fit_models:
     params:
         models={
             "inverse_range": part(
-                config["models"]["inverse_range"], "two_pieces", "three_pieces"
+                config["models"]["inverse_range"],
+                "pieces",
+                "two_pieces",
+                "three_pieces",
             ),
             "inverse_ttc": config["models"]["inverse_ttc"],
         },
-        description=SOURCE["description"],
+        description=DESCRIPTION,
+        closing_speed_max=config["models"]["closing_speed_max"],
         range_max=config["filters"]["range_max"],
     message:
         "Fitting the lane-change models"

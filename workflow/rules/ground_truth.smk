@@ -38,7 +38,7 @@ rule compute_exact:
         quarter=rules.map_crashes.output.quarter,
         encounters=rules.ingest_encounters.output.encounters,
         proposals=expand(
-            rules.search_proposals.output.proposals, method=METHODS, seed=SEEDS
+            rules.search_proposals.output.proposals, method=SEARCHING, seed=SEEDS
         ),
         library=modules_of("compute_exact.py"),
     output:
@@ -55,8 +55,8 @@ rule compute_exact:
     resources:
         mem_mb=2000,
     params:
-        methods=[method for method in METHODS for _ in SEEDS],
-        seeds=[seed for _ in METHODS for seed in SEEDS],
+        methods=[method for method in SEARCHING for _ in SEEDS],
+        seeds=[seed for _ in SEARCHING for seed in SEEDS],
         variant=MODEL,
         distance=config["exposure"]["distance"],
     message:
@@ -88,7 +88,7 @@ rule study_sensitivity:
         variant=MODEL,
         vehicle=part(config["vehicle"], "name", "parameters"),
         vehicle_content=VEHICLE_CONTENT,
-        sensitivity=config["sensitivity"],
+        sensitivity=config["sensitivity"] | part(SOURCE, "outlier_rows"),
     message:
         "Studying what the crash probability depends on"
     script:

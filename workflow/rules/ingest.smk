@@ -3,28 +3,6 @@
 # In: the records that the configuration names (data). Out: encounters.parquet, the account of every row
 # that was left out, the counts of the segments and the test of their independence.
 
-# A file that is there already is the user's own: it is read and verified, never retrieved again.
-if config["data"]["source"] == "spmd" and not Path(SOURCE["path"]).exists():
-
-    rule retrieve_lane_changes:
-        """Retrieve the published lane changes and verify their checksum."""
-        output:
-            records=protected(SOURCE["path"]),
-        log:
-            log_of("retrieve_lane_changes.log"),
-        benchmark:
-            benchmark_of("retrieve_lane_changes.tsv")
-        threads: 1
-        resources:
-            mem_mb=500,
-        params:
-            url=SOURCE["url"],
-            sha256=SOURCE["sha256"],
-        message:
-            "Retrieving the lane changes from {params.url}"
-        script:
-            "../scripts/retrieve_lane_changes.py"
-
 
 rule ingest_encounters:
     """Read, filter and segment the lane changes, and account for every row."""
@@ -35,7 +13,8 @@ rule ingest_encounters:
         encounters=result("encounters.parquet"),
         account=result("encounters_account.csv"),
     log:
-        log_of("ingest_encounters.log"),
+        messages=log_of("ingest_encounters.log"),
+        account=log_of("ingest_encounters_account.csv"),
     benchmark:
         benchmark_of("ingest_encounters.tsv")
     threads: 1

@@ -42,7 +42,7 @@ rule study_coverage:
         exact=rules.compute_exact.output.exact,
         proposals=lambda wildcards: (
             []
-            if wildcards.judged == "crude"
+            if wildcards.judged not in SEARCHING
             else expand(
                 rules.search_proposals.output.proposals,
                 method=wildcards.judged,
@@ -65,7 +65,7 @@ rule study_coverage:
         seed=config["seed"],
         vehicle=config["vehicle"],
         vehicle_content=VEHICLE_CONTENT,
-        importance_sampling=part(
+        stopping=part(
             config["importance_sampling"],
             "alpha",
             "beta",

@@ -30,7 +30,7 @@ def read_by(notebook):
     return [
         file
         for path in paths
-        for file in (expand(path, method=METHODS) if "{method}" in path else [path])
+        for file in (expand(path, method=SEARCHING) if "{method}" in path else [path])
     ]
 
 

@@ -1,13 +1,19 @@
-"""Fit the piecewise models and the single parametric one to the encounters."""
+"""Fit the paper's laws to the encounters: the piecewise ones, and the single parametric one."""
 
-import pandas as pd
+from accelerated_evaluation.encounters.contract import read_encounters
 from accelerated_evaluation.jobs import job
-from accelerated_evaluation.laws.lane_change_model import write_model
-from accelerated_evaluation.laws.paper import fit_lane_change_models
+from accelerated_evaluation.laws.files import write_law
+from accelerated_evaluation.laws.paper import fit_paper_laws
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
-        encounters, params = pd.read_parquet(snakemake.input.encounters), snakemake.params
-        fitted = fit_lane_change_models(encounters, params.models, params.range_max, params.description)
+        params = snakemake.params
+        fitted = fit_paper_laws(
+            read_encounters(snakemake.input.encounters),
+            params.models,
+            params.range_max,
+            params.description,
+            params.closing_speed_max,
+        )
         for name, path in snakemake.output.items():
-            write_model(path, fitted[name])
+            write_law(path, fitted[name])

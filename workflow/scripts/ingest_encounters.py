@@ -1,28 +1,28 @@
 """Read the lane changes of the configured source, filter and segment them, and account for every row."""
 
 from accelerated_evaluation.encounters.contract import write_encounters
-from accelerated_evaluation.encounters.ingest import ingest, read_source
-from accelerated_evaluation.encounters.twin import Twin, read_lead_speed
+from accelerated_evaluation.encounters.filters import Account
+from accelerated_evaluation.encounters.ingest import ingest
+from accelerated_evaluation.encounters.sources import describe, read_source
+from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.files import write_csv
 from accelerated_evaluation.jobs import job
-from accelerated_evaluation.laws.lane_change_model import read_model
 from accelerated_evaluation.randomness import child_generator
 
 
-def main(config: dict, seed: int, encounters_path: str, account_path: str) -> None:
-    """Write the encounter table and its account."""
-    data, twin = config["data"], None
-    if data["source"] == "twin":
-        model = read_model(data["twin"]["model"])
-        lead_speed = read_lead_speed(data["twin"]["lead_speed"])
-        twin = Twin(model.inverse_range, model.inverse_ttc, model.events, lead_speed)
-    raw = read_source(data, model=twin, generator=child_generator(seed, "twin"))
-    encounters, account = ingest(raw, config)
-    write_csv(account_path, account)
-    write_encounters(encounters_path, encounters, data[data["source"]]["description"])
+def main(config: dict, outputs: dict[str, str], kept_account: str) -> None:
+    """Write the encounter table and its account; if no table can be made, the account is kept as a log."""
+    raw = read_source(config["data"], child_generator(config["seed"], "sample"))
+    account = Account(len(raw))
+    try:
+        encounters = ingest(raw, config, account)
+    except InputError:
+        write_csv(kept_account, account.table())
+        raise
+    write_csv(outputs["account"], account.table())
+    write_encounters(outputs["encounters"], encounters, describe(config["data"]))
 
 
 if __name__ == "__main__":
-    with job(snakemake.log[0]):
-        sections = {name: snakemake.params[name] for name in ("data", "filters", "segments")}
-        main(sections, snakemake.params.seed, snakemake.output.encounters, snakemake.output.account)
+    with job(snakemake.log.messages):
+        main(dict(snakemake.params.items()), dict(snakemake.output.items()), snakemake.log.account)

@@ -11,17 +11,15 @@ from accelerated_evaluation.methods.crude import (
     fingerprint,
     simulate_batches,
 )
-from accelerated_evaluation.methods.paper import load_cut_ins
+from accelerated_evaluation.problem import load_problem
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
         params, settings = snakemake.params, snakemake.params.crude_monte_carlo
-        model, problems = load_cut_ins(snakemake.input.model, snakemake.input.encounters, params.vehicle)
         # The checkpoint is of use for the very same inputs and settings alone.
         depends_on = {"seed": params.seed, "vehicle": params.vehicle, "batch_size": settings["batch_size"]}
         batches = simulate_batches(
-            problems,
-            model,
+            load_problem(snakemake.input.model, snakemake.input.encounters, params.vehicle),
             Checkpoint(params.checkpoint, fingerprint(snakemake.input, depends_on)),
             seed=params.seed,
             batches=math.ceil(settings["simulations"] / settings["batch_size"]),

@@ -1,9 +1,10 @@
 """Change one choice at a time, and tabulate the crash probability."""
 
 import pandas as pd
+from accelerated_evaluation.encounters.contract import read_encounters
 from accelerated_evaluation.files import write_csv
 from accelerated_evaluation.jobs import job
-from accelerated_evaluation.laws.lane_change_model import read_model
+from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.randomness import child_generator
 from accelerated_evaluation.truth.crash_map import read_crash_map
 from accelerated_evaluation.truth.sensitivity import study_cap, study_sensitivity
@@ -12,8 +13,10 @@ from accelerated_evaluation.vehicles.loading import load_vehicle
 if __name__ == "__main__":
     with job(snakemake.log[0]):
         files, params = snakemake.input, snakemake.params
-        encounters = pd.read_parquet(files.encounters)
-        models = {name: read_model(files[name]) for name in ("two_pieces", "three_pieces", "single")}
+        encounters = read_encounters(files.encounters)
+        models = {
+            name: read_law(files[name], encounters) for name in ("two_pieces", "three_pieces", "single")
+        }
         full, half = read_crash_map(files.full), read_crash_map(files.half)
         choices = study_sensitivity(full, models, params.variant, encounters, params.sensitivity)
         # A cap on the closing speeds changes the map; each is studied with a map at half resolution.
@@ -21,7 +24,6 @@ if __name__ == "__main__":
             load_vehicle(params.vehicle["name"], **params.vehicle["parameters"]),
             half,
             models[params.variant],
-            encounters,
             params.sensitivity["closing_speed_max"],
             child_generator(params.seed, "sensitivity", "cap"),
         )

@@ -2,19 +2,33 @@
 
 from accelerated_evaluation.distributions.bounded_exponential import BoundedExponential
 from accelerated_evaluation.distributions.bounded_normal import BoundedNormal
+from accelerated_evaluation.distributions.described import (
+    DISTRIBUTIONS,
+    Described,
+    Parameter,
+    distribution,
+    from_dict,
+    unit_to_power,
+)
 from accelerated_evaluation.distributions.empirical import Empirical
 from accelerated_evaluation.distributions.mixture import Mixture, PiecewiseMixture, match_mean
 from accelerated_evaluation.distributions.pareto import Pareto
 from accelerated_evaluation.distributions.protocol import Distribution, Tiltable
 
 __all__ = [
+    "DISTRIBUTIONS",
     "BoundedExponential",
     "BoundedNormal",
+    "Described",
     "Distribution",
     "Empirical",
     "Mixture",
+    "Parameter",
     "Pareto",
     "PiecewiseMixture",
     "Tiltable",
+    "distribution",
+    "from_dict",
     "match_mean",
+    "unit_to_power",
 ]

@@ -1,16 +1,18 @@
 """What the bounded exponential and the bounded normal have in common."""
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
+from functools import cached_property
 from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from accelerated_evaluation.distributions.described import Described
 from accelerated_evaluation.distributions.protocol import Array
 
 
-class Bounded(ABC):
+class Bounded(Described):
     """A log-concave density on ``[lower, upper)``, known but for its norm.
 
     Integrals are taken relative to the largest density on their interval, so that they neither overflow
@@ -19,7 +21,6 @@ class Bounded(ABC):
 
     lower: float
     upper: float
-    n_parameters = 1
 
     @abstractmethod
     def _peak(self, low: ArrayLike, high: ArrayLike) -> Array:
@@ -41,12 +42,14 @@ class Bounded(ABC):
     def ppf(self, q: ArrayLike) -> Array:
         """Inverse of cdf."""
 
-    @property
+    # Kept once computed: every call of a density or of a share of the mass needs these two.
+    @cached_property
     def _mode(self) -> float:
         return float(self._peak(self.lower, self.upper))
 
-    @property
+    @cached_property
     def _total(self) -> float:
+        # Kept, because quantiles of mixtures ask for it once for every step of their search.
         return float(self._integral(self.lower, self.upper))
 
     def _clip(self, x: ArrayLike) -> Array:

@@ -1,16 +1,20 @@
 """Bounded exponential distribution (paper, section III.B.1)."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from accelerated_evaluation.distributions.bounded import Bounded
+from accelerated_evaluation.distributions.described import Parameter, distribution
 from accelerated_evaluation.distributions.protocol import Array
 
 
+@distribution("bounded exponential")
 @dataclass(frozen=True)
 class BoundedExponential(Bounded):
     """Density proportional to exp(-rate x) on ``[lower, upper)``.
@@ -27,6 +31,8 @@ class BoundedExponential(Bounded):
     rate: float
     lower: float = 0.0
     upper: float = math.inf
+
+    parameters: ClassVar[Mapping[str, Parameter]] = {"rate": Parameter(power=-1, symbol=r"\lambda")}
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.lower) and self.lower < self.upper):
@@ -54,6 +60,11 @@ class BoundedExponential(Bounded):
         # The mean of exp(-s y) on [0, 1] lies below 1 / s. Rounding may hide that, hence the wider bracket.
         scaled = brentq(lambda s: _unit_mean(s) - share, -1, 2 / share, xtol=1e-13, rtol=1e-15)
         return cls(math.copysign(scaled / width, above - below), lower, upper)
+
+    @classmethod
+    def fit(cls, x: Array, lower: float, upper: float) -> "BoundedExponential":
+        """Return the member of maximum likelihood for x, shape (n,): the one with the mean of x."""
+        return cls.from_mean(float(np.mean(x)), lower, upper)
 
     @property
     def _width(self) -> float:

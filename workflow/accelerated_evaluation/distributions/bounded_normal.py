@@ -1,19 +1,28 @@
 """Bounded normal distribution (paper, section III.B.2)."""
 
 import math
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.optimize import brentq
 from scipy.special import erfcx, log_ndtr, ndtri_exp
 
 from accelerated_evaluation.distributions.bounded import Bounded
+from accelerated_evaluation.distributions.described import Parameter, distribution
+from accelerated_evaluation.distributions.mixture import Mixture
 from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.errors import ConvergenceError
 
+TOLERANCE = 1e-10  # gain of log-likelihood for each observation below which EM has converged
 _NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(12)
 _MOMENT_NODES, _MOMENT_WEIGHTS = np.polynomial.legendre.leggauss(64)
 
 
+@distribution("bounded normal")
 @dataclass(frozen=True)
 class BoundedNormal(Bounded):
     """Normal distribution with ``location`` and ``sd``, conditional on ``[lower, upper)``.
@@ -33,11 +42,94 @@ class BoundedNormal(Bounded):
     upper: float = math.inf
     location: float = 0.0
 
+    parameters: ClassVar[Mapping[str, Parameter]] = {"sd": Parameter(power=1, symbol=r"\sigma")}
+
     def __post_init__(self) -> None:
         if not self.lower < self.upper:
             raise ValueError(f"bounds must satisfy lower < upper, got [{self.lower}, {self.upper})")
         if not (self.sd > 0 and math.isfinite(self.sd) and math.isfinite(self.location)):
             raise ValueError(f"sd must be positive and finite, got sd {self.sd}, location {self.location}")
+
+    @classmethod
+    def from_second_moment(cls, second_moment: float, lower: float, upper: float) -> "BoundedNormal":
+        """Return the member with location 0 on [lower, upper), lower >= 0, that has a given E X^2.
+
+        The maximum-likelihood equation matches E X^2, which rises strictly with the standard deviation.
+
+        Raises
+        ------
+        ConvergenceError
+            If the moment is that of a density too flat or rising for any standard deviation.
+        """
+        scale = math.sqrt(second_moment)
+
+        def excess(log_sd: float) -> float:
+            return cls(math.exp(log_sd), lower, upper).second_moment() - second_moment
+
+        low, high = math.log(scale) - 7, math.log(scale) + 7
+        if not excess(low) < 0 < excess(high):
+            flattest = second_moment + excess(high)
+            raise ConvergenceError(
+                f"bounded normal on [{lower:g}, {upper:g})",
+                reached=f"second moment {second_moment:g}",
+                limit=f"{flattest:g}, that of a uniform density",
+                change="The data do not fall from the lower bound; use bounded exponential pieces "
+                "(configuration key models) or move the knots.",
+            )
+        return cls(math.exp(brentq(excess, low, high, xtol=1e-13)), lower, upper)
+
+    @classmethod
+    def fit(cls, x: Array, lower: float, upper: float) -> "BoundedNormal":
+        """Return the member of maximum likelihood with location 0 for x, shape (n,), on [lower, upper).
+
+        ``lower`` is not negative; what is raised is as of `from_second_moment`.
+        """
+        return cls.from_second_moment(float(np.mean(np.square(x))), lower, upper)
+
+    @classmethod
+    def fit_mixture(
+        cls,
+        x: Array,
+        lower: float,
+        upper: float,
+        components: int,
+        *,
+        maximum_iterations: int = 2000,
+        on_iteration: Callable[[float], None] = lambda _: None,
+    ) -> Mixture:
+        """Fit a mixture of bounded normals with location 0 by Expectation-Maximization (paper, appendix B).
+
+        It has converged when an iteration of three steps gains less than `TOLERANCE` an observation.
+
+        Parameters
+        ----------
+        x
+            Sample, shape (n,), on [lower, upper), lower >= 0.
+        lower, upper, components
+            Bounds of the piece, and number m of normals.
+        maximum_iterations, on_iteration
+            Limit of the iterations, and what is called with the log-likelihood, which never falls, in each.
+
+        Raises
+        ------
+        ConvergenceError
+            If it has not converged after ``maximum_iterations``.
+        """
+        squares, shares = np.square(x), np.full(components, 1 / components)
+        sds = math.sqrt(squares.mean()) * np.geomspace(0.5, 1.5, components)
+        mixture, previous = Mixture(shares, [cls(sd, lower, upper) for sd in sds.tolist()]), -math.inf
+        for _ in range(maximum_iterations):
+            first, log_likelihood = _em_step(mixture, squares)
+            on_iteration(log_likelihood)
+            if log_likelihood - previous < TOLERANCE * x.size:
+                return _by_sd(mixture)
+            mixture, previous = _em_leap(mixture, first, squares), log_likelihood
+        raise ConvergenceError(
+            f"EM for {components} bounded normals on [{lower:g}, {upper:g})",
+            reached=f"log-likelihood {previous:.6f}",
+            limit=f"{maximum_iterations} iterations",
+            change="Use fewer components or more data.",
+        )
 
     def _peak(self, low: ArrayLike, high: ArrayLike) -> Array:
         return np.clip(self.location, low, high)
@@ -53,16 +145,21 @@ class BoundedNormal(Bounded):
 
     def _fall(self, offset: Array, width: Array) -> Array:
         """Integral over ``width`` of the falling side, from ``offset`` on, divided by the density there."""
+        if not np.any(width):  # as on one side of a peak that is at a bound of the support
+            return np.zeros(np.broadcast_shapes(np.shape(offset), np.shape(width)))
         exponent = width * (2 * offset + width) / (2 * self.sd**2)
         scale = self.sd * math.sqrt(2)
         far = erfcx(offset / scale) - np.exp(-exponent) * erfcx((offset + width) / scale)
+        far = far * scale * math.sqrt(math.pi) / 2
         short = exponent < 1
-        # There the two terms are nearly equal, and the density hardly changes.
+        if not np.any(short):
+            return far
+        # There the two terms are nearly equal, and the density hardly changes: a quadrature is exact.
         width = np.where(short, width, 0.0)[..., None]
         t = width * (_NODES + 1) / 2
         density = np.exp(-t * (2 * offset[..., None] + t) / (2 * self.sd**2))
         near = (density * _NODE_WEIGHTS).sum(axis=-1) * width[..., 0] / 2
-        return np.where(short, near, far * scale * math.sqrt(math.pi) / 2)
+        return np.where(short, near, far)
 
     def ppf(self, q: ArrayLike) -> Array:
         """Inverse of cdf (paper, appendix A), solved in logarithms to the rounding of sd and x - location."""
@@ -114,3 +211,62 @@ class BoundedNormal(Bounded):
     def tilt(self, theta: float) -> "BoundedNormal":
         """Exponential change of measure: the location moves by theta sd^2 (paper, section IV.B)."""
         return BoundedNormal(self.sd, self.lower, self.upper, self.location + theta * self.sd**2)
+
+
+def _em_step(mixture: Mixture, squares: Array) -> tuple[Mixture, float]:
+    """One E and M step on the squared sample; also the log-likelihood of the mixture it began with."""
+    lower, upper = mixture.lower, mixture.upper
+    joint = np.stack(
+        [
+            math.log(p) + f.logpdf(lower) - (squares - lower**2) / (2 * f.sd**2)
+            for p, f in zip(mixture.weights, mixture.components, strict=True)
+        ]
+    )
+    total = np.logaddexp.reduce(joint)
+    responsibility = np.exp(joint - total)
+    share = responsibility.sum(axis=1)
+    # Not a product of matrices, whose rounding depends on the number of threads.
+    second_moments = (responsibility * squares).sum(axis=1) / share
+    components = [BoundedNormal.from_second_moment(float(moment), lower, upper) for moment in second_moments]
+    return Mixture(share / share.sum(), components), float(total.sum())
+
+
+def _em_leap(mixture: Mixture, first: Mixture, squares: Array) -> Mixture:
+    """Take the second and the third step of an iteration, the third from an extrapolated point if that helps.
+
+    EM converges slowly where the normals overlap, because its steps then become short. Squared extrapolation
+    (Varadhan and Roland 2008) goes on along the first two steps; the point that it reaches is kept only if
+    the likelihood is not lower there.
+    """
+    second, at_first = _em_step(first, squares)
+    # The extrapolated point may lie outside the range of the parameters: the second step is then kept.
+    with suppress(ConvergenceError, ValueError):
+        stabilized, at_extrapolated = _em_step(_extrapolate((mixture, first, second)), squares)
+        if at_extrapolated >= at_first:
+            return stabilized
+    return second
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def _extrapolate(path: tuple[Mixture, Mixture, Mixture]) -> Mixture:
+    """Squared extrapolation of three successive mixtures, in log shares and log standard deviations.
+
+    Raises
+    ------
+    ValueError
+        If it leads out of the range of numbers.
+    """
+    start, first, second = (
+        np.log([*mixture.weights, *(component.sd for component in mixture.components)]) for mixture in path
+    )
+    step, bend = first - start, second - 2 * first + start
+    length = min(-math.sqrt(step @ step / (bend @ bend)), -1.0) if np.any(bend) else -1.0
+    shares, sds = np.split(np.exp(start - 2 * length * step + length**2 * bend), 2)
+    bounds = path[-1].lower, path[-1].upper
+    return Mixture(shares / shares.sum(), [BoundedNormal(sd, *bounds) for sd in sds.tolist()])
+
+
+def _by_sd(mixture: Mixture) -> Mixture:
+    """Order the components by standard deviation, so that equal fits are written equally."""
+    order = np.argsort([component.sd for component in mixture.components])
+    return Mixture([mixture.weights[i] for i in order], [mixture.components[i] for i in order])

@@ -15,6 +15,9 @@ class Empirical:
             raise ValueError("an empirical distribution needs at least one value")
         self.lower, self.upper = float(self.values[0]), float(self.values[-1])
 
+    def __repr__(self) -> str:
+        return f"Empirical({self.values.size} values from {self.lower} to {self.upper}, mean {self.mean()})"
+
     def cdf(self, x: ArrayLike) -> Array:
         """P(X <= x)."""
         return np.searchsorted(self.values, x, side="right") / self.values.size

@@ -1,22 +1,25 @@
 """Finite mixtures, and the piecewise mixture of the paper: a mixture whose components do not overlap."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from itertools import pairwise
+from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
-from scipy.optimize.elementwise import find_root
 from scipy.special import logsumexp
 
+from accelerated_evaluation.distributions.described import Described, distribution, from_dict
 from accelerated_evaluation.distributions.protocol import Array, Tiltable
+from accelerated_evaluation.distributions.roots import find_roots
 
 
+@distribution("mixture")
 @dataclass(frozen=True)
-class Mixture:
+class Mixture(Described):
     """Weighted sum of distributions (paper, section III.B.3).
 
     Parameters
@@ -52,6 +55,20 @@ class Mixture:
     def n_parameters(self) -> int:
         """Number of free parameters: those of the components, and the weights less one."""
         return sum(component.n_parameters for component in self.components) + len(self.weights) - 1
+
+    def rebounded(self, lower: float, upper: float) -> Self:
+        """Return the mixture with the same weights of the components on other bounds."""
+        return type(self)(self.weights, [component.rebounded(lower, upper) for component in self.components])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Describe the mixture as JSON can hold it."""
+        components = [component.to_dict() for component in self.components]
+        return {"kind": self.kind, "weights": list(self.weights), "components": components}
+
+    @classmethod
+    def from_content(cls, content: Mapping[str, Any]) -> Self:
+        """Build the mixture from what `to_dict` wrote beside the kind."""
+        return cls(content["weights"], [from_dict(component) for component in content["components"]])
 
     @cached_property
     def _log_weights(self) -> Array:
@@ -98,19 +115,21 @@ class Mixture:
 
     @np.errstate(over="ignore", invalid="ignore")
     def _invert(self, q: ArrayLike, inverse: str, function: str) -> Array:
-        q = np.asarray(q, dtype=float)
+        shape, q = np.shape(q), np.ravel(np.asarray(q, dtype=float))
         quantiles = [getattr(component, inverse)(q) for component in self.components]
         low, high = np.minimum.reduce(quantiles), np.maximum.reduce(quantiles)
         # A relative error, so that a far tail is solved to as many digits as the middle.
         scale = np.maximum(q, np.finfo(float).tiny)
 
-        def error(x: Array, q: Array, scale: Array) -> Array:
-            return (getattr(self, function)(x) - q) / scale
+        def error(x: Array, index: NDArray[np.intp] | slice = slice(None)) -> Array:
+            return (getattr(self, function)(x) - q[index]) / scale[index]
 
-        root = find_root(error, (low, high), args=(q, scale))
-        # Where rounding hides the change of sign, or an end is infinite, the better end is the solution.
-        end = np.where(np.abs(error(low, q, scale)) <= np.abs(error(high, q, scale)), low, high)
-        return np.where(root.success, root.x, end)
+        root, is_found = find_roots(error, low, high)
+        if not is_found.all():
+            # Where rounding hides the change of sign, or an end is infinite, the better end is the solution.
+            end = np.where(np.abs(error(low)) <= np.abs(error(high)), low, high)
+            root = np.where(is_found, root, end)
+        return root.reshape(shape)
 
     def rvs(self, generator: np.random.Generator, size: int) -> Array:
         """Independent draws, shape (size,): a component for each, then a draw of it."""
@@ -142,6 +161,7 @@ class Mixture:
         return type(self)(weights / weights.sum(), [component.tilt(theta) for component in self.components])
 
 
+@distribution("piecewise mixture")
 class PiecewiseMixture(Mixture):
     """The paper's piecewise mixture: component i lives on [gamma_(i-1), gamma_i) (equation 5).
 
@@ -163,6 +183,15 @@ class PiecewiseMixture(Mixture):
     def knots(self) -> tuple[float, ...]:
         """The inner truncation points gamma_1 .. gamma_(k-1)."""
         return tuple(component.lower for component in self.components[1:])
+
+    def rebounded(self, lower: float, upper: float) -> Self:
+        """Return the mixture with its outer bounds moved; the knots inside stay where they are."""
+        return self.with_bounds([lower, *self.knots, upper])
+
+    def with_bounds(self, bounds: Sequence[float]) -> Self:
+        """Return the same pieces and weights with the truncation points gamma_0 .. gamma_k."""
+        pieces = zip(self.components, pairwise(bounds), strict=True)
+        return type(self)(self.weights, [piece.rebounded(low, high) for piece, (low, high) in pieces])
 
     def piece_index(self, x: ArrayLike) -> np.ndarray:
         """Index of the piece that holds each x."""

@@ -1,27 +1,48 @@
 """Pareto distribution: the single parametric model of R^-1 in the authors' earlier work (section II)."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from accelerated_evaluation.distributions.described import Described, Parameter, distribution
 from accelerated_evaluation.distributions.protocol import Array
 
 
+@distribution("Pareto")
 @dataclass(frozen=True)
-class Pareto:
+class Pareto(Described):
     """P(X > x) = (lower / x)^shape for x >= lower > 0; its tail has no exponential change of measure."""
 
     shape: float
     lower: float
 
+    parameters: ClassVar[Mapping[str, Parameter]] = {"shape": Parameter(power=0, symbol="k")}
+    upper = math.inf
+
     def __post_init__(self) -> None:
         if not (0 < self.shape < math.inf and 0 < self.lower < math.inf):
             raise ValueError(f"shape and lower must be positive and finite, got {self.shape}, {self.lower}")
 
-    upper = math.inf
-    n_parameters = 1
+    @classmethod
+    def fit(cls, x: Array, lower: float, upper: float = math.inf) -> "Pareto":
+        """Return the member of maximum likelihood for x, shape (n,), from ``lower``: n / sum log(x / lower).
+
+        Raises
+        ------
+        ValueError
+            If ``upper`` is finite, as this distribution has no upper bound.
+        """
+        return cls(float(x.size / np.log(x / lower).sum()), lower).rebounded(lower, upper)
+
+    def rebounded(self, lower: float, upper: float) -> "Pareto":
+        """Return the same shape from another lower bound; ValueError if ``upper`` is finite."""
+        if upper != math.inf:
+            raise ValueError(f"a Pareto distribution has no upper bound, got {upper}")
+        return Pareto(self.shape, lower)
 
     def _log_excess(self, x: ArrayLike) -> Array:
         """Log of x / lower; 0 below the support."""

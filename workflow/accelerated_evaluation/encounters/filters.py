@@ -56,6 +56,12 @@ class Account:
         )
         return table[~found] if drop else table
 
+    def summary(self) -> str:
+        """Say in words how many rows each filter dropped."""
+        dropped = [line for line in self._lines if line["rows_dropped"]]
+        counts = (f"{line['rows_dropped']:,} by {line['step']}: {line['reason']}" for line in dropped)
+        return "; ".join(counts) or "none were dropped"
+
     def table(self) -> pd.DataFrame:
         """Return the account: step, reason, rows_in, rows_found, rows_dropped, rows_kept, example_rows."""
         return pd.DataFrame(self._lines)

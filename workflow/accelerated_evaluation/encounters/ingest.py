@@ -3,69 +3,55 @@
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
-from accelerated_evaluation.encounters import spmd, table, twin
 from accelerated_evaluation.encounters.contract import COLUMNS
 from accelerated_evaluation.encounters.filters import Account, apply_filters, drop_invalid, drop_repeated
 from accelerated_evaluation.encounters.segments import assign_segments
+from accelerated_evaluation.errors import InputError
 
 
-def read_source(
-    data: Mapping[str, Any], *, model: twin.Twin | None = None, generator: np.random.Generator | None = None
-) -> pd.DataFrame:
-    """Read the records of the source that the section ``data`` of the configuration names.
-
-    Parameters
-    ----------
-    data
-        Section ``data`` of a valid configuration.
-    model, generator
-        What the source ``twin`` is drawn from; the other sources take no notice of them.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Three columns as `contract.complete` takes them, index ``row`` from 1.
-    """
-    settings = data[data["source"]]
-    if data["source"] == "twin":
-        return twin.generate(model, generator, settings["events"])
-    if data["source"] == "spmd":
-        return spmd.read(settings["path"], settings["sha256"])
-    return table.read(settings["path"], settings["columns"])
-
-
-def ingest(raw: pd.DataFrame, config: Mapping[str, Any]) -> tuple[pd.DataFrame, pd.DataFrame]:
+def ingest(raw: pd.DataFrame, config: Mapping[str, Any], account: Account) -> pd.DataFrame:
     """Validate, filter and segment the records of a source.
 
     Parameters
     ----------
     raw
-        Records as `read_source` returns them.
+        Records as `sources.read_source` returns them.
     config
         A valid configuration; its sections ``data``, ``filters`` and ``segments`` are used.
+    account
+        A new account of the records. Every row that is dropped is entered in it, also if the ingest fails.
 
     Returns
     -------
-    encounters : pandas.DataFrame
+    pandas.DataFrame
         The encounter table, columns ``contract.COLUMNS``, in the order of the source.
-    account : pandas.DataFrame
-        One line a step and reason: ``rows_in``, ``rows_found``, ``rows_dropped``, ``rows_kept`` and the first
-        ``example_rows``, counted from 1 in the source.
 
     Raises
     ------
     InputError
-        If a row is invalid and the configuration refuses such, or if a segment is empty.
+        If a row is invalid and the configuration refuses such, if no row is left, if a segment is empty, or
+        if an outlier row that the configuration names is not in the table.
     """
     data = config["data"]
     source = data[data["source"]]
-    where = source.get("path", source["description"])
-    account = Account(len(raw))
-    encounters = drop_invalid(raw, account, policy=data["invalid_rows"], where=where)
+    encounters = drop_invalid(raw, account, policy=data["invalid_rows"], where=source["path"])
     encounters = drop_repeated(encounters, account, policy=data["repeated_rows"])
     encounters = apply_filters(encounters, account, config["filters"])
+    if encounters.empty:
+        raise InputError(
+            source["path"],
+            seen=f"{len(raw):,} rows, of which none is left ({account.summary()})",
+            expected="rows that pass the filters",
+            change=f"Check the columns and units of data.{data['source']}, and the limits in filters.",
+        )
     encounters = assign_segments(encounters, config["segments"]["lead_speed_edges"])
-    return encounters[list(COLUMNS)].reset_index(drop=True), account.table()
+    if max(source["outlier_rows"], default=0) > len(encounters):
+        raise InputError(
+            f"data.{data['source']}.outlier_rows",
+            seen=f"row {max(source['outlier_rows']):,}",
+            expected=f"rows of the encounter table, which has {len(encounters):,}",
+            change="Correct the list, or leave it empty.",
+        )
+    return encounters[list(COLUMNS)].reset_index(drop=True)

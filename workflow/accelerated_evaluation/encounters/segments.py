@@ -24,17 +24,26 @@ def assign_segments(encounters: pd.DataFrame, lead_speed_edges: Sequence[float])
     Parameters
     ----------
     encounters
-        With ``lead_speed`` [m/s], all of it between the first edge and the last.
+        With ``lead_speed`` [m/s].
     lead_speed_edges
         Increasing edges [m/s], shape (number of segments + 1,).
 
     Raises
     ------
     InputError
-        If a segment has no row.
+        If a row lies below the first edge, or at or above the last one, or if a segment has no row.
     """
-    names = segment_names(lead_speed_edges)
-    index = np.searchsorted(lead_speed_edges, encounters["lead_speed"], side="right") - 1
+    names, speeds = segment_names(lead_speed_edges), encounters["lead_speed"].to_numpy()
+    outside = ~((speeds >= lead_speed_edges[0]) & (speeds < lead_speed_edges[-1]))
+    if outside.any():
+        first = f"{speeds[outside][0]:g} m/s"
+        raise InputError(
+            f"segments between the lead speeds {' '.join(f'{edge:g}' for edge in lead_speed_edges)} m/s",
+            seen=f"{outside.sum():,} of {len(encounters):,} rows outside, the first with {first}",
+            expected=f"all rows in [{lead_speed_edges[0]:g}, {lead_speed_edges[-1]:g}) m/s",
+            change="Let the edges enclose the limits in filters.",
+        )
+    index = np.searchsorted(lead_speed_edges, speeds, side="right") - 1
     empty = [name for number, name in enumerate(names) if number not in index]
     if empty:
         raise InputError(

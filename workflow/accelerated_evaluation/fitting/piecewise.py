@@ -3,23 +3,14 @@
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from tqdm import tqdm
 
-from accelerated_evaluation.distributions import PiecewiseMixture
+from accelerated_evaluation.distributions import Described, PiecewiseMixture
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.errors import ConvergenceError, InputError
-from accelerated_evaluation.fitting.pieces import Piece, fit_piece
-
-
-@dataclass(frozen=True)
-class PieceFamily:
-    """What a piece is fitted with: ``exponential``, or ``normal`` with a number of components."""
-
-    family: str
-    components: int = 1
+from accelerated_evaluation.fitting.pieces import PieceFamily
 
 
 def fit_piecewise(
@@ -60,7 +51,7 @@ def fit_piecewise(
     return PiecewiseMixture(weights, pieces)
 
 
-def _fit_checked(inside: Array, low: float, high: float, family: PieceFamily) -> Piece:
+def _fit_checked(inside: Array, low: float, high: float, family: PieceFamily) -> Described:
     if inside.size < 2 or inside.min() == inside.max():
         raise InputError(
             f"piece [{low:g}, {high:g})",
@@ -68,7 +59,7 @@ def _fit_checked(inside: Array, low: float, high: float, family: PieceFamily) ->
             expected="at least two different values in every piece",
             change="Move the knots (configuration key models) or use fewer pieces.",
         )
-    return fit_piece(inside, low, high, family.family, family.components)
+    return family.fit(inside, low, high)
 
 
 def knots_at_quantiles(x: Array, quantiles: Sequence[float]) -> list[float]:

@@ -7,12 +7,12 @@ from tqdm import tqdm
 
 from accelerated_evaluation.distributions import PiecewiseMixture
 from accelerated_evaluation.fitting.candidates import compare, fit_candidates, score
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
+from accelerated_evaluation.laws.independent import IndependentLaw
 from accelerated_evaluation.laws.paper import refit
 
 
 def compare_with_candidates(
-    encounters: pd.DataFrame, models: Iterable[LaneChangeModel], variable: str, segment: str
+    encounters: pd.DataFrame, models: Iterable[IndependentLaw], variable: str, segment: str
 ) -> pd.DataFrame:
     """Fit the candidate families to one variable, and rank them with the piecewise models by AIC.
 

@@ -1,5 +1,6 @@
 """From the encounter table to lane-change models: piecewise (sections III, VI.A) and single (section II)."""
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -8,15 +9,13 @@ import pandas as pd
 
 from accelerated_evaluation.distributions import BoundedExponential, Distribution, Pareto, PiecewiseMixture
 from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.fitting.pieces import PieceFamily
 from accelerated_evaluation.fitting.piecewise import (
-    PieceFamily,
     fit_piecewise,
     knots_at_quantiles,
     knots_by_profile_likelihood,
 )
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
-
-EXPONENTIAL = PieceFamily("exponential")
+from accelerated_evaluation.laws.independent import IndependentLaw, recorded_lead_speeds
 
 
 def choose_knots(
@@ -31,10 +30,14 @@ def choose_knots(
     return knots_by_profile_likelihood(x, lower, families, grid)
 
 
-def fit_lane_change_models(
-    encounters: pd.DataFrame, models: Mapping[str, Any], range_max: float, description: str
-) -> dict[str, LaneChangeModel]:
-    """Fit the models ``two_pieces`` and ``three_pieces`` of R^-1, and ``single``.
+def fit_paper_laws(
+    encounters: pd.DataFrame,
+    models: Mapping[str, Any],
+    range_max: float,
+    description: str,
+    closing_speed_max: float,
+) -> dict[str, IndependentLaw]:
+    """Fit the laws ``two_pieces`` and ``three_pieces``, named by the pieces of R^-1, and ``single``.
 
     Parameters
     ----------
@@ -46,40 +49,38 @@ def fit_lane_change_models(
         Largest range [m]; R^-1 begins at its inverse.
     description
         What the encounters are.
+    closing_speed_max
+        Cap on closing speeds [m/s].
     """
     lower = 1 / range_max
     inverse_range = encounters["inverse_range"].to_numpy()
-    body = PieceFamily("normal", models["inverse_ttc"]["body_components"])
+    piece_of_range = PieceFamily(models["inverse_range"]["pieces"])
+    pieces_of_ttc = [PieceFamily(**models["inverse_ttc"]["body"]), PieceFamily(models["inverse_ttc"]["tail"])]
 
     def piecewise_range(pieces: int, settings: Mapping[str, Any]) -> Distribution:
-        families = [EXPONENTIAL] * pieces
+        families = [piece_of_range] * pieces
         return fit_piecewise(
             inverse_range, lower, choose_knots(inverse_range, lower, families, settings), families
         )
 
     def piecewise_ttc(x: Array) -> Distribution:
-        families = [body, EXPONENTIAL]
-        knots = choose_knots(x, 0.0, families, models["inverse_ttc"]["knots"])
-        return fit_piecewise(x, 0.0, knots, families)
+        knots = choose_knots(x, 0.0, pieces_of_ttc, models["inverse_ttc"]["knots"])
+        return fit_piecewise(x, 0.0, knots, pieces_of_ttc)
 
     ttc = _by_segment(encounters, piecewise_ttc)
     ranges = {
         "two_pieces": (piecewise_range(2, models["inverse_range"]["two_pieces"]), ttc),
         "three_pieces": (piecewise_range(3, models["inverse_range"]["three_pieces"]), ttc),
-        "single": (fit_pareto(inverse_range, lower), _by_segment(encounters, fit_exponential_from_zero)),
+        "single": (Pareto.fit(inverse_range, lower), _by_segment(encounters, fit_exponential_from_zero)),
     }
     events = {segment: len(rows) for segment, rows in _segments(encounters)}
-    return {name: LaneChangeModel(description, events, *laws) for name, laws in ranges.items()}
-
-
-def fit_pareto(x: Array, lower: float) -> Pareto:
-    """Fit a Pareto distribution that begins at ``lower``: shape n / sum log(x / lower)."""
-    return Pareto(float(x.size / np.log(x / lower).sum()), lower)
+    recorded = recorded_lead_speeds(encounters, events), closing_speed_max
+    return {name: IndependentLaw(description, events, *laws, *recorded) for name, laws in ranges.items()}
 
 
 def fit_exponential_from_zero(x: Array) -> BoundedExponential:
     """Fit an exponential distribution to the whole of x."""
-    return BoundedExponential.from_mean(float(np.mean(x)))
+    return BoundedExponential.fit(x, 0.0, math.inf)
 
 
 def _segments(encounters: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
@@ -93,10 +94,4 @@ def _by_segment(encounters: pd.DataFrame, fit: Callable[[Array], Distribution]) 
 
 def refit(law: PiecewiseMixture, x: Array) -> PiecewiseMixture:
     """Fit the pieces of a piecewise mixture to another sample, at the same knots."""
-    families = [
-        EXPONENTIAL
-        if isinstance(piece, BoundedExponential)
-        else PieceFamily("normal", len(getattr(piece, "components", (piece,))))
-        for piece in law.components
-    ]
-    return fit_piecewise(x, law.lower, law.knots, families)
+    return fit_piecewise(x, law.lower, law.knots, [PieceFamily.of(piece) for piece in law.components])

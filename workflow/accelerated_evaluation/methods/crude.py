@@ -1,7 +1,7 @@
-"""Crude Monte Carlo over all velocity segments: every cut-in drawn from f and simulated (table III).
+"""Crude Monte Carlo over all strata: every cut-in is drawn from f itself and simulated (table III).
 
-It runs in batches, each with a generator of its own, and keeps the counts of every batch: interrupted and
-resumed, shortened or extended, the same batches give the same results.
+The study's run goes on in batches, each with a generator of its own, and keeps the counts of every batch.
+So the same batches give the same results, whether the run was interrupted, shortened or extended.
 """
 
 import hashlib
@@ -11,16 +11,22 @@ import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
 from accelerated_evaluation.files import read_json, write_json
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
-from accelerated_evaluation.methods.intervals import binomial_interval
-from accelerated_evaluation.problem import CutIn
+from accelerated_evaluation.methods import METHODS
+from accelerated_evaluation.methods.estimate import Estimate, Method, Stopping
+from accelerated_evaluation.methods.intervals import (
+    Sums,
+    binomial_interval,
+    gamma_interval,
+    sequential_estimate,
+)
+from accelerated_evaluation.problem import Problem, ScoreProblem
 from accelerated_evaluation.randomness import child_generator
 
 ALL = "all"
@@ -63,26 +69,18 @@ def fingerprint(paths: Iterable[str | os.PathLike], settings: Mapping[str, Any])
     return hashlib.sha256(json.dumps([files, settings], sort_keys=True).encode()).hexdigest()
 
 
-def simulate_batch(
-    problems: Mapping[str, CutIn], model: LaneChangeModel, generator: np.random.Generator, size: int
-) -> Counts:
-    """Simulate ``size`` cut-ins: a segment by its share, v_L as recorded there, R^-1 and TTC^-1 from f."""
-    shares = [model.share(segment) for segment in problems]
-    counts = {}
-    for (segment, problem), count in zip(
-        problems.items(), generator.multinomial(size, shares).tolist(), strict=True
-    ):
-        lead_speed = problem.lead_speed.rvs(generator, count)
-        inverse_range = problem.model.inverse_range.rvs(generator, count)
-        inverse_ttc = problem.model.inverse_ttc.rvs(generator, count)
-        crash = problem.simulate(lead_speed, inverse_range, inverse_ttc).crash
-        counts[segment] = [count, int(np.count_nonzero(crash))]
-    return counts
+def simulate_batch(problem: Problem, generator: np.random.Generator, size: int) -> Counts:
+    """Simulate ``size`` cut-ins drawn from the law, and count simulations and events by stratum."""
+    cut_ins, stratum = problem.law.draw(generator, size)
+    happened = problem.event.happens(problem.simulate(cut_ins))
+    names = list(problem.law.shares)
+    simulations = np.bincount(stratum, minlength=len(names))
+    events = np.bincount(stratum[happened], minlength=len(names))
+    return {name: [int(simulations[k]), int(events[k])] for k, name in enumerate(names)}
 
 
 def simulate_batches(
-    problems: Mapping[str, CutIn],
-    model: LaneChangeModel,
+    problem: Problem,
     checkpoint: Checkpoint,
     *,
     seed: int,
@@ -94,14 +92,16 @@ def simulate_batches(
 
     Parameters
     ----------
-    problems, model
-        The cut-ins of each segment, and the model that gives its share.
+    problem
+        The law, the vehicle and the event.
     checkpoint
         Written after every ``save_every`` batches and at the end.
     seed
         Root seed; batch k has the child ("crude", k).
     batches, batch_size
         How many batches, and the simulations of each.
+    save_every
+        Batches between two checkpoints.
     """
     done = checkpoint.read()
     with tqdm(
@@ -112,11 +112,41 @@ def simulate_batches(
         unit_scale=True,
     ) as progress:
         for batch in range(len(done), batches):
-            done.append(simulate_batch(problems, model, child_generator(seed, "crude", batch), batch_size))
+            done.append(simulate_batch(problem, child_generator(seed, "crude", batch), batch_size))
             if len(done) % save_every == 0 or len(done) == batches:
                 checkpoint.write(done)
             progress.update(batch_size)
     return done[:batches]
+
+
+@METHODS.add("crude")
+class Crude(Method):
+    """Draw from f until the interval is narrow enough.
+
+    The study does not run it in replicates, because it needs tens of millions of simulations: it runs once,
+    for a given number of simulations, see `simulate_batches`.
+    """
+
+    name: ClassVar[str] = "crude"
+    look: ClassVar[dict[str, Any]] = {"color": "#777777", "linestyle": ":", "marker": "v"}
+
+    @classmethod
+    def replicates(cls, config: Mapping[str, Any]) -> int:
+        """Return 0: the one long run has a rule of its own."""
+        return 0
+
+    def estimate(self, problem: ScoreProblem, stopping: Stopping, generator: np.random.Generator) -> Estimate:
+        """Estimate the probability of the event, with the gamma interval of unweighted events."""
+
+        def draw(size: int) -> Sums:
+            happened, _ = problem.evaluate(generator.standard_normal((size, problem.dimension)))
+            return Sums.unweighted(size, int(np.count_nonzero(happened)))
+
+        sums, converged = sequential_estimate(draw, stopping, weight_bound=1.0)
+        low, high = gamma_interval(sums, stopping.alpha, weight_bound=1.0)
+        return Estimate(
+            sums.probability, low, high, stopping.alpha, 0, sums.simulations, sums.events, converged
+        )
 
 
 def crude_estimates(batches: list[Counts], alpha: float) -> pd.DataFrame:

@@ -1,85 +1,88 @@
-"""Importance sampling over all velocity segments, and its convergence (sections IV.A and VI.C)."""
+"""Importance sampling over all strata of the lead speed, and its convergence (sections IV.A and VI.C)."""
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtri
+import pandas as pd
 
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.problem import CutIn, Proposal
+from accelerated_evaluation.laws import Factors
+from accelerated_evaluation.methods.estimate import Estimate, Stopping, normal_reach
+from accelerated_evaluation.problem import Problem
 
 
-@dataclass(frozen=True)
-class Stratum:
-    """One velocity segment: its cut-ins, its share of all lane changes, and the f* to draw from."""
+def draw_weights(
+    problem: Problem, proposals: Mapping[str, Factors], generator: np.random.Generator, size: int
+) -> Array:
+    """Draw cut-ins over all strata, v_L as recorded, and return I(x) f(x) / f*(x).
 
-    problem: CutIn
-    share: float
-    proposal: Proposal
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A crash probability with its 100 (1 - alpha) % interval and the health of its weights.
-
-    Attributes
+    Parameters
     ----------
-    probability, ci_low, ci_high
-        Estimate and interval; with fewer than two crashes, which have no spread, the interval is [0, 1].
-    relative_half_width
-        Half-width of the interval over the estimate; infinite with fewer than two crashes.
-    simulations, events
-        How many cut-ins were simulated, and how many crashed.
-    effective_sample_size
-        (sum w)^2 / sum w^2 over the crashes; 0 without any.
-    largest_weight_share
-        The largest weight over the sum of all: near one where a single crash decides; NaN without any.
+    problem
+        The law f, the vehicle and the event.
+    proposals
+        f* of each stratum.
+    generator
+        Source of all randomness.
+    size
+        Number n of cut-ins.
+
+    Returns
+    -------
+    numpy.ndarray
+        Weights, 0 where the event did not happen, shape (n,).
     """
-
-    probability: float
-    ci_low: float
-    ci_high: float
-    relative_half_width: float
-    simulations: int
-    events: int
-    effective_sample_size: float
-    largest_weight_share: float
-
-
-def draw_crash_weights(strata: Mapping[str, Stratum], generator: np.random.Generator, size: int) -> Array:
-    """Draw cut-ins over all segments, v_L as recorded, and return I(x) f(x) / f*(x), shape (size,)."""
-    shares = np.array([stratum.share for stratum in strata.values()])
+    shares = np.array(list(problem.law.shares.values()))
     which = generator.choice(len(shares), size=size, p=shares / shares.sum())
     weights = np.empty(size)
-    for index, stratum in enumerate(strata.values()):
+    for index, stratum in enumerate(problem.law.shares):
         chosen = which == index
         count = int(np.count_nonzero(chosen))
         if count:
-            weights[chosen] = stratum.problem.sample(stratum.proposal, generator, count).crash_weight
+            weights[chosen] = problem.sample(stratum, proposals[stratum], generator, count).weight
     return weights
 
 
-def estimate(weights: Array, alpha: float) -> Estimate:
-    """Estimate the crash probability from crash weights, shape (n,), with a normal interval."""
+def estimate_from_weights(weights: Array, alpha: float, *, converged: bool, learning: int = 0) -> Estimate:
+    """Estimate the probability of the event by the mean weight, with a normal interval.
+
+    Parameters
+    ----------
+    weights
+        I f / f* of all simulations, shape (n,).
+    alpha
+        The interval is one of 100 (1 - alpha) %.
+    converged
+        Whether the stopping rule was met.
+    learning
+        Simulations that were spent on f*.
+
+    Returns
+    -------
+    Estimate
+        With fewer than two events, which have no spread, the interval is [0, 1]. Diagnostics:
+        ``relative_half_width``, the half-width of the interval over the estimate; ``effective_sample_size``,
+        (sum w)^2 / sum w^2 over the events; ``largest_weight_share``, the largest weight over the sum of all,
+        which is near one where a single event decides.
+    """
     n, events = weights.size, int(np.count_nonzero(weights))
-    if events == 0:
-        return Estimate(0.0, 0.0, 1.0, math.inf, n, 0, 0.0, math.nan)
-    mean, total = float(weights.mean()), float(weights.sum())
-    if events == 1:
-        return Estimate(mean, 0.0, 1.0, math.inf, n, 1, 1.0, 1.0)
-    half_width = float(-ndtri(alpha / 2) * weights.std(ddof=1) / math.sqrt(n))
-    return Estimate(
-        probability=mean,
-        ci_low=max(mean - half_width, 0.0),
-        ci_high=min(mean + half_width, 1.0),
-        relative_half_width=half_width / mean,
-        simulations=n,
-        events=events,
-        effective_sample_size=total**2 / float(np.square(weights).sum()),
-        largest_weight_share=float(weights.max()) / total,
-    )
+    mean = float(weights.mean()) if events else 0.0
+    low, high, relative, effective, largest = 0.0, 1.0, math.inf, float(events), (1.0 if events else math.nan)
+    if events > 1:
+        total = float(weights.sum())
+        half_width = float(normal_reach(alpha) * weights.std(ddof=1) / math.sqrt(n))
+        low, high = max(mean - half_width, 0.0), min(mean + half_width, 1.0)
+        relative = half_width / mean
+        effective = total**2 / float(np.square(weights).sum())
+        largest = float(weights.max()) / total
+    diagnostics = {
+        "relative_half_width": relative,
+        "effective_sample_size": effective,
+        "largest_weight_share": largest,
+    }
+    return Estimate(mean, low, high, alpha, learning, n, events, converged, diagnostics)
 
 
 @dataclass(frozen=True)
@@ -101,47 +104,76 @@ def running(weights: Array, alpha: float) -> Running:
     spread = np.cumsum((weights - previous) * (weights - mean))
     with np.errstate(invalid="ignore", divide="ignore"):
         variance = spread / (n - 1) / n
-        half_width = -ndtri(alpha / 2) * np.sqrt(variance) / mean
+        half_width = normal_reach(alpha) * np.sqrt(variance) / mean
     events = np.cumsum(weights > 0)
     return Running(mean, variance, np.where(events > 1, half_width, np.inf), events)
 
 
-def first_converged(course: Running, beta: float, minimum_events: int) -> int | None:
-    """Return the number of simulations to convergence, or None.
+def first_converged(course: Running, stopping: Stopping) -> int | None:
+    """Return the number of simulations to convergence, or None if the rule is not met.
 
-    The rule: the first n at which the relative half-width is at most ``beta`` and at least
-    ``minimum_events`` crashes were seen, so that a lucky start does not count.
+    It is the first n at which the relative half-width is at most beta and enough events were seen.
     """
-    met = (course.relative_half_width <= beta) & (course.events >= minimum_events)
+    met = course.relative_half_width <= stopping.beta
+    met &= course.events >= stopping.minimum_events
     return int(np.argmax(met)) + 1 if met.any() else None
 
 
 def run_to_convergence(
-    strata: Mapping[str, Stratum],
+    problem: Problem,
+    proposals: Mapping[str, Factors],
+    stopping: Stopping,
     generator: np.random.Generator,
-    *,
-    alpha: float,
-    beta: float,
-    minimum_events: int,
-    simulations: int,
-    maximum_simulations: int,
+    batch: int,
 ) -> tuple[Array, int | None]:
-    """Simulate batches of ``simulations`` until the estimate has converged, at most ``maximum_simulations``.
+    """Simulate in batches until the estimate has converged, or until the rule gives up.
+
+    Parameters
+    ----------
+    problem, proposals, generator
+        As in `draw_weights`.
+    stopping
+        When to stop; it is looked at after every simulation of a batch.
+    batch
+        Simulations drawn at once.
 
     Returns
     -------
-    weights, converged_at
-        Crash weights of all simulations, shape (n,), and the number to convergence or None.
+    weights : numpy.ndarray
+        Weights of all simulations drawn, shape (n,).
+    converged_at : int or None
+        The number of simulations to convergence.
     """
     weights = np.empty(0)
     converged_at = None
-    while converged_at is None and weights.size < maximum_simulations:
-        batch = min(simulations, maximum_simulations - weights.size)
-        weights = np.concatenate([weights, draw_crash_weights(strata, generator, batch)])
-        converged_at = first_converged(running(weights, alpha), beta, minimum_events)
+    while converged_at is None and weights.size < stopping.maximum_simulations:
+        size = min(batch, stopping.maximum_simulations - weights.size)
+        weights = np.concatenate([weights, draw_weights(problem, proposals, generator, size)])
+        converged_at = first_converged(running(weights, stopping.alpha), stopping)
     return weights, converged_at
+
+
+def course_table(weights: Array, alpha: float, step: int) -> pd.DataFrame:
+    """Tabulate how an estimate came about, every ``step`` simulations.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``simulations``, ``probability``, ``variance``, ``relative_half_width`` and ``events``.
+    """
+    course = running(weights, alpha)
+    shown = np.arange(step - 1, weights.size, step)
+    return pd.DataFrame(
+        {
+            "simulations": shown + 1,
+            "probability": course.probability[shown],
+            "variance": course.variance[shown],
+            "relative_half_width": course.relative_half_width[shown],
+            "events": course.events[shown],
+        }
+    )
 
 
 def crude_simulations(probability: float, alpha: float, beta: float) -> float:
     """Return the simulations crude Monte Carlo needs for a relative half-width beta (section VI.C, N-hat)."""
-    return float(ndtri(alpha / 2)) ** 2 * (1 - probability) / (beta**2 * probability)
+    return normal_reach(alpha) ** 2 * (1 - probability) / (beta**2 * probability)

@@ -21,23 +21,20 @@ estimate that is too low also believes itself too exact, and its interval ends b
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
-from scipy.special import gammainccinv, gammaincinv, ndtri
+from scipy.special import gammainccinv, gammaincinv
 from scipy.stats import binomtest
 
 from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.methods.estimate import Stopping, normal_reach
 
 
-@dataclass(frozen=True)
-class Interval:
-    """A confidence interval of a probability."""
+class Interval(NamedTuple):
+    """The ends of a confidence interval of a probability."""
 
     low: float
     high: float
-
-    def covers(self, probability: float) -> bool:
-        """Whether the interval holds a value."""
-        return self.low <= probability <= self.high
 
 
 @dataclass(frozen=True)
@@ -99,7 +96,7 @@ def normal_interval(sums: Sums, alpha: float) -> Interval:
     """Return the paper's 100 (1 - alpha) % interval (section VI.C); [0, 1] with fewer than two crashes."""
     if sums.events < 2:
         return Interval(0.0, 1.0)
-    reach = -float(ndtri(alpha / 2)) * sums.coefficient_of_variation
+    reach = normal_reach(alpha) * sums.coefficient_of_variation
     return Interval(max(sums.probability * (1 - reach), 0.0), min(sums.probability * (1 + reach), 1.0))
 
 
@@ -144,26 +141,14 @@ def binomial_interval(events: int, simulations: int, alpha: float) -> Interval:
     return Interval(float(limits.low), float(limits.high))
 
 
-@dataclass(frozen=True)
-class Sequential:
-    """Where `sequential_estimate` stopped: all sums, the interval, and whether it is as narrow as asked."""
-
-    sums: Sums
-    interval: Interval
-    converged: bool
-
-
 def sequential_estimate(
     draw: Callable[[int], Sums],
+    stopping: Stopping,
     *,
-    alpha: float,
-    beta: float,
-    minimum_events: int,
-    maximum_simulations: int,
     weight_bound: float | None = None,
     first: int = 500,
     growth: float = 1.1,
-) -> Sequential:
+) -> tuple[Sums, bool]:
     """Simulate until the gamma interval is as narrow as asked: the stopping rule that does not under-cover.
 
     The paper's rule looks at a normal interval after every simulation and stops as soon as its relative
@@ -185,24 +170,28 @@ def sequential_estimate(
     ----------
     draw
         Simulates a number of fresh cut-ins and sums up their crash weights.
-    alpha, beta
-        Stop when the half-width of the 100 (1 - alpha) % interval is at most beta times the estimate.
-    minimum_events
-        Crashes that it needs besides.
-    maximum_simulations
-        Where it ends at the latest.
+    stopping
+        When to stop.
     weight_bound
         As in `gamma_interval`.
     first, growth
-        The looks.
+        The interval is looked at after ``first`` simulations, and each time that their number has grown by
+        the factor ``growth``.
+
+    Returns
+    -------
+    sums : Sums
+        Of all simulations; `gamma_interval` gives the interval.
+    converged : bool
+        Whether the interval is as narrow as asked.
     """
     sums, look = Sums(), float(first)
     while True:
-        size = min(math.ceil(look), maximum_simulations) - sums.simulations
+        size = min(math.ceil(look), stopping.maximum_simulations) - sums.simulations
         sums += draw(size)
-        interval = gamma_interval(sums, alpha, weight_bound)
-        narrow = (interval.high - interval.low) / 2 <= beta * sums.probability
-        converged = narrow and sums.events >= minimum_events
-        if converged or sums.simulations >= maximum_simulations:
-            return Sequential(sums, interval, converged)
+        interval = gamma_interval(sums, stopping.alpha, weight_bound)
+        narrow = (interval.high - interval.low) / 2 <= stopping.beta * sums.probability
+        converged = narrow and sums.events >= stopping.minimum_events
+        if converged or sums.simulations >= stopping.maximum_simulations:
+            return sums, converged
         look *= growth

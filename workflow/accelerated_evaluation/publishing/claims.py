@@ -10,7 +10,8 @@ import numpy as np
 import pandas as pd
 from scipy.special import ndtri
 
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
+from accelerated_evaluation.encounters.sources import describe
+from accelerated_evaluation.laws.independent import IndependentLaw
 from accelerated_evaluation.publishing.paper_numbers import (
     PAPER_PARAMETERS,
     PAPER_PROBABILITY,
@@ -33,6 +34,7 @@ from accelerated_evaluation.publishing.spreads import (
 # What a study must share with the paper before their numbers can be compared.
 PREMISES = {
     "data.source": "spmd",
+    "data.sample": None,
     "vehicle.name": "acc_aeb",
     "vehicle.parameters": {},
     "importance_sampling.alpha": 0.2,
@@ -158,8 +160,8 @@ def verdict(claim: Claim, ours: Spread) -> str:
 
 @table("claims", digits=3)
 def claims_table(
-    single: LaneChangeModel,
-    piecewise: LaneChangeModel,
+    single: IndependentLaw,
+    piecewise: IndependentLaw,
     trace: pd.DataFrame,
     estimates: pd.DataFrame,
     course: pd.DataFrame,
@@ -185,7 +187,7 @@ def claims_table(
         A row for each claim. The verdict is ``agrees`` or ``differs`` by the rule of `verdict`, or ``not
         comparable`` where the study departs from the paper's premises or has no like quantity.
     """
-    source = config["data"][config["data"]["source"]]["description"]
+    source = describe(config["data"])
     ours = _counts({"single": single, "piecewise": piecewise}, trace) | _searches(trace)
     ours |= _samples(estimates, course, exact, config["importance_sampling"])
     departure, obstacles = _departure(config, source), _obstacles(estimates)
@@ -244,7 +246,7 @@ def _obstacles(estimates: pd.DataFrame) -> dict[str, str]:
     return obstacles
 
 
-def _counts(models: Mapping[str, LaneChangeModel], trace: pd.DataFrame) -> dict[str, Spread]:
+def _counts(models: Mapping[str, IndependentLaw], trace: pd.DataFrame) -> dict[str, Spread]:
     events = count(sum(models["piecewise"].events.values()))
     numbers = {"identified": events, "closing": events}
     for method in ("piecewise", "single"):

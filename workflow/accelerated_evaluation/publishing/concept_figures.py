@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from accelerated_evaluation.distributions import Distribution
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
-from accelerated_evaluation.problem import Proposal
+from accelerated_evaluation.laws import Factors
+from accelerated_evaluation.laws.independent import IndependentLaw
 from accelerated_evaluation.publishing.curves import (
     INVERSE_TTC,
     RECORDS,
@@ -35,9 +35,9 @@ POINTS = 300
 @figure
 def fig01_concept(
     encounters: pd.DataFrame,
-    single: LaneChangeModel,
-    piecewise: LaneChangeModel,
-    proposals: Mapping[str, Mapping[str, Proposal]],
+    single: IndependentLaw,
+    piecewise: IndependentLaw,
+    proposals: Mapping[str, Mapping[str, Factors]],
     segment: str,
     source: str,
 ) -> tuple[Figure, pd.DataFrame]:
@@ -67,7 +67,7 @@ def fig01_concept(
     with paper_style():
         drawn, axes = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.0), sharex=True, sharey=True)
         for axis, (method, title) in zip(axes, TITLES.items(), strict=True):
-            both = laws[method].inverse_ttc[segment], proposals[method][segment].inverse_ttc
+            both = laws[method].inverse_ttc[segment], proposals[method][segment].second
             draw_histogram(axis, records, INVERSE_TTC, f"{RECORDS}, n = {x.size:,}")
             tables.append(_draw_densities(axis, both, 1.05 * x.max(), records).assign(method=method))
             axis.set_title(title, loc="left")

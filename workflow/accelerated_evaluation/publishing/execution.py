@@ -5,19 +5,22 @@ from base64 import b64encode
 from collections.abc import Iterator
 from typing import Any
 
-import nbformat
-import papermill
 from IPython.core.displayhook import CapturingDisplayHook
 from IPython.core.interactiveshell import ExecutionResult, InteractiveShell
 from IPython.utils.capture import CapturedIO, capture_output
-from nbconvert import HTMLExporter
-from nbformat import NotebookNode
-from papermill.engines import Engine, NotebookExecutionManager, papermill_engines
-from papermill.exceptions import PapermillExecutionError
 from traitlets.config import Config
 
 from accelerated_evaluation.errors import StudyError
 from accelerated_evaluation.files import atomic_path, write_text
+from accelerated_evaluation.imports import without
+
+with without("rfc3987_syntax"):
+    import nbformat
+    import papermill
+    from nbconvert import HTMLExporter
+    from nbformat import NotebookNode
+    from papermill.engines import Engine, NotebookExecutionManager, papermill_engines
+    from papermill.exceptions import PapermillExecutionError
 
 ENGINE = "this process"
 

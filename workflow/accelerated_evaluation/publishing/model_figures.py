@@ -7,9 +7,9 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from accelerated_evaluation.distributions import BoundedNormal, Distribution, Empirical
+from accelerated_evaluation.distributions import Described, Empirical, unit_to_power
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel, to_dict
+from accelerated_evaluation.laws.independent import IndependentLaw
 from accelerated_evaluation.publishing.curves import (
     INVERSE_RANGE,
     INVERSE_TTC,
@@ -35,7 +35,7 @@ POINTS = 400
 
 @figure
 def fig04_inverse_range_fit(
-    encounters: pd.DataFrame, two_pieces: LaneChangeModel, three_pieces: LaneChangeModel, source: str
+    encounters: pd.DataFrame, two_pieces: IndependentLaw, three_pieces: IndependentLaw, source: str
 ) -> tuple[Figure, pd.DataFrame]:
     """Piecewise fits of R^-1, pooled over the segments, by number of pieces (paper, figure 4).
 
@@ -67,7 +67,7 @@ def fig04_inverse_range_fit(
 
 @figure
 def fig05_inverse_ttc_fit(
-    encounters: pd.DataFrame, piecewise: LaneChangeModel, segment: str, source: str
+    encounters: pd.DataFrame, piecewise: IndependentLaw, segment: str, source: str
 ) -> tuple[Figure, pd.DataFrame]:
     """Piecewise fit of TTC^-1 in one segment, with the components of its body (paper, figure 5).
 
@@ -89,17 +89,16 @@ def fig05_inverse_ttc_fit(
     """
     law = piecewise.inverse_ttc[segment]
     curves = {f"piecewise ({len(law.components)} pieces)": Curve(law, look_of("piecewise"))}
-    normals = [(weight, leaf) for weight, leaf in leaves(law) if isinstance(leaf, BoundedNormal)]
-    for number, (weight, leaf) in enumerate(normals):
+    body = [(weight, leaf) for weight, leaf in leaves(law) if leaf.upper < np.inf]
+    for number, (weight, leaf) in enumerate(body):
         style = {"color": "#444444", "linewidth": 0.9, "linestyle": ("--", ":", "-.")[number % 3]}
-        name = f"normal, $\\sigma$ = {leaf.sd:.3f} 1/s"
-        curves[name] = Curve(leaf, style, weight, whole=False)
+        curves[_described(leaf, INVERSE_TTC)] = Curve(leaf, style, weight, whole=False)
     return _fit_figure(_inverse_ttc(encounters, segment), curves, INVERSE_TTC, source, segment)
 
 
 @figure
 def fig06_inverse_range_comparison(
-    encounters: pd.DataFrame, piecewise: LaneChangeModel, single: LaneChangeModel, source: str
+    encounters: pd.DataFrame, piecewise: IndependentLaw, single: IndependentLaw, source: str
 ) -> tuple[Figure, pd.DataFrame]:
     """Piecewise against single parametric fit of R^-1, pooled over the segments (paper, figure 6).
 
@@ -111,7 +110,7 @@ def fig06_inverse_range_comparison(
 
 @figure
 def fig07_inverse_ttc_comparison(
-    encounters: pd.DataFrame, piecewise: LaneChangeModel, single: LaneChangeModel, segment: str, source: str
+    encounters: pd.DataFrame, piecewise: IndependentLaw, single: IndependentLaw, segment: str, source: str
 ) -> tuple[Figure, pd.DataFrame]:
     """Piecewise against single parametric fit of TTC^-1 in one segment (paper, figure 7).
 
@@ -125,8 +124,17 @@ def _inverse_ttc(encounters: pd.DataFrame, segment: str) -> Array:
     return encounters.loc[encounters["segment"] == segment, "inverse_ttc"].to_numpy()
 
 
-def _compared(piecewise: Distribution, single: Distribution) -> dict[str, Curve]:
-    kind = to_dict(single)["kind"].removeprefix("bounded ")
+def _described(leaf: Described, variable: Variable) -> str:
+    """Name a component by its kind and its parameters, such as ``normal, sigma = 0.089 1/s``."""
+    parameters = [
+        f"${parameter.symbol}$ = {getattr(leaf, name):.3f} {unit_to_power(variable.unit, parameter.power)}"
+        for name, parameter in leaf.parameters.items()
+    ]
+    return ", ".join([leaf.kind.removeprefix("bounded "), *parameters])
+
+
+def _compared(piecewise: Described, single: Described) -> dict[str, Curve]:
+    kind = single.kind.removeprefix("bounded ")
     return {
         f"single ({kind})": Curve(single, look_of("single")),
         f"piecewise ({len(piecewise.components)} pieces)": Curve(piecewise, look_of("piecewise")),

@@ -4,12 +4,10 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import pandas as pd
 
-from accelerated_evaluation.distributions import Distribution, Empirical, Mixture
-from accelerated_evaluation.laws.lane_change_model import UNITS, LaneChangeModel, to_dict
+from accelerated_evaluation.distributions import Distribution, Empirical, Mixture, unit_to_power
+from accelerated_evaluation.laws.independent import UNITS, IndependentLaw
 from accelerated_evaluation.publishing.published import table
 
-PARAMETERS = ("rate", "sd", "shape")
-RATE_UNITS = {"inverse_range": "m", "inverse_ttc": "s"}
 SYMBOLS = {"inverse_range": "R⁻¹", "inverse_ttc": "TTC⁻¹"}
 
 
@@ -22,37 +20,34 @@ def leaves(law: Distribution, weight: float = 1.0) -> Iterator[tuple[float, Dist
         yield weight, law
 
 
-def parameter_table(model: LaneChangeModel) -> pd.DataFrame:
+def parameter_table(model: IndependentLaw) -> pd.DataFrame:
     """List the parameters of a lane-change model.
 
     Returns
     -------
     pandas.DataFrame
-        A row a component of a law: variable, segment, ``from`` and ``to`` in the variable's ``unit``, its
-        weight in the whole law, family, parameter, value, value_unit.
+        A row for each parameter of each component of a law: variable, segment, ``from`` and ``to`` in the
+        variable's ``unit``, the component's weight in the whole law, family, parameter, value, value_unit.
     """
     laws = [("inverse_range", "all", model.inverse_range)]
     laws += [("inverse_ttc", segment, law) for segment, law in model.inverse_ttc.items()]
-    lines = []
-    for variable, segment, law in laws:
-        for weight, leaf in leaves(law):
-            described = to_dict(leaf)
-            name = next(name for name in PARAMETERS if name in described)
-            value_unit = {"rate": RATE_UNITS[variable], "sd": UNITS[variable], "shape": "1"}[name]
-            lines.append(
-                {
-                    "variable": variable,
-                    "segment": segment,
-                    "from": leaf.lower,
-                    "to": leaf.upper,
-                    "unit": UNITS[variable],
-                    "weight": weight,
-                    "family": described["kind"],
-                    "parameter": name,
-                    "value": described[name],
-                    "value_unit": value_unit,
-                }
-            )
+    lines = [
+        {
+            "variable": variable,
+            "segment": segment,
+            "from": leaf.lower,
+            "to": leaf.upper,
+            "unit": UNITS[variable],
+            "weight": weight,
+            "family": leaf.kind,
+            "parameter": name,
+            "value": getattr(leaf, name),
+            "value_unit": unit_to_power(UNITS[variable], parameter.power),
+        }
+        for variable, segment, law in laws
+        for weight, leaf in leaves(law)
+        for name, parameter in leaf.parameters.items()
+    ]
     return pd.DataFrame(lines)
 
 
@@ -91,7 +86,7 @@ def candidates_table(candidates: pd.DataFrame) -> pd.DataFrame:
 
 def close_call_table(
     encounters: pd.DataFrame,
-    models: Mapping[str, LaneChangeModel],
+    models: Mapping[str, IndependentLaw],
     *,
     ranges: Sequence[float] = (30, 20, 10, 5, 3),
     ttcs: Sequence[float] = (10, 5, 3, 2),

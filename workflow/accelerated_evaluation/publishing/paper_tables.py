@@ -4,7 +4,7 @@ import math
 
 import pandas as pd
 
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
+from accelerated_evaluation.laws.independent import IndependentLaw
 from accelerated_evaluation.publishing.paper_numbers import (
     PAPER_PARAMETERS,
     PAPER_RATIOS,
@@ -70,8 +70,8 @@ def table2_computation(
     estimates: pd.DataFrame,
     course: pd.DataFrame,
     trace: pd.DataFrame,
-    single: LaneChangeModel,
-    piecewise: LaneChangeModel,
+    single: IndependentLaw,
+    piecewise: IndependentLaw,
     alpha: float,
     beta: float,
 ) -> pd.DataFrame:

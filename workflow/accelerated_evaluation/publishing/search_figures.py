@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from accelerated_evaluation.distributions import PiecewiseMixture
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
+from accelerated_evaluation.laws.independent import IndependentLaw
 from accelerated_evaluation.publishing.published import figure
 from accelerated_evaluation.publishing.style import COLUMN_WIDTH, PIECES, note_source, paper_style
 
@@ -128,7 +128,7 @@ def _piece_table(rows: pd.DataFrame, variable: str) -> pd.DataFrame:
 
 @figure
 def fig11_inverse_ttc_density(
-    trace: pd.DataFrame, piecewise: LaneChangeModel, segment: str, source: str
+    trace: pd.DataFrame, piecewise: IndependentLaw, segment: str, source: str
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw how the density of TTC^-1 moves from f to f* in the first seed's search (paper, figure 11).
 

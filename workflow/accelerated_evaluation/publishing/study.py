@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from accelerated_evaluation.encounters.contract import read_encounters
+from accelerated_evaluation.encounters.sources import describe
 from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.files import read_json
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel, read_model
+from accelerated_evaluation.laws.files import read_law
+from accelerated_evaluation.laws.independent import IndependentLaw
 
 if TYPE_CHECKING:
-    from accelerated_evaluation.problem import Proposal
+    from accelerated_evaluation.laws import Factors
 
 
 class Study:
@@ -53,8 +55,8 @@ class Study:
     def _table(self, name: str) -> pd.DataFrame:
         return pd.read_csv(self.path(name))
 
-    def _law(self, name: str) -> LaneChangeModel:
-        return read_model(self.path(name))
+    def _law(self, name: str) -> IndependentLaw:
+        return read_law(self.path(name), self.encounters)
 
     # What the study is.
 
@@ -72,7 +74,7 @@ class Study:
     def source(self) -> str:
         """What the data are, in words."""
         data = self.config["data"]
-        return data[data["source"]]["description"]
+        return describe(data)
 
     @property
     def headline(self) -> str:
@@ -135,22 +137,22 @@ class Study:
         return self._table("candidates.csv")
 
     @cached_property
-    def two_pieces(self) -> LaneChangeModel:
+    def two_pieces(self) -> IndependentLaw:
         """The piecewise law whose R^-1 has two pieces."""
         return self._law("models/two_pieces.json")
 
     @cached_property
-    def three_pieces(self) -> LaneChangeModel:
+    def three_pieces(self) -> IndependentLaw:
         """The piecewise law whose R^-1 has three pieces."""
         return self._law("models/three_pieces.json")
 
     @cached_property
-    def single(self) -> LaneChangeModel:
+    def single(self) -> IndependentLaw:
         """The single parametric law."""
         return self._law("models/single.json")
 
     @property
-    def models(self) -> dict[str, LaneChangeModel]:
+    def models(self) -> dict[str, IndependentLaw]:
         """All fitted laws by name."""
         return {"two_pieces": self.two_pieces, "three_pieces": self.three_pieces, "single": self.single}
 
@@ -160,14 +162,14 @@ class Study:
         return self.config["models"]["inverse_range"]["variant"]
 
     @property
-    def piecewise(self) -> LaneChangeModel:
+    def piecewise(self) -> IndependentLaw:
         """The piecewise law from which all cut-ins of this study are drawn."""
         return self.models[self.variant]
 
     @property
     def shares(self) -> dict[str, float]:
         """Share of each segment in the lane changes."""
-        return {segment: self.piecewise.share(segment) for segment in self.piecewise.segments}
+        return self.piecewise.shares
 
     # What the methods found.
 
@@ -177,19 +179,29 @@ class Study:
         return self._table("cross_entropy_trace.csv")
 
     @cached_property
-    def proposals(self) -> "dict[str, Mapping[str, Proposal]]":
+    def proposals(self) -> "dict[str, Mapping[str, Factors]]":
         """The accelerated distributions f* of the first seed, by method and segment."""
         # Imported here, because it takes the compiled vehicle along, which the other results do not need.
-        from accelerated_evaluation.methods.paper import read_proposals
+        from accelerated_evaluation.methods.cross_entropy.proposals import read_proposals
 
         methods = self.trace["method"].unique()
         paths = {method: self.path("cross_entropy/{method}_0.json", method=method) for method in methods}
-        return {method: read_proposals(path) for method, path in paths.items()}
+        return {method: read_proposals(path).factors for method, path in paths.items()}
+
+    @cached_property
+    def replicates(self) -> pd.DataFrame:
+        """What every replicate of every method costs and finds; ``together`` counts all simulations."""
+        table = self._table("estimates.csv")
+        return table.assign(together=table["learning"] + table["estimating"])
 
     @cached_property
     def estimates(self) -> pd.DataFrame:
-        """The estimate of every replicate of the paper's methods, at convergence."""
-        return self._table("estimates.csv")
+        """The estimates of all replicates of importance sampling, at convergence.
+
+        They are told from others by their weights, which have an effective sample size.
+        """
+        weighted = self.replicates.dropna(subset="effective_sample_size")
+        return weighted.rename(columns={"estimating": "simulations"}).reset_index(drop=True)
 
     @cached_property
     def course(self) -> pd.DataFrame:
@@ -202,14 +214,9 @@ class Study:
         return self._table("crude.csv")
 
     @cached_property
-    def surrogate(self) -> pd.DataFrame:
-        """The estimate of every replicate of the surrogate-guided sampler."""
-        return self._table("surrogate.csv")
-
-    @cached_property
     def runs(self) -> pd.DataFrame:
         """Every simulation of every replicate of the surrogate-guided sampler."""
-        return self._table("surrogate_runs.csv")
+        return self._table("estimates_runs.csv")
 
     # The ground truth.
 

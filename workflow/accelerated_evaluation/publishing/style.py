@@ -61,8 +61,8 @@ def note_source(figure: Figure, source: str) -> None:
     Parameters
     ----------
     source
-        Description of the data, such as "simulated twin of SPMD". It takes the place of the figure's
-        common label of x, so label the axes one by one.
+        Description of the data, such as "Safety Pilot Model Deployment (real events)". It takes the place
+        of the figure's common label of x, so label the axes one by one.
     """
     figure.supxlabel(f"Data: {source}", x=0.99, ha="right", fontsize=5.5, color="#555555")
 

@@ -86,21 +86,13 @@ def fig19_surrogate_runs(
 
 
 @figure
-def fig20_methods(
-    estimates: pd.DataFrame,
-    trace: pd.DataFrame,
-    surrogate: pd.DataFrame,
-    runs: pd.DataFrame,
-    exact: pd.DataFrame,
-    source: str,
-) -> tuple[Figure, pd.DataFrame]:
-    """Draw what every replicate of the four methods costs, and what it finds, over all segments.
+def fig20_methods(replicates: pd.DataFrame, exact: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
+    """Draw what every replicate of every method costs, and what it finds, over all segments.
 
     Parameters
     ----------
-    estimates, trace, surrogate, runs, exact
-        ``estimates.csv``, ``cross_entropy_trace.csv``, ``surrogate.csv``, ``surrogate_runs.csv`` and
-        ``exact.csv`` of a study.
+    replicates, exact
+        The estimates of all methods, and ``exact.csv`` of a study.
     source
         Description of the data.
 
@@ -111,7 +103,7 @@ def fig20_methods(
         and ``together``; probability, ci_low, ci_high and ``to_exact``, the ratio to the exact probability.
     """
     truth = exact.set_index("segment").loc["all"]
-    data = side_by_side(estimates, trace, surrogate, runs, "all")
+    data = side_by_side(replicates, "all")
     data["to_exact"] = data["probability"] / truth["probability"]
     ratios = data[["probability", "ci_low", "ci_high"]] / truth["probability"]
     y = spaced(data["method"], 1.0)

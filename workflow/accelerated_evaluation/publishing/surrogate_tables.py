@@ -3,64 +3,39 @@
 import pandas as pd
 
 from accelerated_evaluation.publishing.published import table
-from accelerated_evaluation.publishing.search_tables import search_totals
-from accelerated_evaluation.publishing.spreads import of_method
 
 PHASES = ("search", "learn", "estimate")
 
 
-def side_by_side(
-    estimates: pd.DataFrame, trace: pd.DataFrame, surrogate: pd.DataFrame, runs: pd.DataFrame, scope: str
-) -> pd.DataFrame:
-    """Tabulate what every replicate of the four methods costs and finds in one scope.
+def side_by_side(replicates: pd.DataFrame, scope: str) -> pd.DataFrame:
+    """Tabulate what every replicate of every method costs and finds in one scope.
 
     Parameters
     ----------
-    estimates, trace, surrogate, runs
-        ``estimates.csv``, ``cross_entropy_trace.csv``, ``surrogate.csv`` and ``surrogate_runs.csv`` of a
-        study.
+    replicates
+        As `Study.replicates` has them. A replicate of the paper's methods has learnt in the search whose f*
+        it took, in all segments of the scope; one of the surrogate in the runs before its estimate.
+    scope
+        ``all`` or the name of a segment.
 
     Returns
     -------
     pandas.DataFrame
         method, replicate; the simulations for ``learning``, for ``estimating`` and ``together``; probability,
-        ci_low, ci_high, converged. A replicate of the paper's methods has learnt in the search whose f* it
-        took, in all segments of the scope; one of the surrogate in the runs that do not enter its estimate.
+        ci_low, ci_high, converged.
     """
-    searched = search_totals(trace if scope == "all" else trace[trace["segment"] == scope])
-    learning = runs[runs["phase"] != PHASES[-1]].groupby(["scope", "replicate"]).size()
-    everything = pd.concat([estimates, surrogate], ignore_index=True)
-    parts = []
-    for method in everything["method"].unique():
-        rows = of_method(everything, method, scope).copy()
-        if method in searched:
-            search = searched[method]
-            rows["learning"] = search.to_numpy()[rows["replicate"] % len(search)].astype(int)
-            rows["estimating"] = rows["simulations"]
-            rows["together"] = rows["learning"] + rows["estimating"]
-        else:
-            rows["learning"] = learning[scope].reindex(rows["replicate"], fill_value=0).to_numpy()
-            rows["together"] = rows["simulations"]
-            rows["estimating"] = rows["together"] - rows["learning"]
-        parts.append(rows)
     columns = ["method", "replicate", "learning", "estimating", "together"]
     columns += ["probability", "ci_low", "ci_high", "converged"]
-    return pd.concat(parts, ignore_index=True)[columns]
+    return replicates.loc[replicates["scope"] == scope, columns].reset_index(drop=True)
 
 
 @table("surrogate", digits=3)
-def surrogate_table(
-    estimates: pd.DataFrame,
-    trace: pd.DataFrame,
-    surrogate: pd.DataFrame,
-    runs: pd.DataFrame,
-    exact: pd.DataFrame,
-) -> pd.DataFrame:
-    """Compare the four methods, a row for each scope and method.
+def surrogate_table(replicates: pd.DataFrame, exact: pd.DataFrame) -> pd.DataFrame:
+    """Compare the methods, a row for each scope and method.
 
     Parameters
     ----------
-    estimates, trace, surrogate, runs
+    replicates
         As in `side_by_side`.
     exact
         ``exact.csv`` of a study.
@@ -74,9 +49,9 @@ def surrogate_table(
         converged.
     """
     tables = []
-    for scope in surrogate["scope"].unique():
+    for scope in replicates["scope"].unique():
         truth = exact.set_index("segment").loc[scope, "probability"]
-        rows = side_by_side(estimates, trace, surrogate, runs, scope)
+        rows = side_by_side(replicates, scope)
         rows["ratio"] = rows["probability"] / truth
         rows["held"] = rows["ci_low"].le(truth) & rows["ci_high"].ge(truth)
         means = rows.groupby("method", sort=False, as_index=False).agg(

@@ -22,13 +22,13 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.special import ndtri
 
 from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.laws import Factors
+from accelerated_evaluation.methods.estimate import Stopping, normal_reach
 from accelerated_evaluation.methods.importance_sampling import (
-    Stratum,
     crude_simulations,
-    draw_crash_weights,
+    draw_weights,
     first_converged,
     running,
 )
@@ -38,8 +38,8 @@ from accelerated_evaluation.methods.intervals import (
     normal_interval,
     sequential_estimate,
 )
+from accelerated_evaluation.problem import Problem
 
-CRUDE = "crude"
 LEVELS = (80, 95)
 INTERVALS = {
     "fixed": normal_interval,
@@ -48,55 +48,62 @@ INTERVALS = {
     "sequential_gamma": gamma_interval,
 }
 BLOCK = 50_000  # simulations drawn at once: small blocks take longer
-RULE = ("alpha", "beta", "minimum_events")
 
 
 def foretold_size(
-    searches: Sequence[Mapping[str, Stratum]],
+    problem: Problem,
+    searches: Sequence[Mapping[str, Factors]],
     generator: np.random.Generator,
     pilot: int,
-    settings: Mapping[str, Any],
+    stopping: Stopping,
 ) -> int:
     """Return the simulations after which a relative half-width of beta is to be expected (VI.C, N-hat).
 
     Parameters
     ----------
+    problem
+        The law, the vehicle and the event.
     searches
-        The strata of each search; their mean variance is taken.
+        f* of each stratum, search by search; the mean variance over the searches is taken.
     generator
         Source of all randomness.
     pilot
         Simulations with each search.
-    settings
-        Section ``importance_sampling`` of the configuration.
+    stopping
+        The rule whose alpha and beta are asked for.
     """
-    sums = sum((Sums.of(draw_crash_weights(strata, generator, pilot)) for strata in searches), Sums())
-    reach = float(ndtri(settings["alpha"] / 2)) * sums.coefficient_of_variation / settings["beta"]
+    pilots = (Sums.of(draw_weights(problem, proposals, generator, pilot)) for proposals in searches)
+    sums = sum(pilots, Sums())
+    reach = normal_reach(stopping.alpha) * sums.coefficient_of_variation / stopping.beta
     return math.ceil(sums.simulations * reach**2)
 
 
 class Stream:
-    """Crash weights with the f* of one search, drawn in large blocks; replicates follow one another in it.
+    """Weights with the f* of one search, drawn in large blocks; replicates follow one another in it.
 
     A replicate begins where the last one ended. Where that is depends on the weights before it alone, so the
     replicates are independent.
 
     Parameters
     ----------
-    strata
-        The segments with their f*.
+    problem
+        The law, the vehicle and the event.
+    proposals
+        f* of each stratum.
     generator
         Source of all randomness.
     """
 
-    def __init__(self, strata: Mapping[str, Stratum], generator: np.random.Generator) -> None:
-        self._strata, self._generator = strata, generator
+    def __init__(
+        self, problem: Problem, proposals: Mapping[str, Factors], generator: np.random.Generator
+    ) -> None:
+        self._problem, self._proposals, self._generator = problem, proposals, generator
         self._weights = np.empty(0)
 
     def first(self, size: int) -> Array:
         """Return the first ``size`` weights of this replicate."""
         while self._weights.size < size:
-            block = draw_crash_weights(self._strata, self._generator, BLOCK)
+            block = draw_weights(self._problem, self._proposals, self._generator, BLOCK)
             self._weights = np.concatenate([self._weights, block])
         return self._weights[:size]
 
@@ -105,9 +112,7 @@ class Stream:
         self._weights = self._weights[size:]
 
 
-def stop_importance_sampling(
-    stream: Stream, fixed: int, settings: Mapping[str, Any]
-) -> dict[str, tuple[Sums, bool]]:
+def stop_importance_sampling(stream: Stream, fixed: int, stopping: Stopping) -> dict[str, tuple[Sums, bool]]:
     """Run one replicate of importance sampling, and stop it in each of the ways.
 
     Parameters
@@ -116,27 +121,25 @@ def stop_importance_sampling(
         Where the simulations come from.
     fixed
         The fixed size.
-    settings
-        Section ``importance_sampling`` of the configuration.
+    stopping
+        When the sequential ways stop.
 
     Returns
     -------
     dict
         For each way to stop the sums at its end, and whether its rule was met.
     """
-    rule = {name: settings[name] for name in RULE}
-    maximum, used = settings["maximum_simulations"], 0
+    maximum, used = stopping.maximum_simulations, 0
 
     def draw(size: int) -> Sums:
         nonlocal used
         used += size
         return Sums.of(stream.first(used)[used - size :])
 
-    ours = sequential_estimate(draw, **rule, maximum_simulations=maximum)
+    by_gamma = sequential_estimate(draw, stopping)
     used, first = max(used, fixed), None
     while first is None:
-        course = running(stream.first(used), rule["alpha"])
-        first = first_converged(course, rule["beta"], rule["minimum_events"])
+        first = first_converged(running(stream.first(used), stopping.alpha), stopping)
         if used >= maximum:
             break
         used = used if first else min(2 * used, maximum)
@@ -147,33 +150,47 @@ def stop_importance_sampling(
         "fixed": at_fixed,
         "fixed_gamma": at_fixed,
         "sequential": (Sums.of(weights[:first]), first is not None),
-        "sequential_gamma": (ours.sums, ours.converged),
+        "sequential_gamma": by_gamma,
     }
 
 
 def stop_crude(
-    probability: float, generator: np.random.Generator, settings: Mapping[str, Any]
+    probability: float, generator: np.random.Generator, stopping: Stopping
 ) -> dict[str, tuple[Sums, bool]]:
-    """Draw one replicate of crude Monte Carlo from its law; arguments and result as for importance sampling.
+    """Draw one replicate of crude Monte Carlo from its law, and stop it in each of the ways.
 
     With k crashes the relative half-width of the normal interval is z / sqrt(k) for a rare event, whatever n:
     the paper's rule stops at a crash whose number is known beforehand, and the simulations up to it follow a
     negative binomial law.
+
+    Parameters
+    ----------
+    probability
+        The exact probability of the event.
+    generator
+        Source of all randomness.
+    stopping
+        When the sequential ways stop; crude Monte Carlo has no largest number of simulations here.
+
+    Returns
+    -------
+    dict
+        As of `stop_importance_sampling`.
     """
-    rule = {name: settings[name] for name in RULE}
 
     def draw(size: int) -> Sums:
         return Sums.unweighted(size, int(generator.binomial(size, probability)))
 
-    at_fixed = draw(math.ceil(crude_simulations(probability, rule["alpha"], rule["beta"]))), True
-    events = max(math.ceil((ndtri(rule["alpha"] / 2) / rule["beta"]) ** 2), rule["minimum_events"])
+    alpha, beta = stopping.alpha, stopping.beta
+    at_fixed = draw(math.ceil(crude_simulations(probability, alpha, beta))), True
+    events = max(math.ceil((normal_reach(alpha) / beta) ** 2), stopping.minimum_events)
     simulations = events + int(generator.negative_binomial(events, probability))
-    ours = sequential_estimate(draw, **rule, maximum_simulations=sys.maxsize, weight_bound=1.0)
+    endless = Stopping(alpha, beta, stopping.minimum_events, sys.maxsize)
     return {
         "fixed": at_fixed,
         "fixed_gamma": at_fixed,
         "sequential": (Sums.unweighted(simulations, events), True),
-        "sequential_gamma": (ours.sums, ours.converged),
+        "sequential_gamma": sequential_estimate(draw, endless, weight_bound=1.0),
     }
 
 

@@ -2,15 +2,15 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pandas as pd
 from tqdm import trange
 
-from accelerated_evaluation.methods.importance_sampling import Stratum
+from accelerated_evaluation.laws import Factors
+from accelerated_evaluation.methods.estimate import Stopping
+from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.truth.coverage import (
-    CRUDE,
     Stream,
     foretold_size,
     replicate_rows,
@@ -21,10 +21,11 @@ from accelerated_evaluation.truth.coverage import (
 
 def coverage_replicates(
     method: str,
-    searches: Sequence[Mapping[str, Stratum]],
+    problem: Problem,
+    searches: Sequence[Mapping[str, Factors]],
     probability: float,
     generator_of: Callable[..., np.random.Generator],
-    settings: Mapping[str, Any],
+    stopping: Stopping,
     coverage: Mapping[str, int],
 ) -> pd.DataFrame:
     """Run the replicates of one method; they take the searches in turn.
@@ -32,29 +33,33 @@ def coverage_replicates(
     Parameters
     ----------
     method
-        ``crude`` or the name of a method of importance sampling.
+        Name of the method.
+    problem
+        The law, the vehicle and the event.
     searches
-        The segments with the f* of each search; none for crude Monte Carlo.
+        f* of each stratum, search by search. Without any, f itself is drawn from: crude Monte Carlo.
     probability
         The exact crash probability, from which the number of crashes of crude Monte Carlo is drawn.
     generator_of
         Gives the generator of a piece of the work by its name.
-    settings, coverage
-        Sections ``importance_sampling`` and ``coverage`` of the configuration.
+    stopping
+        When the sequential ways stop.
+    coverage
+        Section ``coverage`` of the configuration.
 
     Returns
     -------
     pandas.DataFrame
         Columns ``method``, ``replicate`` and those of `coverage.replicate_rows`.
     """
-    if method == CRUDE:
-        # The weight of a crude simulation is 0 or 1, which the gamma interval makes use of.
-        stops, weight_bound = [partial(stop_crude, probability, generator_of(), settings)], 1.0
-    else:
-        size = foretold_size(searches, generator_of("pilot"), coverage["pilot"], settings)
-        streams = [Stream(strata, generator_of(number)) for number, strata in enumerate(searches)]
-        stops = [partial(stop_importance_sampling, stream, size, settings) for stream in streams]
+    if searches:
+        size = foretold_size(problem, searches, generator_of("pilot"), coverage["pilot"], stopping)
+        streams = [Stream(problem, found, generator_of(number)) for number, found in enumerate(searches)]
+        stops = [partial(stop_importance_sampling, stream, size, stopping) for stream in streams]
         weight_bound = None
+    else:
+        # The weight of a crude simulation is 0 or 1, which the gamma interval makes use of.
+        stops, weight_bound = [partial(stop_crude, probability, generator_of(), stopping)], 1.0
     rows = []
     for replicate in trange(coverage["replicates"], desc=f"coverage, {method}"):
         stopped = stops[replicate % len(stops)]()

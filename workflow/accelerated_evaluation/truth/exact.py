@@ -1,7 +1,7 @@
-"""Exact probabilities: a crash map weighed with a lane-change model.
+"""Exact probabilities: a crash map weighed with a law of cut-ins.
 
-Along a line of the map the probability of an event is a sum of exact interval probabilities of TTC^-1; over
-the lines it is a mean weighed with the probabilities of the cells.
+Along a line of the map the probability of an event is a sum of exact interval probabilities of the closing
+speed; over the lines it is a mean weighed with the probabilities of the cells.
 """
 
 from collections.abc import Mapping
@@ -9,12 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
 
-from accelerated_evaluation.distributions import Distribution, Mixture
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
+from accelerated_evaluation.laws import Law, Stratum
 from accelerated_evaluation.truth.crash_map import LINES_PER_CELL, CrashMap
 from accelerated_evaluation.vehicles.events import CRASH, Event
 
@@ -29,97 +27,112 @@ class Exact:
     standard_error: float
 
 
-def interval_probability(law: Distribution, start: ArrayLike, end: ArrayLike) -> Array:
-    """P(start <= X < end), element by element, without a difference of nearly equal numbers.
+def capped_intervals(
+    crash_map: CrashMap, event: Event, closing_speed_max: float
+) -> tuple[Array, Array, Array]:
+    """Return the intervals of an event as a law with a cap on closing speeds sees them.
 
-    A mixture is summed component by component, over those alone that reach into an interval.
-    """
-    start, end = np.broadcast_arrays(np.asarray(start, dtype=float), np.asarray(end, dtype=float))
-    if not isinstance(law, Mixture):
-        low = law.logsf(start)
-        with np.errstate(invalid="ignore"):
-            return np.where(np.isneginf(low), 0.0, np.exp(low) * -np.expm1(law.logsf(end) - low))
-    total = np.zeros(start.shape)
-    for weight, component in zip(law.weights, law.components, strict=True):
-        reached = (start < component.upper) & (end > component.lower)
-        total[reached] += weight * interval_probability(component, start[reached], end[reached])
-    return total
+    All closing speeds at the cap or beyond are simulated as the cap. So an interval that holds the cap
+    has no end for such a law, and one that begins above the cap is never reached.
 
+    Parameters
+    ----------
+    crash_map
+        Of the vehicle under test.
+    event
+        One of the map's.
+    closing_speed_max
+        The cap [m/s]; infinite without one.
 
-def line_probabilities(crash_map: CrashMap, inverse_ttc: Distribution, event: Event = CRASH) -> Array:
-    """Return the probability of an event on the lines of each cell, shape (cells, 2), for a law of TTC^-1."""
-    intervals = crash_map.intervals(event)
-    inverse_range = crash_map.inverse_range[intervals.line]
-    probability = interval_probability(
-        inverse_ttc, intervals.start * inverse_range, intervals.end * inverse_range
-    )
-    return np.bincount(intervals.line, probability, crash_map.inverse_range.size).reshape(-1, LINES_PER_CELL)
-
-
-def cell_shares(crash_map: CrashMap, lead_speeds: ArrayLike) -> Array:
-    """Return the share of the lead speeds in each cell, shape (cells,).
+    Returns
+    -------
+    line, start, end : numpy.ndarray
+        Index of the line, and ends of the closing speed [m/s], each of shape (intervals,).
 
     Raises
     ------
     InputError
-        If one lies outside the map.
+        If the map ends below the cap.
     """
-    speeds, grid = np.sort(lead_speeds), crash_map.grid
-    if speeds[0] < grid.lead_speed_min or speeds[-1] >= grid.lead_speed_max:
-        mapped = f"[{grid.lead_speed_min:g}, {grid.lead_speed_max:g}) m/s"
-        raise _outside("v_L", f"{speeds[0]:g} to {speeds[-1]:g} m/s", mapped)
-    return np.diff(np.searchsorted(speeds, crash_map.cells.lead_speed), axis=1)[:, 0] / speeds.size
+    top = crash_map.grid.closing_speed_max
+    if closing_speed_max < np.inf and closing_speed_max > top:
+        raise _outside("closing speed", f"up to the cap of {closing_speed_max:g} m/s", f"up to {top:g} m/s")
+    intervals = crash_map.intervals(event)
+    reached = intervals.start <= closing_speed_max
+    end = np.where(intervals.end > closing_speed_max, np.inf, intervals.end)
+    return intervals.line[reached], intervals.start[reached], end[reached]
 
 
-def cell_weights(crash_map: CrashMap, lead_speeds: ArrayLike, inverse_range: Distribution) -> Array:
-    """Return the probability of each cell of v_L, which is empirical, and R^-1, shape (cells,).
+def line_probabilities(
+    crash_map: CrashMap, stratum: Stratum, closing_speed_max: float, event: Event = CRASH
+) -> Array:
+    """Return the probability of an event on the lines of each cell, given that a cut-in lies on them.
+
+    Parameters
+    ----------
+    crash_map
+        Of the vehicle under test.
+    stratum
+        The law in one stratum.
+    closing_speed_max
+        Cap of the law on closing speeds [m/s].
+    event
+        One of the map's.
+
+    Returns
+    -------
+    numpy.ndarray
+        Probabilities, shape (cells, 2).
+    """
+    line, start, end = capped_intervals(crash_map, event, closing_speed_max)
+    probability = stratum.closing_speed_probability(
+        crash_map.lead_speed[line], crash_map.inverse_range[line], start, end
+    )
+    return np.bincount(line, probability, crash_map.inverse_range.size).reshape(-1, LINES_PER_CELL)
+
+
+def cell_weights(crash_map: CrashMap, stratum: Stratum) -> Array:
+    """Return the probability of each cell of v_L and R^-1 in one stratum, shape (cells,).
 
     Raises
     ------
     InputError
         If a lead speed or a share of R^-1 lies outside the map.
     """
-    range_max = crash_map.grid.range_max
-    # The same inverse written in two ways may differ in the last digit.
-    if inverse_range.lower * range_max < 1 - 1e-12:
-        mapped = f"{1 / range_max:g} 1/m and more"
-        raise _outside("R^-1", f"{inverse_range.lower:g} 1/m and more", mapped)
-    shares = cell_shares(crash_map, lead_speeds)
-    return shares * interval_probability(inverse_range, *crash_map.cells.inverse_range.T)
+    grid, speeds = crash_map.grid, stratum.lead_speed
+    if speeds.lower < grid.lead_speed_min or speeds.upper >= grid.lead_speed_max:
+        mapped = f"[{grid.lead_speed_min:g}, {grid.lead_speed_max:g}) m/s"
+        raise _outside("v_L", f"{speeds.lower:g} to {speeds.upper:g} m/s", mapped)
+    lowest = stratum.inverse_range_min
+    # The inverse of the same range may differ in its last digit, depending on how it was computed.
+    if lowest * grid.range_max < 1 - 1e-12:
+        raise _outside("R^-1", f"{lowest:g} 1/m and more", f"{1 / grid.range_max:g} 1/m and more")
+    return stratum.cell_probability(crash_map.cells.lead_speed, crash_map.cells.inverse_range)
 
 
 def _outside(what: str, seen: str, mapped: str) -> InputError:
-    change = "Make the map for the limits of this model (configuration key filters)."
-    return InputError(f"{what} of the model", seen=seen, expected=f"within the map: {mapped}", change=change)
+    change = "Make the map for the limits of this law (configuration keys filters and crash_map)."
+    return InputError(f"{what} of the law", seen=seen, expected=f"within the map: {mapped}", change=change)
 
 
-def exact_probabilities(
-    crash_map: CrashMap,
-    model: LaneChangeModel,
-    encounters: pd.DataFrame,
-    event: Event = CRASH,
-) -> dict[str, Exact]:
-    """Return the probability of an event in each segment of the model, and in ``all`` by their shares.
+def exact_probabilities(crash_map: CrashMap, law: Law, event: Event = CRASH) -> dict[str, Exact]:
+    """Return the probability of an event in each stratum of a law, and in ``all`` by their shares.
 
     Parameters
     ----------
     crash_map
         Of the vehicle under test.
-    model
-        f.
-    encounters
-        Encounter table; the lead speeds of each segment are taken from it.
+    law
+        The law of cut-ins.
     event
         One of the map's.
     """
-    speeds = encounters.groupby("segment")["lead_speed"]
     values = {}
-    for segment in model.segments:
-        weights = cell_weights(crash_map, speeds.get_group(segment), model.inverse_range)
-        lines = line_probabilities(crash_map, model.inverse_ttc[segment], event)
-        values[segment] = weights[:, None] * lines
-    everything = sum(model.share(segment) * lines for segment, lines in values.items())
-    return {segment: summed(lines) for segment, lines in (values | {ALL: everything}).items()}
+    for name, stratum in law.strata.items():
+        lines = line_probabilities(crash_map, stratum, law.closing_speed_max, event)
+        values[name] = cell_weights(crash_map, stratum)[:, None] * lines
+    everything = sum(law.shares[name] * lines for name, lines in values.items())
+    return {name: summed(lines) for name, lines in (values | {ALL: everything}).items()}
 
 
 def summed(lines: Array) -> Exact:
@@ -128,10 +141,8 @@ def summed(lines: Array) -> Exact:
     return Exact(probability, float(np.sqrt(np.square(np.diff(lines)).sum()) / 2))
 
 
-def exact_table(
-    crash_maps: Mapping[str, CrashMap], models: Mapping[str, LaneChangeModel], encounters: pd.DataFrame
-) -> pd.DataFrame:
-    """Tabulate the crash probability of each model by maps of different resolution.
+def exact_table(crash_maps: Mapping[str, CrashMap], laws: Mapping[str, Law]) -> pd.DataFrame:
+    """Tabulate the crash probability of each law by maps of different resolution.
 
     Returns
     -------
@@ -141,9 +152,9 @@ def exact_table(
     """
     rows = [
         (model, segment, resolution, crash_map.lead_speed.size, value.probability, value.standard_error)
-        for model, law in models.items()
+        for model, law in laws.items()
         for resolution, crash_map in crash_maps.items()
-        for segment, value in exact_probabilities(crash_map, law, encounters).items()
+        for segment, value in exact_probabilities(crash_map, law).items()
     ]
     columns = ["model", "segment", "resolution", "lines", "probability", "standard_error"]
     return pd.DataFrame(rows, columns=columns)

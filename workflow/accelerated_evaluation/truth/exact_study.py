@@ -4,8 +4,7 @@ from collections.abc import Mapping
 
 import pandas as pd
 
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
-from accelerated_evaluation.problem import Proposal
+from accelerated_evaluation.laws import Factors, Law
 from accelerated_evaluation.truth.crash_map import CrashMap
 from accelerated_evaluation.truth.exact import exact_table
 from accelerated_evaluation.truth.exact_variance import variation_table
@@ -14,24 +13,24 @@ from accelerated_evaluation.truth.severity import impact_speed_table, severity_t
 
 def exact_tables(
     crash_maps: Mapping[str, CrashMap],
-    models: Mapping[str, LaneChangeModel],
+    laws: Mapping[str, Law],
     variant: str,
-    encounters: pd.DataFrame,
-    proposals: Mapping[tuple[str, int], Mapping[str, Proposal]],
+    proposals: Mapping[tuple[str, int], Mapping[str, Factors]],
+    encounters: int,
     distance: float | None,
 ) -> dict[str, pd.DataFrame]:
-    """Weigh the crash maps with the models.
+    """Weigh the crash maps with the laws.
 
     Parameters
     ----------
     crash_maps
         The maps by resolution; that of ``full`` holds all events.
-    models, variant
-        The models by name, and the name of the one that is simulated.
-    encounters
-        Encounter table.
+    laws, variant
+        The laws by name, and the name of the one that is simulated.
     proposals
-        f* of each segment, by method and seed of the search.
+        f* of each stratum, by method and seed of the search.
+    encounters
+        Number of recorded encounters.
     distance
         Distance driven while the lane changes were recorded [km], None where it is not known.
 
@@ -41,8 +40,8 @@ def exact_tables(
         ``exact``, the probabilities of the model that is simulated; ``convergence``, those of all models and
         resolutions; ``severity``, ``impact_speed`` and ``variation``.
     """
-    full, studied = crash_maps["full"], models[variant]
-    convergence = exact_table(crash_maps, models, encounters)
+    full, studied = crash_maps["full"], laws[variant]
+    convergence = exact_table(crash_maps, laws)
     chosen = (convergence["model"] == variant) & (convergence["resolution"] == "full")
     severity = severity_table(full, studied, encounters, distance=distance)
     return {
@@ -50,5 +49,5 @@ def exact_tables(
         "convergence": convergence,
         "severity": severity,
         "impact_speed": impact_speed_table(severity),
-        "variation": variation_table(full, studied, proposals, encounters),
+        "variation": variation_table(full, studied, proposals),
     }

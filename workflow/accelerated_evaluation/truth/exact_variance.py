@@ -5,14 +5,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
 
 from accelerated_evaluation.distributions import Distribution, Mixture
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
-from accelerated_evaluation.problem import Proposal
-from accelerated_evaluation.truth.crash_map import LINES_PER_CELL, CrashMap
-from accelerated_evaluation.truth.exact import ALL, cell_shares, cell_weights, line_probabilities
+from accelerated_evaluation.laws import Factors, Law, Stratum
+from accelerated_evaluation.truth.crash_map import LINES_PER_CELL, Cells, CrashMap
+from accelerated_evaluation.truth.exact import ALL, capped_intervals, cell_weights, line_probabilities
 from accelerated_evaluation.vehicles.events import CRASH
 
 _NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(8)
@@ -22,13 +20,12 @@ DECADES = 60  # that f falls along it
 
 def exact_variation(
     crash_map: CrashMap,
-    model: LaneChangeModel,
-    proposals: Mapping[str, Proposal],
-    encounters: pd.DataFrame,
+    law: Law,
+    proposals: Mapping[str, Factors],
     *,
     ignored_shares: Sequence[float] = (0.0,),
 ) -> dict[str, tuple[float, ...]]:
-    """Return the coefficient of variation of one weight I f / f* in each segment, and over ``all`` segments.
+    """Return the coefficient of variation of one weight I f / f* in each stratum, and over ``all`` strata.
 
     N simulations estimate the crash probability with a relative standard error of this over sqrt(N). It is
     infinite where f* falls too fast for the weights to have a variance.
@@ -37,23 +34,20 @@ def exact_variation(
     ----------
     crash_map
         Of the vehicle under test.
-    model
-        f; segments are drawn by their shares in it.
+    law
+        f; strata are drawn by their shares in it.
     proposals
-        f* of each segment.
-    encounters
-        Encounter table, for the lead speeds.
+        f* of each stratum.
     ignored_shares
         Each gives one value: without the cells of the largest mean weights, as far as they hold no more than
         this share of the crash probability. Where f* hardly goes, no affordable number of simulations shows
         the variance.
     """
-    speeds = encounters.groupby("segment")["lead_speed"]
-    moments = {}
-    for segment in model.segments:
-        f = Proposal(model.inverse_range, model.inverse_ttc[segment])
-        moments[segment] = cell_moments(crash_map, f, proposals[segment], speeds.get_group(segment))
-    moments[ALL] = np.hstack([model.share(segment) * moments[segment] for segment in model.segments])
+    moments = {
+        name: cell_moments(crash_map, stratum, proposals[name], law.closing_speed_max)
+        for name, stratum in law.strata.items()
+    }
+    moments[ALL] = np.hstack([share * moments[name] for name, share in law.shares.items()])
     return {
         name: tuple(_variation(*cells, share) for share in ignored_shares) for name, cells in moments.items()
     }
@@ -70,21 +64,40 @@ def _variation(first: Array, second: Array, ignored_share: float) -> float:
     return math.sqrt(max(float(second[kept].sum() / probability**2) - 1, 0.0))
 
 
-def cell_moments(crash_map: CrashMap, f: Proposal, proposal: Proposal, lead_speeds: ArrayLike) -> Array:
-    """Return E* I f / f* and E* (I f / f*)^2 cell by cell, shape (2, cells), for crashes."""
-    intervals, cells = crash_map.intervals(CRASH), crash_map.cells
-    line_inverse_range = crash_map.inverse_range[intervals.line]
-    start, end = intervals.start * line_inverse_range, intervals.end * line_inverse_range
-    squares = _squared_mass(f.inverse_ttc, proposal.inverse_ttc, start, end)
-    lines = np.bincount(intervals.line, squares, crash_map.lead_speed.size).reshape(-1, LINES_PER_CELL)
-    inverse_range = _squared_cell_mass(f.inverse_range, proposal.inverse_range, cells.root, cells.range_max)
-    weights = cell_weights(crash_map, lead_speeds, f.inverse_range)
-    speeds = cell_shares(crash_map, lead_speeds)
+def cell_moments(crash_map: CrashMap, stratum: Stratum, proposal: Factors, closing_speed_max: float) -> Array:
+    """Return E* I f / f* and E* (I f / f*)^2 of crashes, cell by cell.
+
+    Parameters
+    ----------
+    crash_map
+        Of the vehicle under test.
+    stratum
+        The law f in one stratum.
+    proposal
+        f* there.
+    closing_speed_max
+        Cap of the law on closing speeds [m/s].
+
+    Returns
+    -------
+    numpy.ndarray
+        First and second moments, shape (2, cells).
+    """
+    f, cells = stratum.factors, crash_map.cells
+    line, *ends = capped_intervals(crash_map, CRASH, closing_speed_max)
+    place = crash_map.lead_speed[line], crash_map.inverse_range[line]
+    start, end = (stratum.second(*place, speed) for speed in ends)
+    squares = _squared_mass(f.second, proposal.second, start, end)
+    lines = np.bincount(line, squares, crash_map.lead_speed.size).reshape(-1, LINES_PER_CELL)
+    by_range = _squared_cell_mass(stratum, proposal.first, cells)
+    speeds = stratum.lead_speed_share(cells.lead_speed)
     with np.errstate(invalid="ignore"):
-        second = np.where(lines.any(axis=1) & (speeds > 0), speeds * inverse_range * lines.mean(axis=1), 0.0)
-    # Where one factor has no end, another that underflows does not undo it: some other cell tells.
+        second = np.where(lines.any(axis=1) & (speeds > 0), speeds * by_range * lines.mean(axis=1), 0.0)
+    # An infinite factor times one that has underflowed to zero is not a number here, and counts as zero. If
+    # the variance is infinite, some other cell, in which nothing underflows, shows it.
     second = np.nan_to_num(second, nan=0.0, posinf=np.inf)
-    return np.stack([weights * line_probabilities(crash_map, f.inverse_ttc).mean(axis=1), second])
+    first = line_probabilities(crash_map, stratum, closing_speed_max).mean(axis=1)
+    return np.stack([cell_weights(crash_map, stratum) * first, second])
 
 
 def _log_square(f: Distribution, proposal: Distribution, x: Array) -> Array:
@@ -94,14 +107,17 @@ def _log_square(f: Distribution, proposal: Distribution, x: Array) -> Array:
         return np.where(np.isneginf(log_f), -np.inf, 2 * log_f - proposal.logpdf(x))
 
 
-def _squared_cell_mass(f: Distribution, proposal: Distribution, root: Array, range_max: float) -> Array:
-    """Integrate f^2 / f* of R^-1 over cells of the square root of R / range_max, shape (cells,)."""
-    middle, half = root.mean(axis=1, keepdims=True), np.abs(np.diff(root)) / 2
+def _squared_cell_mass(stratum: Stratum, proposal: Distribution, cells: Cells) -> Array:
+    """Integrate f^2 / f* of the first coordinate over cells of the root of the range, shape (cells,)."""
+    middle, half = cells.root.mean(axis=1, keepdims=True), np.abs(np.diff(cells.root)) / 2
     nodes = middle + half * _NODES
-    inverse_range = 1 / (range_max * nodes**2)
-    log_slope = np.log(2 * inverse_range / nodes)
+    inverse_range = 1 / (cells.range_max * nodes**2)
+    speeds = cells.lead_speed.mean(axis=1, keepdims=True)
+    coordinate = stratum.first(speeds, inverse_range)
+    log_slope = stratum.log_first_slope(speeds, inverse_range) + np.log(2 * inverse_range / nodes)
     with np.errstate(over="ignore"):
-        return (np.exp(_log_square(f, proposal, inverse_range) + log_slope) @ _NODE_WEIGHTS) * half[:, 0]
+        density = np.exp(_log_square(stratum.factors.first, proposal, coordinate) + log_slope)
+        return (density @ _NODE_WEIGHTS) * half[:, 0]
 
 
 def _squared_mass(f: Distribution, proposal: Distribution, start: Array, end: Array) -> Array:
@@ -131,12 +147,22 @@ def _edges(law: Distribution) -> set[float]:
 
 def variation_table(
     crash_map: CrashMap,
-    model: LaneChangeModel,
-    proposals: Mapping[tuple[str, int], Mapping[str, Proposal]],
-    encounters: pd.DataFrame,
+    law: Law,
+    proposals: Mapping[tuple[str, int], Mapping[str, Factors]],
     ignored_share: float = 1e-3,
 ) -> pd.DataFrame:
     """Tabulate the exact coefficient of variation for f* of each method and seed.
+
+    Parameters
+    ----------
+    crash_map
+        Of the vehicle under test.
+    law
+        f.
+    proposals
+        f* of each stratum, by method and seed.
+    ignored_share
+        As one of the ``ignored_shares`` of `exact_variation`.
 
     Returns
     -------
@@ -145,7 +171,7 @@ def variation_table(
         the cells of the largest weights, see `exact_variation`.
     """
     rows = []
-    for (method, seed), laws in proposals.items():
-        found = exact_variation(crash_map, model, laws, encounters, ignored_shares=(0.0, ignored_share))
+    for (method, seed), factors in proposals.items():
+        found = exact_variation(crash_map, law, factors, ignored_shares=(0.0, ignored_share))
         rows += [(method, seed, segment, *values) for segment, values in found.items()]
     return pd.DataFrame(rows, columns=["method", "seed", "segment", "variation", "variation_trimmed"])

@@ -8,12 +8,12 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from accelerated_evaluation.distributions import Mixture, PiecewiseMixture
+from accelerated_evaluation.distributions import PiecewiseMixture
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.encounters.segments import assign_segments
-from accelerated_evaluation.fitting.piecewise import PieceFamily, fit_piecewise, knots_at_quantiles
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
-from accelerated_evaluation.laws.paper import EXPONENTIAL
+from accelerated_evaluation.fitting.pieces import EXPONENTIAL, PieceFamily
+from accelerated_evaluation.fitting.piecewise import fit_piecewise, knots_at_quantiles
+from accelerated_evaluation.laws.independent import IndependentLaw, recorded_lead_speeds
 from accelerated_evaluation.truth.crash_map import CrashMap
 from accelerated_evaluation.truth.exact import ALL, Exact, exact_probabilities
 from accelerated_evaluation.truth.mapping import map_crashes
@@ -30,29 +30,37 @@ class Levels:
         Levels of the knots of R^-1, rising.
     inverse_ttc
         Level of the knot of TTC^-1 in every segment.
-    body_components
-        Normals of the body of TTC^-1.
+    pieces_of_range, body, tail
+        What the pieces of R^-1, and body and tail of TTC^-1, are fitted with.
     """
 
     inverse_range: tuple[float, ...]
     inverse_ttc: float
-    body_components: int
+    pieces_of_range: PieceFamily
+    body: PieceFamily
+    tail: PieceFamily
 
     @classmethod
-    def of(cls, model: LaneChangeModel) -> "Levels":
+    def of(cls, model: IndependentLaw) -> "Levels":
         """Read them off a fitted model; the weight of its bodies, which may differ by ties, is pooled."""
         bodies = [law.weights[0] * model.events[segment] for segment, law in model.inverse_ttc.items()]
-        first = next(iter(model.inverse_ttc.values())).components[0]
+        body, tail = next(iter(model.inverse_ttc.values())).components
         return cls(
             tuple(np.cumsum(model.inverse_range.weights[:-1]).tolist()),
             sum(bodies) / sum(model.events.values()),
-            len(first.components) if isinstance(first, Mixture) else 1,
+            PieceFamily.of(model.inverse_range.components[0]),
+            PieceFamily.of(body),
+            PieceFamily.of(tail),
         )
 
 
 def fit_for_crashes(
-    encounters: pd.DataFrame, levels: Levels, range_max: float, smallest_inverse_ttc: float
-) -> LaneChangeModel:
+    encounters: pd.DataFrame,
+    levels: Levels,
+    range_max: float,
+    smallest_inverse_ttc: float,
+    closing_speed_max: float,
+) -> IndependentLaw:
     """Fit a piecewise model whose crash probability, and nothing else of it, is to be known.
 
     Where nothing crashes below the knot of TTC^-1, the body counts only by its weight: it is then fitted with
@@ -68,24 +76,27 @@ def fit_for_crashes(
         Largest range [m].
     smallest_inverse_ttc
         TTC^-1 below which nothing crashes [1/s], as the crash map shows.
+    closing_speed_max
+        Cap on closing speeds [m/s].
     """
 
     def inverse_ttc(x: Array) -> PiecewiseMixture:
         knots = knots_at_quantiles(x, [levels.inverse_ttc])
-        body = (
-            EXPONENTIAL if knots[0] <= smallest_inverse_ttc else PieceFamily("normal", levels.body_components)
-        )
-        return fit_piecewise(x, 0.0, knots, [body, EXPONENTIAL])
+        body = EXPONENTIAL if knots[0] <= smallest_inverse_ttc else levels.body
+        return fit_piecewise(x, 0.0, knots, [body, levels.tail])
 
     inverse_range = encounters["inverse_range"].to_numpy()
-    families = [EXPONENTIAL] * (len(levels.inverse_range) + 1)
+    families = [levels.pieces_of_range] * (len(levels.inverse_range) + 1)
     knots = knots_at_quantiles(inverse_range, levels.inverse_range)
     groups = encounters.groupby("segment")
-    return LaneChangeModel(
+    events = {segment: len(rows) for segment, rows in groups}
+    return IndependentLaw(
         "refit",
-        {segment: len(rows) for segment, rows in groups},
+        events,
         fit_piecewise(inverse_range, 1 / range_max, knots, families),
         {segment: inverse_ttc(rows["inverse_ttc"].to_numpy()) for segment, rows in groups},
+        recorded_lead_speeds(encounters, events),
+        closing_speed_max,
     )
 
 
@@ -95,17 +106,20 @@ class Refit:
 
     crash_map: CrashMap
     smallest_inverse_ttc: float
+    closing_speed_max: float
 
     @classmethod
-    def by(cls, crash_map: CrashMap) -> "Refit":
-        """Prepare refits that are judged with a map."""
-        return cls(crash_map, crash_map.smallest_inverse_ttc())
+    def by(cls, crash_map: CrashMap, closing_speed_max: float) -> "Refit":
+        """Prepare refits that are judged with a map, under a cap on closing speeds [m/s]."""
+        return cls(crash_map, crash_map.smallest_inverse_ttc(), closing_speed_max)
 
     def probability(self, encounters: pd.DataFrame, levels: Levels) -> Exact:
         """Fit a model to encounters and return its crash probability over all segments."""
         range_max = self.crash_map.grid.range_max
-        model = fit_for_crashes(encounters, levels, range_max, self.smallest_inverse_ttc)
-        return exact_probabilities(self.crash_map, model, encounters)[ALL]
+        law = fit_for_crashes(
+            encounters, levels, range_max, self.smallest_inverse_ttc, self.closing_speed_max
+        )
+        return exact_probabilities(self.crash_map, law)[ALL]
 
 
 def is_repeated(encounters: pd.DataFrame) -> Array:
@@ -115,7 +129,7 @@ def is_repeated(encounters: pd.DataFrame) -> Array:
 
 def study_sensitivity(
     crash_map: CrashMap,
-    models: Mapping[str, LaneChangeModel],
+    models: Mapping[str, IndependentLaw],
     variant: str,
     encounters: pd.DataFrame,
     settings: Mapping[str, Any],
@@ -139,10 +153,10 @@ def study_sensitivity(
     pandas.DataFrame
         Columns ``choice``, ``value``, ``probability`` and ``standard_error``.
     """
-    refit, base = Refit.by(crash_map), Levels.of(models[variant])
+    base = Levels.of(models[variant])
+    refit = Refit.by(crash_map, models[variant].closing_speed_max)
     rows: list[tuple[str, str, Exact]] = [
-        ("model", name, exact_probabilities(crash_map, model, encounters)[ALL])
-        for name, model in models.items()
+        ("model", name, exact_probabilities(crash_map, model)[ALL]) for name, model in models.items()
     ]
     cases: list[tuple[str, str, pd.DataFrame, Levels]] = []
     for level in settings["inverse_ttc_knots"]:
@@ -165,8 +179,7 @@ def study_sensitivity(
 def study_cap(
     vehicle: Vehicle,
     crash_map: CrashMap,
-    model: LaneChangeModel,
-    encounters: pd.DataFrame,
+    law: IndependentLaw,
     caps: Sequence[float],
     generator: np.random.Generator,
 ) -> pd.DataFrame:
@@ -174,9 +187,8 @@ def study_cap(
     rows = []
     for cap in caps:
         other = map_crashes(vehicle, replace(crash_map.grid, closing_speed_max=cap), [], generator)
-        rows.append(
-            ("closing-speed cap [m/s]", f"{cap:g}", exact_probabilities(other, model, encounters)[ALL])
-        )
+        exact = exact_probabilities(other, replace(law, closing_speed_max=cap))[ALL]
+        rows.append(("closing-speed cap [m/s]", f"{cap:g}", exact))
     return _table(rows)
 
 

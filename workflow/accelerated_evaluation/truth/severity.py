@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
+from accelerated_evaluation.laws import Law
 from accelerated_evaluation.truth.crash_map import CrashMap
 from accelerated_evaluation.truth.exact import exact_probabilities
 from accelerated_evaluation.vehicles.events import CRASH, Event
@@ -20,16 +20,18 @@ def events_from(thresholds: Mapping[str, list[float]]) -> list[Event]:
 
 
 def severity_table(
-    crash_map: CrashMap, model: LaneChangeModel, encounters: pd.DataFrame, *, distance: float | None = None
+    crash_map: CrashMap, law: Law, encounters: int, *, distance: float | None = None
 ) -> pd.DataFrame:
     """Tabulate the probability of every event of the map, by segment and over all.
 
     Parameters
     ----------
-    crash_map, model, encounters
+    crash_map, law
         As in `exact_probabilities`.
+    encounters
+        Number of recorded encounters.
     distance
-        Distance [km] in which the encounters of the table were recorded, if it is known.
+        Distance [km] in which they were recorded, if it is known.
 
     Returns
     -------
@@ -37,12 +39,12 @@ def severity_table(
         Columns ``segment``, ``quantity``, ``threshold``, ``unit``, ``probability`` and ``standard_error``,
         ``to_crash``, the ratio to the crash probability, and ``per_million_km``, empty without a distance.
     """
-    crash = exact_probabilities(crash_map, model, encounters)
+    crash = exact_probabilities(crash_map, law)
     rows = []
     for event in crash_map.events:
-        for segment, value in exact_probabilities(crash_map, model, encounters, event).items():
-            count = model.share(segment) if segment in model.segments else 1.0
-            rate = value.probability * count * len(encounters) / distance * 1e6 if distance else np.nan
+        for segment, value in exact_probabilities(crash_map, law, event).items():
+            share = law.shares.get(segment, 1.0)
+            rate = value.probability * share * encounters / distance * 1e6 if distance else np.nan
             ratio = value.probability / crash[segment].probability if crash[segment].probability else np.nan
             label = segment, event.quantity, event.threshold, UNITS[event.quantity]
             rows.append((*label, value.probability, value.standard_error, ratio, rate))

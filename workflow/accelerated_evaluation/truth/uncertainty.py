@@ -22,6 +22,7 @@ def bootstrap_probabilities(
     levels: Levels,
     generator: np.random.Generator,
     *,
+    closing_speed_max: float,
     replicates: int,
     block_runs: int,
 ) -> Array:
@@ -39,12 +40,16 @@ def bootstrap_probabilities(
         Encounter table, its rows in the order of the record.
     levels
         Where the knots are.
+    generator
+        Source of all randomness.
+    closing_speed_max
+        Cap on closing speeds [m/s].
     replicates
         Number of refits.
     block_runs
         Number of runs in a block.
     """
-    refit = Refit.by(crash_map)
+    refit = Refit.by(crash_map, closing_speed_max)
     starts = np.flatnonzero(~is_repeated(encounters))
     needed = encounters[["lead_speed", "inverse_range", "inverse_ttc", "segment"]]
     probabilities = np.empty(replicates)
@@ -78,9 +83,10 @@ def probabilities_of_choices(
     encounters: pd.DataFrame,
     variants: Iterable[Levels],
     inverse_ttc_knots: Iterable[float],
+    closing_speed_max: float,
 ) -> Array:
     """Return the crash probability for each variant of R^-1 with each level of the knot of TTC^-1."""
-    refit = Refit.by(crash_map)
+    refit = Refit.by(crash_map, closing_speed_max)
     choices = product(variants, inverse_ttc_knots)
     refits = [refit.probability(encounters, replace(levels, inverse_ttc=knot)) for levels, knot in choices]
     return np.array([exact.probability for exact in refits])

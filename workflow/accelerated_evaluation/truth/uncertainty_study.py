@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from accelerated_evaluation.laws.lane_change_model import LaneChangeModel
+from accelerated_evaluation.laws.independent import IndependentLaw
 from accelerated_evaluation.truth.crash_map import CrashMap
 from accelerated_evaluation.truth.exact import ALL, exact_probabilities
 from accelerated_evaluation.truth.sensitivity import Levels
@@ -19,7 +19,7 @@ from accelerated_evaluation.truth.uncertainty import (
 
 def study_uncertainty(
     crash_map: CrashMap,
-    models: Mapping[str, LaneChangeModel],
+    models: Mapping[str, IndependentLaw],
     variant: str,
     encounters: pd.DataFrame,
     generator: np.random.Generator,
@@ -54,12 +54,14 @@ def study_uncertainty(
         encounters,
         Levels.of(studied),
         generator,
+        closing_speed_max=studied.closing_speed_max,
         replicates=settings["replicates"],
         block_runs=settings["block_runs"],
     )
     variants = [Levels.of(model) for model in models.values()]
-    choices = probabilities_of_choices(crash_map, encounters, variants, settings["inverse_ttc_knots"])
-    probability = exact_probabilities(crash_map, studied, encounters)[ALL].probability
+    knots, cap = settings["inverse_ttc_knots"], studied.closing_speed_max
+    choices = probabilities_of_choices(crash_map, encounters, variants, knots, cap)
+    probability = exact_probabilities(crash_map, studied)[ALL].probability
     interval = tuple(settings["sampling_interval"])
     refits = pd.DataFrame({"probability": bootstrap}).rename_axis("replicate").reset_index()
     return {

@@ -1,27 +1,26 @@
 """The car of the study: adaptive cruise control (ACC) with autonomous emergency braking (AEB)."""
 
-import os
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields
-from itertools import pairwise
+import math
+from dataclasses import dataclass, field, fields
 
-import numba
-import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike
 
-from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.vehicles.built_in import VEHICLES
 from accelerated_evaluation.vehicles.checks import checked_encounters
 from accelerated_evaluation.vehicles.kernel import STEP, Car, simulate_slice
+from accelerated_evaluation.vehicles.parameters import check_number, parameter_error
 from accelerated_evaluation.vehicles.protocol import Array, Outcomes
+from accelerated_evaluation.vehicles.threads import available_threads, simulate_in_slices
+from accelerated_evaluation.vehicles.traces import trace_car
 
 KMH = 1 / 3.6  # [m/s]
 # Time to collision at which a 2011 Volvo V60 brakes: linear in the speed through both points, constant above.
 V60_SPEEDS = (16 * KMH, 40 * KMH)  # [m/s]
 V60_TTC = (0.86, 0.91)  # [s]
 
-SLICE_FOR_A_THREAD = 16_384  # encounters, about 5 ms: below that a second thread costs more than it gains
 
-
+@VEHICLES.add("acc_aeb")
 @dataclass(frozen=True)
 class AccAeb:
     """A car with ACC, and with AEB unless ``aeb`` is false; the defaults are the authors' published car.
@@ -78,14 +77,14 @@ class AccAeb:
 
     def __post_init__(self) -> None:
         if not isinstance(self.aeb, bool):
-            raise _parameter_error("aeb", self.aeb, "true or false")
-        for name in (field.name for field in fields(self) if field.name not in ("aeb", "aeb_ttc")):
-            _check_number(name, getattr(self, name), signed=name in ("kp", "ki"))
+            raise parameter_error("aeb", self.aeb, "true or false")
+        for name in (each.name for each in fields(self) if each.name not in ("aeb", "aeb_ttc")):
+            check_number(name, getattr(self, name), least=-math.inf if name in ("kp", "ki") else None)
         if self.aeb_ttc is not None:
-            _check_number("aeb_ttc", self.aeb_ttc)
+            check_number("aeb_ttc", self.aeb_ttc)
         if self.threshold_top > self.aeb_release_ttc:
             expected = f"at most aeb_release_ttc = {self.aeb_release_ttc:g} s"
-            raise _parameter_error("aeb_ttc", self.threshold_top, expected)
+            raise parameter_error("aeb_ttc", self.threshold_top, expected)
 
     @property
     def threshold_top(self) -> float:
@@ -121,6 +120,10 @@ class AccAeb:
         encounters = checked_encounters(lead_speed, range_, closing_speed)
         return simulate_encounters(self, encounters, threads=available_threads())
 
+    def trace(self, lead_speed: float, range_: float, closing_speed: float) -> pd.DataFrame:
+        """Return every state of one encounter, as told in `traces`; arguments as of `simulate`."""
+        return trace_car(self.compiled(), checked_encounters([lead_speed], [range_], [closing_speed]))
+
     def compiled(self) -> Car:
         """Return the numbers that the compiled code needs."""
         scaled = self.aeb and self.aeb_ttc is None
@@ -145,38 +148,14 @@ class AccAeb:
         return Car._make(map(float, numbers))
 
 
+@VEHICLES.add("acc_only")
+@dataclass(frozen=True)
+class AccOnly(AccAeb):
+    """The same car without AEB: ``aeb`` is fixed, and the AEB's other parameters have no effect."""
+
+    aeb: bool = field(default=False, init=False)
+
+
 def simulate_encounters(car: AccAeb, encounters: Array, *, threads: int) -> Outcomes:
     """Simulate checked ``encounters`` of shape (3, n) on at most ``threads`` threads, fewer if n is small."""
-    n = encounters.shape[1]
-    outcomes = np.empty((4, n))
-    numbers = car.compiled()
-    parts = max(1, min(threads, n // SLICE_FOR_A_THREAD))
-    cuts = np.linspace(0, n, parts + 1, dtype=int).tolist()
-    if parts == 1:
-        simulate_slice(encounters, 0, n, numbers, outcomes)
-    else:
-        with ThreadPoolExecutor(parts) as pool:
-            list(pool.map(lambda cut: simulate_slice(encounters, *cut, numbers, outcomes), pairwise(cuts)))
-    return Outcomes(outcomes[0] > 0, *outcomes[1:])
-
-
-def available_threads() -> int:
-    """Return the threads for a large batch: OMP_NUM_THREADS, set by Snakemake to a rule's, or all cores."""
-    limit = os.environ.get("OMP_NUM_THREADS", "")
-    return int(limit) if limit.isdigit() and int(limit) > 0 else numba.config.NUMBA_NUM_THREADS
-
-
-def _check_number(name: str, value: object, *, signed: bool = False) -> None:
-    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not np.isfinite(value):
-        raise _parameter_error(name, value, "a finite number")
-    if not signed and value <= 0:
-        raise _parameter_error(name, value, "a positive number")
-
-
-def _parameter_error(name: str, value: object, expected: str) -> InputError:
-    return InputError(
-        f"vehicle parameter {name}",
-        seen=repr(value),
-        expected=expected,
-        change=f"Set {name} in the vehicle's parameters, or leave it out for the published car.",
-    )
+    return simulate_in_slices(simulate_slice, car.compiled(), encounters, threads=threads)

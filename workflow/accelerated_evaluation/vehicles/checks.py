@@ -11,6 +11,11 @@ from accelerated_evaluation.vehicles.protocol import Array, Outcomes
 INPUTS = ("lead_speed", "range", "closing_speed")
 OUTCOMES = ("crash", "min_range", "min_ttc", "impact_speed")
 
+# The speed of light. Nothing drives as fast, so a larger number is an overflow or another quantity. The limit
+# is no lower, because laws of cut-ins without a cap on the closing speed do draw absurd speeds at very long
+# ranges, which are harmless; below this limit no square of a speed overflows in a vehicle's arithmetic.
+SPEED_LIMIT = 299_792_458.0  # [m/s]
+
 
 def checked_encounters(
     lead_speed: ArrayLike,
@@ -32,8 +37,8 @@ def checked_encounters(
     Raises
     ------
     InputError
-        If shapes differ, a value is not finite, a range is not positive, or lead or host would start with a
-        negative speed; names the first such row.
+        If shapes differ, a value is not finite, a range is not positive, a speed is above that of light, or
+        lead or host would start with a negative speed; names the first such row.
     """
     encounters = _stacked(lead_speed, range_, closing_speed, source)
     fault = _first_fault(encounters)
@@ -70,11 +75,13 @@ def _first_fault(encounters: Array) -> tuple[int, int, str] | None:
     """Return row, column and what is expected there, for the first encounter outside the model."""
     lead_speed, range_, closing_speed = encounters
     finite = np.isfinite(encounters)
-    with np.errstate(over="ignore", invalid="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):  # where a value is not finite, or overflows the sum
         rules = [
             (~finite[0], 0, "a finite number"),
             (~finite[1], 1, "a finite number"),
             (~finite[2], 2, "a finite number"),
+            (lead_speed > SPEED_LIMIT, 0, f"at most {SPEED_LIMIT:.0f} m/s, the speed of light"),
+            (np.abs(closing_speed) > SPEED_LIMIT, 2, f"at most {SPEED_LIMIT:.0f} m/s, the speed of light"),
             (lead_speed < 0, 0, "a speed of 0 m/s or more"),
             (range_ <= 0, 1, "a range above 0 m"),
             (lead_speed + closing_speed < 0, 2, "at least minus the lead speed: the host drives forwards"),
@@ -124,14 +131,20 @@ def checked_outcomes(outcomes: object, count: int, range_: Array, *, vehicle: st
     return Outcomes(**columns)
 
 
-def outcome_error(vehicle: str, what: str, seen: str, expected: str) -> InputError:
-    """Say that a user's vehicle does not keep to the protocol."""
-    return InputError(
-        f"vehicle {vehicle}, {what}",
-        seen=seen,
-        expected=expected,
-        change="Correct the vehicle; accelerated_evaluation.vehicles.protocol says what it gives.",
-    )
+def outcome_error(
+    vehicle: str, what: str, seen: str, expected: str, change: str = "Correct the vehicle."
+) -> InputError:
+    """Say that a user's vehicle does not keep to the protocol.
+
+    Parameters
+    ----------
+    vehicle, what
+        The vehicle's name, and what of it is wrong.
+    seen, expected, change
+        As in `InputError`.
+    """
+    told = f"{change} The module accelerated_evaluation.vehicles.protocol says what a vehicle gives."
+    return InputError(f"vehicle {vehicle}, {what}", seen=seen, expected=expected, change=told)
 
 
 def _checked_column(outcomes: object, name: str, count: int, vehicle: str) -> NDArray:
@@ -146,4 +159,5 @@ def _checked_column(outcomes: object, name: str, count: int, vehicle: str) -> ND
     kinds, meaning = ("b", "booleans") if name == "crash" else ("fiu", "real numbers")
     if column.dtype.kind not in kinds:
         raise outcome_error(vehicle, name, f"an array of {column.dtype}", f"an array of {meaning}")
-    return column if name == "crash" else column.astype(np.float64)
+    # A copy, because a vehicle may use the same arrays for its next batch.
+    return np.array(column, dtype=bool if name == "crash" else np.float64)

@@ -4,52 +4,16 @@ import difflib
 import importlib.util
 import inspect
 import sys
-from dataclasses import dataclass, fields
+from collections.abc import Iterable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from numpy.typing import ArrayLike
-
 from accelerated_evaluation.errors import InputError, StudyError
-from accelerated_evaluation.vehicles.acc_aeb import AccAeb
-from accelerated_evaluation.vehicles.checks import checked_encounters, checked_outcomes, outcome_error
-from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
-
-BUILT_IN = {"acc_aeb": {}, "acc_only": {"aeb": False}}  # name: parameters of AccAeb that the name fixes
-
-
-@dataclass(frozen=True)
-class CheckedVehicle:
-    """A user's vehicle whose inputs and outcomes are checked against the protocol.
-
-    Attributes
-    ----------
-    vehicle
-        The user's own.
-    name
-        Its name in messages, ``path/to/file.py:ClassName``.
-    """
-
-    vehicle: Vehicle
-    name: str
-
-    def simulate(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
-        """Simulate n cut-ins; see `Vehicle`.
-
-        Raises
-        ------
-        InputError
-            If the encounters are not valid, the user's code raises, or its outcomes break the protocol.
-        """
-        encounters = checked_encounters(lead_speed, range_, closing_speed)
-        try:
-            outcomes = self.vehicle.simulate(*encounters.copy())
-        except StudyError:
-            raise
-        except Exception as error:
-            raise outcome_error(self.name, "simulate", _told(error), "outcomes") from error
-        return checked_outcomes(outcomes, encounters.shape[1], encounters[1], vehicle=self.name)
+from accelerated_evaluation.vehicles.built_in import VEHICLES
+from accelerated_evaluation.vehicles.checked import CheckedVehicle, told
+from accelerated_evaluation.vehicles.parameters import parameter_names
+from accelerated_evaluation.vehicles.protocol import Vehicle
 
 
 def load_vehicle(name: str, **parameters: Any) -> Vehicle:  # noqa: ANN401
@@ -58,10 +22,10 @@ def load_vehicle(name: str, **parameters: Any) -> Vehicle:  # noqa: ANN401
     Parameters
     ----------
     name
-        ``acc_aeb``, the study's car; ``acc_only``, the same without AEB; or ``path/to/file.py:ClassName``, a
-        class with a method ``simulate`` as in `Vehicle`.
+        A built-in one, by its name in `VEHICLES`; or ``path/to/file.py:ClassName``, a class of your own with
+        a method ``simulate`` as in `Vehicle`.
     **parameters
-        Passed to the class: for the built-in ones the attributes of `AccAeb`.
+        Passed to the class: for the built-in ones the attributes that their classes document.
 
     Raises
     ------
@@ -70,15 +34,14 @@ def load_vehicle(name: str, **parameters: Any) -> Vehicle:  # noqa: ANN401
     """
     if ":" in name or name.endswith(".py"):
         return _load_user_vehicle(name, parameters)
-    if name not in BUILT_IN:
+    if name not in VEHICLES:
         raise InputError(
             "vehicle",
             seen=repr(name),
-            expected=f"{', '.join(BUILT_IN)} or path/to/file.py:ClassName",
-            change=_nearest(name, BUILT_IN) or "Name one of these.",
+            expected=f"{', '.join(VEHICLES)} or path/to/file.py:ClassName",
+            change=_nearest(name, VEHICLES) or "Name one of these.",
         )
-    fixed = BUILT_IN[name]
-    known = [field.name for field in fields(AccAeb) if field.name not in fixed]
+    known = parameter_names(VEHICLES[name])
     for parameter in parameters:
         if parameter not in known:
             raise InputError(
@@ -87,7 +50,7 @@ def load_vehicle(name: str, **parameters: Any) -> Vehicle:  # noqa: ANN401
                 expected=f"one of {', '.join(known)}",
                 change=_nearest(parameter, known) or "Remove it.",
             )
-    return AccAeb(**fixed, **parameters)
+    return VEHICLES[name](**parameters)
 
 
 def _load_user_vehicle(name: str, parameters: dict[str, Any]) -> CheckedVehicle:
@@ -110,11 +73,11 @@ def _load_user_vehicle(name: str, parameters: dict[str, Any]) -> CheckedVehicle:
         raise _load_error(name, "no method simulate", signature, "Add it to the class.")
     try:
         return CheckedVehicle(vehicle_class(**parameters), name)
-    except StudyError:
+    except (StudyError, KeyboardInterrupt):
         raise
-    except Exception as error:
+    except BaseException as error:  # a vehicle that calls sys.exit must not end the study without a word
         change = "Correct the class or the vehicle's parameters."
-        raise _load_error(name, _told(error), f"{class_name} made from {parameters}", change) from error
+        raise _load_error(name, told(error), f"{class_name} made from {parameters}", change) from error
 
 
 def _load_module(name: str, path: Path) -> ModuleType:
@@ -129,9 +92,11 @@ def _load_module(name: str, path: Path) -> ModuleType:
     sys.modules[module_name] = module
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
+    except BaseException as error:
         del sys.modules[module_name]
-        raise _load_error(name, _told(error), "a file that Python can import", "Correct the file.") from error
+        if isinstance(error, KeyboardInterrupt):
+            raise
+        raise _load_error(name, told(error), "a file that Python can import", "Correct the file.") from error
     return module
 
 
@@ -139,12 +104,7 @@ def _load_error(name: str, seen: str, expected: str, change: str) -> InputError:
     return InputError(f"vehicle {name}", seen=seen, expected=expected, change=change)
 
 
-def _nearest(name: str, known: Any) -> str:  # noqa: ANN401
+def _nearest(name: str, known: Iterable[str]) -> str:
     """Suggest the known name nearest to a mistyped one; empty if none is near."""
     matches = difflib.get_close_matches(name, known, n=1)
     return f"Did you mean {matches[0]}?" if matches else ""
-
-
-def _told(error: Exception) -> str:
-    """Return an exception on one line."""
-    return f"{type(error).__name__}: {' '.join(str(error).split())}"

@@ -22,7 +22,8 @@ class Outcomes:
     min_ttc
         Smallest positive time to collision seen [s]; +inf if it never closed in.
     impact_speed
-        Closing speed at the crash [m/s]; 0 where there was none.
+        Closing speed at the crash [m/s]; 0 where there was none. It is negative only where lateral motion
+        is simulated and the other car moves sideways into a slower host; see `driver.ReferenceDriver`.
     """
 
     crash: NDArray[np.bool_]

@@ -108,11 +108,7 @@ class PiecewiseFamily:
     def shifted(self, shift: float) -> "PiecewiseFamily":
         """Move every truncation point but the first up by ``shift`` (section V.C.5, the heuristic)."""
         bounds = [self.model.lower, *(knot + shift for knot in self.model.knots), math.inf]
-        pieces = tuple(
-            _rebounded(component, low, high)
-            for component, low, high in zip(self.model.components, bounds, bounds[1:], strict=False)
-        )
-        return replace(self, model=PiecewiseMixture(self.model.weights, pieces))
+        return replace(self, model=self.model.with_bounds(bounds))
 
     def parameters(self) -> dict[str, float]:
         """Return the weight, theta and lower bound of each piece, counted from 1."""
@@ -151,11 +147,3 @@ def _inner_mean(mean: float, component: Tiltable) -> float:
         return mean
     margin = 0.02 * (component.upper - component.lower)
     return min(max(mean, component.lower + margin), component.upper - margin)
-
-
-def _rebounded(component: Tiltable, lower: float, upper: float) -> Tiltable:
-    """Return the same component on other bounds."""
-    if hasattr(component, "components"):
-        inner = tuple(_rebounded(part, lower, upper) for part in component.components)
-        return replace(component, components=inner)
-    return replace(component, lower=lower, upper=upper)

@@ -8,8 +8,9 @@ import numpy as np
 
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.errors import ConvergenceError
+from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.methods.cross_entropy.families import Family, PiecewiseFamily
-from accelerated_evaluation.problem import CutIn, Proposal, Sample
+from accelerated_evaluation.problem import Problem, Sample
 
 
 @dataclass(frozen=True)
@@ -44,64 +45,68 @@ class Settings:
     maximum_iterations: int = 60
 
 
+COORDINATES = ("inverse_range", "inverse_ttc")  # names of the two coordinates in the trace
+
+
 @dataclass(frozen=True)
 class Search:
     """Where a search stands: the families at their present parameters, and the trace, a row an iteration."""
 
-    inverse_range: Family
-    inverse_ttc: Family
+    first: Family
+    second: Family
     trace: list[dict[str, float]] = field(default_factory=list)
 
     @property
-    def proposal(self) -> Proposal:
+    def proposal(self) -> Factors:
         """The accelerated distribution f*."""
-        return Proposal(self.inverse_range.distribution, self.inverse_ttc.distribution)
+        return Factors(self.first.distribution, self.second.distribution)
 
     @property
     def simulations(self) -> int:
         """Simulations spent so far."""
         return int(self.trace[-1]["simulations_total"]) if self.trace else 0
 
-    def advance(self, inverse_range: Family, inverse_ttc: Family, row: dict[str, float]) -> "Search":
+    def advance(self, first: Family, second: Family, row: dict[str, float]) -> "Search":
         """Return the next state, its parameters written into the row of the trace."""
         parameters = {
-            f"{variable}_{name}": value
-            for variable, family in (("inverse_range", inverse_range), ("inverse_ttc", inverse_ttc))
+            f"{coordinate}_{name}": value
+            for coordinate, family in zip(COORDINATES, (first, second), strict=True)
             for name, value in family.parameters().items()
         }
         row = {"iteration": len(self.trace) + 1, **row, **parameters}
-        return Search(inverse_range, inverse_ttc, [*self.trace, row])
+        return Search(first, second, [*self.trace, row])
 
 
 @dataclass(frozen=True)
 class Shift:
-    """Steps by which the heuristic moves truncation points up (section V.C.5): [1/m] and [1/s]."""
+    """Steps by which the heuristic moves truncation points up (section V.C.5), in the coordinates' units."""
 
     inverse_range: float = 0.0
     inverse_ttc: float = 0.0
 
 
 def search(
-    problem: CutIn,
-    inverse_range: Family,
-    inverse_ttc: Family,
+    problem: Problem,
+    stratum: str,
+    start: tuple[Family, Family],
     settings: Settings,
     generator: np.random.Generator,
     *,
     shift: Shift | None = None,
     on_iteration: Callable[[dict[str, float]], None] = lambda _: None,
 ) -> Search:
-    """Search f* by the Cross-Entropy method, starting from the families' present parameters.
+    """Search f* of one stratum by the Cross-Entropy method.
 
     Every iteration draws N cut-ins from f*, takes as event the widest relaxed event "R hits t_R or TTC
     hits t_TTC" that is rare enough (section V.C.1), and maximizes the weighted likelihood of the events.
 
     Parameters
     ----------
-    problem
-        The cut-ins, the vehicle and f.
-    inverse_range, inverse_ttc
-        Where the search begins; their kind decides between the methods single and piecewise.
+    problem, stratum
+        The law, the vehicle and the event; and the name of the stratum.
+    start
+        Families of both coordinates, at the parameters where the search begins; their kind decides between
+        the methods single and piecewise.
     settings
         Sample size, thresholds and limits.
     generator
@@ -119,39 +124,40 @@ def search(
     Raises
     ------
     ConvergenceError
-        If the crash itself was not the event of the last ``crash_iterations`` updates, or no simulation of
-        an iteration ended in the event.
+        If the event itself was not the event of the last ``crash_iterations`` updates, or no simulation of
+        an iteration ended in the relaxed event.
     """
-    start = {"threshold_ttc_s": math.nan, "threshold_range_m": math.nan, "simulations_total": 0}
-    state = Search(inverse_range, inverse_ttc).advance(inverse_range, inverse_ttc, start)
+    row = {"threshold_ttc_s": math.nan, "threshold_range_m": math.nan, "simulations_total": 0}
+    state = Search(*start).advance(*start, row)
     on_iteration(state.trace[-1])
-    threshold, at_crash, steps = math.inf, 0, shift or Shift()
+    threshold, at_event, steps = math.inf, 0, shift or Shift()
     while len(state.trace) <= settings.maximum_iterations:
-        sample, threshold = _draw_level(problem, state.proposal, settings, threshold, generator)
-        is_event = event_score(sample, settings.range_per_ttc) <= threshold
-        if not is_event.any():
-            raise _unconverged(settings, f"no event down to {threshold:.3g} s in {is_event.size} simulations")
-        log_ratio = sample.log_ratio[is_event]
+        sample, threshold = _draw_level(problem, stratum, state.proposal, settings, threshold, generator)
+        chosen = event_score(sample, settings.range_per_ttc) <= threshold
+        if not chosen.any():
+            raise _unconverged(settings, f"no event down to {threshold:.3g} s in {chosen.size} simulations")
+        log_ratio = sample.log_ratio[chosen]
+        # Only the ratios of weights matter, and the largest log ratio may be too large for exp.
         weight = np.exp(log_ratio - log_ratio.max())
-        x_range, x_ttc = sample.inverse_range[is_event], sample.inverse_ttc[is_event]
-        families = state.inverse_range.update(x_range, weight), state.inverse_ttc.update(x_ttc, weight)
+        first, second = sample.first[chosen], sample.second[chosen]
+        families = state.first.update(first, weight), state.second.update(second, weight)
         moved = (
-            _shifted(families[0], steps.inverse_range, x_range),
-            _shifted(families[1], steps.inverse_ttc, x_ttc),
+            _shifted(families[0], steps.inverse_range, first),
+            _shifted(families[1], steps.inverse_ttc, second),
         )
-        at_crash = at_crash + 1 if threshold == 0 and moved == families else 0
+        at_event = at_event + 1 if threshold == 0 and moved == families else 0
         row = {
             "threshold_ttc_s": threshold,
             "threshold_range_m": threshold * settings.range_per_ttc,
-            "simulations": is_event.size,
-            "simulations_total": state.simulations + is_event.size,
-            "events": int(is_event.sum()),
-            "crashes": int(sample.outcomes.crash.sum()),
+            "simulations": chosen.size,
+            "simulations_total": state.simulations + chosen.size,
+            "events": int(chosen.sum()),
+            "crashes": int(sample.happened.sum()),
             "effective_sample_size": weight.sum() ** 2 / np.square(weight).sum(),
         }
         state = state.advance(*moved, row)
         on_iteration(state.trace[-1])
-        if at_crash == settings.crash_iterations:
+        if at_event == settings.crash_iterations:
             return state
     raise _unconverged(settings, f"events down to a time to collision of {threshold:.3g} s")
 
@@ -166,30 +172,35 @@ def _unconverged(settings: Settings, reached: str) -> ConvergenceError:
 
 
 def event_score(sample: Sample, range_per_ttc: float) -> Array:
-    """Smallest t such that "R hits t range_per_ttc or TTC hits t"; 0 at a crash, shape (n,)."""
+    """Smallest t such that "R hits t range_per_ttc or TTC hits t"; 0 where the event happened, shape (n,)."""
     outcomes = sample.outcomes
     near = np.minimum(outcomes.min_ttc, outcomes.min_range / range_per_ttc)
-    return np.where(outcomes.crash, 0.0, near)
+    return np.where(sample.happened, 0.0, near)
 
 
 def _draw_level(
-    problem: CutIn, proposal: Proposal, settings: Settings, threshold: float, generator: np.random.Generator
+    problem: Problem,
+    stratum: str,
+    proposal: Factors,
+    settings: Settings,
+    threshold: float,
+    generator: np.random.Generator,
 ) -> tuple[Sample, float]:
     """Draw an iteration's sample and its threshold, which never rises.
 
     The threshold is the event quantile of the sample. Where that is no longer below the last one, f* is
-    as good as this event can teach it: N is adjusted until there are crashes enough, or at least
-    events enough under a smaller threshold.
+    as good as this event can teach it: N is adjusted until the event itself is seen often enough, or at least
+    until there are enough relaxed events under a smaller threshold.
     """
-    sample = problem.sample(proposal, generator, settings.sample_size)
+    sample = problem.sample(stratum, proposal, generator, settings.sample_size)
     rank = max(int(settings.event_quantile * settings.sample_size), 1)
     quantile = np.partition(event_score(sample, settings.range_per_ttc), rank - 1)[rank - 1]
     if quantile < threshold:
         return sample, float(quantile)
     for _ in range(settings.maximum_batches - 1):
-        if np.count_nonzero(sample.outcomes.crash) >= settings.minimum_events:
+        if np.count_nonzero(sample.happened) >= settings.minimum_events:
             break
-        sample = sample.join(problem.sample(proposal, generator, settings.sample_size))
+        sample = sample.join(problem.sample(stratum, proposal, generator, settings.sample_size))
     scores = event_score(sample, settings.range_per_ttc)
     rank = min(settings.minimum_events, scores.size)
     return sample, min(threshold, float(np.partition(scores, rank - 1)[rank - 1]))

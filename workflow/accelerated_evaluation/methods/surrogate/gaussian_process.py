@@ -1,8 +1,8 @@
 """Surrogate of an event: the probability that it happens at a point that was not simulated.
 
-Gaussian process classification of the event flag: Phi(latent) with a Gaussian process as latent function.
-Its posterior is approximated by expectation propagation (Rasmussen and Williams 2006, section 3.6); its
-lengths and amplitude are those of highest posterior density.
+This is Gaussian process classification of the event's flag: the probability is Phi(latent) with a Gaussian
+process as latent function. Its posterior is approximated by expectation propagation (Rasmussen and Williams
+2006, section 3.6). Its lengths and amplitude are those of highest posterior density.
 """
 
 import math
@@ -10,51 +10,109 @@ import math
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
-from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs, dtrtrs
 from scipy.optimize import minimize
 from scipy.special import log_ndtr, ndtr
 
 from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.methods.surrogate.constants import (
+    AMPLITUDE,
+    AMPLITUDE_SPREAD,
+    DAMPING,
+    FIRST_PRECISION,
+    JITTER,
+    LEARNING_STEPS,
+    LEAST_PRECISION,
+    LEAST_VARIANCE,
+    LENGTH,
+    LENGTH_SPREAD,
+    LOG_AMPLITUDE_BOUNDS,
+    LOG_LENGTH_BOUNDS,
+    ROUGHLY_SETTLED,
+    SETTLED,
+    SWEEPS,
+)
 
-JITTER = 1e-6  # of the variance, on the diagonal of the covariance
-DAMPING = 0.6  # share of a new site in a step of expectation propagation
-SWEEPS = 40
 LOG_ROOT_2PI = 0.5 * math.log(2 * math.pi)
-
-# Log-normal priors of the lengths, in normal scores, and of the amplitude, in the probit's unit: median and
-# standard deviation of the log. Narrow for the lengths, which runs on one stretch of a boundary tell badly.
-LENGTH, LENGTH_SPREAD = 2.5, 0.4
-AMPLITUDE, AMPLITUDE_SPREAD = 6.0, 0.8
 
 
 @njit(cache=True)
-def _matern(squared: Array, value: Array, slope: Array) -> None:
-    """Matern 5/2 correlation at squared distances, and -2 times its derivative by them."""
-    for i in range(squared.size):
-        r = math.sqrt(5 * squared[i])
-        decay = math.exp(-r)
-        value[i] = (1 + r + r * r / 3) * decay
-        slope[i] = 5 / 3 * (1 + r) * decay
+def _fill(
+    cross: Array, a_square: Array, b_square: Array, variance: float, value: Array, slope: Array
+) -> None:
+    """Fill in covariances, variance (1 + Matern 5/2), and slopes of the Matern correlation.
+
+    Parameters
+    ----------
+    cross
+        Twice the inner products of points a and b, shape (n, m).
+    a_square, b_square
+        Squared norms of the points, shapes (n,) and (m,).
+    variance
+        Square of the amplitude.
+    value
+        Where the covariances are put, shape (n, m).
+    slope
+        Where -2 times the derivatives of the correlations by the squared distance are put, shape (n, m);
+        empty if they are not wanted.
+    """
+    n, m = cross.shape
+    r, decay = np.empty(m), np.empty(m)
+    for i in range(n):
+        # One loop for each operation: the processor takes several roots at once, but single exponentials.
+        for j in range(m):
+            r[j] = math.sqrt(5 * max(a_square[i] + b_square[j] - cross[i, j], 0.0))
+        for j in range(m):
+            decay[j] = math.exp(-r[j])
+        for j in range(m):
+            value[i, j] = variance * ((1 + r[j] + r[j] * r[j] / 3) * decay[j] + 1)
+        if slope.size:
+            for j in range(m):
+                slope[i, j] = 5 / 3 * (1 + r[j]) * decay[j]
 
 
-def _correlation(a: Array, b: Array, lengths: Array) -> tuple[Array, Array]:
-    a, b = a / lengths, b / lengths
-    squared = np.maximum((a * a).sum(1)[:, None] + (b * b).sum(1) - 2 * a @ b.T, 0.0)
-    value, slope = np.empty_like(squared), np.empty_like(squared)
-    _matern(squared.ravel(), value.ravel(), slope.ravel())
+@njit(cache=True)
+def _scale_both_sides(covariance: Array, root: Array, scaled: Array) -> None:
+    """Fill the lower triangle of I + S^1/2 K S^1/2 in, with the diagonal of S^1/2 in ``root``, shape (n,)."""
+    for i in range(len(root)):
+        for j in range(i):
+            scaled[i, j] = root[i] * covariance[i, j] * root[j]
+        scaled[i, i] = 1 + root[i] * covariance[i, i] * root[i]
+
+
+def _covariance(a: Array, b: Array, variance: float, *, with_slope: bool = False) -> tuple[Array, Array]:
+    """Return covariances, shape (n, m), of points in units of the lengths, and the slopes if wanted."""
+    cross = 2 * a @ b.T
+    value, slope = np.empty_like(cross), np.empty_like(cross) if with_slope else np.empty((0, 0))
+    _fill(cross, (a * a).sum(1), (b * b).sum(1), variance, value, slope)
     return value, slope
+
+
+def _covariance_of_runs(runs: Array, variance: float, *, with_slope: bool = False) -> tuple[Array, Array]:
+    """Return the covariance of the runs, shape (n, n), with a little more on its diagonal, and the slopes."""
+    covariance, slope = _covariance(runs, runs, 1.0, with_slope=with_slope)
+    covariance.flat[:: len(runs) + 1] += JITTER
+    covariance *= variance
+    return covariance, slope
 
 
 class EventSurrogate:
     """Probability of the event at any point, given the flags of the points that were run.
 
-    The covariance of the latent function is amplitude^2 (1 + Matern 5/2), with one length a dimension.
+    The covariance of the latent function is amplitude^2 (1 + Matern 5/2), with one length a dimension. The
+    constant 1 is the variance of an unknown mean.
 
     Parameters
     ----------
     dimension
         Number d of normal scores.
+
+    Attributes
+    ----------
+    theta
+        Logarithms of the d lengths and of the amplitude, shape (d + 1,).
+    sites
+        Precision, and precision times mean, of the Gaussian factor that stands for each flag, shape (2, n).
     """
 
     def __init__(self, dimension: int) -> None:
@@ -73,34 +131,30 @@ class EventSurrogate:
         learn
             Whether to look for better lengths and amplitude.
         restart
-            Whether the flags of earlier runs have changed.
+            Whether the flags of earlier runs have changed, so that their sites are of no use.
         """
         sign = np.where(event, 1.0, -1.0)
         known = 0 if restart else self.sites.shape[1]
-        new = np.repeat([[1e-3], [0.0]], len(sign) - known, axis=1)
+        new = np.repeat([[FIRST_PRECISION], [0.0]], len(sign) - known, axis=1)
         self.sites = np.hstack([self.sites[:, :known], new])
         if learn:
-            bounds = [(-2, 3)] * (len(self.theta) - 1) + [(-1, 4)]
-            few = {"maxiter": 5}  # it is asked again when there are more runs
-            self.theta = minimize(
-                self._loss, self.theta, (z, sign), "L-BFGS-B", jac=True, bounds=bounds, options=few
-            ).x
-        self._z, self._lengths, self._variance = z, np.exp(self.theta[:-1]), math.exp(2 * self.theta[-1])
-        covariance = self._covariance(_correlation(z, z, self._lengths)[0], self._variance)
-        _, self._factor, self._root, self._weights = self._propagate(covariance, sign, tolerance=1e-3)
+            bounds = [LOG_LENGTH_BOUNDS] * (len(self.theta) - 1) + [LOG_AMPLITUDE_BOUNDS]
+            steps = {"maxiter": LEARNING_STEPS}
+            found = minimize(
+                self._loss, self.theta, (z, sign), "L-BFGS-B", jac=True, bounds=bounds, options=steps
+            )
+            self.theta = found.x
+        self._lengths, self._variance = np.exp(self.theta[:-1]), math.exp(2 * self.theta[-1])
+        self._runs = z / self._lengths
+        covariance, _ = _covariance_of_runs(self._runs, self._variance)
+        _, self._factor, self._root, self._weights = self._propagate(covariance, sign, tolerance=SETTLED)
 
     def probability(self, z: Array) -> Array:
         """Probability of the event at points z, shape (m, d)."""
-        covariance = self._variance * (_correlation(self._z, z, self._lengths)[0] + 1)
-        scaled = solve_triangular(
-            self._factor, self._root[:, None] * covariance, lower=True, check_finite=False
-        )
+        covariance = _covariance(self._runs, z / self._lengths, self._variance)[0]
+        scaled = dtrtrs(self._factor, self._root[:, None] * covariance, lower=1)[0]
         variance = np.maximum(2 * self._variance - np.einsum("ij,ij->j", scaled, scaled), 0.0)
         return ndtr(covariance.T @ self._weights / np.sqrt(1 + variance))
-
-    @staticmethod
-    def _covariance(correlation: Array, variance: float) -> Array:
-        return variance * (correlation + 1 + JITTER * np.eye(len(correlation)))
 
     def _propagate(
         self, covariance: Array, sign: Array, tolerance: float
@@ -112,12 +166,15 @@ class EventSurrogate:
         (precision, shift), previous = self.sites, math.inf
         for _ in range(SWEEPS):
             root = np.sqrt(precision)
-            factor, _ = dpotrf(np.eye(len(sign)) + root[:, None] * covariance * root, lower=1, clean=1)
-            variance = np.maximum(1 - np.diag(dpotri(factor, lower=1)[0]), 1e-13) / precision
+            factor = np.empty(covariance.shape, order="F")  # as LAPACK has it, which need not copy it then
+            _scale_both_sides(covariance, root, factor)
+            factor, _ = dpotrf(factor, lower=1, clean=1, overwrite_a=1)
+            inverse = dpotri(factor, lower=1)[0]
+            variance = np.maximum(1 - inverse.diagonal(), LEAST_VARIANCE) / precision
             weights = shift - root * dpotrs(factor, root * (covariance @ shift), lower=1)[0]
             mean = covariance @ weights
-            # the cavity: everything but the site itself
-            rest = np.maximum(1 / variance - precision, 1e-10)
+            # The cavity is the posterior without the site itself.
+            rest = np.maximum(1 / variance - precision, LEAST_PRECISION)
             centre = (mean / variance - shift) / rest
             width = np.sqrt(1 + 1 / rest)
             score = sign * centre / width
@@ -132,10 +189,12 @@ class EventSurrogate:
             if abs(evidence - previous) < tolerance:
                 break
             previous = evidence
+            # A new site gives cavity times site the moments of cavity times probit. The ratio of the normal
+            # density to its integral is taken in logarithms, because both vanish far out.
             hazard = np.exp(-0.5 * score * score - LOG_ROOT_2PI - log_mass)
             matched_mean = centre + sign * hazard / (rest * width)
             matched_variance = 1 / rest - hazard * (score + hazard) / (rest * width) ** 2
-            target = np.maximum(1 / matched_variance - rest, 1e-10)
+            target = np.maximum(1 / matched_variance - rest, LEAST_PRECISION)
             precision = (1 - DAMPING) * precision + DAMPING * target
             shift = (1 - DAMPING) * shift + DAMPING * (matched_mean / matched_variance - centre * rest)
         self.sites = np.array([precision, shift])
@@ -143,14 +202,14 @@ class EventSurrogate:
 
     def _loss(self, theta: Array, z: Array, sign: Array) -> tuple[float, Array]:
         """Negative log posterior density of the log lengths and log amplitude, and its gradient."""
-        lengths, variance = np.exp(theta[:-1]), math.exp(2 * theta[-1])
-        correlation, slope = _correlation(z, z, lengths)
-        covariance = self._covariance(correlation, variance)
-        evidence, factor, root, weights = self._propagate(covariance, sign, tolerance=0.03)
-        inverse = solve_triangular(factor, np.diag(root), lower=True, check_finite=False)
+        variance = math.exp(2 * theta[-1])
+        runs = z / np.exp(theta[:-1])
+        covariance, slope = _covariance_of_runs(runs, variance, with_slope=True)
+        evidence, factor, root, weights = self._propagate(covariance, sign, tolerance=ROUGHLY_SETTLED)
+        inverse = dtrtrs(factor, np.diag(root), lower=1)[0]
         outer = 0.5 * (np.outer(weights, weights) - inverse.T @ inverse)
-        by_length = variance * outer * slope
-        gradient = [(by_length * np.subtract.outer(x, x) ** 2).sum() for x in (z / lengths).T]
+        slope *= variance * outer
+        gradient = [(slope * np.subtract.outer(x, x) ** 2).sum() for x in runs.T]
         gradient.append(2 * (outer * covariance).sum())
         score = (theta - self._centre) / self._scale
         return 0.5 * score @ score - evidence, score / self._scale - np.array(gradient)

@@ -1,32 +1,209 @@
-"""The state of a sampler as JSON, and back."""
+"""The state of a sampler: what it must know to go on, and how that is kept in a file.
 
+A state file is JSON with a name of the format, its version, a checksum and the state itself. It is refused
+with one message if it is damaged, of another version, of another problem or of another batch size.
+"""
+
+import hashlib
+import json
 import os
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, is_dataclass
+from types import UnionType
+from typing import Any, Self, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from accelerated_evaluation.files import read_json
+from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.files import read_json, write_json
+from accelerated_evaluation.methods.surrogate.two_phase import BatchEstimate, Flags, TwoPhaseBatch
+
+FORMAT, VERSION = "accelerated-evaluation sampler state", 2
 
 
-def read_state(path: str | os.PathLike) -> Any:  # noqa: ANN401
-    """Return the content of a state file; None if it is no JSON."""
+@dataclass(frozen=True)
+class WideBatch:
+    """A batch drawn from the wide law, whatever earlier runs have shown; ``z`` has shape (n, d)."""
+
+    z: Array
+
+
+@dataclass(frozen=True)
+class ApproachBatch:
+    """A batch drawn where runs of small score are expected, before any event was seen; ``z`` as above."""
+
+    z: Array
+
+
+Batch = WideBatch | ApproachBatch | TwoPhaseBatch
+
+
+@dataclass
+class Progress:
+    """What a sampler has seen, and what it has concluded of it.
+
+    Attributes
+    ----------
+    z, happened, score
+        Normal scores of all runs, shape (n, d), whether the event happened, and their scores, shape (n,).
+    wide_runs
+        How many of the runs were drawn from the wide law whatever was known.
+    estimates
+        Of all batches of the second phase.
+    pending
+        The batch that was asked for and whose outcomes were not told yet.
+    centres
+        Points about which the next pool is drawn, shape (k, d); None before the first pool.
+    level
+        The score that stood for the event when the surrogate was fitted last; None if the event itself did.
+    learnt_at
+        Number of runs when the lengths and the amplitude were learnt last.
+    predicted
+        P(event) as the surrogate had it before the last batch; 0 before the first.
+    """
+
+    z: Array
+    happened: Flags
+    score: Array
+    wide_runs: int = 0
+    estimates: list[BatchEstimate] = field(default_factory=list)
+    pending: Batch | None = None
+    centres: Array | None = None
+    level: float | None = None
+    learnt_at: int = 0
+    predicted: float = 0.0
+
+    @classmethod
+    def start(cls, dimension: int) -> Self:
+        """Return the progress of a sampler that has not run anything."""
+        return cls(np.empty((0, dimension)), np.empty(0, bool), np.empty(0))
+
+
+@dataclass(frozen=True)
+class State:
+    """Everything that a sampler needs to go on.
+
+    Attributes
+    ----------
+    fingerprint
+        Text that identifies the problem.
+    dimension, batch_size
+        Number of normal scores, and of simulations asked for at once.
+    progress
+        What was seen and concluded.
+    theta, sites
+        Of the surrogate: logarithms of its lengths and amplitude, and its sites; see `EventSurrogate`.
+    generator
+        State of the bit generator.
+    """
+
+    fingerprint: str
+    dimension: int
+    batch_size: int
+    progress: Progress
+    theta: Array
+    sites: Array
+    generator: dict[str, Any]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the content of a state file: plain lists and numbers, with a version and a checksum."""
+        state = _encode(self)
+        return {"format": FORMAT, "version": VERSION, "checksum": _checksum(state), "state": state}
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any], where: str) -> "State":
+        """Return the state that the content of a state file holds.
+
+        Raises
+        ------
+        InputError
+            If the content is no sampler's state, of another version, or damaged.
+        """
+        anew = "Name a path where there is no file yet, and the sampler starts anew."
+        if not isinstance(content, Mapping) or content.get("format") != FORMAT:
+            raise InputError(where, seen="no state of a sampler", expected=f"format {FORMAT!r}", change=anew)
+        if (version := content.get("version")) != VERSION:
+            raise InputError(where, seen=f"version {version}", expected=f"version {VERSION}", change=anew)
+        if content.get("checksum") != _checksum(content.get("state")):
+            raise InputError(
+                where,
+                seen="a checksum that does not belong to the content, so the file is damaged",
+                expected="a file as the sampler wrote it",
+                change=f"Restore the file from a copy. {anew}",
+            )
+        state = _decode(cls, content["state"])
+        # The list of no runs at all has lost its second dimension.
+        state.progress.z = state.progress.z.reshape(-1, state.dimension)
+        return state
+
+    def check(self, *, fingerprint: str, dimension: int, batch_size: int, where: str) -> None:
+        """Raise InputError if the state belongs to another problem or batch size.
+
+        Parameters
+        ----------
+        fingerprint, dimension, batch_size
+            What the state should have.
+        where
+            The file, for the message.
+        """
+        own = {"dimension": dimension, "fingerprint": fingerprint, "batch_size": batch_size}
+        for name, expected in own.items():
+            if (seen := getattr(self, name)) != expected:
+                what = "batch size" if name == "batch_size" else f"problem's {name}"
+                raise InputError(
+                    where,
+                    seen=f"the {what} {seen!r}",
+                    expected=f"{expected!r}",
+                    change="Name the state file of this run, or a path where there is no file yet.",
+                )
+
+
+def read_state(path: str | os.PathLike) -> State:
+    """Read a state file; raise InputError if it cannot be used, as in `State.from_json`."""
     try:
-        return read_json(path)
-    except ValueError:
-        return None
+        content = read_json(path)
+    except ValueError:  # The file is no JSON, or no text at all; `from_json` says so.
+        content = {}
+    return State.from_json(content, str(path))
 
 
-def plain(value: Any) -> Any:  # noqa: ANN401
-    """Return the value with lists and Python's numbers in place of NumPy's."""
+def write_state(path: str | os.PathLike, state: State) -> None:
+    """Write a state file, whole or not at all."""
+    write_json(path, state.to_json())
+
+
+def _checksum(state: Any) -> str:  # noqa: ANN401
+    """Return a digest that does not depend on how the file is laid out."""
+    text = json.dumps(state, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _encode(value: Any) -> Any:  # noqa: ANN401
+    """Return a value in the types that JSON has; a batch also gets the name of its class."""
+    if is_dataclass(value):
+        plain = {item.name: _encode(getattr(value, item.name)) for item in fields(value)}
+        return {"kind": type(value).__name__} | plain if isinstance(value, Batch) else plain
     if isinstance(value, dict):
-        return {key: plain(item) for key, item in value.items()}
+        return {key: _encode(item) for key, item in value.items()}
     if isinstance(value, list):
-        return [plain(item) for item in value]
+        return [_encode(item) for item in value]
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
-def arrays(value: Any) -> Any:  # noqa: ANN401
-    """Return the value with arrays in place of lists."""
-    if isinstance(value, dict):
-        return {key: arrays(item) for key, item in value.items()}
-    return np.array(value) if isinstance(value, list) else value
+def _decode(annotation: Any, value: Any) -> Any:  # noqa: ANN401
+    """Return a value of the annotated type from what `_encode` made of it."""
+    if value is None:
+        return None
+    if isinstance(annotation, UnionType):  # a batch, or something that may be None
+        choices = [choice for choice in get_args(annotation) if choice is not type(None)]
+        name = value["kind"] if isinstance(value, dict) else choices[0].__name__
+        return _decode(next(choice for choice in choices if choice.__name__ == name), value)
+    if is_dataclass(annotation):
+        types = get_type_hints(annotation)
+        return annotation(**{name: _decode(types[name], value[name]) for name in types})
+    if get_origin(annotation) is list:
+        return [_decode(get_args(annotation)[0], item) for item in value]
+    if get_origin(annotation) is np.ndarray:
+        return np.array(value, dtype=get_args(get_args(annotation)[1])[0])
+    return value

@@ -2,34 +2,52 @@
 
 import math
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numba import njit
-from scipy.special import gammaln
-from scipy.stats import chi2
+from scipy.special import chdtr, chdtrc, chdtri, gammaincinv, gammaln
 
 from accelerated_evaluation.distributions.protocol import Array
-
-REACH = 60.0  # the wide law reaches to the radius that a standard normal exceeds with probability exp(-REACH)
+from accelerated_evaluation.methods.surrogate.constants import REACH, SMALLEST_SPREAD
 
 
 def draw_wide(n: int, dimension: int, generator: np.random.Generator) -> Array:
-    """Draw n points in uniform directions, -log P(|Z| > their radius) uniform on [0, REACH]; shape (n, d)."""
-    radius = np.sqrt(chi2.isf(np.exp(-generator.uniform(0, REACH, n)), dimension))
+    """Draw n points of the wide law, shape (n, d).
+
+    Their directions are uniform, and -log P(|Z| > radius) is uniform on [0, REACH], where Z is standard
+    normal. So every decade of P(|Z| > radius) gets the same number of points, however rare it is.
+    """
+    radius = np.sqrt(chdtri(dimension, np.exp(-generator.uniform(0, REACH, n))))
     z = generator.normal(size=(n, dimension))
     return z * (radius / np.linalg.norm(z, axis=1))[:, None]
 
 
 def log_normal_to_wide(z: Array) -> Array:
-    """Log ratio of the standard normal density to the wide law's, shape (n,); infinite beyond its reach."""
-    tail = chi2.logsf((z * z).sum(1), z.shape[1])
-    return np.where(tail >= -REACH, tail + math.log(REACH), np.inf)
+    """Log ratio of the standard normal density to the wide law's, shape (n,); infinite beyond its reach.
+
+    Both densities depend on the radius alone, and u = -log P(|Z| > radius) has the density exp(-u) under the
+    standard normal law and 1 / REACH under the wide law. So the ratio is REACH P(|Z| > radius).
+    """
+    log_tail = _log_tail((z * z).sum(1), z.shape[1])
+    return np.where(log_tail >= -REACH, log_tail + math.log(REACH), np.inf)
+
+
+def _log_tail(square: Array, dimension: int) -> Array:
+    """Log of P(|Z|^2 > square), Z standard normal, in each half of the law by the smaller probability."""
+    tail = square > 2 * gammaincinv(dimension / 2, 0.5)  # beyond the median
+    log_tail = np.empty_like(square)
+    with np.errstate(divide="ignore"):  # where the tail underflows
+        log_tail[tail] = np.log(chdtrc(dimension, square[tail]))
+    log_tail[~tail] = np.log1p(-chdtr(dimension, square[~tail]))
+    return log_tail
 
 
 def bound_without_event(runs: int, alpha: float) -> float:
     """Return what P(event) cannot exceed, with confidence 1 - alpha, if no run of the wide law met it.
 
-    The event has at most the mass 1 - alpha^(1/runs) under that law, in the worst case about the origin.
+    The event has at most the mass m = 1 - alpha^(1/runs) under that law. Of all sets of this mass, the ball
+    about the origin has the largest probability, 1 - exp(-REACH m), because phi / h falls with the radius.
     """
     return -math.expm1(-REACH * (1 - alpha ** (1 / max(runs, 1))))
 
@@ -58,13 +76,13 @@ class KernelMixture:
     wide_share: float
 
     @classmethod
-    def about(cls, points: Array, wide_share: float) -> "KernelMixture":
-        """Return kernels about a sample of points, shape (k, d), by Silverman's rule."""
+    def about(cls, points: Array, wide_share: float) -> Self:
+        """Return kernels about a sample of points, shape (k, d), of a width by Silverman's rule."""
         k, d = points.shape
-        return cls(points, np.maximum(points.std(0), 0.1) * k ** (-1 / (d + 4)), wide_share)
+        return cls(points, np.maximum(points.std(0), SMALLEST_SPREAD) * k ** (-1 / (d + 4)), wide_share)
 
     def draw(self, n: int, generator: np.random.Generator) -> Array:
-        """Draw n points, the share of the wide law exactly; shape (n, d)."""
+        """Draw n points, of which exactly the share of the wide law comes first; shape (n, d)."""
         wide, d = int(self.wide_share * n), self.centres.shape[1]
         step = generator.normal(size=(n - wide, d)) / np.sqrt(generator.chisquare(d, (n - wide, 1)) / d)
         centre = self.centres[generator.integers(len(self.centres), size=n - wide)]
@@ -74,6 +92,8 @@ class KernelMixture:
         """Log ratio of the standard normal density to the mixture's, shape (n,)."""
         d = z.shape[1]
         scale = self.width * math.sqrt(d)
+        # The density of a kernel is exp(constant) (1 + |z - centre|^2 / scale^2)^-d: with d degrees of
+        # freedom the exponent (degrees + d) / 2 of Student's density is a whole number.
         constant = gammaln(d) - gammaln(d / 2) - d / 2 * math.log(d * math.pi) - np.log(self.width).sum()
         normal = log_normal(z)
         wide = math.log(self.wide_share) + normal - log_normal_to_wide(z)
@@ -85,7 +105,7 @@ class KernelMixture:
 
 @njit(cache=True)
 def _mean_kernel(a: Array, b: Array) -> Array:
-    """Mean over b of (1 + |a - b|^2)^-d, shape (len(a),)."""
+    """Mean over the rows of b of (1 + |a - b|^2)^-d, shape (len(a),)."""
     n, d = a.shape
     mean = np.empty(n)
     for i in range(n):

@@ -1,0 +1,247 @@
+"""The search for f*: events, likelihood ratios, and vehicles whose crash probability is known."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation.distributions import (
+    BoundedExponential,
+    Empirical,
+)
+from accelerated_evaluation.errors import ConvergenceError
+from accelerated_evaluation.laws import CutIns, Factors
+from accelerated_evaluation.laws.independent import IndependentLaw
+from accelerated_evaluation.methods import METHODS
+from accelerated_evaluation.methods.cross_entropy import search as cross_entropy
+from accelerated_evaluation.methods.cross_entropy.families import (
+    PiecewiseFamily,
+)
+from accelerated_evaluation.methods.cross_entropy.search import Settings, event_score, search
+from accelerated_evaluation.problem import Problem, Sample
+from accelerated_evaluation.vehicles import AccAeb, Outcomes
+from toy_segment import CONFIG, PAPERS, SETTINGS, F, Toy, before, families, found, toy
+
+
+def outcomes_of(crash, min_range, min_ttc):
+    crash, nothing = np.asarray(crash), np.zeros(len(crash))
+    outcomes = Outcomes(crash, np.asarray(min_range), np.asarray(min_ttc), nothing)
+    return Sample(nothing, nothing, nothing, crash, outcomes)
+
+
+def test_event_score_is_the_threshold_of_nested_events():
+    generator = np.random.default_rng(2)
+    crash = generator.random(500) < 0.1
+    min_range = np.where(crash, -1.0, generator.exponential(5.0, 500))
+    min_ttc = np.where(generator.random(500) < 0.1, np.inf, generator.exponential(2.0, 500))
+    score = event_score(outcomes_of(crash, min_range, min_ttc), 0.5)
+    last = np.ones(500, dtype=bool)
+    for threshold in (100.0, 5.0, 1.0, 0.2, 0.01, 0.0):
+        event = crash | (min_range <= 0.5 * threshold) | (min_ttc <= threshold)
+        np.testing.assert_array_equal(score <= threshold, event)
+        assert np.all(last[event])
+        last = event
+    np.testing.assert_array_equal(last, crash)
+
+
+def test_samples_join_and_weigh_crashes_alone():
+    problem, generator = toy(None, 0.01), np.random.default_rng(1)
+    parts = [problem.sample("all", F, generator, size) for size in (3, 500)]
+    whole = parts[0].join(parts[1])
+    assert whole.first.shape == whole.outcomes.crash.shape == (503,)
+    for name in ("first", "second", "happened"):
+        for place, part in zip((slice(3), slice(3, None)), parts, strict=True):
+            np.testing.assert_array_equal(getattr(whole, name)[place], getattr(part, name))
+    np.testing.assert_array_equal(whole.outcomes.min_ttc[:3], parts[0].outcomes.min_ttc)
+    np.testing.assert_array_equal(whole.log_ratio, 0)
+    np.testing.assert_array_equal(whole.happened, whole.outcomes.crash)
+    np.testing.assert_array_equal(whole.weight, whole.outcomes.crash)
+    assert 0 < whole.happened.sum() < 30
+
+
+def test_closing_speeds_are_capped():
+    class Recorder:
+        def simulate(self, *inputs):
+            self.seen = np.array(inputs)
+            return Toy().simulate(*inputs)
+
+    recorder = Recorder()
+    cut_ins = CutIns(np.array([20.0, 30.0]), np.array([0.1, 0.01]), np.array([0.5, 0.5]))
+    before(recorder, cap=23.49).simulate(cut_ins)
+    np.testing.assert_allclose(recorder.seen, [[20, 30], [10, 100], [5, 23.49]], rtol=1e-15)
+
+
+def accelerated(law, thetas, shift=0.0):
+    family = dataclasses.replace(PiecewiseFamily.start(law, 0.01, 5), thetas=thetas, weights=(0.3, 0.7))
+    return family.shifted(shift).distribution
+
+
+@pytest.mark.parametrize(
+    "f_star",
+    [
+        F,
+        Factors(BoundedExponential(35.0, 1 / 75), BoundedExponential(12.0)),
+        Factors(accelerated(F.first, (-50.0, 10.0)), accelerated(F.second, (8.0, 15.0))),
+        Factors(accelerated(F.first, (90.0, 10.0), 0.01), accelerated(F.second, (8.0, 10.0), 0.05)),
+    ],
+    ids=["f", "single", "piecewise", "heuristic"],
+)
+def test_likelihood_ratios_average_to_one(f_star):
+    size = 20_000
+    sample = toy(None, None).sample("all", f_star, np.random.default_rng(3), size)
+    ratio = np.exp(sample.log_ratio)
+    assert ratio.mean() == pytest.approx(1, abs=4 * ratio.std() / math.sqrt(size) + 1e-14)
+    assert ratio.std() < 10
+    if f_star != F:
+        half = np.exp(0.5 * sample.log_ratio)  # a wrong ratio
+        assert abs(half.mean() - 1) > 4 * half.std() / math.sqrt(size)
+
+
+@pytest.mark.parametrize("method", PAPERS)
+@pytest.mark.parametrize(
+    ("inverse_range", "inverse_ttc"),
+    [(None, 1e-3), (None, 1e-6), (None, 1e-12), (1e-6, None), (1e-3, 1e-3), (1e-6, 1e-6)],
+)
+def test_known_probabilities_are_found(method, inverse_range, inverse_ttc):
+    problem = toy(inverse_range, inverse_ttc)
+    truth = (inverse_range or 1.0) * (inverse_ttc or 1.0)
+    result = found(method, problem, 11)
+    sample = problem.sample("all", result.proposal, np.random.default_rng(12), 20_000)
+    weight = sample.weight
+    assert sample.outcomes.crash.mean() > 0.05
+    assert weight.mean() == pytest.approx(truth, rel=0, abs=4 * weight.std() / math.sqrt(weight.size))
+    assert weight.std() / math.sqrt(weight.size) < 0.15 * truth
+    share = sample.outcomes.crash.mean()
+    assert abs(share - truth) > 4 * math.sqrt(share / weight.size)  # the estimator that forgets the weights
+
+
+@pytest.mark.parametrize("method", PAPERS)
+def test_the_trace_keeps_the_books(method):
+    result = found(method, toy(1e-2, 1e-6), 3, minimum_events=300)
+    trace = pd.DataFrame(result.trace)
+    assert trace["iteration"].tolist() == list(range(1, len(trace) + 1))
+    assert math.isnan(trace["threshold_ttc_s"][0])
+    assert trace["simulations_total"][0] == 0
+    steps = trace[1:]
+    assert np.all(steps["threshold_ttc_s"].diff().dropna() <= 0)
+    assert np.all(steps["threshold_range_m"] == steps["threshold_ttc_s"] * CONFIG["range_per_ttc"])
+    assert np.all(steps["threshold_ttc_s"][-CONFIG["crash_iterations"] :] == 0)
+    assert np.all(steps["simulations_total"] == steps["simulations"].cumsum())
+    assert result.simulations == steps["simulations"].sum()
+    assert np.all(steps["simulations"] % CONFIG["sample_size"] == 0)
+    assert np.all(steps["simulations"] <= CONFIG["sample_size"] * CONFIG["maximum_batches"])
+    assert steps["simulations"].min() < steps["simulations"].max()
+    assert np.all(steps["events"] >= np.maximum(steps["crashes"], 100))
+    assert np.all(
+        steps["events"][steps["threshold_ttc_s"] == 0] == steps["crashes"][steps["threshold_ttc_s"] == 0]
+    )
+    assert np.all(
+        (steps["effective_sample_size"] >= 1 - 1e-12)
+        & (steps["effective_sample_size"] <= steps["events"] * (1 + 1e-12))
+    )
+    parameters = result.first.parameters(), result.second.parameters()
+    for variable, values in zip(("inverse_range", "inverse_ttc"), parameters, strict=True):
+        for name, value in values.items():
+            assert trace[f"{variable}_{name}"].iloc[-1] == value
+    assert sum(len(values) for values in parameters) == (2 if method == "single" else 12)
+
+
+@pytest.mark.parametrize("method", PAPERS)
+def test_the_generator_alone_decides(method):
+    first, again, other = (found(method, toy(None, 1e-4), seed) for seed in (1, 1, 2))
+    pd.testing.assert_frame_equal(pd.DataFrame(first.trace), pd.DataFrame(again.trace), check_exact=True)
+    assert first.proposal == again.proposal != other.proposal
+
+
+def test_heuristic_moves_truncation_points_but_never_past_an_event():
+    problem = toy(None, 1e-9)
+    threshold = problem.vehicle.inverse_ttc
+    plain, moved = found("piecewise", problem, 4), found("heuristic", problem, 4)
+    knots = [row["inverse_ttc_from_2"] for row in moved.trace]
+    assert {row["inverse_ttc_from_2"] for row in plain.trace} == {0.166}
+    assert np.all(np.diff(knots) >= 0)
+    assert 0.166 < knots[-1] < threshold
+    assert {row["inverse_ttc_from_1"] for row in moved.trace} == {0.0}
+
+    full = PiecewiseFamily.start(F.second, 0.01, 5).update(np.full(9, 1.0), np.ones(9))
+    for lowest in (0.166 + 1e-9, 0.265, 0.267, 0.5, 0.9123):
+        family, last = full, None
+        while family != last:
+            last, family = family, cross_entropy._shifted(family, 0.05, np.array([1.0, lowest]))
+        assert family.model.knots[0] <= max(lowest - 0.05, 0.166)
+        assert family.model.knots[0] > lowest - 0.1 - 1e-9
+    half = full.update(np.array([0.1] * 9 + [1.0] * 9), np.ones(18))
+    assert cross_entropy._shifted(half, 0.05, np.array([1.0])) is half
+    assert cross_entropy._shifted(full, 0.0, np.array([1.0])) is full
+
+
+class Fading(Toy):
+    """Crashes in every encounter of its first batch, and then never."""
+
+    def simulate(self, lead_speed, range_, closing_speed):
+        outcomes = Toy(inverse_ttc=1e9 if hasattr(self, "was_called") else 0.0).simulate(
+            lead_speed, range_, closing_speed
+        )
+        object.__setattr__(self, "was_called", True)
+        return outcomes
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "changes", "message"),
+    [
+        (Toy(inverse_ttc=1e9), {}, "events down to a time to collision of"),
+        (Toy(inverse_ttc=1e9), {"minimum_events": 500, "maximum_batches": 2}, "limit 6 iterations of 100"),
+        (Fading(), {}, "no event down to 0 s in 500 simulations"),
+    ],
+)
+def test_a_search_that_does_not_end_says_so(vehicle, changes, message):
+    settings = Settings(**{"sample_size": 100, "maximum_iterations": 6, "minimum_events": 5} | changes)
+    with pytest.raises(ConvergenceError, match=message):
+        search(before(vehicle), "all", families("piecewise"), settings, np.random.default_rng(1))
+
+
+def test_each_stratum_is_searched_and_sampled_with_its_own_law():
+    """At 6 or 7 m/s TTC^-1 is that of F, at 30 m/s exponential; a crash is a TTC^-1 of 0.3 and more."""
+    other = BoundedExponential(30.0)
+    law = IndependentLaw(
+        "made up",
+        {"slow": 2, "fast": 1},
+        F.first,
+        {"slow": F.second, "fast": other},
+        {"slow": Empirical([7.0, 6.0]), "fast": Empirical([30.0])},
+    )
+    seen = {}
+
+    class Recorder(Toy):
+        def simulate(self, lead_speed, range_, closing_speed):
+            seen.setdefault("speeds", set()).update(lead_speed.tolist())
+            return super().simulate(lead_speed, range_, closing_speed)
+
+    problem = Problem(law, Recorder(inverse_ttc=0.3))
+    single = METHODS["single"].configured(SETTINGS)
+    for stratum, (f, speeds) in {"slow": (F.second, {6.0, 7.0}), "fast": (other, {30.0})}.items():
+        seen.clear()
+        result = single.search(problem, stratum, np.random.default_rng(1))
+        assert seen["speeds"] == speeds
+        sample = problem.sample(stratum, result.proposal, np.random.default_rng(2), 20_000)
+        error = 4 * sample.weight.std() / math.sqrt(20_000)
+        assert sample.weight.mean() == pytest.approx(float(f.sf(0.3)), rel=0, abs=error)
+        assert error < 0.15 * float(f.sf(0.3))
+
+
+@pytest.mark.parametrize("method", PAPERS)
+def test_twenty_seeds_end_well_before_the_car_of_the_study(method):
+    law = IndependentLaw(
+        "near the records of 5 to 15 m/s",
+        {"5-15": 1},
+        F.first,
+        {"5-15": F.second},
+        {"5-15": Empirical(np.linspace(5, 15, 201)[:-1])},
+        closing_speed_max=23.49,
+    )
+    problem = Problem(law, AccAeb())
+    for seed in range(20):
+        result = found(method, problem, seed)
+        sample = problem.sample("5-15", result.proposal, np.random.default_rng(seed), 2000)
+        assert sample.happened.mean() > 0.05

@@ -1,0 +1,143 @@
+"""How distributions describe themselves: registry, units, new bounds, and a new one in a class of its own."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import ClassVar
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation.distributions import (
+    DISTRIBUTIONS,
+    BoundedExponential,
+    BoundedNormal,
+    Empirical,
+    Mixture,
+    Parameter,
+    Pareto,
+    PiecewiseMixture,
+    distribution,
+    from_dict,
+    unit_to_power,
+)
+from accelerated_evaluation.fitting.pieces import EXPONENTIAL, PieceFamily, piece_kinds
+from accelerated_evaluation.fitting.piecewise import fit_piecewise
+from accelerated_evaluation.laws.files import read_law, write_law
+from accelerated_evaluation.laws.independent import IndependentLaw
+from accelerated_evaluation.publishing.model_tables import parameter_table
+
+KINDS = {
+    "bounded exponential": BoundedExponential,
+    "bounded normal": BoundedNormal,
+    "Pareto": Pareto,
+    "mixture": Mixture,
+    "piecewise mixture": PiecewiseMixture,
+}
+NORMALS = Mixture((0.3, 0.7), (BoundedNormal(0.03, 0.0, 0.2), BoundedNormal(0.09, 0.0, 0.2)))
+PIECES = PiecewiseMixture((0.9, 0.1), (NORMALS, BoundedExponential(21.0, 0.2)))
+
+
+def test_the_kinds_of_files_written_before_are_known():
+    assert {kind: DISTRIBUTIONS[kind] for kind in KINDS} == KINDS
+    assert [member.kind for member in DISTRIBUTIONS.values()] == list(DISTRIBUTIONS)
+
+
+def test_parameters_are_fields_and_bounds_are_not_among_them():
+    for member in DISTRIBUTIONS.values():
+        assert set(member.parameters) <= {field.name for field in fields(member)} - {"lower", "upper"}
+    assert [BoundedExponential(1.0).n_parameters, NORMALS.n_parameters, PIECES.n_parameters] == [1, 3, 5]
+
+
+@pytest.mark.parametrize(
+    ("unit", "power", "expected"),
+    [
+        ("1/s", -1, "s"),
+        ("1/s", 1, "1/s"),
+        ("1/s", 0, "1"),
+        ("m", -1, "1/m"),
+        ("m", 2, "m^2"),
+        ("1/m", 2, "1/m^2"),
+    ],
+)
+def test_units_of_parameters_follow_from_that_of_the_variable(unit, power, expected):
+    assert unit_to_power(unit, power) == expected
+
+
+@pytest.mark.parametrize(
+    "law", [BoundedExponential(3.0, 0.1, 0.4), BoundedNormal(0.2, 0.1, 0.4), Pareto(1.7, 0.1)]
+)
+def test_powers_of_parameters_are_those_by_which_they_scale(law):
+    c = 1000.0  # as many of the new units make one of the old
+    values = {name: getattr(law, name) * c**parameter.power for name, parameter in law.parameters.items()}
+    bounds = {name: getattr(law, name) * c for name in ("lower", "upper") if name in vars(law)}
+    scaled = type(law)(**values, **bounds)
+    x = np.array([0.1, 0.15, 0.3])
+    np.testing.assert_allclose(scaled.logpdf(c * x), law.logpdf(x) - math.log(c), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("law", "bounds", "expected"),
+    [
+        (BoundedExponential(3.0), (0.1, 0.4), BoundedExponential(3.0, 0.1, 0.4)),
+        (BoundedNormal(2.0, 0.0, 1.0, 0.5), (0.1, 0.4), BoundedNormal(2.0, 0.1, 0.4, 0.5)),
+        (Pareto(1.7, 0.1), (0.2, math.inf), Pareto(1.7, 0.2)),
+        (
+            NORMALS,
+            (0.1, 0.4),
+            Mixture((0.3, 0.7), (BoundedNormal(0.03, 0.1, 0.4), BoundedNormal(0.09, 0.1, 0.4))),
+        ),
+        (
+            PIECES,
+            (0.1, 0.4),
+            PiecewiseMixture((0.9, 0.1), (NORMALS.rebounded(0.1, 0.2), BoundedExponential(21.0, 0.2, 0.4))),
+        ),
+    ],
+)
+def test_new_bounds_change_nothing_else(law, bounds, expected):
+    assert law.rebounded(*bounds) == expected
+    assert (expected.lower, expected.upper) == bounds
+
+
+def test_new_bounds_that_do_not_fit_are_refused():
+    with pytest.raises(ValueError, match="no upper bound"):
+        Pareto(1.7, 0.1).rebounded(0.1, 1.0)
+    with pytest.raises(ValueError, match="bounds must satisfy"):
+        PIECES.rebounded(0.3, math.inf)
+    with pytest.raises(ValueError, match="zip"):
+        PIECES.with_bounds([0.0, 0.1, 0.2, math.inf])
+
+
+@pytest.mark.parametrize(
+    "content", [{"kind": "bounded gamma"}, {"kind": ["mixture"]}, {}, {"kind": "Pareto"}]
+)
+def test_content_of_no_known_kind_is_refused(content):
+    with pytest.raises((KeyError, TypeError, ValueError)):
+        from_dict(content)
+
+
+def test_a_new_distribution_is_fitted_stored_and_tabulated_without_another_change(monkeypatch, tmp_path):
+    monkeypatch.setattr(DISTRIBUTIONS, "_members", dict(DISTRIBUTIONS))
+
+    @distribution("toy exponential")
+    @dataclass(frozen=True)
+    class ToyExponential(BoundedExponential):
+        parameters: ClassVar[Mapping[str, Parameter]] = {"rate": Parameter(power=-1, symbol="q")}
+
+    assert "toy exponential" in piece_kinds()
+    x = BoundedExponential(20.0).rvs(np.random.default_rng(1), 500)
+    law = fit_piecewise(x, 0.0, [0.05], [PieceFamily("toy exponential"), EXPONENTIAL])
+    assert law.components[0] == ToyExponential(law.components[0].rate, 0.0, 0.05)
+    assert PieceFamily.of(law.components[0]) == PieceFamily("toy exponential")
+    encounters = pd.DataFrame({"segment": ["5-15"], "lead_speed": [10.0]})
+    model = IndependentLaw(
+        "made up for a test", {"5-15": 500}, law, {"5-15": law}, {"5-15": Empirical([10.0])}
+    )
+    write_law(tmp_path / "law.json", model)
+    assert read_law(tmp_path / "law.json", encounters) == model
+    assert parameter_table(model)[["family", "parameter", "value_unit"]].to_numpy().tolist() == [
+        ["toy exponential", "rate", "m"],
+        ["bounded exponential", "rate", "m"],
+        ["toy exponential", "rate", "s"],
+        ["bounded exponential", "rate", "s"],
+    ]

@@ -1,0 +1,150 @@
+"""Conditions on the configuration that a schema cannot state: they tie keys together, or ask a registry."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from accelerated_evaluation.encounters.sources import SOURCES
+from accelerated_evaluation.encounters.sources.table import UNITS
+from accelerated_evaluation.fitting.pieces import mixture_kinds, piece_kinds
+
+COMPARED = {"crude", "heuristic", "piecewise", "single", "surrogate"}
+PIECES = {"two_pieces": 2, "three_pieces": 3}
+KNOTS = ("models.inverse_range.two_pieces", "models.inverse_range.three_pieces", "models.inverse_ttc.knots")
+
+
+@dataclass(frozen=True)
+class Check:
+    """A condition on the values of several keys; skipped where one of them is wrong already."""
+
+    keys: tuple[str, ...]
+    holds: Callable[..., bool]
+    expected: str
+
+
+def _are_methods(names: Sequence[str]) -> bool:
+    """Whether all are methods of the registry, and those that the notebooks compare are among them."""
+    from accelerated_evaluation.methods import METHODS  # takes a second, which few users of this module need
+
+    return set(names) >= COMPARED and all(name in METHODS for name in names)
+
+
+def _rising(values: Sequence[float] | None) -> bool:
+    return values is None or all(low < high for low, high in pairwise(values))
+
+
+def _segments_rise(edges: Sequence[float]) -> bool:
+    """Whether edges rise as they are printed, because the names of segments are made of the printed edges."""
+    return _rising([float(f"{edge:g}") for edge in edges])
+
+
+def _enclose(edges: Sequence[float], low: float, high: float) -> bool:
+    """Whether all lead speeds that pass the filters, [low, high), lie between the first edge and the last."""
+    return edges[0] <= low and high <= edges[-1]
+
+
+CHECKS = (
+    Check(
+        ("methods",),
+        _are_methods,
+        f"names of methods, with {', '.join(sorted(COMPARED))} among them",
+    ),
+    Check(
+        ("filters.lead_speed_min", "filters.lead_speed_max"),
+        lambda low, high: low < high,
+        "lead_speed_min below lead_speed_max",
+    ),
+    Check(
+        ("segments.lead_speed_edges",),
+        _segments_rise,
+        "edges in increasing order, also after rounding to six digits",
+    ),
+    Check(
+        ("segments.lead_speed_edges", "filters.lead_speed_min", "filters.lead_speed_max"),
+        _enclose,
+        "edges that begin at or below lead_speed_min and end at or above lead_speed_max",
+    ),
+    Check(
+        ("sensitivity.lead_speed_edges", "filters.lead_speed_min", "filters.lead_speed_max"),
+        lambda tried, low, high: all(_segments_rise(edges) and _enclose(edges, low, high) for edges in tried),
+        "lists of edges in increasing order, each from lead_speed_min or below to lead_speed_max or above",
+    ),
+    *(
+        check
+        for knots in KNOTS
+        for check in (
+            Check((f"{knots}.quantiles",), _rising, "quantiles in increasing order"),
+            Check((f"{knots}.values",), _rising, "knots in increasing order"),
+            Check(
+                (f"{knots}.method", f"{knots}.values"),
+                lambda method, values: method != "values" or values is not None,
+                "a list of knots, as the method is values",
+            ),
+            Check(
+                (f"{knots}.profile.low", f"{knots}.profile.high"),
+                lambda low, high: low < high,
+                "low below high",
+            ),
+        )
+    ),
+    *(
+        Check(
+            (f"models.inverse_range.{variant}.values", "filters.range_max"),
+            lambda values, range_max: values is None or min(values) > 1 / range_max,
+            "knots above 1 / range_max, where R^-1 begins",
+        )
+        for variant in PIECES
+    ),
+    *(
+        Check(
+            (key,),
+            lambda kind: kind in piece_kinds(),
+            f"a distribution that can be fitted to a piece and tilted: one of {', '.join(piece_kinds())}",
+        )
+        for key in ("models.inverse_range.pieces", "models.inverse_ttc.body.kind", "models.inverse_ttc.tail")
+    ),
+    Check(
+        ("models.inverse_ttc.body.kind", "models.inverse_ttc.body.components"),
+        lambda kind, components: components == 1 or kind not in piece_kinds() or kind in mixture_kinds(),
+        f"one component, or a distribution of which mixtures can be fitted: {', '.join(mixture_kinds())}",
+    ),
+    Check(
+        ("cross_entropy.minimum_weight", "models.inverse_range.variant"),
+        lambda weight, variant: weight * PIECES[variant] < 1,
+        "a minimum weight that all pieces can have at once: less than 1 / pieces",
+    ),
+    Check(
+        ("models.closing_speed_max", "crash_map.grid.closing_speed_max"),
+        lambda cap, top: cap <= top,
+        "a map that reaches up to the cap of the laws",
+    ),
+    Check(
+        ("importance_sampling.minimum_events", "importance_sampling.maximum_simulations"),
+        lambda events, simulations: events <= simulations,
+        "minimum_events not above maximum_simulations",
+    ),
+    Check(("uncertainty.sampling_interval",), _rising, "the lower end first"),
+    Check(
+        ("data.source",),
+        lambda source: source in SOURCES,
+        f"a source of records: one of {', '.join(SOURCES)}",
+    ),
+    *(
+        Check(
+            ("data.sample", "data.source", f"data.{name}.outlier_rows"),
+            lambda sample, source, rows, name=name: sample is None or source != name or not rows,
+            "no outlier rows with a sample, because they count the rows of the whole table",
+        )
+        for name in SOURCES
+    ),
+    Check(
+        ("data.source", "data.table.path"),
+        lambda source, path: source != "table" or path is not None,
+        "the path of the table, as the source is table",
+    ),
+    Check(
+        ("data.table.columns.closing.quantity", "data.table.columns.closing.unit"),
+        lambda quantity, unit: any(unit in factors for factors in UNITS[quantity].values()),
+        "a unit of that quantity",
+    ),
+)

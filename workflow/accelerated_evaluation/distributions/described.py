@@ -1,0 +1,109 @@
+"""How a distribution describes itself to files, tables, figures and the configuration, and their registry."""
+
+import dataclasses
+import math
+from abc import ABC
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Self, TypeVar
+
+from accelerated_evaluation.registry import Registry
+
+INFINITE = {"lower": -math.inf, "upper": math.inf}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """What tables and figures need to know of a fitted parameter.
+
+    Attributes
+    ----------
+    power
+        Its unit is that of the variable to this power: -1 for a rate, 1 for a scale, 0 for a pure number.
+    symbol
+        Its symbol in TeX, without the dollar signs.
+    """
+
+    power: int
+    symbol: str
+
+
+class Described(ABC):
+    """A distribution that files, tables and the configuration know by its kind.
+
+    A subclass is a frozen dataclass of numbers, registered with the decorator `distribution`. If it can be
+    fitted to a piece of a sample, it has a classmethod ``fit(x, lower, upper)``, which maximizes the
+    likelihood. If mixtures of it can be fitted as well, it has a classmethod
+    ``fit_mixture(x, lower, upper, components)``.
+
+    Attributes
+    ----------
+    kind
+        Its name in files, tables and the configuration.
+    parameters
+        The fitted parameters by the name of their field. Bounds are not among them: they are given.
+    """
+
+    kind: ClassVar[str]
+    parameters: ClassVar[Mapping[str, Parameter]] = {}
+
+    @property
+    def n_parameters(self) -> int:
+        """Number of fitted parameters."""
+        return len(self.parameters)
+
+    def rebounded(self, lower: float, upper: float) -> Self:
+        """Return the same distribution with other bounds of its support."""
+        return dataclasses.replace(self, lower=lower, upper=upper)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Describe the distribution as JSON can hold it; an infinite bound is null."""
+        values = {field.name: float(getattr(self, field.name)) for field in dataclasses.fields(self)}
+        numbers = {name: None if math.isinf(value) else value for name, value in values.items()}
+        return {"kind": self.kind, **numbers}
+
+    @classmethod
+    def from_content(cls, content: Mapping[str, Any]) -> Self:
+        """Build the distribution from what `to_dict` wrote beside the kind."""
+        return cls(**{name: INFINITE[name] if value is None else value for name, value in content.items()})
+
+
+DISTRIBUTIONS: Registry[type[Described]] = Registry("distribution", __package__, [str(Path(__file__).parent)])
+
+DescribedClass = TypeVar("DescribedClass", bound=type[Described])
+
+
+def distribution(kind: str) -> Callable[[DescribedClass], DescribedClass]:
+    """Return the class decorator that gives a distribution its kind and registers it."""
+
+    def register(cls: DescribedClass) -> DescribedClass:
+        cls.kind = kind
+        return DISTRIBUTIONS.add(kind)(cls)
+
+    return register
+
+
+def from_dict(content: Mapping[str, Any]) -> Described:
+    """Build the distribution that its method ``to_dict`` described.
+
+    Raises
+    ------
+    AttributeError, KeyError, TypeError, ValueError
+        If the content does not describe a distribution of a known kind.
+    """
+    content = dict(content)
+    kind = content.pop("kind")
+    if kind not in DISTRIBUTIONS:
+        raise ValueError(f"no distribution is of kind {kind!r}; known are {', '.join(DISTRIBUTIONS)}")
+    return DISTRIBUTIONS[kind].from_content(content)
+
+
+def unit_to_power(unit: str, power: int) -> str:
+    """Return a unit to a power: ``1/s`` to the power -1 is ``s``, and to the power 0 it is ``1``."""
+    base = unit.removeprefix("1/")
+    exponent = power if base == unit else -power
+    if exponent == 0:
+        return "1"
+    text = base if abs(exponent) == 1 else f"{base}^{abs(exponent)}"
+    return text if exponent > 0 else f"1/{text}"

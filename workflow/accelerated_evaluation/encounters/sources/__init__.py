@@ -1,0 +1,65 @@
+"""Sources of lane-change records: one module for each, found by name, with its section in the configuration.
+
+A source is a function ``read(settings)``. It takes its section of the configuration, ``data.<name>``, and
+returns the records as they are: three columns as `contract.complete` takes them, and an index ``row`` that
+counts from 1. Its section has the keys ``description``, ``path`` and ``outlier_rows``, and any other that the
+source needs.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.registry import Registry
+
+SOURCES: Registry[Callable[[Mapping[str, Any]], pd.DataFrame]] = Registry("source", __name__, __path__)
+
+
+def read_source(data: Mapping[str, Any], generator: np.random.Generator) -> pd.DataFrame:
+    """Read the records of the source that the configuration names, or a random sample of them.
+
+    Parameters
+    ----------
+    data
+        Section ``data`` of a valid configuration.
+    generator
+        Draws the sample, if ``data.sample`` asks for one.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Three columns as `contract.complete` takes them; the index ``row`` counts the rows of the source from
+        1. A sample keeps the order of the source.
+
+    Raises
+    ------
+    InputError
+        If the source has fewer records than the sample asks for, or cannot be read.
+    """
+    raw = SOURCES[data["source"]](data[data["source"]])
+    size = data["sample"]
+    if size is None:
+        return raw
+    if size > len(raw):
+        raise InputError(
+            "data.sample",
+            seen=f"{size:,}, but only {len(raw):,} records in {data[data['source']]['path']}",
+            expected="at most as many as there are records",
+            change="Lower data.sample, or set it to null to take all records.",
+        )
+    return raw.iloc[np.sort(generator.choice(len(raw), size, replace=False))]
+
+
+def describe(data: Mapping[str, Any]) -> str:
+    """Return what outputs call the data of a study: the source's description, and whether it is a sample.
+
+    Parameters
+    ----------
+    data
+        Section ``data`` of a valid configuration.
+    """
+    description = data[data["source"]]["description"]
+    return description if data["sample"] is None else f"{description}, a sample of {data['sample']:,}"

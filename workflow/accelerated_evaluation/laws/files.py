@@ -1,0 +1,56 @@
+"""The law file: JSON that a person can read, written and read here alone."""
+
+import math
+import os
+from pathlib import Path
+
+import pandas as pd
+
+from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.files import read_json, write_json
+from accelerated_evaluation.laws import LAWS, Law
+
+FORMAT = "accelerated-evaluation law"
+VERSION = 2
+
+
+def write_law(path: str | os.PathLike, law: Law) -> None:
+    """Write a law as JSON, atomically; what `read_law` reads back is equal to it."""
+    cap = None if math.isinf(law.closing_speed_max) else law.closing_speed_max
+    header = {"format": FORMAT, "version": VERSION, "kind": law.kind, "description": law.description}
+    write_json(path, header | {"closing_speed_max": {"unit": "m/s", "value": cap}} | law.content())
+
+
+def read_law(path: str | os.PathLike, encounters: pd.DataFrame) -> Law:
+    """Read a law file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    encounters
+        The encounter table that the law was fitted to; the lead speeds are taken from it.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, is not a law of this version, or does not fit to the encounters.
+    """
+    change = "Fit the law anew, or name a law file that this version wrote."
+    if not Path(path).is_file():
+        raise InputError(str(path), seen="no such file", expected="a law file", change=change)
+    try:
+        content = read_json(path)
+        kind = content["format"], content["version"]
+        if kind != (FORMAT, VERSION):
+            raise InputError(str(path), seen=f"{kind}", expected=f"{(FORMAT, VERSION)}", change=change)
+        if content["kind"] not in LAWS:
+            seen = f"a law of kind {content['kind']!r}"
+            raise InputError(str(path), seen=seen, expected=f"one of {', '.join(LAWS)}", change=change)
+        cap = content["closing_speed_max"]["value"]
+        return LAWS[content["kind"]].from_content(
+            content, encounters, content["description"], math.inf if cap is None else float(cap)
+        )
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        seen = f"{type(error).__name__}: {error}"
+        raise InputError(str(path), seen=seen, expected="a whole law file", change=change) from error

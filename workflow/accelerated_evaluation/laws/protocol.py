@@ -1,0 +1,252 @@
+"""What a law of cut-ins is: it draws cut-ins, maps normal scores to them, and weighs the lines of a map.
+
+A law is a mixture over strata of the lead speed v_L. In each stratum v_L is taken as it was recorded, and a
+cut-in is described by two coordinates that are independent of each other there. For the paper's laws the
+coordinates are R^-1 and TTC^-1 themselves. A law in which the closing speed depends on the range uses scores:
+the Rosenblatt map turns any pair of dependent variables into a pair of independent ones. All that follows,
+which is drawing, tilting, likelihood ratios, normal scores and probabilities of intervals, needs only the
+distributions of the two coordinates and the map between coordinates and cut-ins.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr
+
+from accelerated_evaluation.distributions import Distribution, Empirical
+from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.distributions.tails import interval_probability, normal_score_quantile
+
+
+@dataclass(frozen=True)
+class CutIns:
+    """Cut-ins in the paper's variables; every array has shape (n,).
+
+    Attributes
+    ----------
+    lead_speed
+        v_L [m/s].
+    inverse_range
+        R^-1 [1/m].
+    inverse_ttc
+        TTC^-1 [1/s], the closing speed times R^-1.
+    """
+
+    lead_speed: Array
+    inverse_range: Array
+    inverse_ttc: Array
+
+    def __len__(self) -> int:
+        """Return the number n of cut-ins."""
+        return len(self.lead_speed)
+
+    @property
+    def range_(self) -> Array:
+        """R [m]."""
+        return 1 / self.inverse_range
+
+    @property
+    def closing_speed(self) -> Array:
+        """Host speed less lead speed [m/s], before any cap."""
+        return self.inverse_ttc / self.inverse_range
+
+
+@dataclass(frozen=True)
+class Factors:
+    """Independent distributions of the two coordinates of a stratum: f is one pair, and every f* another."""
+
+    first: Distribution
+    second: Distribution
+
+    def logpdf(self, first: Array, second: Array) -> Array:
+        """Log density of pairs of coordinates, shape (n,)."""
+        return self.first.logpdf(first) + self.second.logpdf(second)
+
+    def rvs(self, generator: np.random.Generator, size: int) -> tuple[Array, Array]:
+        """Independent draws of both coordinates, each of shape (size,)."""
+        return self.first.rvs(generator, size), self.second.rvs(generator, size)
+
+
+class Stratum(ABC):
+    """The law of the cut-ins of one stratum of the lead speed.
+
+    Attributes
+    ----------
+    lead_speed
+        v_L as recorded [m/s]; no method accelerates it.
+    factors
+        f in the two coordinates of this stratum.
+    """
+
+    lead_speed: Empirical
+    factors: Factors
+
+    @abstractmethod
+    def cut_ins(self, lead_speed: Array, first: Array, second: Array) -> CutIns:
+        """Return the cut-ins that lie at given coordinates; all arrays have shape (n,)."""
+
+    @abstractmethod
+    def first(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
+        """Return the first coordinate, which rises with R^-1 [1/m] at a given v_L [m/s]."""
+
+    @abstractmethod
+    def second(self, lead_speed: ArrayLike, inverse_range: ArrayLike, closing_speed: ArrayLike) -> Array:
+        """Return the second coordinate, which rises with the closing speed [m/s] at given v_L and R^-1."""
+
+    def log_first_slope(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
+        """Return the log derivative of the first coordinate by R^-1; 0 where the coordinate is R^-1."""
+        return np.zeros(np.broadcast_shapes(np.shape(lead_speed), np.shape(inverse_range)))
+
+    @property
+    @abstractmethod
+    def inverse_range_min(self) -> float:
+        """The smallest R^-1 [1/m] that the law knows."""
+
+    def closing_speed_probability(
+        self, lead_speed: Array, inverse_range: Array, start: Array, end: Array
+    ) -> Array:
+        """Return P(start <= closing speed < end) at given v_L and R^-1.
+
+        This is all that a crash map needs to know of the closing speed.
+
+        Parameters
+        ----------
+        lead_speed, inverse_range
+            v_L [m/s] and R^-1 [1/m], shape (n,).
+        start, end
+            Ends of the intervals of the closing speed [m/s], shape (n,); the end may be infinite.
+
+        Returns
+        -------
+        numpy.ndarray
+            Probabilities, shape (n,).
+        """
+        ends = (self.second(lead_speed, inverse_range, speed) for speed in (start, end))
+        return interval_probability(self.factors.second, *ends)
+
+    def cell_probability(self, lead_speed: Array, inverse_range: Array) -> Array:
+        """Return the probability of cells of v_L and R^-1.
+
+        Parameters
+        ----------
+        lead_speed, inverse_range
+            Lower and upper v_L [m/s] and R^-1 [1/m] of each cell, shape (cells, 2); the last R^-1 may be
+            infinite. The first coordinate is taken at the middle of v_L, where it depends on v_L at all.
+
+        Returns
+        -------
+        numpy.ndarray
+            Probabilities, shape (cells,).
+        """
+        middle = lead_speed.mean(axis=1)
+        ends = (self.first(middle, inverse_range[:, side]) for side in (0, 1))
+        return self.lead_speed_share(lead_speed) * interval_probability(self.factors.first, *ends)
+
+    def lead_speed_share(self, lead_speed: Array) -> Array:
+        """Return the share of the recorded v_L in intervals [low, high) [m/s], shape (n, 2) to (n,)."""
+        speeds = self.lead_speed.values
+        return np.diff(np.searchsorted(speeds, lead_speed), axis=1)[:, 0] / speeds.size
+
+
+class Law(ABC):
+    """A law of cut-ins: strata of the lead speed, each with its share.
+
+    Attributes
+    ----------
+    kind
+        Name of this kind of law in files.
+    description
+        The data that it was fitted to, in words.
+    closing_speed_max
+        Closing speeds are capped at this [m/s] before they are simulated; infinite without a cap.
+    shares
+        Share of each stratum in the lane changes, by rising lead speed; they sum to one.
+    strata
+        The law in each stratum, under the same names.
+    """
+
+    kind: ClassVar[str]
+    description: str
+    closing_speed_max: float
+
+    @property
+    @abstractmethod
+    def shares(self) -> Mapping[str, float]:
+        """Share of each stratum."""
+
+    @property
+    @abstractmethod
+    def strata(self) -> Mapping[str, Stratum]:
+        """The law in each stratum."""
+
+    @abstractmethod
+    def only(self, stratum: str) -> Self:
+        """Return the law of one stratum alone, whose share is then one."""
+
+    def capped(self, closing_speed: Array) -> Array:
+        """Return closing speeds [m/s] as they are simulated."""
+        return np.minimum(closing_speed, self.closing_speed_max)
+
+    def draw(self, generator: np.random.Generator, size: int) -> tuple[CutIns, NDArray[np.intp]]:
+        """Draw cut-ins, stratum after stratum.
+
+        Parameters
+        ----------
+        generator
+            Source of all randomness.
+        size
+            Number n of cut-ins.
+
+        Returns
+        -------
+        cut_ins : CutIns
+            Of shape (n,).
+        stratum : numpy.ndarray
+            Index of the stratum of each, shape (n,).
+        """
+        counts = generator.multinomial(size, list(self.shares.values()))
+        parts = []
+        for stratum, count in zip(self.strata.values(), counts.tolist(), strict=True):
+            lead_speed = stratum.lead_speed.rvs(generator, count)
+            parts.append(stratum.cut_ins(lead_speed, *stratum.factors.rvs(generator, count)))
+        columns = (np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0]))
+        return CutIns(*columns), np.repeat(np.arange(len(counts)), counts)
+
+    def stratum_of_scores(self, z: Array) -> NDArray[np.intp]:
+        """Return the index of the stratum that each row of normal scores, shape (n, 3), belongs to."""
+        share = np.array(list(self.shares.values()))
+        return np.searchsorted(np.cumsum(share) - share, ndtr(z[:, 0]), side="right") - 1
+
+    def from_scores(self, z: Array) -> CutIns:
+        """Map normal scores to cut-ins (Rosenblatt 1952).
+
+        The score of v_L runs through the strata one after the other, so that a sampler in normal scores
+        spreads its simulations over the strata by what each contributes to the event.
+
+        Parameters
+        ----------
+        z
+            Normal scores of v_L and of the two coordinates, shape (n, 3).
+
+        Returns
+        -------
+        CutIns
+            Of shape (n,).
+        """
+        u, index = ndtr(z[:, 0]), self.stratum_of_scores(z)
+        share = np.array(list(self.shares.values()))
+        before = np.cumsum(share) - share
+        columns = np.empty((3, len(z)))
+        for k, stratum in enumerate(self.strata.values()):
+            here = index == k
+            lead_speed = stratum.lead_speed.ppf((u[here] - before[k]) / share[k])
+            coordinates = (
+                normal_score_quantile(law, z[here, column])
+                for column, law in ((1, stratum.factors.first), (2, stratum.factors.second))
+            )
+            columns[:, here] = list(vars(stratum.cut_ins(lead_speed, *coordinates)).values())
+        return CutIns(*columns)

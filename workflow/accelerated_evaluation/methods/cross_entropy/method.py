@@ -1,0 +1,117 @@
+"""What the paper's methods share: a Cross-Entropy search of f*, then importance sampling from it."""
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from accelerated_evaluation.laws import Factors
+from accelerated_evaluation.methods.cross_entropy.families import Family
+from accelerated_evaluation.methods.cross_entropy.proposals import Proposals
+from accelerated_evaluation.methods.cross_entropy.search import Search, Settings, Shift, search
+from accelerated_evaluation.methods.estimate import Estimate, Method, Stopping
+from accelerated_evaluation.methods.importance_sampling import (
+    course_table,
+    estimate_from_weights,
+    run_to_convergence,
+)
+from accelerated_evaluation.problem import Problem
+
+
+@dataclass(frozen=True)
+class CrossEntropyMethod(Method):
+    """Importance sampling from an f* that a Cross-Entropy search has found.
+
+    Attributes
+    ----------
+    cross_entropy
+        Section ``cross_entropy`` of the configuration.
+    batch
+        Cut-ins drawn at once while the estimate is made.
+    course_step
+        Simulations between two rows of the course of an estimate.
+    """
+
+    sections: ClassVar[tuple[str, ...]] = ("cross_entropy", "importance_sampling")
+    tables: ClassVar[tuple[str, ...]] = ("course",)
+    learns_apart: ClassVar[bool] = True
+
+    cross_entropy: Mapping[str, Any]
+    batch: int
+    course_step: int
+
+    @classmethod
+    def configured(cls, config: Mapping[str, Any]) -> Self:
+        """Return the method with the settings of a configuration."""
+        settings = config["importance_sampling"]
+        return cls(config["cross_entropy"], settings["simulations"], settings["course_step"])
+
+    @classmethod
+    def stream(cls, scope: str, replicate: int) -> tuple[str | int, ...]:
+        """Return the names of the random stream of one replicate."""
+        return "importance_sampling", cls.name, scope, replicate
+
+    @abstractmethod
+    def start(self, f: Factors) -> tuple[Family, Family]:
+        """Return the families of both coordinates, at the parameters where the search begins."""
+
+    def shift(self) -> Shift | None:
+        """Return the steps by which truncation points move up; None where they stay."""
+        return None
+
+    def search(
+        self,
+        problem: Problem,
+        stratum: str,
+        generator: np.random.Generator,
+        on_iteration: Callable[[dict[str, float]], None] = lambda _: None,
+    ) -> Search:
+        """Search f* of one stratum; see `search.search` for the arguments and what is raised."""
+        settings = Settings(**{name: self.cross_entropy[name] for name in Settings.__dataclass_fields__})
+        start = self.start(problem.law.strata[stratum].factors)
+        return search(
+            problem, stratum, start, settings, generator, shift=self.shift(), on_iteration=on_iteration
+        )
+
+    def estimate(
+        self,
+        problem: Problem,
+        stopping: Stopping,
+        generator: np.random.Generator,
+        proposals: Proposals | None = None,
+    ) -> Estimate:
+        """Estimate the probability of the event, with fresh samples from f*.
+
+        Parameters
+        ----------
+        problem
+            The law, whose strata are accelerated one by one, the vehicle and the event.
+        stopping
+            When to stop. A search made here counts towards the largest number of simulations.
+        generator
+            Source of all randomness.
+        proposals
+            What earlier searches found in each stratum; searched here by default.
+        """
+        limit = stopping.maximum_simulations
+        if proposals is None:
+            searches = {name: self.search(problem, name, generator) for name in problem.law.strata}
+            proposals = Proposals.of(searches)
+            limit -= proposals.total
+        weights, converged_at = run_to_convergence(
+            problem,
+            proposals.factors,
+            replace(stopping, maximum_simulations=limit),
+            generator,
+            self.batch,
+        )
+        # The rule looks after every simulation; what was drawn at once beyond its end is not counted.
+        estimate = estimate_from_weights(
+            weights[:converged_at],
+            stopping.alpha,
+            converged=converged_at is not None,
+            learning=proposals.total,
+        )
+        return replace(estimate, tables={"course": course_table(weights, stopping.alpha, self.course_step)})

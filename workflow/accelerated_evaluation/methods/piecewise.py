@@ -1,0 +1,21 @@
+"""The paper's method: the pieces of f are tilted and weighed anew (section V)."""
+
+from typing import Any, ClassVar
+
+from accelerated_evaluation.laws import Factors
+from accelerated_evaluation.methods import METHODS
+from accelerated_evaluation.methods.cross_entropy.families import Family, PiecewiseFamily
+from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMethod
+
+
+@METHODS.add("piecewise")
+class Piecewise(CrossEntropyMethod):
+    """f* is f with every piece tilted by its own theta, and with new weights of the pieces."""
+
+    name: ClassVar[str] = "piecewise"
+    look: ClassVar[dict[str, Any]] = {"color": "#08306b", "linestyle": "-", "marker": "o"}
+
+    def start(self, f: Factors) -> tuple[Family, Family]:
+        """Start at f itself, with no piece lighter than the lower bound of the weights."""
+        limits = self.cross_entropy["minimum_weight"], self.cross_entropy["minimum_piece_events"]
+        return PiecewiseFamily.start(f.first, *limits), PiecewiseFamily.start(f.second, *limits)

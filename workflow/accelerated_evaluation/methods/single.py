@@ -1,0 +1,20 @@
+"""The authors' earlier method: one exponential for each variable is moved (paper, sections II and VI)."""
+
+from typing import Any, ClassVar
+
+from accelerated_evaluation.laws import Factors
+from accelerated_evaluation.methods import METHODS
+from accelerated_evaluation.methods.cross_entropy.families import Family, SingleFamily
+from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMethod
+
+
+@METHODS.add("single")
+class Single(CrossEntropyMethod):
+    """f* is one exponential distribution for each coordinate."""
+
+    name: ClassVar[str] = "single"
+    look: ClassVar[dict[str, Any]] = {"color": "#b2182b", "linestyle": "--", "marker": "s"}
+
+    def start(self, f: Factors) -> tuple[Family, Family]:
+        """Start at the exponentials with the means of f."""
+        return SingleFamily.start(f.first), SingleFamily.start(f.second)

@@ -1,0 +1,102 @@
+"""Every constant of the sampler, what it means, and why it is there.
+
+None of them is a setting of a study. The mean of every batch's estimate is right for any of their values;
+they decide how many simulations it takes. A change of one of them changes every number that the sampler
+gives.
+"""
+
+# ---- how a run of the sampler proceeds
+
+# Simulations of the wide law before a surrogate is fitted, because a handful of flags does not determine one.
+START = 20
+
+# Number of runs of smallest score that stand for the event as long as no event was seen.
+NEAREST = 5
+
+# Growth of the number of runs after which lengths and amplitude are learnt again. Learning takes as long as
+# several batches without it, and a few more runs hardly move its result.
+RELEARN = 1.3
+
+# A surrogate is usable once it predicts a coefficient of variation per run below this.
+USABLE = 1.5
+
+# A usable surrogate must also give a probability within this factor of what it gave a batch before. One that
+# still changes its mind is sure of something that it does not know.
+AGREEMENT = 1.5
+
+# ---- the pool of the first phase
+
+# Points of a pool. They cost no simulations, and so many that the pool adds little to the variance of a
+# batch.
+POOL = 2000
+
+# Number of Student kernels that a pool is drawn from. Their centres mattered in the pool before.
+KERNELS = 200
+
+# Share of a pool that is drawn from the wide law, so that every place can be reached.
+WIDE_SHARE = 0.2
+
+# The wide law reaches to the radius that a standard normal vector exceeds with probability exp(-REACH) =
+# 9e-27.
+REACH = 60.0
+
+# Least standard deviation, in normal scores, of the centres from which the width of the kernels follows.
+# Without it kernels about equal centres would have no width at all.
+SMALLEST_SPREAD = 0.1
+
+# ---- the sample of the second phase
+
+# Share of the inclusion probabilities that is spread evenly over the pool, against a mistaken surrogate.
+DEFENCE = 0.2
+
+# Runs are aimed at every point where the surrogate's probability is at least this, whatever the point weighs.
+CORE = 0.05
+
+# Runs are also aimed at points where the probability is at least this, if their weight is within a limit. The
+# limit is this multiple of the mean weight of the points of the core. It is needed because the surrogate's
+# probability never falls far below one over the number of runs, however safe a place is: without the limit
+# the bulk of the normal law, which weighs most, would draw all runs away from the event.
+FRINGE = 0.001
+FRINGE_WEIGHT = 10.0
+
+# The surrogate's probability is the control variate where it is at least this, and 0 elsewhere. Below, it
+# takes off little variance, and times the weights of the bulk it would add much.
+CONTROLLED = 0.3
+
+# Share of the probability that is added to the expected squared error when runs are allotted: the surrogate
+# may be wrong where it is sure, and there it expects no error.
+FLOOR = 0.1
+
+# Squared coefficient of variation of a run where the surrogate expects no event; JSON has no infinity.
+WORTHLESS = 1e100
+
+# ---- the Gaussian process
+
+# Log-normal priors of the lengths, in normal scores, and of the amplitude, in units of the probit: median and
+# standard deviation of the logarithm. The prior of the lengths is narrow because runs on one stretch of a
+# boundary say little about them.
+LENGTH, LENGTH_SPREAD = 2.5, 0.4
+AMPLITUDE, AMPLITUDE_SPREAD = 6.0, 0.8
+
+# Where the logarithms of the lengths and of the amplitude are sought, and most iterations of the search,
+# which is repeated when there are more runs.
+LOG_LENGTH_BOUNDS, LOG_AMPLITUDE_BOUNDS = (-2.0, 3.0), (-1.0, 4.0)
+LEARNING_STEPS = 5
+
+# Share of the variance that is added to the diagonal of the covariance, so that repeated points do no harm.
+JITTER = 1e-6
+
+# Share of the new value in each step of expectation propagation. All sites move at once, and with their full
+# steps they could overshoot together.
+DAMPING = 0.6
+
+# Most steps of expectation propagation.
+SWEEPS = 40
+
+# Expectation propagation stops when a step changes the log evidence by less than this. The second value holds
+# while lengths and amplitude are sought: it is of no consequence for the choice between two of them.
+SETTLED, ROUGHLY_SETTLED = 1e-3, 0.03
+
+# Precision of a site that is new, and bounds that rounding must not cross while sites are updated.
+FIRST_PRECISION = 1e-3
+LEAST_PRECISION, LEAST_VARIANCE = 1e-10, 1e-13

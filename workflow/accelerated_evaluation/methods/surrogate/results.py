@@ -1,0 +1,109 @@
+"""What the runs of a sampler say: the estimate, whether it is good enough, and a table of all runs."""
+
+import math
+
+import numpy as np
+import pandas as pd
+
+from accelerated_evaluation.methods.estimate import Estimate, Stopping
+from accelerated_evaluation.methods.surrogate.state import Progress
+from accelerated_evaluation.methods.surrogate.two_phase import Combined, combine, since_usable
+from accelerated_evaluation.methods.surrogate.wide_laws import bound_without_event
+
+
+def estimate(progress: Progress, batch_size: int, stopping: Stopping) -> Estimate:
+    """Estimate P(event) from the batches since the surrogate became usable.
+
+    Without an event the probability is 0, and the interval ends at the bound that then holds for any event.
+    While the surrogate is not good enough for an estimate that can be trusted, the probability is NaN and
+    the interval is [0, 1].
+
+    Parameters
+    ----------
+    progress
+        Of the sampler.
+    batch_size
+        Number of simulations in a batch.
+    stopping
+        Gives the confidence of the interval, and says whether it is narrow enough.
+
+    Returns
+    -------
+    Estimate
+        Its ``events`` are those of all simulations, learning included; ``tables["runs"]`` is as in
+        `tabulate_runs`, and ``diagnostics`` are the number of batches that count and the two standard errors
+        of `Combined`, relative to the estimate.
+    """
+    events, combined = int(np.count_nonzero(progress.happened)), combined_estimate(progress, stopping.alpha)
+    if combined is not None:
+        probability, half_width = combined.probability, combined.half_width(stopping.alpha)
+        interval = max(probability - half_width, 0.0), min(probability + half_width, 1.0)
+    elif events:
+        probability, interval = math.nan, (0.0, 1.0)
+    else:
+        probability, interval = 0.0, (0.0, bound_without_event(progress.wide_runs, stopping.alpha))
+    estimating = len(since_usable(progress.estimates)) * batch_size
+    return Estimate(
+        probability,
+        *interval,
+        alpha=stopping.alpha,
+        learning=len(progress.z) - estimating,
+        estimating=estimating,
+        events=events,
+        converged=has_converged(progress, stopping),
+        diagnostics=_diagnostics(combined),
+        tables={"runs": tabulate_runs(progress, batch_size)},
+    )
+
+
+def has_converged(progress: Progress, stopping: Stopping) -> bool:
+    """Whether the interval is as narrow as asked, and enough events were seen."""
+    combined = combined_estimate(progress, stopping.alpha)
+    if combined is None or np.count_nonzero(progress.happened) < stopping.minimum_events:
+        return False
+    return combined.half_width(stopping.alpha) <= stopping.beta * combined.probability
+
+
+def combined_estimate(progress: Progress, alpha: float) -> Combined | None:
+    """Return the estimate of the batches that count; None while there is none that can be trusted."""
+    batches = since_usable(progress.estimates)
+    if not progress.happened.any() or len(batches) < 2:
+        return None
+    combined = combine(batches)
+    return combined if combined.probability > 0 and combined.half_width(alpha) > 0 else None
+
+
+def tabulate_runs(progress: Progress, batch_size: int) -> pd.DataFrame:
+    """Tabulate all simulations, with the phase that each belongs to.
+
+    Returns
+    -------
+    pandas.DataFrame
+        run and batch, counted from 1; phase; the normal scores z_1, ..., z_d; event. The phase is ``search``
+        until the batch in which an event was seen first, then ``learn`` until the surrogate was usable, and
+        then ``estimate``: of these simulations the estimate is made.
+    """
+    run = np.arange(len(progress.z)) + 1
+    batch = (run - 1) // batch_size + 1
+    batches = len(run) // batch_size
+    seen = batch[progress.happened].min(initial=batches + 1)
+    learnt = batches - len(since_usable(progress.estimates))
+    columns = {
+        "run": run,
+        "batch": batch,
+        "phase": np.select([batch <= seen, batch <= learnt], ["search", "learn"], "estimate"),
+        **{f"z_{k + 1}": values for k, values in enumerate(progress.z.T)},
+        "event": progress.happened,
+    }
+    return pd.DataFrame(columns)
+
+
+def _diagnostics(combined: Combined | None) -> dict[str, float]:
+    """Return the relative standard errors of the estimate, NaN where there is no estimate."""
+    if combined is None:
+        return {"batches": 0, "observed_error": math.nan, "predicted_error": math.nan}
+    return {
+        "batches": combined.batches,
+        "observed_error": math.sqrt(combined.observed_variance) / combined.probability,
+        "predicted_error": math.sqrt(combined.predicted_variance) / combined.probability,
+    }

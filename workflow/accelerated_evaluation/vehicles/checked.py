@@ -1,0 +1,98 @@
+"""A user's vehicle, whose code is not ours: what it gives is checked, and what it raises is told."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from accelerated_evaluation.errors import StudyError
+from accelerated_evaluation.vehicles.checks import (
+    INPUTS,
+    OUTCOMES,
+    checked_encounters,
+    checked_outcomes,
+    outcome_error,
+)
+from accelerated_evaluation.vehicles.protocol import Array, Outcomes, Vehicle
+
+REPEATED = 4  # encounters of the first batch that are simulated twice again
+TOLERANCE = 1e-5  # relative, for outcomes of the same encounter: rounding may depend on the batch
+
+
+@dataclass
+class CheckedVehicle:
+    """A user's vehicle whose inputs and outcomes are checked against the protocol.
+
+    The first batch also tells whether the vehicle is deterministic: at most four of its encounters are
+    simulated again, each twice, in another order and in a batch of another size. That costs at most eight
+    simulations for each vehicle that is loaded.
+
+    Attributes
+    ----------
+    vehicle
+        The user's own.
+    name
+        Its name in messages, ``path/to/file.py:ClassName``.
+    """
+
+    vehicle: Vehicle
+    name: str
+    _was_repeated: bool = field(default=False, init=False, repr=False, compare=False)
+
+    def simulate(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
+        """Simulate n cut-ins; see `Vehicle`.
+
+        Raises
+        ------
+        InputError
+            If the encounters are not valid, the user's code raises or exits, its outcomes break the protocol,
+            or it gives other outcomes for the same encounters.
+        """
+        encounters = checked_encounters(lead_speed, range_, closing_speed)
+        outcomes = self._outcomes(encounters)
+        if not self._was_repeated and encounters.shape[1] > 0:
+            self._repeat(encounters, outcomes)
+            self._was_repeated = True
+        return outcomes
+
+    def _outcomes(self, encounters: Array) -> Outcomes:
+        """Run the user's code on checked encounters, shape (3, n)."""
+        try:
+            outcomes = self.vehicle.simulate(*encounters.copy())
+        except (StudyError, KeyboardInterrupt):
+            raise
+        except BaseException as error:  # a vehicle that calls sys.exit must not end the study without a word
+            raise outcome_error(self.name, "simulate", told(error), "outcomes") from error
+        return checked_outcomes(outcomes, encounters.shape[1], encounters[1], vehicle=self.name)
+
+    def _repeat(self, encounters: Array, first: Outcomes) -> None:
+        """Simulate some encounters again, and refuse a vehicle that gives other outcomes.
+
+        They are spread over the batch, and stand in the new batch once forwards and once backwards. So the
+        number of earlier calls, the size of the batch, the neighbours and the place in it are others.
+        """
+        count = encounters.shape[1]
+        chosen = np.unique(np.linspace(0, count - 1, min(count, REPEATED)).astype(int))
+        rows = np.concatenate([chosen, chosen[::-1]])
+        again = self._outcomes(encounters[:, rows])
+        for name in OUTCOMES:
+            before, after = getattr(first, name)[rows] * 1.0, getattr(again, name) * 1.0
+            differs = ~np.isclose(after, before, rtol=TOLERANCE, atol=TOLERANCE)
+            if differs.any():
+                row = int(np.argmax(differs))
+                encounter = ", ".join(
+                    f"{key} {value:g}" for key, value in zip(INPUTS, encounters[:, rows[row]], strict=True)
+                )
+                raise outcome_error(
+                    self.name,
+                    f"{name} of the encounter {encounter}",
+                    f"{before[row]:g} at first, and {after[row]:g} when simulated again in another batch",
+                    "the same outcomes of an encounter in every call and in every batch",
+                    change="Seed its random numbers anew in each call, keep no state between calls, and let "
+                    "no encounter depend on the others in its batch.",
+                )
+
+
+def told(error: BaseException) -> str:
+    """Return an exception on one line."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"

@@ -1,0 +1,43 @@
+"""The numbers of a reference driver that go from its class to the compiled code."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+# Which rule tells the danger: 0, on the time to collision, of CC and Reg157; that of RSS; that of FSM.
+TTC_RULE, RSS_RULE, FSM_RULE = range(3)
+
+
+class Driver(NamedTuple):
+    """The numbers that the compiled code needs of a reference driver, in SI units.
+
+    A driver uses the numbers of its own rule; the others keep their defaults. The modules of the drivers say
+    what each number means and where it comes from.
+    """
+
+    rule: int
+    reaction_steps: float
+    deceleration: float
+    ramp_step: float  # growth of the deceleration in one step [m/s^2]; infinite without a limit
+    lateral_speed: float
+    start_offset: float
+    entry_offset: float
+    length: float
+    width: float
+    coasting: float = 0.0  # deceleration during the reaction
+    forgets_ramp: bool = False  # whether the deceleration starts from 0 again after a release
+    dropped_ttc: float = np.inf  # a car that overlaps beyond this TTC is outside the model, and no crash
+    lateral_gap: float = 0.0
+    critical_ttc: float = 0.0
+    ttc_slope: float = 0.0  # growth of the critical TTC with the closing speed [s^2/m]
+    response_time: float = 0.0
+    response_acceleration: float = 0.0
+    lateral_acceleration: float = 0.0
+    lateral_path: float = 0.0  # braking paths for a speed of 1 m/s, 1 / (2 deceleration) [s^2/m]
+    host_path: float = 0.0
+    comfort_path: float = 0.0
+    lead_path: float = 0.0
+    comfort: float = 0.0
+    comfort_to_full: float = 0.0
+    margin: float = 0.0
+    safe_margin: float = 0.0

@@ -1,0 +1,51 @@
+"""Checks of the parameters of built-in vehicles."""
+
+from dataclasses import field, fields
+from typing import Any
+
+import numpy as np
+
+from accelerated_evaluation.errors import InputError
+
+
+def parameter_names(vehicle_class: type) -> list[str]:
+    """Return the parameters that a built-in vehicle takes: the fields of its dataclass that are not fixed."""
+    return [each.name for each in fields(vehicle_class) if each.init]
+
+
+def zero_or_more(default: float) -> Any:  # noqa: ANN401
+    """Return a field of a dataclass for a number that may be 0; without this it must be positive."""
+    return field(default=default, metadata={"least": 0.0})
+
+
+def check_number(name: str, value: object, *, least: float | None = None) -> None:
+    """Refuse a parameter that is no finite number, or too small.
+
+    Parameters
+    ----------
+    name, value
+        The parameter.
+    least
+        Its smallest value; minus infinity for any sign, None for any number above 0.
+
+    Raises
+    ------
+    InputError
+        If the value is not a finite number of that range.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not np.isfinite(value):
+        raise parameter_error(name, value, "a finite number")
+    if least is None and value <= 0:
+        raise parameter_error(name, value, "a positive number")
+    if least is not None and value < least:
+        raise parameter_error(name, value, f"a number of {least:g} or more")
+
+
+def parameter_error(name: str, value: object, expected: str) -> InputError:
+    """Say that a parameter of a built-in vehicle is not what it can be."""
+    return InputError(
+        f"vehicle parameter {name}",
+        seen=repr(value),
+        expected=expected,
+        change=f"Set {name} in the vehicle's parameters, or leave it out for the published value.",
+    )

@@ -1,0 +1,89 @@
+"""The words of the console: durations, reasons, progress and errors."""
+
+import re
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+# Beginnings of what Snakemake tells about itself, which the log under .snakemake/log keeps.
+NOISE = (
+    "Assuming unrestricted", "Building DAG", "Using shell", "Provided cores", "Rules claiming", "Select jobs",
+    "Execute ", "Elapsed time", "host:", "Complete log", "Conda environments", "Config file", "Shutting down",
+    "Exiting because", "Removing output", "Removing temporary", "Reasons:", "This was a dry-run",
+    "Some jobs were triggered", "Rules with", "Shell command", "Singularity", "Job stats",
+)  # fmt: skip
+LAST_BYTES = 4096  # of a log, where its latest progress is
+LAST_LINES = 30  # of an error that is shown
+
+
+def is_noise(message: str) -> bool:
+    """Tell whether a message is of no interest to who runs a study."""
+    return not message.strip() or message.lstrip().startswith(NOISE)
+
+
+def duration(seconds: float) -> str:
+    """Write a time as in ``3.2 s`` or ``2 min 05 s``."""
+    if seconds < 60:
+        return f"{max(seconds, 0):.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest:02d} s"
+
+
+def short_reason(reason: str) -> str:
+    """Shorten Snakemake's reason for a job: only files that somebody edited are named."""
+    parts = []
+    for part in reason.split("; "):
+        kind, _, files = part.partition(": ")
+        is_edited = kind == "Updated input files"
+        parts.append(f"edited {files}" if is_edited else kind[:1].lower() + kind[1:])
+    return "; ".join(parts)
+
+
+def progress_of(logs: Sequence[str]) -> str:
+    """Return how far a job is, as in ``45 % ``, by the last progress bar in its log; empty without one."""
+    if not logs or not Path(logs[0]).is_file():
+        return ""
+    with open(logs[0], "rb") as file:
+        file.seek(max(Path(logs[0]).stat().st_size - LAST_BYTES, 0))
+        bars = re.findall(rb"(\d+)%\|", file.read())
+    return f"{int(bars[-1])} % " if bars else ""
+
+
+def plain_error(message: str) -> str:
+    """Return an error of Snakemake without the names of its classes and the lines of its code.
+
+    What goes wrong with a file before anything runs is told without a traceback, and all else with it.
+    """
+    if message.startswith("Traceback"):
+        last = message.strip().splitlines()[-1]
+        is_of_file = re.match(r"(OS|FileNotFound|IsADirectory|Permission|UnicodeDecode)Error: ", last)
+        return f"error: {last.partition(': ')[2]}" if is_of_file else message
+    if "Directory cannot be locked" in message:
+        return f"error: another run makes files of this study in {Path.cwd()}; wait for it to end, or stop it"
+    lines = [line for line in message.splitlines() if not re.match(r'  File ".*", line \d+', line)]
+    if lines and re.match(r"\w+(Error|Exception)( in file .*)?:$", lines[0]):
+        lines = lines[1:]
+    return "error: " + "\n".join(lines).strip()
+
+
+def failure(what: str, rule: str, logs: Sequence[str], errors: Sequence[str]) -> str:
+    """Tell how a job failed, its own message last.
+
+    Parameters
+    ----------
+    what, rule
+        What the job does, and its rule.
+    logs
+        Log files of the job.
+    errors
+        What Snakemake said; the last of it counts where the job said nothing.
+    """
+    text = Path(logs[0]).read_text(errors="replace") if logs and Path(logs[0]).is_file() else ""
+    starts = [match.start() for match in re.finditer(r"^(error: |Traceback \(most)", text, re.MULTILINE)]
+    message = "\n".join(text[starts[0] if starts else 0 :].splitlines()[-LAST_LINES:]).strip()
+    if not starts and shutil.disk_usage(Path.cwd()).free < LAST_BYTES:
+        message = "error: no space left on the disk; free some and run the study again"
+    elif not starts:
+        how = errors[-1].splitlines()[-1] if errors else "error: it was ended from outside"
+        message = f"{message}\n{how}; the job left no message.".strip()
+    return f"failed: {what} (rule {rule}{f', log {logs[0]}' if logs else ''})\n{message}"
