@@ -48,6 +48,9 @@ DESCRIPTION = describe(config["data"])
 VEHICLE = config["vehicle"]["name"]
 VEHICLE_FILES = [VEHICLE.rsplit(":", 1)[0]] if ".py:" in VEHICLE else []
 VEHICLE_CONTENT = content_digest(VEHICLE_FILES)
+OF_VEHICLE = {
+    "vehicles": [VEHICLE]
+}  # the vehicle that a rule looks up, for `modules_of`
 
 # Everything that the crash map depends on. It belongs to the vehicle, so that all studies of one share it.
 MAPPED = {
@@ -80,12 +83,16 @@ def modules_of(script: str, *notebooks: str, members=None):
     """Modules of the library that a script and notebooks import: Snakemake does not look into them by itself.
 
     What is returned is an input function, so that a job parses what it needs, and not what all rules need.
-    ``members`` names, by room, the only members of its registry that are looked up.
+    ``members`` gives, by room, the members of its registry that are looked up; it may be a function of the
+    wildcards. Of a room that it does not name, all members count.
     """
     sources = [SCRIPTS / script, *notebooks]
-    return lambda _: [
-        str(module) for module in imported_modules(sources, LIBRARY, members or {})
-    ]
+
+    def modules(wildcards):
+        looked_up = members(wildcards) if callable(members) else members
+        return map(str, imported_modules(sources, LIBRARY, looked_up))
+
+    return lambda wildcards: list(modules(wildcards))
 
 
 def content_of_records(_) -> str:

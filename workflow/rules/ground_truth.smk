@@ -8,7 +8,7 @@ rule map_crashes:
     """Map where the vehicle crashes, at full, half and quarter resolution, whatever the model."""
     input:
         vehicle=ancient(VEHICLE_FILES),
-        library=modules_of("map_crashes.py"),
+        library=modules_of("map_crashes.py", members=OF_VEHICLE),
     output:
         full=str(VEHICLE_RESULTS / "crash_map" / "full.npz"),
         half=str(VEHICLE_RESULTS / "crash_map" / "half.npz"),
@@ -40,7 +40,7 @@ rule compute_exact:
         proposals=expand(
             rules.search_proposals.output.proposals, method=SEARCHING, seed=SEEDS
         ),
-        library=modules_of("compute_exact.py"),
+        library=modules_of("compute_exact.py", members={"methods": SEARCHING}),
     output:
         exact=result("exact.csv"),
         convergence=result("convergence.csv"),
@@ -73,7 +73,7 @@ rule study_sensitivity:
         half=rules.map_crashes.output.half,
         encounters=rules.ingest_encounters.output.encounters,
         vehicle=ancient(VEHICLE_FILES),
-        library=modules_of("study_sensitivity.py"),
+        library=modules_of("study_sensitivity.py", members=OF_VEHICLE),
     output:
         sensitivity=result("sensitivity.csv"),
     log:

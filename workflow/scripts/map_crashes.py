@@ -8,7 +8,7 @@ from accelerated_evaluation.jobs import job
 from accelerated_evaluation.randomness import child_generator
 from accelerated_evaluation.truth.crash_map import Grid, write_crash_map
 from accelerated_evaluation.truth.mapping import map_crashes
-from accelerated_evaluation.truth.severity import events_from
+from accelerated_evaluation.vehicles.events import events_from
 from accelerated_evaluation.vehicles.loading import load_vehicle
 
 

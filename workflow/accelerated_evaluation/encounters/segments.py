@@ -5,7 +5,6 @@ from itertools import combinations, pairwise
 
 import numpy as np
 import pandas as pd
-from scipy.stats import kendalltau, t
 
 from accelerated_evaluation.errors import InputError
 
@@ -104,6 +103,9 @@ def tau_interval(x: np.ndarray, y: np.ndarray, confidence: float) -> tuple[float
     repeated rows, and rows alike because of one trip, share a block. The interval is symmetric, Student's t
     with 29 degrees of freedom; its half-width is NaN for fewer rows than two a block.
     """
+    # Imported here, because it takes half a second, which every job of the study would pay.
+    from scipy.stats import kendalltau, t
+
     tau = kendalltau(x, y).statistic
     if len(x) < 2 * BLOCKS:
         return tau, np.nan

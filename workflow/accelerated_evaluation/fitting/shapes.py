@@ -11,7 +11,7 @@ import numpy as np
 from accelerated_evaluation.distributions.protocol import Array
 
 SMALL = 1e-4  # shapes for which the derivative is taken from its series
-HALVINGS = 60  # of an interval that holds an inverse
+HALVINGS = 40  # of an interval that holds an inverse
 
 
 class Shape(Protocol):

@@ -7,6 +7,7 @@ the three directions is found from the data by marginal likelihood (Wood and Fas
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -46,7 +47,7 @@ class HazardGrid:
     edges: tuple[Array, Array, Array]
     bases: tuple[Basis | Constant, Basis | Constant, Basis]
 
-    @property
+    @cached_property
     def tensor(self) -> Tensor:
         """Return the bases at the middles of the bins."""
         middles = [(edges[1:] + edges[:-1]) / 2 for edges in self.edges]
