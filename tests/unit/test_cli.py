@@ -180,7 +180,7 @@ def test_bad_closing_speed_max(table, capsys, speed):
 
 def test_help_is_complete(capsys):
     for arguments, words in (
-        (["--help"], ["simulate"]),
+        (["--help"], ["simulate", "replay"]),
         (
             ["simulate", "--help"],
             [*INPUTS, *OUTCOMES, "--vehicle", "acc_only", "--closing-speed-max", "[m/s]", "[s]"],

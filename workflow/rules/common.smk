@@ -52,23 +52,6 @@ OF_VEHICLE = {
     "vehicles": [VEHICLE]
 }  # the vehicle that a rule looks up, for `modules_of`
 
-# Everything that the crash map depends on. It belongs to the vehicle, so that all studies of one share it.
-MAPPED = {
-    "vehicle": VEHICLE,
-    "parameters": config["vehicle"]["parameters"],
-    "content": VEHICLE_CONTENT,
-    "limits": {
-        "lead_speed_min": config["filters"]["lead_speed_min"],
-        "lead_speed_max": config["filters"]["lead_speed_max"],
-        "range_max": config["filters"]["range_max"],
-    },
-    "crash_map": config["crash_map"],
-    "seed": config["seed"],
-}
-VEHICLE_RESULTS = Path("results/vehicles") / "-".join(
-    [Path(VEHICLE.replace(":", "/")).name, value_digest(MAPPED)[:10]]
-)
-
 
 wildcard_constraints:
     variable="inverse_range|inverse_ttc",
@@ -108,6 +91,27 @@ def settings_of(method: str) -> dict:
 def part(section: dict, *keys: str) -> dict:
     """Those keys of a section of the configuration that a rule uses; edits of the others do not concern it."""
     return {key: section[key] for key in keys}
+
+
+def mapped(vehicle: str, parameters: dict) -> dict:
+    """Everything that a crash map depends on. It belongs to the vehicle, so that all studies of one share it."""
+    files = [vehicle.rsplit(":", 1)[0]] if ".py:" in vehicle else []
+    limits = part(config["filters"], "lead_speed_min", "lead_speed_max", "range_max")
+    return {
+        "vehicle": vehicle,
+        "parameters": parameters,
+        "content": content_digest(files),
+        "limits": limits,
+        "crash_map": config["crash_map"],
+        "seed": config["seed"],
+    }
+
+
+def map_of(description: dict, name: str) -> str:
+    """Path of a file that belongs to a vehicle, described as by `mapped`, under a name made of all of it."""
+    vehicle = Path(description["vehicle"].replace(":", "/")).name
+    folder = f"{vehicle}-{value_digest(description)[:10]}"
+    return str(Path("results/vehicles") / folder / name)
 
 
 def result(*parts: str) -> str:

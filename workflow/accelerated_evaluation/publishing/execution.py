@@ -5,6 +5,7 @@ from base64 import b64encode
 from collections.abc import Iterator
 from typing import Any
 
+from IPython.core.displayhook import CapturingDisplayHook
 from IPython.core.interactiveshell import ExecutionResult, InteractiveShell
 from IPython.utils.capture import CapturedIO, capture_output
 from traitlets.config import Config
@@ -39,11 +40,15 @@ class ThisProcess(Engine):
         os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
         shell = InteractiveShell.instance(config=Config({"HistoryManager": {"enabled": False}}))
         shell.reset()
-        for number, cell in enumerate(nb_man.nb.cells, start=1):
+        ran = 0
+        for number, cell in enumerate(nb_man.nb.cells):
             nb_man.cell_start(cell, number)
             if cell.cell_type == "code":
-                cell.execution_count = number
+                ran += 1
+                cell.execution_count = ran
                 with capture_output() as captured:
+                    # The last expression of a cell goes to this hook, what `display` shows to `display_pub`.
+                    shell.display_trap.hook = CapturingDisplayHook(shell, shell.display_pub.outputs)
                     result = shell.run_cell(cell.source)
                 cell.outputs = [*_outputs(captured), *_errors(result)]
                 if not result.success:

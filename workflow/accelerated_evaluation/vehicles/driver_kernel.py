@@ -130,7 +130,7 @@ def _ttc(gap: float, closing: float) -> float:
 
 
 @compiled
-def _start(driver: Driver, encounter: NDArray, index: int, state: NDArray, i: int) -> None:
+def start(driver: Driver, encounter: NDArray, index: int, state: NDArray, i: int) -> None:
     """Place an encounter in lane ``i``.
 
     With lateral motion the first state is one step after the car began to move sideways. Where the range is
@@ -151,7 +151,7 @@ def _start(driver: Driver, encounter: NDArray, index: int, state: NDArray, i: in
 
 
 @compiled
-def _skip(driver: Driver, state: NDArray, i: int) -> None:
+def skip(driver: Driver, state: NDArray, i: int) -> None:
     """Take at once the steps that a calm driver, behind a car in the lane, can take before it sees danger."""
     lead, speed, distance = state[LEAD, i], state[SPEED, i], state[DISTANCE, i]
     gap, closing = distance - driver.length, speed - lead
@@ -163,10 +163,12 @@ def _skip(driver: Driver, state: NDArray, i: int) -> None:
         steps = max(0.0, min(np.floor((gap - wake) / (closing * STEP)), left))
         state[STEPS, i] += steps
         state[DISTANCE, i] -= steps * closing * STEP
+        state[OFFSET, i] -= min(steps, max(state[MOVING, i], 0.0)) * driver.lateral_speed * STEP
+        state[MOVING, i] -= steps
 
 
 @compiled
-def _watch(state: NDArray, count: int, driver: Driver) -> None:
+def watch(state: NDArray, count: int, driver: Driver) -> None:
     """Update the minima, and tell which encounters are over: crashed, out of time, or past any danger."""
     for i in range(count):
         distance, offset, steps = state[DISTANCE, i], state[OFFSET, i], state[STEPS, i]
@@ -186,7 +188,7 @@ def _watch(state: NDArray, count: int, driver: Driver) -> None:
 
 
 @compiled
-def _decide(state: NDArray, count: int, driver: Driver) -> None:
+def decide(state: NDArray, count: int, driver: Driver) -> None:
     """Write the deceleration that each driver wants [m/s^2]: 0 without danger, or once it has passed."""
     for i in range(count):
         distance, speed, lead, acceleration = (
@@ -207,7 +209,7 @@ def _decide(state: NDArray, count: int, driver: Driver) -> None:
 
 
 @compiled
-def _move(state: NDArray, count: int, driver: Driver) -> None:
+def move(state: NDArray, count: int, driver: Driver) -> None:
     """React and move on by one step; an encounter that is over stays where it is."""
     for i in range(count):
         wanted, ramp, waited, speed = state[WANTED, i], state[RAMP, i], state[WAITED, i], state[SPEED, i]
@@ -256,16 +258,16 @@ def _exchange(
     i = 0
     while i < count or (count < LANES and upcoming < end):
         if i < count and state[OVER, i] == 0.0:
-            _skip(driver, state, i)
+            skip(driver, state, i)
             i += 1
             continue
         if i < count:
             _finish(state, i, driver, outcomes)
         if upcoming < end:
-            _start(driver, encounters[:, upcoming], upcoming, state, i)
+            start(driver, encounters[:, upcoming], upcoming, state, i)
             upcoming += 1
             count = max(count, i + 1)
-            _skip(driver, state, i)
+            skip(driver, state, i)
             i += 1
         else:
             count -= 1
@@ -283,6 +285,6 @@ def follow_slice(encounters: NDArray, begin: int, end: int, driver: Driver, outc
         if count == 0:
             return
         for _ in range(SWEEP):
-            _watch(state, count, driver)
-            _decide(state, count, driver)
-            _move(state, count, driver)
+            watch(state, count, driver)
+            decide(state, count, driver)
+            move(state, count, driver)

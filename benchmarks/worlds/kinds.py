@@ -1,0 +1,182 @@
+"""Synthetic worlds: laws of cut-ins whose crash probability is known, and records drawn from them."""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, Protocol
+
+import numpy as np
+from accelerated_evaluation.distributions import Distribution
+from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.fitting.conditional import BASES, RANGE_MAX, Places, SpeedLaw
+from accelerated_evaluation.fitting.family import Events, Family, Member
+from accelerated_evaluation.fitting.shapes import Generalised
+from accelerated_evaluation.laws.independent import IndependentLaw
+from accelerated_evaluation.truth.lines import Lines
+
+LEVEL = 0.95  # of the threshold of the worlds with an excess
+SHARE = 0.03  # of the second kind of drivers
+NEARER = 0.6  # exponent of their ranges' distribution function: they cut in at shorter range
+PART = 4000  # cut-ins that are drawn at once
+FASTER = 1.25  # ratio of their closing speeds
+
+
+class World(Protocol):
+    """A law of cut-ins."""
+
+    def draw(self, lead_speed: Array, generator: np.random.Generator) -> Events:
+        """Draw a cut-in for each lead speed [m/s]."""
+
+    def masses(self, lines: Lines) -> Array:
+        """Return the probability of a crash in each interval of the lines."""
+
+
+@dataclass(frozen=True)
+class Independent:
+    """The paper's law: R^-1 and TTC^-1 independent in each segment; without a cap, which is no part of the world."""
+
+    law: IndependentLaw
+    edges: ClassVar[Array] = np.array([15.0, 25.0])  # [m/s], of the segments
+
+    def draw(self, lead_speed: Array, generator: np.random.Generator) -> Events:
+        """Draw R^-1, then TTC^-1 in each segment."""
+        inverse_range = self.law.inverse_range.rvs(generator, lead_speed.size)
+        inverse_ttc, segment = np.empty(lead_speed.size), np.digitize(lead_speed, self.edges)
+        for number, distribution in enumerate(by_rising_speed(self.law)):
+            here = segment == number
+            inverse_ttc[here] = distribution.rvs(generator, int(here.sum()))
+        range_ = np.minimum(1 / inverse_range, RANGE_MAX)
+        return Events(lead_speed, range_, inverse_ttc * range_)
+
+    def masses(self, lines: Lines) -> Array:
+        """Weigh the intervals with the law of each segment."""
+        return independent_masses(lines, self.law, np.inf)
+
+
+def by_rising_speed(law: IndependentLaw) -> list[Distribution]:
+    """Return the distributions of TTC^-1, by rising speed of the segments that their names begin with."""
+    return [
+        law.inverse_ttc[name] for name in sorted(law.inverse_ttc, key=lambda name: float(name.split("-")[0]))
+    ]
+
+
+def independent_masses(lines: Lines, law: IndependentLaw, cap: float) -> Array:
+    """Return the probability of a crash in each interval under a law of the paper's kind, with a cap [m/s]."""
+    cells = (law.inverse_range.sf(np.exp(edge) / RANGE_MAX) for edge in (lines.farther, lines.nearer))
+    far, near = (
+        np.where(np.isfinite(edge), value, 0)
+        for edge, value in zip((lines.farther, lines.nearer), cells, strict=True)
+    )
+    share, inverse_range = lines.share * (far - near), 1 / lines.places.range_[lines.row]
+    end = np.where(lines.end > cap, np.inf, lines.end)
+    segment, masses = (
+        np.digitize(lines.places.lead_speed, Independent.edges)[lines.row],
+        np.zeros(lines.row.size),
+    )
+    for number, distribution in enumerate(by_rising_speed(law)):
+        here = (segment == number) & (lines.start <= cap)
+        ends = (distribution.sf(x[here] * inverse_range[here]) for x in (lines.start, end))
+        masses[here] = np.subtract(*ends)
+    return share[lines.row] * masses
+
+
+@dataclass(frozen=True)
+class Smooth:
+    """The range given the lead speed and the closing speed given both, with an excess above a smooth threshold."""
+
+    family: Family
+    law: SpeedLaw
+
+    def draw(self, lead_speed: Array, generator: np.random.Generator) -> Events:
+        """Draw by the inverse of the cumulative hazards."""
+        return draw_smooth(self.family, self.law, lead_speed, generator)
+
+    def masses(self, lines: Lines) -> Array:
+        """Weigh the intervals."""
+        return lines.masses(self.family.ranges, self.law)
+
+
+def draw_smooth(
+    family: Family,
+    law: SpeedLaw,
+    lead_speed: Array,
+    generator: np.random.Generator,
+    nearer: Array | float = 1.0,
+    faster: Array | float = 1.0,
+) -> Events:
+    """Draw ranges, and closing speeds given them, with ranges nearer and closing speeds faster where asked."""
+    range_, speed = np.empty(lead_speed.size), np.empty(lead_speed.size)
+    levels = generator.standard_exponential((2, lead_speed.size)) / np.array(
+        [nearer * np.ones(lead_speed.size), np.ones(lead_speed.size)]
+    )
+    # In small parts, so that the tables of cumulative hazards stay in the processor's cache.
+    for first in range(0, lead_speed.size, PART):
+        part = slice(first, first + PART)
+        along_speed = BASES[0](lead_speed[part])
+        range_[part] = RANGE_MAX * np.exp(-family.ranges.cumulative(along_speed).inverse(levels[0, part]))
+        speed[part] = law.given(Places.of(lead_speed[part], range_[part])).inverse(levels[1, part])
+    return Events(lead_speed, range_, faster * speed)
+
+
+@dataclass(frozen=True)
+class TwoKindsOfDrivers:
+    """A few drivers cut in at shorter ranges and with higher closing speeds, all over the body and the tail."""
+
+    family: Family
+    law: SpeedLaw
+
+    def draw(self, lead_speed: Array, generator: np.random.Generator) -> Events:
+        """Draw the kind of each driver first."""
+        second = generator.random(lead_speed.size) < SHARE
+        return draw_smooth(
+            self.family,
+            self.law,
+            lead_speed,
+            generator,
+            np.where(second, NEARER, 1.0),
+            np.where(second, FASTER, 1.0),
+        )
+
+    def masses(self, lines: Lines) -> Array:
+        """Weigh the intervals with both kinds."""
+        first = lines.masses(self.family.ranges, self.law)
+        slower = replace(lines, start=lines.start / FASTER, end=lines.end / FASTER)
+        speeds = slower.masses(self.family.ranges, self.law) / self._ranges(lines, 1.0)
+        return (1 - SHARE) * first + SHARE * speeds * self._ranges(lines, NEARER)
+
+    def _ranges(self, lines: Lines, nearer: float) -> Array:
+        cumulative, finite = lines.places.nearer(self.family.ranges), np.isfinite(lines.nearer)
+        far = np.exp(-nearer * cumulative.at(lines.farther))
+        near = np.where(finite, np.exp(-nearer * cumulative.at(np.where(finite, lines.nearer, 0.0))), 0.0)
+        return np.maximum(far - near, 1e-300)[lines.row]
+
+
+class Ended(Generalised):
+    """The generalised Pareto law itself, which ends where its shape is below zero."""
+
+    name = "ended"
+
+    def cumulative(self, z: Array, parameters: Array) -> Array:
+        """Return H(z), infinite beyond the end."""
+        with np.errstate(divide="ignore"):
+            return np.log(np.maximum(1 + parameters[0] * z, 0)) / parameters[0]
+
+    def inverse(self, level: Array, parameters: Array) -> Array:
+        """Return the excess at which H reaches a level."""
+        return np.expm1(parameters[0] * level) / parameters[0]
+
+
+def worlds(family: Family, law: IndependentLaw) -> dict[str, World]:
+    """Return all kinds of worlds, made from fits to the records."""
+    tail = family.tails[Member(LEVEL, "exponential")]
+    base = SpeedLaw(family.body, family.thresholds[LEVEL], tail)
+
+    def shaped(shape: float) -> SpeedLaw:
+        kind = Generalised() if shape > 0 else Ended()
+        return replace(base, tail=replace(tail, shape=kind, parameters=np.array([shape])))
+
+    return {
+        "paper": Independent(law),
+        "exponential": Smooth(family, base),
+        "heavy": Smooth(family, shaped(0.1)),
+        "light": Smooth(family, shaped(-0.1)),
+        "two kinds": TwoKindsOfDrivers(family, base),
+    }

@@ -1,0 +1,91 @@
+"""What all worlds share: fits to the records, from which they are made, and the vehicle's map. Run it to prepare the file."""
+
+import argparse
+import pickle
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import yaml
+from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.encounters.segments import assign_segments
+from accelerated_evaluation.fitting.family import Events, Family, Fitter, members_at
+from accelerated_evaluation.files import atomic_path
+from accelerated_evaluation.laws.independent import IndependentLaw
+from accelerated_evaluation.laws.paper import fit_paper_laws
+from accelerated_evaluation.randomness import child_generator
+from accelerated_evaluation.truth.crash_map import Grid
+from accelerated_evaluation.truth.lines import Lines
+from accelerated_evaluation.truth.mapping import map_crashes
+from accelerated_evaluation.truth.sensitivity import Levels
+from accelerated_evaluation.vehicles.acc_aeb import AccAeb
+from kinds import worlds
+
+ROOT = 2016  # root of all randomness, as in the study
+MEMBERS = members_at((0.9, 0.95, 0.98))  # fewer thresholds than in the study, to save time
+LINES = 1200  # of the thinned map
+TOP = 45.0  # [m/s], where the scan of the map ends
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Lead speeds and lengths of runs as recorded, the fits, the levels of the paper's knots, and the thinned map."""
+
+    lead_speeds: Array
+    run_lengths: Array
+    family: Family
+    law: IndependentLaw
+    levels: Levels
+    lines: Lines
+
+
+def runs_of(records: pd.DataFrame) -> tuple[pd.DataFrame, Array]:
+    """Return the distinct records, and how many rows each stands for."""
+    first = ~(records == records.shift()).all(axis=1).to_numpy()
+    return records[first], np.diff(np.flatnonzero(first), append=len(records))
+
+
+def prepare(config: dict) -> Setting:
+    """Fit, and map the crashes."""
+    records = pd.read_parquet(config["data"]["spmd"]["path"])
+    distinct, lengths = runs_of(records)
+    speed, inverse_range, inverse_ttc = (
+        distinct[name].to_numpy() for name in ("lead_speed", "inverse_range", "inverse_ttc")
+    )
+    events = Events(speed, np.minimum(1 / inverse_range, 75.0), inverse_ttc / inverse_range)
+    family = Fitter(events, MEMBERS).fit()
+    segmented = assign_segments(records, config["segments"]["lead_speed_edges"])
+    law = fit_paper_laws(segmented, config["models"], config["filters"]["range_max"], "records", np.inf)[
+        "two_pieces"
+    ]
+    grid = Grid(5, 35, 75, 30, 50, 12, TOP, 240)
+    lines = Lines.of(map_crashes(AccAeb(), grid, [], child_generator(ROOT, "worlds", "map")), speed)
+    laws = [world.masses(lines) for world in worlds(family, law).values()]
+    laws += [lines.masses(family.ranges, family.law(member)) for member in MEMBERS]
+    mean = np.mean([masses / masses.sum() for masses in laws], axis=0)
+    thinned = lines.thinned(mean, LINES, child_generator(ROOT, "worlds", "lines"))
+    return Setting(speed, lengths, family, law, Levels.of(law), thinned)
+
+
+def read_setting(path: str | Path) -> Setting:
+    """Read what this script wrote."""
+    return pickle.loads(Path(path).read_bytes())
+
+
+def main() -> None:
+    """Write the setting."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--config", default="config/config.yaml")
+    parser.add_argument("--output", required=True)
+    arguments = parser.parse_args()
+    setting = prepare(yaml.safe_load(Path(arguments.config).read_text(encoding="utf-8")))
+    with atomic_path(arguments.output) as temporary:
+        temporary.write_bytes(pickle.dumps(setting))
+
+
+if __name__ == "__main__":
+    # Pickled under its importable name, so that other scripts can read it.
+    from setting import main as importable
+
+    importable()

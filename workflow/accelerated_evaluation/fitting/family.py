@@ -1,0 +1,168 @@
+"""The family of laws that are weighed: tails of several shapes above several thresholds, on one body."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.fitting.conditional import (
+    PENALTY,
+    RANGE_MAX,
+    Places,
+    SpeedLaw,
+    Threshold,
+    range_grid,
+    speed_grid,
+)
+from accelerated_evaluation.fitting.excess import Excess, fit_excess
+from accelerated_evaluation.fitting.shapes import SHAPES
+from accelerated_evaluation.fitting.smooth_hazard import Binned, HazardGrid, SmoothHazard, fit_hazard
+
+LEVELS = (0.9, 0.925, 0.95, 0.97, 0.98, 0.99, 0.995)  # of the thresholds
+
+
+@dataclass(frozen=True)
+class Member:
+    """One law of the family: the level of its threshold, and the shape of its excess; the body alone has neither."""
+
+    level: float | None = None
+    shape: str = ""
+
+    @property
+    def name(self) -> str:
+        """How tables call it."""
+        return "hazard" if self.level is None else f"{self.shape} {self.level:g}"
+
+
+def members_at(levels: Sequence[float]) -> tuple[Member, ...]:
+    """Return the body alone, and every shape above every threshold."""
+    return (Member(), *(Member(level, shape) for shape in SHAPES for level in levels))
+
+
+MEMBERS = members_at(LEVELS)
+
+
+@dataclass(frozen=True)
+class Events:
+    """Distinct cut-ins: lead speed [m/s], range [m] and closing speed [m/s], each of shape (n,)."""
+
+    lead_speed: Array
+    range_: Array
+    closing_speed: Array
+
+    @property
+    def size(self) -> int:
+        """Number of events."""
+        return self.lead_speed.size
+
+    def only(self, chosen: Array) -> "Events":
+        """Return the chosen ones, by index or mask."""
+        return Events(self.lead_speed[chosen], self.range_[chosen], self.closing_speed[chosen])
+
+
+@dataclass(frozen=True)
+class Exceedances:
+    """Events above a threshold: their places in the record, excesses [m/s] and splines."""
+
+    index: NDArray[np.intp]
+    excess: Array
+    splines: Array
+
+    @classmethod
+    def of(cls, events: Events, threshold: Threshold) -> "Exceedances":
+        """Find them."""
+        excess = events.closing_speed - threshold(events.lead_speed, events.range_)
+        index = np.flatnonzero(excess > 0)
+        places = Places.of(events.lead_speed[index], events.range_[index])
+        return cls(index, excess[index], places.splines)
+
+
+@dataclass(frozen=True)
+class Family:
+    """Laws above one body, all fitted to the same events, and the law of the range."""
+
+    ranges: SmoothHazard
+    body: SmoothHazard
+    thresholds: dict[float, Threshold]
+    exceedances: dict[float, Exceedances]
+    tails: dict[Member, Excess]
+
+    def law(self, member: Member) -> SpeedLaw:
+        """Return one of the laws."""
+        if member.level is None:
+            return SpeedLaw(self.body)
+        return SpeedLaw(self.body, self.thresholds[member.level], self.tails[member])
+
+
+@dataclass(frozen=True)
+class Fitter:
+    """Events, with what all fits to them need.
+
+    Attributes
+    ----------
+    events
+        Distinct cut-ins in the order of the record.
+    members
+        Laws to fit.
+    grids
+        Of range and closing speed.
+    binned
+        The events in the bins of both.
+    """
+
+    events: Events
+    members: tuple[Member, ...] = MEMBERS
+    grids: tuple[HazardGrid, HazardGrid] = field(default_factory=lambda: (range_grid(), speed_grid()))
+    binned: tuple[Binned, Binned] = field(init=False)
+
+    def __post_init__(self) -> None:
+        logarithms = np.log(RANGE_MAX / self.events.range_)
+        ranges = self.grids[0].count(self.events.lead_speed, np.zeros(self.events.size), logarithms)
+        object.__setattr__(self, "binned", (ranges, self._speeds(self.events)))
+
+    def fit(self, start: Family | None = None) -> Family:
+        """Fit all laws to all events.
+
+        Parameters
+        ----------
+        start
+            A fit to like events, from which the fits start and whose smoothing parameters are kept.
+        """
+        before = (start.ranges, start.body) if start else (None, None)
+        ranges, body = (
+            fit_hazard(grid, data, start=fit)
+            for grid, data, fit in zip(self.grids, self.binned, before, strict=True)
+        )
+        levels = sorted({member.level for member in self.members if member.level is not None})
+        thresholds = {level: Threshold.of(body, level) for level in levels}
+        above = {level: Exceedances.of(self.events, threshold) for level, threshold in thresholds.items()}
+        tails = self._tails(above, np.ones(self.events.size, dtype=bool), start)
+        return Family(ranges, body, thresholds, above, tails)
+
+    def refit(self, family: Family, left_out: Array) -> Family:
+        """Fit the laws of the closing speed without some events, by index; thresholds and smoothing stay."""
+        data = self.binned[1] - self._speeds(self.events.only(left_out))
+        kept = np.ones(self.events.size, dtype=bool)
+        kept[left_out] = False
+        body = fit_hazard(self.grids[1], data, start=family.body)
+        return replace(family, body=body, tails=self._tails(family.exceedances, kept, family))
+
+    def _speeds(self, events: Events) -> Binned:
+        return self.grids[1].count(events.lead_speed, np.sqrt(events.range_), events.closing_speed)
+
+    def _tails(
+        self, above: dict[float, Exceedances], kept: NDArray[np.bool_], start: Family | None
+    ) -> dict[Member, Excess]:
+        tails = {}
+        for level, all_above in above.items():
+            used = kept[all_above.index]
+            excess, splines = all_above.excess[used], all_above.splines[used]
+            gram = splines.T @ splines
+            for member in (member for member in self.members if member.level == level):
+                before = start.tails[member] if start else None
+                tails[member] = fit_excess(
+                    excess, splines, PENALTY, SHAPES[member.shape], start=before, gram=gram
+                )
+        return tails

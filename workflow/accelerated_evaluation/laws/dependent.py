@@ -1,0 +1,187 @@
+"""A law of cut-ins in which the closing speed depends on range and lead speed, smoothly, without segments or cap."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Self
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from accelerated_evaluation.distributions import Empirical
+from accelerated_evaluation.distributions.bounded_exponential import BoundedExponential
+from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.fitting.conditional import (
+    RANGE_MAX,
+    Places,
+    SpeedLaw,
+    Threshold,
+    range_grid,
+    speed_grid,
+)
+from accelerated_evaluation.fitting.excess import Excess
+from accelerated_evaluation.fitting.shapes import SHAPES
+from accelerated_evaluation.fitting.smooth_hazard import SmoothHazard
+from accelerated_evaluation.laws import LAWS
+from accelerated_evaluation.laws.independent import recorded_lead_speeds
+from accelerated_evaluation.laws.protocol import CutIns, Factors, Law, Stratum
+
+SCORES = Factors(BoundedExponential(1.0), BoundedExponential(1.0))
+PLACES_AT_ONCE = 50_000  # bounds the memory: about 100 MB
+
+
+@dataclass(frozen=True)
+class DependentStratum(Stratum):
+    """One segment of the lead speed; its coordinates are unit-exponential scores.
+
+    The first is -log P(R^-1 > r | v_L), the second -log P(C > c | v_L, R) for the closing speed C, so that both rise
+    with their variable and are independent of each other and of v_L (Rosenblatt 1952).
+    """
+
+    lead_speed: Empirical
+    ranges: SmoothHazard
+    speeds: SpeedLaw
+    factors: Factors = SCORES
+
+    def cut_ins(self, lead_speed: Array, first: Array, second: Array) -> CutIns:
+        """Return the cut-ins of given scores."""
+        range_, speed = np.empty(first.size), np.empty(first.size)
+        for part in _parts(first.size):
+            beside = Places.of(lead_speed[part], np.full(first[part].size, RANGE_MAX))
+            range_[part] = RANGE_MAX * np.exp(-beside.nearer(self.ranges).inverse(first[part]))
+            places = Places.of(lead_speed[part], range_[part])
+            speed[part] = self.speeds.given(places).inverse(second[part])
+        return CutIns(lead_speed, 1 / range_, speed / range_)
+
+    def first(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
+        """Return the score of the range; infinite where R^-1 is."""
+        speed, inverse_range = np.broadcast_arrays(*_floats(lead_speed, inverse_range))
+        score = np.full(speed.shape, math.inf)
+        near = np.isfinite(inverse_range)
+        logarithm = np.maximum(np.log(RANGE_MAX * inverse_range[near]), 0.0)
+        score[near] = Places.of(speed[near], 1 / inverse_range[near]).nearer(self.ranges).at(logarithm)
+        return score
+
+    def second(self, lead_speed: ArrayLike, inverse_range: ArrayLike, closing_speed: ArrayLike) -> Array:
+        """Return the score of the closing speed; infinite where that is."""
+        arrays = np.broadcast_arrays(*_floats(lead_speed, inverse_range, closing_speed))
+        speed, inverse_range, closing = (array.ravel() for array in arrays)
+        score = np.empty(speed.size)
+        for part in _parts(speed.size):
+            given = self.speeds.given(Places.of(speed[part], 1 / inverse_range[part]))
+            score[part] = given.cumulative(closing[part])
+        return score.reshape(arrays[0].shape)
+
+    def log_first_slope(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
+        """Return the log derivative of the first score by R^-1."""
+        speed, inverse_range = np.broadcast_arrays(*_floats(lead_speed, inverse_range))
+        logarithm = np.maximum(np.log(RANGE_MAX * inverse_range), 0.0)
+        rate = Places.of(speed, 1 / inverse_range).nearer(self.ranges).rate(logarithm)
+        return np.log(rate) - np.log(inverse_range)
+
+    @property
+    def inverse_range_min(self) -> float:
+        """The smallest R^-1 [1/m]: that of the largest range that is recorded."""
+        return 1 / RANGE_MAX
+
+
+@LAWS.add("dependent")
+@dataclass(frozen=True)
+class DependentLaw(Law):
+    """v_L as recorded, the range given v_L, and the closing speed given both.
+
+    Attributes
+    ----------
+    description
+        The data that it was fitted to, in words.
+    events
+        Number of lane changes by segment of v_L, by rising speed. Segments only sort the results: the law
+        is the same in all.
+    ranges
+        Smooth hazard of log(R_max / R) given v_L.
+    speeds
+        Law of the closing speed given v_L and R.
+    lead_speeds
+        The recorded v_L [m/s] by segment; they are the encounter table's, not the law file's.
+    closing_speed_max
+        Cap on closing speeds [m/s]; there is none.
+    """
+
+    kind: ClassVar[str] = "dependent"
+
+    description: str
+    events: Mapping[str, int]
+    ranges: SmoothHazard = field(compare=False)
+    speeds: SpeedLaw = field(compare=False)
+    lead_speeds: Mapping[str, Empirical] = field(compare=False)
+    closing_speed_max: float = math.inf
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Share of the lane changes that fall into each segment."""
+        total = sum(self.events.values())
+        return {segment: count / total for segment, count in self.events.items()}
+
+    @property
+    def strata(self) -> dict[str, DependentStratum]:
+        """The law in each segment."""
+        return {
+            segment: DependentStratum(self.lead_speeds[segment], self.ranges, self.speeds)
+            for segment in self.events
+        }
+
+    def only(self, stratum: str) -> Self:
+        """Return the law of one segment alone, whose share is then one."""
+        parts = {stratum: self.events[stratum]}, {stratum: self.lead_speeds[stratum]}
+        return type(self)(
+            self.description, parts[0], self.ranges, self.speeds, parts[1], self.closing_speed_max
+        )
+
+    def content(self) -> dict[str, Any]:
+        """Return what a law file holds of it: coefficients of the splines, thresholds and the excess."""
+        content = {
+            "events": dict(self.events),
+            "range": {"log_hazard": self.ranges.coefficients.tolist()},
+            "closing_speed": {"log_hazard": self.speeds.body.coefficients.tolist()},
+        }
+        if (tail := self.speeds.tail) is not None:
+            content["excess"] = {
+                "shape": tail.shape.name,
+                "parameters": tail.parameters.tolist(),
+                "log_scale": tail.coefficients.tolist(),
+                "threshold": {
+                    "level": self.speeds.threshold.level,
+                    "unit": "m/s",
+                    "table": self.speeds.threshold.table.tolist(),
+                },
+            }
+        return content
+
+    @classmethod
+    def from_content(
+        cls, content: Mapping[str, Any], encounters: pd.DataFrame, description: str, closing_speed_max: float
+    ) -> Self:
+        """Build the law that `content` described, with the lead speeds of an encounter table."""
+        grids = range_grid(), speed_grid()
+        ranges, body = (
+            SmoothHazard(grid, np.array(content[name]["log_hazard"]))
+            for grid, name in zip(grids, ("range", "closing_speed"), strict=True)
+        )
+        speeds = SpeedLaw(body)
+        if "excess" in content:
+            tail, threshold = content["excess"], content["excess"]["threshold"]
+            surface = Threshold(threshold["level"], *grids[1].edges[:2], np.array(threshold["table"]))
+            excess = Excess(SHAPES[tail["shape"]], np.array(tail["log_scale"]), np.array(tail["parameters"]))
+            speeds = SpeedLaw(body, surface, excess)
+        events = content["events"]
+        lead_speeds = recorded_lead_speeds(encounters, events)
+        return cls(description, events, ranges, speeds, lead_speeds, closing_speed_max)
+
+
+def _floats(*arrays: ArrayLike) -> list[Array]:
+    return [np.atleast_1d(np.asarray(array, dtype=float)) for array in arrays]
+
+
+def _parts(size: int) -> list[slice]:
+    return [slice(start, start + PLACES_AT_ONCE) for start in range(0, size, PLACES_AT_ONCE)]
