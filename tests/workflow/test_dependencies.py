@@ -122,8 +122,8 @@ def planned_rules(output: str) -> set[str]:
 
 
 def test_the_order_of_keys_and_sections_that_are_not_used_rerun_nothing(smoke):
-    data = {"table": {"path": "mine.csv", "description": "not used"}}
-    assert smoke(reverse=True, data={"twin": {"events": 6000}} | data) == set()
+    unused = {"path": "mine.csv", "description": "not used"}
+    assert smoke(reverse=True, data={"sample": 6000, "spmd": {"outlier_rows": []}, "table": unused}) == set()
 
 
 def test_studies_of_one_vehicle_share_its_crash_map(smoke):
