@@ -153,7 +153,7 @@ def test_old_output_survives_an_error(table, tmp_path):
         ),
         (
             ["in.csv", "out.csv", "--vehicle", "acc"],
-            "error: vehicle: seen 'acc'; expected acc_aeb, acc_only, cc_human",
+            "error: vehicle: seen 'acc'; expected acc_aeb, acc_only, ",
         ),
         (["in.csv", "out.csv", "--vehicle", "car.py:Failing"], "simulate: seen RuntimeError: two lines;"),
         (["in.csv", "in.csv/out.csv"], "error:"),

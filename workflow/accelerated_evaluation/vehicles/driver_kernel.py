@@ -21,7 +21,7 @@ STEP = 0.1  # [s], part of the model: the drivers' constants allow for it
 STATES = 349  # states of an encounter that are tested for contact, which is a horizon of 34.8 s
 
 LANES = 256  # encounters abreast; their state stays in the level-1 cache
-SWEEP = 4  # steps between two exchanges of ended encounters for new ones
+SWEEP = 8  # steps between two exchanges of ended encounters for new ones
 
 SMALLEST = 5e-324  # the smallest positive number
 
@@ -152,10 +152,14 @@ def start(driver: Driver, encounter: NDArray, index: int, state: NDArray, i: int
 
 @compiled
 def skip(driver: Driver, state: NDArray, i: int) -> None:
-    """Take at once the steps that a calm driver, behind a car in the lane, can take before it sees danger."""
+    """Take at once the steps before a driver first sees danger, behind a car in its lane."""
+    if state[STEPS, i] > 0.0 and driver.lateral_speed == 0.0:  # it has taken them already
+        return
+    if state[WAITED, i] > 0.0 or state[WANTED, i] > 0.0:  # calm after the first danger is short
+        return
     lead, speed, distance = state[LEAD, i], state[SPEED, i], state[DISTANCE, i]
     gap, closing = distance - driver.length, speed - lead
-    if state[WANTED, i] > 0.0 or abs(state[OFFSET, i]) >= driver.width or closing <= 0.0:
+    if abs(state[OFFSET, i]) >= driver.width or closing <= 0.0:
         return
     wake = _wake_gap(driver, speed, lead)
     if gap > 0.0 and gap > wake:
