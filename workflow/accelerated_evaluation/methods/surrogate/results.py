@@ -30,9 +30,7 @@ def estimate(progress: Progress, batch_size: int, stopping: Stopping) -> Estimat
     Returns
     -------
     Estimate
-        Its ``events`` are those of all simulations, learning included; ``tables["runs"]`` is as in
-        `tabulate_runs`, and ``diagnostics`` are the number of batches that count and the two standard errors
-        of `Combined`, relative to the estimate.
+        ``events`` are those of all simulations; ``tables["runs"]`` is as in `tabulate_runs`.
     """
     events, combined = int(np.count_nonzero(progress.happened)), combined_estimate(progress, stopping.alpha)
     if combined is not None:
