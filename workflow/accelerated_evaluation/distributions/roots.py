@@ -41,8 +41,7 @@ def find_roots(
         going = (np.sign(f1) != np.sign(f2)) & np.isfinite(x1) & np.isfinite(x2)
         found = (abs(value) <= _LIMITS.smallest_normal) | (going & (abs(x2 - x1) < tolerance))
         root[active[found]], is_found[active[found]] = best[found], True
-        going &= ~found
-        if not going.any():
+        if not (going := going & ~found).any():
             break
         active, state, tolerance = active[going], state[:, going], tolerance[going]
         x1, x2, _, f1, f2, _ = state

@@ -22,10 +22,8 @@ def estimate(progress: Progress, batch_size: int, stopping: Stopping) -> Estimat
     ----------
     progress
         Of the sampler.
-    batch_size
-        Number of simulations in a batch.
-    stopping
-        Gives the confidence of the interval, and says whether it is narrow enough.
+    batch_size, stopping
+        Simulations in a batch; the confidence of the interval, and how narrow it should be.
 
     Returns
     -------
