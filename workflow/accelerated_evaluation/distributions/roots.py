@@ -16,9 +16,8 @@ def find_roots(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Find the roots between given ends by Chandrupatla's method (1997, Advances in Engineering Software 28).
 
-    It takes the same steps as `scipy.optimize.elementwise.find_root` with its default tolerances, to the last
-    bit, but without the support of other array libraries, which takes several times as long as the steps
-    themselves if there are only a few roots.
+    The steps are those of `scipy.optimize.elementwise.find_root`, to the last bit. Its support of other array
+    libraries is left out, which takes longer than the steps themselves if there are only a few roots.
 
     Parameters
     ----------
@@ -29,14 +28,11 @@ def find_roots(
 
     Returns
     -------
-    root : numpy.ndarray
-        Shape (n,); NaN where there is none.
-    found : numpy.ndarray
-        Whether a root was found, shape (n,): not if the signs at the ends are equal, or an end is not finite.
+    root, is_found : numpy.ndarray
+        Roots, NaN where there is none, and whether there is one, shape (n,).
     """
     root, is_found, active = np.full(low.shape, np.nan), np.zeros(low.shape, bool), np.arange(low.size)
-    # The rows are the points x1, x2, x3 and the values there: x1 is the newest point, x2 the other end of the
-    # bracket, and x3 the point that was given up last.
+    # Rows: newest point x1, other end of the bracket x2, point given up last x3, and the values there.
     state = np.array([low, high, high, function(low, active), function(high, active), np.ones(low.size)])
     for step in range(_MOST_STEPS):
         x1, x2, _, f1, f2, _ = state
@@ -45,8 +41,7 @@ def find_roots(
         going = (np.sign(f1) != np.sign(f2)) & np.isfinite(x1) & np.isfinite(x2)
         found = (abs(value) <= _LIMITS.smallest_normal) | (going & (abs(x2 - x1) < tolerance))
         root[active[found]], is_found[active[found]] = best[found], True
-        going &= ~found
-        if not going.any():
+        if not (going := going & ~found).any():
             break
         active, state, tolerance = active[going], state[:, going], tolerance[going]
         x1, x2, _, f1, f2, _ = state
