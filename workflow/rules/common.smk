@@ -48,9 +48,8 @@ DESCRIPTION = describe(config["data"])
 VEHICLE = config["vehicle"]["name"]
 VEHICLE_FILES = [VEHICLE.rsplit(":", 1)[0]] if ".py:" in VEHICLE else []
 VEHICLE_CONTENT = content_digest(VEHICLE_FILES)
-OF_VEHICLE = {
-    "vehicles": [VEHICLE]
-}  # the vehicle that a rule looks up, for `modules_of`
+# The vehicle that most rules look up, for `modules_of`.
+OF_VEHICLE = {"vehicles": [VEHICLE]}
 
 
 wildcard_constraints:

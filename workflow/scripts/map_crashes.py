@@ -11,7 +11,6 @@ from accelerated_evaluation.truth.mapping import map_crashes
 from accelerated_evaluation.vehicles.events import events_from
 from accelerated_evaluation.vehicles.loading import load_vehicle
 
-
 FACTORS = {"quarter": 0.25, "half": 0.5, "full": 1.0}
 
 
