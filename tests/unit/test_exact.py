@@ -26,9 +26,8 @@ from accelerated_evaluation.truth.exact import (
     exact_table,
 )
 from accelerated_evaluation.truth.mapping import map_crashes
-from accelerated_evaluation.truth.severity import events_from
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
-from accelerated_evaluation.vehicles.events import CRASH
+from accelerated_evaluation.vehicles.events import CRASH, events_from
 from wall_car import GRID, RANGE_LAWS, TTC_LAWS, WallCar, integral, law_of
 
 BENCHMARK = Path(__file__).resolve().parents[2] / ".." / "shared/data/benchmark/segment_5_15.json"

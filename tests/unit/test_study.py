@@ -19,7 +19,7 @@ NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 CONFIG = {
     "study": "made_up",
     "seed": 1,
-    "data": {"source": "table", "table": {"description": "made up"}},
+    "data": {"source": "table", "sample": None, "table": {"description": "made up"}},
     "importance_sampling": {"alpha": 0.2, "beta": 0.1},
 }
 
@@ -105,8 +105,10 @@ def test_what_a_notebook_reads_and_makes_follows_from_its_code(tmp_path):
     assert contents.figures == ("fig08_thresholds",)
     assert contents.tables == ("exact",)
     # The trace for the figure, the laws for the name of the segment, the configuration for the source.
-    models = [f"models/{name}.json" for name in ("single", "three_pieces", "two_pieces")]
-    assert list(contents.reads) == ["config.json", "cross_entropy_trace.csv", "exact.csv", *models]
+    models = {f"models/{name}.json" for name in ("single", "three_pieces", "two_pieces")}
+    expected = {"config.json", "cross_entropy_trace.csv", "exact.csv", "encounters.parquet", *models}
+    assert set(contents.reads) == expected
+    assert len(contents.reads) == len(expected)
 
 
 @pytest.mark.parametrize(

@@ -184,7 +184,7 @@ def test_users_vehicle_that_fails(user_file, class_name, message):
 @pytest.mark.parametrize(
     ("name", "parameters", "message"),
     [
-        ("acc_abe", {}, "seen 'acc_abe'; expected acc_aeb, acc_only, .*, rss or path.* Did you mean acc_aeb"),
+        ("acc_abe", {}, "seen 'acc_abe'; expected acc_aeb, acc_only, .* or path.* Did you mean acc_aeb"),
         ("acc_aeb", {"aeb_jrk": 1}, "parameter 'aeb_jrk'.* Did you mean aeb_jerk?"),
         ("acc_only", {"aeb": True}, "parameter 'aeb'"),
         ("nowhere.py:Car", {}, "no file nowhere.py"),

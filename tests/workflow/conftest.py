@@ -80,6 +80,12 @@ def finished(tmp_path_factory, worker_id):
     return Project(folder)
 
 
+@pytest.fixture(scope="session")
+def project_in():
+    """Return the function that copies the project, in which nothing has run yet, into a folder."""
+    return Project.fresh
+
+
 @pytest.fixture
 def project(tmp_path):
     """Return a project in which nothing has run yet."""

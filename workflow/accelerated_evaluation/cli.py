@@ -19,6 +19,7 @@ from accelerated_evaluation.vehicles.built_in import VEHICLES
 from accelerated_evaluation.vehicles.checks import INPUTS, OUTCOMES, checked_encounters
 from accelerated_evaluation.vehicles.loading import load_vehicle
 from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
+from accelerated_evaluation.vehicles.replay import trace_encounter, write_trace
 
 CHUNK = 100_000  # rows in memory at a time
 SIMULATE = """\
@@ -36,6 +37,16 @@ columns added at the end (replacing any of the same name):
   impact_speed    closing speed at the crash [m/s]; 0 without one
 
 All other columns are carried through unchanged."""
+REPLAY = """\
+Simulate one cut-in with a built-in vehicle, and write its states, one a row, to OUT.csv.
+
+columns:
+  time_s, lead_position_m (its rear), host_position_m (its front, 0 at the start), lateral_distance_m,
+  lead_speed_m_per_s, host_speed_m_per_s, host_acceleration_m_per_s2 (of the step before), range_m,
+  time_to_collision_s (inf if the host does not close in),
+  emergency (1 while the AEB is on, or while a reference driver sees danger)
+
+The trace ends in the outcomes that the command simulate gives for the same cut-in."""
 EXIT = "Bad input ends with one line on standard error, exit status 2, and no OUT.csv written."
 
 
@@ -75,6 +86,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     _add_simulate(commands)
+    _add_replay(commands)
     return parser
 
 
@@ -101,6 +113,38 @@ def _add_simulate(commands: argparse._SubParsersAction) -> None:
         help="simulate larger closing speeds as this one [m/s]; the study uses 23.49 (default: no limit)",
     )
     command.set_defaults(run=_run_simulate)
+
+
+def _add_replay(commands: argparse._SubParsersAction) -> None:
+    command = commands.add_parser(
+        "replay",
+        help="show what happens in one cut-in",
+        description=REPLAY,
+        epilog=EXIT,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    for name, meaning in (
+        ("lead_speed", "speed of the lead vehicle, constant [m/s]"),
+        ("range", "distance to it at the start [m]"),
+        ("closing_speed", "host speed minus lead speed at the start [m/s]"),
+    ):
+        command.add_argument(name, type=float, help=meaning)
+    command.add_argument("target", metavar="OUT.csv", type=Path, help="table of the states to write")
+    command.add_argument("--figure", metavar="FILE", type=Path, help="figure to write: .png, .pdf or .svg")
+    command.add_argument(
+        "--vehicle",
+        metavar="NAME",
+        default="acc_aeb",
+        help=f"{', '.join(VEHICLES)} (default: %(default)s)",
+    )
+    command.set_defaults(run=_run_replay)
+
+
+def _run_replay(arguments: argparse.Namespace) -> None:
+    encounter = arguments.lead_speed, arguments.range, arguments.closing_speed
+    trace = trace_encounter(arguments.vehicle, *encounter)
+    numbers = "lead speed {:g} m/s, range {:g} m, closing speed {:g} m/s".format(*encounter)
+    write_trace(trace, arguments.target, arguments.figure, f"{arguments.vehicle}: {numbers}")
 
 
 def _speed(text: str) -> float:

@@ -14,11 +14,14 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from jsonschema import Draft202012Validator, ValidationError, validators
 
 from accelerated_evaluation.consistency import CHECKS
 from accelerated_evaluation.errors import InputError, StudyError
 from accelerated_evaluation.files import write_text
+from accelerated_evaluation.imports import without
+
+with without("rfc3987_syntax"):
+    from jsonschema import Draft202012Validator, ValidationError, validators
 
 WORKFLOW = Path(__file__).resolve().parents[1]
 SCHEMA = WORKFLOW / "schemas" / "config.schema.yaml"

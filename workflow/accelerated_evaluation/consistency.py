@@ -1,6 +1,6 @@
 """Conditions on the configuration that a schema cannot state: they tie keys together, or ask a registry."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -27,6 +27,13 @@ def _are_methods(names: Sequence[str]) -> bool:
     from accelerated_evaluation.methods import METHODS  # takes a second, which few users of this module need
 
     return set(names) >= COMPARED and all(name in METHODS for name in names)
+
+
+def _are_built_in(vehicles: Iterable[str]) -> bool:
+    """Whether all are vehicles of the registry."""
+    from accelerated_evaluation.vehicles import VEHICLES  # imports the compiler, which takes a second
+
+    return all(name in VEHICLES for name in vehicles)
 
 
 def _rising(values: Sequence[float] | None) -> bool:
@@ -112,6 +119,11 @@ CHECKS = (
         ("cross_entropy.minimum_weight", "models.inverse_range.variant"),
         lambda weight, variant: weight * PIECES[variant] < 1,
         "a minimum weight that all pieces can have at once: less than 1 / pieces",
+    ),
+    Check(
+        ("compared_vehicles",),
+        _are_built_in,
+        "names of built-in vehicles; `accelerated-evaluation simulate --help` lists them",
     ),
     Check(
         ("models.closing_speed_max", "crash_map.grid.closing_speed_max"),

@@ -22,7 +22,8 @@ def imported_modules(
     """Return the modules of a package that some scripts or notebooks import, directly or through each other.
 
     The sources are parsed, never run, so imports inside of functions count as well. A module that makes a
-    `registry.Registry` imports all modules beside it when a name is looked up, and therefore depends on them.
+    `registry.Registry` imports the modules beside it when a name is looked up, and therefore depends on those
+    that register a member.
 
     Parameters
     ----------
@@ -109,21 +110,31 @@ def _imports(source: Path, package: Path) -> frozenset[Path]:
 
 
 def _registered(module: Path, members: Mapping[str, Iterable[str]]) -> list[Path]:
-    """Return the modules that a registry in a module imports: those beside it, or those of some members."""
-    room = module.parent
-    if module.name != "__init__.py" or not _has_registry(module):
+    """Return the modules of the members of a registry in a module: all beside it, or those that are named."""
+    if not _has_registry(module):
         return []
-    if room.name not in members:
-        return [*room.glob("*.py"), *room.glob("*/__init__.py")]
-    paths = (
-        path for name in members[room.name] for path in (room / f"{name}.py", room / name / "__init__.py")
-    )
-    return [path for path in paths if path.is_file()]
+    room = module.parent
+    named = set(members[room.name]) if room.name in members else None
+    beside = [*room.glob("*.py"), *room.glob("*/__init__.py")]
+    return [path for path in beside if (names := _names(path)) and (named is None or names & named)]
 
 
 @cache
 def _has_registry(module: Path) -> bool:
     return any(_makes_registry(node) for node in ast.walk(ast.parse(_code(module))))
+
+
+@cache
+def _names(module: Path) -> frozenset[str]:
+    """Return the names under which a module registers members: the texts that its decorators are given."""
+    decorators = [
+        decorator
+        for node in ast.walk(ast.parse(_code(module)))
+        for decorator in getattr(node, "decorator_list", [])
+        if isinstance(decorator, ast.Call) and decorator.args
+    ]
+    values = [getattr(decorator.args[0], "value", None) for decorator in decorators]
+    return frozenset(value for value in values if isinstance(value, str))
 
 
 def _code(source: Path) -> str:

@@ -1,5 +1,8 @@
 """Errors of the study: each says where, what was seen, what was expected and what to change."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class StudyError(Exception):
     """Anything that a user of the study can mend; scripts and commands print it without a traceback."""
@@ -31,7 +34,23 @@ class ConvergenceError(StudyError):
     """An iteration ended without meeting its criterion; carries how far it came."""
 
     def __init__(self, what: str, *, reached: str, limit: str, change: str) -> None:
+        self.what, self.reached, self.limit, self.change = what, reached, limit, change
         super().__init__(f"{what} did not converge: reached {reached}; limit {limit}. {change}")
+
+
+@contextmanager
+def located(place: str) -> Iterator[None]:
+    """Add the place, which only the caller knows, to an `InputError` or `ConvergenceError` of the block."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(
+            f"{place}, {error.where}", seen=error.seen, expected=error.expected, change=error.change
+        ) from error
+    except ConvergenceError as error:
+        raise ConvergenceError(
+            f"{place}, {error.what}", reached=error.reached, limit=error.limit, change=error.change
+        ) from error
 
 
 def _rebuild_input_error(where: str, seen: str, expected: str, change: str) -> InputError:

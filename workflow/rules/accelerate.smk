@@ -10,7 +10,10 @@ rule search_proposals:
         encounters=rules.ingest_encounters.output.encounters,
         model=rules.fit_models.output[MODEL],
         vehicle=ancient(VEHICLE_FILES),
-        library=modules_of("search_proposals.py"),
+        library=modules_of(
+            "search_proposals.py",
+            members=lambda wildcards: OF_VEHICLE | {"methods": [wildcards.method]},
+        ),
     output:
         proposals=result("cross_entropy", "{method}_{seed}.json"),
         trace=result("cross_entropy", "{method}_{seed}_trace.csv"),

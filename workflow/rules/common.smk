@@ -48,23 +48,8 @@ DESCRIPTION = describe(config["data"])
 VEHICLE = config["vehicle"]["name"]
 VEHICLE_FILES = [VEHICLE.rsplit(":", 1)[0]] if ".py:" in VEHICLE else []
 VEHICLE_CONTENT = content_digest(VEHICLE_FILES)
-
-# Everything that the crash map depends on. It belongs to the vehicle, so that all studies of one share it.
-MAPPED = {
-    "vehicle": VEHICLE,
-    "parameters": config["vehicle"]["parameters"],
-    "content": VEHICLE_CONTENT,
-    "limits": {
-        "lead_speed_min": config["filters"]["lead_speed_min"],
-        "lead_speed_max": config["filters"]["lead_speed_max"],
-        "range_max": config["filters"]["range_max"],
-    },
-    "crash_map": config["crash_map"],
-    "seed": config["seed"],
-}
-VEHICLE_RESULTS = Path("results/vehicles") / "-".join(
-    [Path(VEHICLE.replace(":", "/")).name, value_digest(MAPPED)[:10]]
-)
+# The vehicle that most rules look up, for `modules_of`.
+OF_VEHICLE = {"vehicles": [VEHICLE]}
 
 
 wildcard_constraints:
@@ -80,12 +65,16 @@ def modules_of(script: str, *notebooks: str, members=None):
     """Modules of the library that a script and notebooks import: Snakemake does not look into them by itself.
 
     What is returned is an input function, so that a job parses what it needs, and not what all rules need.
-    ``members`` names, by room, the only members of its registry that are looked up.
+    ``members`` gives, by room, the members of its registry that are looked up; it may be a function of the
+    wildcards. Of a room that it does not name, all members count.
     """
     sources = [SCRIPTS / script, *notebooks]
-    return lambda _: [
-        str(module) for module in imported_modules(sources, LIBRARY, members or {})
-    ]
+
+    def modules(wildcards):
+        looked_up = members(wildcards) if callable(members) else members
+        return map(str, imported_modules(sources, LIBRARY, looked_up))
+
+    return lambda wildcards: list(modules(wildcards))
 
 
 def content_of_records(_) -> str:
@@ -101,6 +90,27 @@ def settings_of(method: str) -> dict:
 def part(section: dict, *keys: str) -> dict:
     """Those keys of a section of the configuration that a rule uses; edits of the others do not concern it."""
     return {key: section[key] for key in keys}
+
+
+def mapped(vehicle: str, parameters: dict) -> dict:
+    """Everything that a crash map depends on. It belongs to the vehicle, so that all studies of one share it."""
+    files = [vehicle.rsplit(":", 1)[0]] if ".py:" in vehicle else []
+    limits = part(config["filters"], "lead_speed_min", "lead_speed_max", "range_max")
+    return {
+        "vehicle": vehicle,
+        "parameters": parameters,
+        "content": content_digest(files),
+        "limits": limits,
+        "crash_map": config["crash_map"],
+        "seed": config["seed"],
+    }
+
+
+def map_of(description: dict, name: str) -> str:
+    """Path of a file that belongs to a vehicle, described as by `mapped`, under a name made of all of it."""
+    vehicle = Path(description["vehicle"].replace(":", "/")).name
+    folder = f"{vehicle}-{value_digest(description)[:10]}"
+    return str(Path("results/vehicles") / folder / name)
 
 
 def result(*parts: str) -> str:

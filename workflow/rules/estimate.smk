@@ -34,7 +34,7 @@ for _method in REPLICATED:
             ),
             vehicle=ancient(VEHICLE_FILES),
             library=modules_of(
-                "estimate_probability.py", members={"methods": [_method]}
+                "estimate_probability.py", members=OF_VEHICLE | {"methods": [_method]}
             ),
         output:
             **{

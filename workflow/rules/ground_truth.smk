@@ -4,20 +4,23 @@
 # their error, the exact variation of every f*, severity, sensitivity and the budget of uncertainty.
 
 
+MAPPED = mapped(VEHICLE, config["vehicle"]["parameters"])
+
+
 rule map_crashes:
     """Map where the vehicle crashes, at full, half and quarter resolution, whatever the model."""
     input:
         vehicle=ancient(VEHICLE_FILES),
-        library=modules_of("map_crashes.py"),
+        library=modules_of("map_crashes.py", members=OF_VEHICLE),
     output:
-        full=str(VEHICLE_RESULTS / "crash_map" / "full.npz"),
-        half=str(VEHICLE_RESULTS / "crash_map" / "half.npz"),
-        quarter=str(VEHICLE_RESULTS / "crash_map" / "quarter.npz"),
-        vehicle=str(VEHICLE_RESULTS / "vehicle.json"),
+        full=map_of(MAPPED, "crash_map/full.npz"),
+        half=map_of(MAPPED, "crash_map/half.npz"),
+        quarter=map_of(MAPPED, "crash_map/quarter.npz"),
+        vehicle=map_of(MAPPED, "vehicle.json"),
     log:
-        str(VEHICLE_RESULTS / "logs" / "map_crashes.log"),
+        map_of(MAPPED, "logs/map_crashes.log"),
     benchmark:
-        str(VEHICLE_RESULTS / "benchmarks" / "map_crashes.tsv")
+        map_of(MAPPED, "benchmarks/map_crashes.tsv")
     threads: 1
     resources:
         mem_mb=2000,
@@ -40,7 +43,7 @@ rule compute_exact:
         proposals=expand(
             rules.search_proposals.output.proposals, method=SEARCHING, seed=SEEDS
         ),
-        library=modules_of("compute_exact.py"),
+        library=modules_of("compute_exact.py", members={"methods": SEARCHING}),
     output:
         exact=result("exact.csv"),
         convergence=result("convergence.csv"),
@@ -73,7 +76,7 @@ rule study_sensitivity:
         half=rules.map_crashes.output.half,
         encounters=rules.ingest_encounters.output.encounters,
         vehicle=ancient(VEHICLE_FILES),
-        library=modules_of("study_sensitivity.py"),
+        library=modules_of("study_sensitivity.py", members=OF_VEHICLE),
     output:
         sensitivity=result("sensitivity.csv"),
     log:

@@ -10,7 +10,9 @@ rule run_crude_monte_carlo:
         encounters=rules.ingest_encounters.output.encounters,
         model=rules.fit_models.output[MODEL],
         vehicle=ancient(VEHICLE_FILES),
-        library=modules_of("run_crude_monte_carlo.py"),
+        library=modules_of(
+            "run_crude_monte_carlo.py", members=OF_VEHICLE | {"methods": ["crude"]}
+        ),
     output:
         estimates=result("crude.csv"),
         course=result("crude_course.csv"),
@@ -50,7 +52,10 @@ rule study_coverage:
             )
         ),
         vehicle=ancient(VEHICLE_FILES),
-        library=modules_of("study_coverage.py"),
+        library=modules_of(
+            "study_coverage.py",
+            members=lambda wildcards: OF_VEHICLE | {"methods": [wildcards.judged]},
+        ),
     output:
         coverage=result("coverage", "{judged}.csv"),
         replicates=result("coverage", "{judged}_replicates.csv"),

@@ -3,6 +3,7 @@
 from accelerated_evaluation.encounters.contract import write_encounters
 from accelerated_evaluation.encounters.filters import Account
 from accelerated_evaluation.encounters.ingest import ingest
+from accelerated_evaluation.encounters.segments import require_rows
 from accelerated_evaluation.encounters.sources import describe, read_source
 from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.files import write_csv
@@ -16,6 +17,7 @@ def main(config: dict, outputs: dict[str, str], kept_account: str) -> None:
     account = Account(len(raw))
     try:
         encounters = ingest(raw, config, account)
+        require_rows(encounters)
     except InputError:
         write_csv(kept_account, account.table())
         raise

@@ -1,4 +1,4 @@
-"""Map where the vehicle crashes, at full, half and quarter resolution."""
+"""Map where a vehicle crashes, at full, half and quarter resolution, or at some of them."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -8,18 +8,20 @@ from accelerated_evaluation.jobs import job
 from accelerated_evaluation.randomness import child_generator
 from accelerated_evaluation.truth.crash_map import Grid, write_crash_map
 from accelerated_evaluation.truth.mapping import map_crashes
-from accelerated_evaluation.truth.severity import events_from
+from accelerated_evaluation.vehicles.events import events_from
 from accelerated_evaluation.vehicles.loading import load_vehicle
+
+FACTORS = {"quarter": 0.25, "half": 0.5, "full": 1.0}
 
 
 def main(problem: Mapping[str, Any], outputs: Mapping[str, str]) -> None:
     """Write the map with all events as ``full``, and those of crashes alone as ``half`` and ``quarter``."""
     vehicle = load_vehicle(problem["vehicle"], **problem["parameters"])
     grid = Grid(**problem["limits"], **problem["crash_map"]["grid"])
-    for name, factor in {"quarter": 0.25, "half": 0.5, "full": 1.0}.items():
+    for name in FACTORS.keys() & outputs.keys():
         events = events_from(problem["crash_map"]["events"]) if name == "full" else []
         generator = child_generator(problem["seed"], "crash_map", name)
-        write_crash_map(outputs[name], map_crashes(vehicle, grid.refined(factor), events, generator))
+        write_crash_map(outputs[name], map_crashes(vehicle, grid.refined(FACTORS[name]), events, generator))
     write_json(outputs["vehicle"], problem)
 
 

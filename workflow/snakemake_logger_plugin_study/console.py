@@ -84,7 +84,7 @@ class LogHandler(LogHandlerBase):
             if self.plan:
                 self._say(self.plan)
             elif self.total:
-                self._say(f"{done} of {self.total} jobs done in {duration(time.time() - self.begun)}")
+                self._say(f"{done} of {self.total} done in {duration(time.time() - self.begun)}")
             for message in self.failures or dict.fromkeys(self.errors):
                 self._say(f"\n{message}")
         super().close()
@@ -95,7 +95,7 @@ class LogHandler(LogHandlerBase):
             return
         self.left = Counter({rule: n for rule, n in record.stats.items() if rule != "total"})
         self.total = self.left.total()
-        self._say(f"{self.total} jobs to do")
+        self._say(f"{self.total} {'job' if self.total == 1 else 'jobs'} to do")
 
     def _started(self, record: Any) -> None:  # noqa: ANN401, Snakemake adds attributes to the record
         job = Running(record.rule_name, record.rule_msg or record.rule_name, list(record.log), record.created)

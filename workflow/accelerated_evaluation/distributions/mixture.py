@@ -8,13 +8,13 @@ from itertools import pairwise
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
-from scipy.optimize.elementwise import find_root
 from scipy.special import logsumexp
 
 from accelerated_evaluation.distributions.described import Described, distribution, from_dict
 from accelerated_evaluation.distributions.protocol import Array, Tiltable
+from accelerated_evaluation.distributions.roots import find_roots
 
 
 @distribution("mixture")
@@ -115,21 +115,21 @@ class Mixture(Described):
 
     @np.errstate(over="ignore", invalid="ignore")
     def _invert(self, q: ArrayLike, inverse: str, function: str) -> Array:
-        q = np.asarray(q, dtype=float)
+        shape, q = np.shape(q), np.ravel(np.asarray(q, dtype=float))
         quantiles = [getattr(component, inverse)(q) for component in self.components]
         low, high = np.minimum.reduce(quantiles), np.maximum.reduce(quantiles)
         # A relative error, so that a far tail is solved to as many digits as the middle.
         scale = np.maximum(q, np.finfo(float).tiny)
 
-        def error(x: Array, q: Array, scale: Array) -> Array:
-            return (getattr(self, function)(x) - q) / scale
+        def error(x: Array, index: NDArray[np.intp] | slice = slice(None)) -> Array:
+            return (getattr(self, function)(x) - q[index]) / scale[index]
 
-        root = find_root(error, (low, high), args=(q, scale))
-        if np.all(root.success):
-            return np.asarray(root.x)
-        # Where rounding hides the change of sign, or an end is infinite, the better end is the solution.
-        end = np.where(np.abs(error(low, q, scale)) <= np.abs(error(high, q, scale)), low, high)
-        return np.where(root.success, root.x, end)
+        root, is_found = find_roots(error, low, high)
+        if not is_found.all():
+            # Where rounding hides the change of sign, or an end is infinite, the better end is the solution.
+            end = np.where(np.abs(error(low)) <= np.abs(error(high)), low, high)
+            root = np.where(is_found, root, end)
+        return root.reshape(shape)
 
     def rvs(self, generator: np.random.Generator, size: int) -> Array:
         """Independent draws, shape (size,): a component for each, then a draw of it."""

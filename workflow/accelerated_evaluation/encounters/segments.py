@@ -5,12 +5,13 @@ from itertools import combinations, pairwise
 
 import numpy as np
 import pandas as pd
-from scipy.stats import kendalltau, t
 
 from accelerated_evaluation.errors import InputError
 
 VARIABLES = ("lead_speed", "inverse_range", "inverse_ttc")
 BLOCKS = 30
+# With fewer rows the tail of TTC^-1, above the 95 % quantile, rests on a single one as soon as two are equal.
+MINIMUM_ROWS = 30
 
 
 def segment_names(lead_speed_edges: Sequence[float]) -> list[str]:
@@ -53,6 +54,25 @@ def assign_segments(encounters: pd.DataFrame, lead_speed_edges: Sequence[float])
             change="Check the unit of the lead speed, the filters and segments.lead_speed_edges.",
         )
     return encounters.assign(segment=np.array(names)[index])
+
+
+def require_rows(encounters: pd.DataFrame) -> None:
+    """Refuse, before any work, encounters that are too few to fit a law to.
+
+    Raises
+    ------
+    InputError
+        If a segment has fewer than `MINIMUM_ROWS` rows.
+    """
+    counts = segment_counts(encounters)
+    few = counts[counts["rows"] < MINIMUM_ROWS]
+    if len(few):
+        raise InputError(
+            f"segment {', '.join(few['segment'])} m/s",
+            seen=f"{', '.join(map(str, few['rows']))} of {len(encounters):,} rows that passed the filters",
+            expected=f"at least {MINIMUM_ROWS} rows in each segment, to fit a law to",
+            change="Add records (or raise data.sample), or join segments (segments.lead_speed_edges).",
+        )
 
 
 def segment_counts(encounters: pd.DataFrame) -> pd.DataFrame:
@@ -104,6 +124,9 @@ def tau_interval(x: np.ndarray, y: np.ndarray, confidence: float) -> tuple[float
     repeated rows, and rows alike because of one trip, share a block. The interval is symmetric, Student's t
     with 29 degrees of freedom; its half-width is NaN for fewer rows than two a block.
     """
+    # Imported here, because it takes half a second, which every job of the study would pay.
+    from scipy.stats import kendalltau, t
+
     tau = kendalltau(x, y).statistic
     if len(x) < 2 * BLOCKS:
         return tau, np.nan

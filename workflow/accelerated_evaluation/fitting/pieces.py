@@ -1,9 +1,13 @@
 """What the pieces of a piecewise mixture are fitted with (paper, section III.B)."""
 
+from contextlib import suppress
 from dataclasses import dataclass
+
+import numpy as np
 
 from accelerated_evaluation.distributions import DISTRIBUTIONS, Described, Mixture
 from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.errors import ConvergenceError
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,22 @@ class PieceFamily:
         if self.components == 1:
             return member.fit(x, lower, upper)
         return member.fit_mixture(x, lower, upper, self.components)
+
+    def fit_or_simpler(self, x: Array, lower: float, upper: float) -> Described:
+        """Fit the family or, if that cannot be done, the first simpler one that can; arguments as of `fit`.
+
+        First one component after the other is given up, then the kind: a bounded exponential is always there,
+        because it may also rise, as few observations by chance do. `PieceFamily.of` tells what was fitted.
+        """
+        for components in range(self.components, 0, -1):
+            # A component that has lost all its observations divides by zero, and ends in one of these errors.
+            with suppress(ConvergenceError, ValueError), np.errstate(divide="ignore", invalid="ignore"):
+                return PieceFamily(self.kind, components).fit(x, lower, upper)
+        return EXPONENTIAL.fit(x, lower, upper)
+
+    def __str__(self) -> str:
+        """Return the family in words."""
+        return self.kind if self.components == 1 else f"mixture of {self.components} {self.kind}s"
 
 
 EXPONENTIAL = PieceFamily("bounded exponential")

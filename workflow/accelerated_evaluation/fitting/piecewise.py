@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from tqdm import tqdm
 
-from accelerated_evaluation.distributions import Described, PiecewiseMixture
+from accelerated_evaluation.distributions import PiecewiseMixture
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.errors import ConvergenceError, InputError
 from accelerated_evaluation.fitting.pieces import PieceFamily
@@ -17,6 +17,8 @@ def fit_piecewise(
     x: Array, lower: float, knots: Sequence[float], families: Sequence[PieceFamily]
 ) -> PiecewiseMixture:
     """Fit a piecewise mixture with given knots: the weights are shares, every piece stands alone (eq. 7-9).
+
+    A piece that cannot be fitted with its family gets a simpler one, see `PieceFamily.fit_or_simpler`.
 
     Parameters
     ----------
@@ -46,12 +48,13 @@ def fit_piecewise(
     pieces, weights = [], []
     for (low, high), family in zip(itertools.pairwise(bounds), families, strict=True):
         inside = x[(x >= low) & (x < high)]
-        pieces.append(_fit_checked(inside, low, high, family))
+        _require_two_values(inside, low, high)
+        pieces.append(family.fit_or_simpler(inside, low, high))
         weights.append(inside.size / x.size)
     return PiecewiseMixture(weights, pieces)
 
 
-def _fit_checked(inside: Array, low: float, high: float, family: PieceFamily) -> Described:
+def _require_two_values(inside: Array, low: float, high: float) -> None:
     if inside.size < 2 or inside.min() == inside.max():
         raise InputError(
             f"piece [{low:g}, {high:g})",
@@ -59,12 +62,46 @@ def _fit_checked(inside: Array, low: float, high: float, family: PieceFamily) ->
             expected="at least two different values in every piece",
             change="Move the knots (configuration key models) or use fewer pieces.",
         )
-    return family.fit(inside, low, high)
 
 
 def knots_at_quantiles(x: Array, quantiles: Sequence[float]) -> list[float]:
     """Knots at the given sample quantiles."""
     return [float(knot) for knot in np.quantile(x, quantiles)]
+
+
+def usable_knots(x: Array, knots: Sequence[float]) -> list[float]:
+    """Return the knots, moved as little as needed to leave at least two different values of x in each piece.
+
+    Parameters
+    ----------
+    x
+        Sample, shape (n,).
+    knots
+        gamma_1 .. gamma_(k-1), rising.
+
+    Raises
+    ------
+    InputError
+        If x has fewer than two different values for each piece.
+    """
+    values, pieces = np.unique(x), len(knots) + 1
+    if values.size < 2 * pieces:
+        raise InputError(
+            f"sample of {x.size} for {pieces} pieces",
+            seen=f"{values.size} different values",
+            expected=f"at least {2 * pieces}, two in each piece",
+            change="Add records, join segments (segments.lead_speed_edges) or use fewer pieces.",
+        )
+    wanted = np.searchsorted(values, knots)  # how many values lie below each knot
+    below = wanted.copy()
+    for place in range(below.size):
+        below[place] = max(below[place], below[place - 1] + 2 if place else 2)
+    for place in reversed(range(below.size)):
+        below[place] = min(below[place], (below[place + 1] if place + 1 < below.size else values.size) - 2)
+    moved = below != wanted
+    return [
+        float(values[n]) if move else float(knot) for n, move, knot in zip(below, moved, knots, strict=True)
+    ]
 
 
 def knots_by_profile_likelihood(
@@ -101,7 +138,7 @@ def knots_by_profile_likelihood(
         if inside.size < max(2, minimum_share * x.size) or inside[0] == inside[-1]:
             continue
         try:
-            piece = _fit_checked(inside, grid[start], grid[end], family)
+            piece = family.fit(inside, grid[start], grid[end])
         except ConvergenceError:
             continue
         share = inside.size / x.size
@@ -114,8 +151,8 @@ def knots_by_profile_likelihood(
             for interval, family in zip(intervals, families, strict=True)
         )
 
-    best = max(itertools.combinations(range(1, last), len(families) - 1), key=total)
-    if total(best) == -math.inf:
+    best = max(itertools.combinations(range(1, last), len(families) - 1), key=total, default=None)
+    if best is None or total(best) == -math.inf:
         raise ConvergenceError(
             "profile likelihood of the knots",
             reached="no interval of the grid that could be fitted in every piece",

@@ -1,7 +1,9 @@
 """From the encounter table to lane-change models: piecewise (sections III, VI.A) and single (section II)."""
 
 import math
+import warnings
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -9,11 +11,13 @@ import pandas as pd
 
 from accelerated_evaluation.distributions import BoundedExponential, Distribution, Pareto, PiecewiseMixture
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.fitting.pieces import PieceFamily
+from accelerated_evaluation.errors import ConvergenceError, located
+from accelerated_evaluation.fitting.pieces import EXPONENTIAL, PieceFamily
 from accelerated_evaluation.fitting.piecewise import (
     fit_piecewise,
     knots_at_quantiles,
     knots_by_profile_likelihood,
+    usable_knots,
 )
 from accelerated_evaluation.laws.independent import IndependentLaw, recorded_lead_speeds
 
@@ -21,13 +25,38 @@ from accelerated_evaluation.laws.independent import IndependentLaw, recorded_lea
 def choose_knots(
     x: Array, lower: float, families: list[PieceFamily], settings: Mapping[str, Any]
 ) -> list[float]:
-    """Choose knots as the configuration says: at quantiles, at given values, or by profile likelihood."""
-    if settings["method"] == "quantiles":
-        return knots_at_quantiles(x, settings["quantiles"])
-    if settings["method"] == "values":
-        return list(settings["values"])
-    grid = np.linspace(settings["profile"]["low"], settings["profile"]["high"], settings["profile"]["points"])
-    return knots_by_profile_likelihood(x, lower, families, grid)
+    """Choose knots as the configuration says: at quantiles, at given values, or by profile likelihood.
+
+    Where a piece would hold fewer than two different values, knots are moved. Where no knots of the
+    profile's grid allow the families, those that are best for exponential pieces are taken. A warning tells
+    of either.
+
+    Parameters
+    ----------
+    x
+        Sample, shape (n,).
+    lower
+        Where the support begins.
+    families
+        What the pieces are to be fitted with.
+    settings
+        Section ``knots`` of the configuration, or that of a variant of R^-1.
+    """
+    if settings["method"] == "profile":
+        grid = np.linspace(*(settings["profile"][name] for name in ("low", "high", "points")))
+        try:
+            return knots_by_profile_likelihood(x, lower, families, grid)
+        except ConvergenceError as error:
+            warnings.warn(f"{error} The knots are chosen for exponential pieces.", stacklevel=2)
+        with suppress(ConvergenceError):
+            return knots_by_profile_likelihood(x, lower, [EXPONENTIAL] * len(families), grid)
+    chosen = settings["values"] if settings["method"] == "values" else None
+    if chosen is None:
+        chosen = knots_at_quantiles(x, settings["quantiles"])
+    knots = usable_knots(x, chosen)
+    if knots != list(chosen):
+        warnings.warn(f"knots {chosen} moved to {knots}, to leave two values in each piece", stacklevel=2)
+    return knots
 
 
 def fit_paper_laws(
@@ -54,18 +83,17 @@ def fit_paper_laws(
     """
     lower = 1 / range_max
     inverse_range = encounters["inverse_range"].to_numpy()
-    piece_of_range = PieceFamily(models["inverse_range"]["pieces"])
-    pieces_of_ttc = [PieceFamily(**models["inverse_ttc"]["body"]), PieceFamily(models["inverse_ttc"]["tail"])]
 
     def piecewise_range(pieces: int, settings: Mapping[str, Any]) -> Distribution:
-        families = [piece_of_range] * pieces
-        return fit_piecewise(
-            inverse_range, lower, choose_knots(inverse_range, lower, families, settings), families
-        )
+        families = families_of_range(models, pieces)
+        with located("R^-1"):
+            knots = choose_knots(inverse_range, lower, families, settings)
+            return fit_piecewise(inverse_range, lower, knots, families)
 
     def piecewise_ttc(x: Array) -> Distribution:
-        knots = choose_knots(x, 0.0, pieces_of_ttc, models["inverse_ttc"]["knots"])
-        return fit_piecewise(x, 0.0, knots, pieces_of_ttc)
+        families = families_of_ttc(models)
+        knots = choose_knots(x, 0.0, families, models["inverse_ttc"]["knots"])
+        return fit_piecewise(x, 0.0, knots, families)
 
     ttc = _by_segment(encounters, piecewise_ttc)
     ranges = {
@@ -75,7 +103,41 @@ def fit_paper_laws(
     }
     events = {segment: len(rows) for segment, rows in _segments(encounters)}
     recorded = recorded_lead_speeds(encounters, events), closing_speed_max
-    return {name: IndependentLaw(description, events, *laws, *recorded) for name, laws in ranges.items()}
+    fitted = {name: IndependentLaw(description, events, *laws, *recorded) for name, laws in ranges.items()}
+    for piece in simpler_pieces(fitted["two_pieces"], models):
+        warnings.warn(piece, stacklevel=2)
+    return fitted
+
+
+def families_of_range(models: Mapping[str, Any], pieces: int) -> list[PieceFamily]:
+    """Return what the section ``models`` of the configuration asks for in the pieces of R^-1."""
+    return [PieceFamily(models["inverse_range"]["pieces"])] * pieces
+
+
+def families_of_ttc(models: Mapping[str, Any]) -> list[PieceFamily]:
+    """Return what the section ``models`` of the configuration asks for in body and tail of TTC^-1."""
+    return [PieceFamily(**models["inverse_ttc"]["body"]), PieceFamily(models["inverse_ttc"]["tail"])]
+
+
+def simpler_pieces(law: IndependentLaw, models: Mapping[str, Any]) -> list[str]:
+    """Say of each piece of a piecewise law that it is simpler than configured, if it is.
+
+    Parameters
+    ----------
+    law
+        A piecewise law, as fitted.
+    models
+        Section ``models`` of the configuration that it was fitted by.
+    """
+    laws = {"R^-1": (law.inverse_range, families_of_range(models, len(law.inverse_range.components)))}
+    for segment, of_segment in law.inverse_ttc.items():
+        laws[f"TTC^-1 in segment {segment} m/s"] = of_segment, families_of_ttc(models)
+    return [
+        f"{variable}, [{piece.lower:.4g}, {piece.upper:.4g}): {fitted}, as a {family} cannot be fitted there"
+        for variable, (pieces, families) in laws.items()
+        for piece, family in zip(pieces.components, families, strict=True)
+        if (fitted := PieceFamily.of(piece)) != family
+    ]
 
 
 def fit_exponential_from_zero(x: Array) -> BoundedExponential:
@@ -89,7 +151,11 @@ def _segments(encounters: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
 
 
 def _by_segment(encounters: pd.DataFrame, fit: Callable[[Array], Distribution]) -> dict[str, Distribution]:
-    return {segment: fit(rows["inverse_ttc"].to_numpy()) for segment, rows in _segments(encounters)}
+    laws = {}
+    for segment, rows in _segments(encounters):
+        with located(f"TTC^-1 in segment {segment} m/s"):
+            laws[segment] = fit(rows["inverse_ttc"].to_numpy())
+    return laws
 
 
 def refit(law: PiecewiseMixture, x: Array) -> PiecewiseMixture:

@@ -24,7 +24,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from scipy.special import gammainccinv, gammaincinv
-from scipy.stats import binomtest
 
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.methods.estimate import Stopping, normal_reach
@@ -137,6 +136,9 @@ def binomial_interval(events: int, simulations: int, alpha: float) -> Interval:
     one-sided interval would not do: who turns to it because there was no event, and gives two limits
     otherwise, covers in less than 1 - alpha of all runs (72 % for 80 %, where 1.6 events are expected).
     """
+    # Imported here, because it takes half a second, which every job of the study would pay.
+    from scipy.stats import binomtest
+
     limits = binomtest(events, simulations).proportion_ci(1 - alpha, method="exact")
     return Interval(float(limits.low), float(limits.high))
 

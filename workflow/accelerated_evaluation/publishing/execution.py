@@ -5,18 +5,22 @@ from base64 import b64encode
 from collections.abc import Iterator
 from typing import Any
 
-import nbformat
-import papermill
+from IPython.core.displayhook import CapturingDisplayHook
 from IPython.core.interactiveshell import ExecutionResult, InteractiveShell
 from IPython.utils.capture import CapturedIO, capture_output
-from nbconvert import HTMLExporter
-from nbformat import NotebookNode
-from papermill.engines import Engine, NotebookExecutionManager, papermill_engines
-from papermill.exceptions import PapermillExecutionError
 from traitlets.config import Config
 
 from accelerated_evaluation.errors import StudyError
 from accelerated_evaluation.files import atomic_path, write_text
+from accelerated_evaluation.imports import without
+
+with without("rfc3987_syntax"):
+    import nbformat
+    import papermill
+    from nbconvert import HTMLExporter
+    from nbformat import NotebookNode
+    from papermill.engines import Engine, NotebookExecutionManager, papermill_engines
+    from papermill.exceptions import PapermillExecutionError
 
 ENGINE = "this process"
 
@@ -36,11 +40,15 @@ class ThisProcess(Engine):
         os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
         shell = InteractiveShell.instance(config=Config({"HistoryManager": {"enabled": False}}))
         shell.reset()
-        for number, cell in enumerate(nb_man.nb.cells, start=1):
+        ran = 0
+        for number, cell in enumerate(nb_man.nb.cells):
             nb_man.cell_start(cell, number)
             if cell.cell_type == "code":
-                cell.execution_count = number
+                ran += 1
+                cell.execution_count = ran
                 with capture_output() as captured:
+                    # The last expression of a cell goes to this hook, what `display` shows to `display_pub`.
+                    shell.display_trap.hook = CapturingDisplayHook(shell, shell.display_pub.outputs)
                     result = shell.run_cell(cell.source)
                 cell.outputs = [*_outputs(captured), *_errors(result)]
                 if not result.success:

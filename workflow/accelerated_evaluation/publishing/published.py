@@ -14,7 +14,7 @@ Its parameters say what it reads of a `Study`. The workflow finds out both by it
 
 import inspect
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -83,7 +83,7 @@ def table(
 class ShownFigure:
     """A published figure: notebooks display it, and its data are at hand."""
 
-    data: pd.DataFrame
+    data: pd.DataFrame = field(repr=False)
     png: Path
 
     def _repr_png_(self) -> tuple[bytes, dict[str, float]]:

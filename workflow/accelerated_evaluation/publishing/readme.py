@@ -1,8 +1,10 @@
-"""The tables of results in the README, made from the published tables.
+"""The tables of results in ``README.md`` and ``benchmarks/README.md``, made from the published tables.
 
-``python -m accelerated_evaluation.publishing.readme`` writes them into ``README.md`` anew.
+``python -m accelerated_evaluation.publishing.readme`` writes them anew.
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
@@ -14,6 +16,7 @@ ROOT = Path(__file__).resolve().parents[3]
 CLAIMS = ROOT / "figures" / "spmd" / "tables" / "claims.csv"
 SAMPLERS = ROOT / "benchmarks" / "results" / "samplers.csv"
 README = ROOT / "README.md"
+BENCHMARKS = ROOT / "benchmarks" / "README.md"
 COMMAND = "python -m accelerated_evaluation.publishing.readme"
 SHOWN = (
     "crash probability of one lane change",
@@ -73,24 +76,40 @@ def _best(rows: pd.DataFrame) -> str:
     return f"{best.effective_calls:,.0f} ({best.method})"
 
 
+@dataclass(frozen=True)
+class Table:
+    """A table in a text: the text, the published table that it is made from, and how."""
+
+    text: Path
+    source: Path
+    make: Callable[[pd.DataFrame], str]
+
+    def marks(self, name: str) -> tuple[str, str]:
+        """Return the lines between which the table stands."""
+        origin = f"made from {self.source.parent.relative_to(ROOT).as_posix()} by {COMMAND}"
+        return f"<!-- {name}: {origin} -->\n", f"<!-- end of {name} -->\n"
+
+
 TABLES = {
-    "results": (f"made from figures/spmd/tables by {COMMAND}", CLAIMS, results_table),
-    "samplers": (f"made from benchmarks/results by {COMMAND}", SAMPLERS, samplers_table),
+    "results": Table(README, CLAIMS, results_table),
+    "samplers": Table(BENCHMARKS, SAMPLERS, samplers_table),
 }
 
 
-def with_table(readme: str, name: str, table: str) -> str:
-    """Return the text of the README with the table of a name between its marks."""
-    begin, end = f"<!-- {name}: {TABLES[name][0]} -->\n", f"<!-- end of {name} -->\n"
-    before, rest = readme.split(begin)
-    return before + begin + table + end + rest.split(end)[1]
+def with_table(text: str, name: str, content: str) -> str:
+    """Return a text with the table of a name between its marks."""
+    begin, end = TABLES[name].marks(name)
+    before, rest = text.split(begin)
+    return before + begin + content + end + rest.split(end)[1]
 
 
-def with_tables(readme: str) -> str:
-    """Return the text of the README with all its tables as they are published now."""
-    for name, (_, path, make) in TABLES.items():
-        readme = with_table(readme, name, make(pd.read_csv(path)))
-    return readme
+def with_tables(path: Path) -> str:
+    """Return the text of a file with all its tables as they are published now."""
+    text = path.read_text(encoding="utf-8")
+    for name, table in TABLES.items():
+        if table.text == path:
+            text = with_table(text, name, table.make(pd.read_csv(table.source)))
+    return text
 
 
 def _number(value: float) -> str:
@@ -98,4 +117,5 @@ def _number(value: float) -> str:
 
 
 if __name__ == "__main__":
-    write_text(README, with_tables(README.read_text(encoding="utf-8")))
+    for file in (README, BENCHMARKS):
+        write_text(file, with_tables(file))

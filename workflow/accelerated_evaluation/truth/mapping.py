@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 from tqdm import tqdm
 
-from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.truth.crash_map import LINES_PER_CELL, Cells, CrashMap, Grid, Intervals
 from accelerated_evaluation.vehicles.events import CRASH, Event
-from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
+from accelerated_evaluation.vehicles.protocol import Array, Outcomes, Vehicle
 
 STANDSTILL = 1e-6  # first point of a scan: so slow that what happens there happens at any slower speed
 HALVINGS = 10  # bisections of a step of the scan

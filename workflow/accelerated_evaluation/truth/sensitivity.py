@@ -12,7 +12,7 @@ from accelerated_evaluation.distributions import PiecewiseMixture
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.encounters.segments import assign_segments
 from accelerated_evaluation.fitting.pieces import EXPONENTIAL, PieceFamily
-from accelerated_evaluation.fitting.piecewise import fit_piecewise, knots_at_quantiles
+from accelerated_evaluation.fitting.piecewise import fit_piecewise, knots_at_quantiles, usable_knots
 from accelerated_evaluation.laws.independent import IndependentLaw, recorded_lead_speeds
 from accelerated_evaluation.truth.crash_map import CrashMap
 from accelerated_evaluation.truth.exact import ALL, Exact, exact_probabilities
@@ -44,13 +44,18 @@ class Levels:
     def of(cls, model: IndependentLaw) -> "Levels":
         """Read them off a fitted model; the weight of its bodies, which may differ by ties, is pooled."""
         bodies = [law.weights[0] * model.events[segment] for segment, law in model.inverse_ttc.items()]
-        body, tail = next(iter(model.inverse_ttc.values())).components
+        # Where few rows have made the body of a segment simpler, the refit tries the richest one in all.
+        fitted = [[PieceFamily.of(piece) for piece in law.components] for law in model.inverse_ttc.values()]
+        body, tail = (
+            max(families, key=lambda family: (family != EXPONENTIAL, family.components))
+            for families in zip(*fitted, strict=True)
+        )
         return cls(
             tuple(np.cumsum(model.inverse_range.weights[:-1]).tolist()),
             sum(bodies) / sum(model.events.values()),
             PieceFamily.of(model.inverse_range.components[0]),
-            PieceFamily.of(body),
-            PieceFamily.of(tail),
+            body,
+            tail,
         )
 
 
@@ -81,13 +86,13 @@ def fit_for_crashes(
     """
 
     def inverse_ttc(x: Array) -> PiecewiseMixture:
-        knots = knots_at_quantiles(x, [levels.inverse_ttc])
+        knots = usable_knots(x, knots_at_quantiles(x, [levels.inverse_ttc]))
         body = EXPONENTIAL if knots[0] <= smallest_inverse_ttc else levels.body
         return fit_piecewise(x, 0.0, knots, [body, levels.tail])
 
     inverse_range = encounters["inverse_range"].to_numpy()
     families = [levels.pieces_of_range] * (len(levels.inverse_range) + 1)
-    knots = knots_at_quantiles(inverse_range, levels.inverse_range)
+    knots = usable_knots(inverse_range, knots_at_quantiles(inverse_range, levels.inverse_range))
     groups = encounters.groupby("segment")
     events = {segment: len(rows) for segment, rows in groups}
     return IndependentLaw(

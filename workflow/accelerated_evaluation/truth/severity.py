@@ -1,22 +1,14 @@
 """How bad, and how often: impact speeds of the crashes, near misses, and what they mean per distance."""
 
-from collections.abc import Mapping
-
 import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.truth.crash_map import CrashMap
 from accelerated_evaluation.truth.exact import exact_probabilities
-from accelerated_evaluation.vehicles.events import CRASH, Event
 
 UNITS = {"crash": "", "impact_speed": "m/s", "min_range": "m", "min_ttc": "s"}
 QUANTILES = (0.1, 0.25, 0.5, 0.75, 0.9)
-
-
-def events_from(thresholds: Mapping[str, list[float]]) -> list[Event]:
-    """Return the events of a mapping from quantities to thresholds, crashes first."""
-    return [CRASH, *(Event(name, float(value)) for name, values in thresholds.items() for value in values)]
 
 
 def severity_table(

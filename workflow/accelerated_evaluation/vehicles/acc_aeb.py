@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, field, fields
 
+import pandas as pd
 from numpy.typing import ArrayLike
 
 from accelerated_evaluation.vehicles.built_in import VEHICLES
@@ -11,6 +12,7 @@ from accelerated_evaluation.vehicles.kernel import STEP, Car, simulate_slice
 from accelerated_evaluation.vehicles.parameters import check_number, parameter_error
 from accelerated_evaluation.vehicles.protocol import Array, Outcomes
 from accelerated_evaluation.vehicles.threads import available_threads, simulate_in_slices
+from accelerated_evaluation.vehicles.traces import trace_car
 
 KMH = 1 / 3.6  # [m/s]
 # Time to collision at which a 2011 Volvo V60 brakes: linear in the speed through both points, constant above.
@@ -117,6 +119,10 @@ class AccAeb:
         """
         encounters = checked_encounters(lead_speed, range_, closing_speed)
         return simulate_encounters(self, encounters, threads=available_threads())
+
+    def trace(self, lead_speed: float, range_: float, closing_speed: float) -> pd.DataFrame:
+        """Return every state of one encounter, as told in `traces`; arguments as of `simulate`."""
+        return trace_car(self.compiled(), checked_encounters([lead_speed], [range_], [closing_speed]))
 
     def compiled(self) -> Car:
         """Return the numbers that the compiled code needs."""

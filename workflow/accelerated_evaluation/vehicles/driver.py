@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass, fields
 from typing import Any
 
+import pandas as pd
 from numpy.typing import ArrayLike
 
 from accelerated_evaluation.vehicles.checks import checked_encounters
@@ -12,6 +13,7 @@ from accelerated_evaluation.vehicles.driver_numbers import Driver
 from accelerated_evaluation.vehicles.parameters import check_number, parameter_error, zero_or_more
 from accelerated_evaluation.vehicles.protocol import Outcomes
 from accelerated_evaluation.vehicles.threads import available_threads, simulate_in_slices
+from accelerated_evaluation.vehicles.traces import trace_driver
 
 G = 9.81  # [m/s^2], as JRC-FSM has it
 
@@ -99,6 +101,10 @@ class ReferenceDriver:
         """
         encounters = checked_encounters(lead_speed, range_, closing_speed)
         return simulate_in_slices(follow_slice, self.compiled(), encounters, threads=available_threads())
+
+    def trace(self, lead_speed: float, range_: float, closing_speed: float) -> pd.DataFrame:
+        """Return every state of one encounter, as told in `traces`; arguments as of `simulate`."""
+        return trace_driver(self.compiled(), checked_encounters([lead_speed], [range_], [closing_speed]))
 
     def compiled(self) -> Driver:
         """Return the numbers that the compiled code needs."""

@@ -21,7 +21,7 @@ STEP = 0.1  # [s], part of the model: the drivers' constants allow for it
 STATES = 349  # states of an encounter that are tested for contact, which is a horizon of 34.8 s
 
 LANES = 256  # encounters abreast; their state stays in the level-1 cache
-SWEEP = 4  # steps between two exchanges of ended encounters for new ones
+SWEEP = 8  # steps between two exchanges of ended encounters for new ones
 
 SMALLEST = 5e-324  # the smallest positive number
 
@@ -130,7 +130,7 @@ def _ttc(gap: float, closing: float) -> float:
 
 
 @compiled
-def _start(driver: Driver, encounter: NDArray, index: int, state: NDArray, i: int) -> None:
+def start(driver: Driver, encounter: NDArray, index: int, state: NDArray, i: int) -> None:
     """Place an encounter in lane ``i``.
 
     With lateral motion the first state is one step after the car began to move sideways. Where the range is
@@ -151,11 +151,15 @@ def _start(driver: Driver, encounter: NDArray, index: int, state: NDArray, i: in
 
 
 @compiled
-def _skip(driver: Driver, state: NDArray, i: int) -> None:
-    """Take at once the steps that a calm driver, behind a car in the lane, can take before it sees danger."""
+def skip(driver: Driver, state: NDArray, i: int) -> None:
+    """Take at once the steps before a driver first sees danger, behind a car in its lane."""
+    if state[STEPS, i] > 0.0 and driver.lateral_speed == 0.0:  # it has taken them already
+        return
+    if state[WAITED, i] > 0.0 or state[WANTED, i] > 0.0:  # calm after the first danger is short
+        return
     lead, speed, distance = state[LEAD, i], state[SPEED, i], state[DISTANCE, i]
     gap, closing = distance - driver.length, speed - lead
-    if state[WANTED, i] > 0.0 or abs(state[OFFSET, i]) >= driver.width or closing <= 0.0:
+    if abs(state[OFFSET, i]) >= driver.width or closing <= 0.0:
         return
     wake = _wake_gap(driver, speed, lead)
     if gap > 0.0 and gap > wake:
@@ -163,10 +167,12 @@ def _skip(driver: Driver, state: NDArray, i: int) -> None:
         steps = max(0.0, min(np.floor((gap - wake) / (closing * STEP)), left))
         state[STEPS, i] += steps
         state[DISTANCE, i] -= steps * closing * STEP
+        state[OFFSET, i] -= min(steps, max(state[MOVING, i], 0.0)) * driver.lateral_speed * STEP
+        state[MOVING, i] -= steps
 
 
 @compiled
-def _watch(state: NDArray, count: int, driver: Driver) -> None:
+def watch(state: NDArray, count: int, driver: Driver) -> None:
     """Update the minima, and tell which encounters are over: crashed, out of time, or past any danger."""
     for i in range(count):
         distance, offset, steps = state[DISTANCE, i], state[OFFSET, i], state[STEPS, i]
@@ -186,7 +192,7 @@ def _watch(state: NDArray, count: int, driver: Driver) -> None:
 
 
 @compiled
-def _decide(state: NDArray, count: int, driver: Driver) -> None:
+def decide(state: NDArray, count: int, driver: Driver) -> None:
     """Write the deceleration that each driver wants [m/s^2]: 0 without danger, or once it has passed."""
     for i in range(count):
         distance, speed, lead, acceleration = (
@@ -207,7 +213,7 @@ def _decide(state: NDArray, count: int, driver: Driver) -> None:
 
 
 @compiled
-def _move(state: NDArray, count: int, driver: Driver) -> None:
+def move(state: NDArray, count: int, driver: Driver) -> None:
     """React and move on by one step; an encounter that is over stays where it is."""
     for i in range(count):
         wanted, ramp, waited, speed = state[WANTED, i], state[RAMP, i], state[WAITED, i], state[SPEED, i]
@@ -256,16 +262,16 @@ def _exchange(
     i = 0
     while i < count or (count < LANES and upcoming < end):
         if i < count and state[OVER, i] == 0.0:
-            _skip(driver, state, i)
+            skip(driver, state, i)
             i += 1
             continue
         if i < count:
             _finish(state, i, driver, outcomes)
         if upcoming < end:
-            _start(driver, encounters[:, upcoming], upcoming, state, i)
+            start(driver, encounters[:, upcoming], upcoming, state, i)
             upcoming += 1
             count = max(count, i + 1)
-            _skip(driver, state, i)
+            skip(driver, state, i)
             i += 1
         else:
             count -= 1
@@ -283,6 +289,6 @@ def follow_slice(encounters: NDArray, begin: int, end: int, driver: Driver, outc
         if count == 0:
             return
         for _ in range(SWEEP):
-            _watch(state, count, driver)
-            _decide(state, count, driver)
-            _move(state, count, driver)
+            watch(state, count, driver)
+            decide(state, count, driver)
+            move(state, count, driver)

@@ -1,5 +1,6 @@
 """Events of an encounter: the crash, its impact speed, and near misses."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,3 +46,8 @@ class Event:
 
 
 CRASH = Event("crash")
+
+
+def events_from(thresholds: Mapping[str, list[float]]) -> list[Event]:
+    """Return the events of a mapping from quantities to thresholds, crashes first."""
+    return [CRASH, *(Event(name, float(value)) for name, values in thresholds.items() for value in values)]

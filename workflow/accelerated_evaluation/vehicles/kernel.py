@@ -56,7 +56,7 @@ def compiled(function: Callable) -> Callable:
 
 
 @compiled
-def _start(encounters: NDArray, first: int, count: int, car: Car, state: NDArray, index: NDArray) -> None:
+def start(encounters: NDArray, first: int, count: int, car: Car, state: NDArray, index: NDArray) -> None:
     """Place ``count`` encounters, from column ``first`` on, in the lanes."""
     for i in range(count):
         index[i] = first + i
@@ -69,7 +69,7 @@ def _start(encounters: NDArray, first: int, count: int, car: Car, state: NDArray
 
 
 @compiled
-def _watch(state: NDArray, count: int, car: Car) -> None:
+def watch(state: NDArray, count: int, car: Car) -> None:
     """Time to collision, its minimum, and the AEB's switch."""
     for i in range(count):
         range_, speed, timer, min_ttc = state[RANGE, i], state[SPEED, i], state[TIMER, i], state[MIN_TTC, i]
@@ -87,7 +87,7 @@ def _watch(state: NDArray, count: int, car: Car) -> None:
 
 
 @compiled
-def _command(state: NDArray, count: int, car: Car) -> None:
+def command(state: NDArray, count: int, car: Car) -> None:
     """Acceleration that the ACC or the AEB asks for; a headway error counts as 0 after a step with AEB."""
     for i in range(count):
         speed, command, last, timer = state[SPEED, i], state[COMMAND, i], state[ERROR, i], state[TIMER, i]
@@ -101,7 +101,7 @@ def _command(state: NDArray, count: int, car: Car) -> None:
 
 
 @compiled
-def _move(state: NDArray, count: int, car: Car) -> None:
+def move(state: NDArray, count: int, car: Car) -> None:
     """Actuator and motion; an encounter that has ended keeps its range and speed."""
     for i in range(count):
         lead, range_, speed, last = state[LEAD, i], state[RANGE, i], state[SPEED, i], state[ACCELERATION, i]
@@ -157,12 +157,12 @@ def simulate_slice(encounters: NDArray, begin: int, end: int, car: Car, outcomes
     index = np.empty(LANES, np.int64)
     for first in range(begin, end, LANES):
         count = min(LANES, end - first)
-        _start(encounters, first, count, car, state, index)
+        start(encounters, first, count, car, state, index)
         step = 0
         while count > 0:
             step += 1
-            _watch(state, count, car)
-            _command(state, count, car)
-            _move(state, count, car)
+            watch(state, count, car)
+            command(state, count, car)
+            move(state, count, car)
             if step % SWEEP == 0:
                 count = _sweep(state, index, count, step == STEPS, outcomes)

@@ -96,6 +96,30 @@ def _covariance_of_runs(runs: Array, variance: float, *, with_slope: bool = Fals
     return covariance, slope
 
 
+def _log_evidence(
+    factor: Array, sites: tuple[Array, Array], mean: Array, cavity: tuple[Array, Array], log_mass: Array
+) -> float:
+    """Log evidence of the flags by expectation propagation (Rasmussen and Williams 2006, equation 3.65).
+
+    Parameters
+    ----------
+    factor
+        Cholesky factor of I + S^1/2 K S^1/2, shape (n, n).
+    sites, cavity
+        Precision and precision times mean of the sites; precision and mean of the cavities; shapes (n,).
+    mean, log_mass
+        Posterior mean of the latent function, and log probability of each flag under its cavity, shapes (n,).
+    """
+    (precision, shift), (rest, centre) = sites, cavity
+    both = precision + rest
+    return (
+        log_mass.sum()
+        - np.log(np.diag(factor)).sum()
+        + 0.5 * (np.log1p(precision / rest).sum() + shift @ mean - (shift * shift / both).sum())
+        + 0.5 * (centre * rest / both * (precision * centre - 2 * shift)).sum()
+    )
+
+
 class EventSurrogate:
     """Probability of the event at any point, given the flags of the points that were run.
 
@@ -179,13 +203,7 @@ class EventSurrogate:
             width = np.sqrt(1 + 1 / rest)
             score = sign * centre / width
             log_mass = log_ndtr(score)
-            both = precision + rest
-            evidence = (
-                log_mass.sum()
-                - np.log(np.diag(factor)).sum()
-                + 0.5 * (np.log1p(precision / rest).sum() + shift @ mean - (shift * shift / both).sum())
-                + 0.5 * (centre * rest / both * (precision * centre - 2 * shift)).sum()
-            )
+            evidence = _log_evidence(factor, (precision, shift), mean, (rest, centre), log_mass)
             if abs(evidence - previous) < tolerance:
                 break
             previous = evidence

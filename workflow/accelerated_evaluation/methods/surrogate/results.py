@@ -22,17 +22,13 @@ def estimate(progress: Progress, batch_size: int, stopping: Stopping) -> Estimat
     ----------
     progress
         Of the sampler.
-    batch_size
-        Number of simulations in a batch.
-    stopping
-        Gives the confidence of the interval, and says whether it is narrow enough.
+    batch_size, stopping
+        Simulations in a batch; the confidence of the interval, and how narrow it should be.
 
     Returns
     -------
     Estimate
-        Its ``events`` are those of all simulations, learning included; ``tables["runs"]`` is as in
-        `tabulate_runs`, and ``diagnostics`` are the number of batches that count and the two standard errors
-        of `Combined`, relative to the estimate.
+        ``events`` are those of all simulations; ``tables["runs"]`` is as in `tabulate_runs`.
     """
     events, combined = int(np.count_nonzero(progress.happened)), combined_estimate(progress, stopping.alpha)
     if combined is not None:

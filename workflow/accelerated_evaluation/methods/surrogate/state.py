@@ -132,7 +132,10 @@ class State:
                 expected="a file as the sampler wrote it",
                 change=f"Restore the file from a copy. {anew}",
             )
-        return _decode(cls, content["state"])
+        state = _decode(cls, content["state"])
+        # The list of no runs at all has lost its second dimension.
+        state.progress.z = state.progress.z.reshape(-1, state.dimension)
+        return state
 
     def check(self, *, fingerprint: str, dimension: int, batch_size: int, where: str) -> None:
         """Raise InputError if the state belongs to another problem or batch size.

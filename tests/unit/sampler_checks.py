@@ -1,0 +1,68 @@
+"""What the tests of the sampler share: half planes as events, and a sampler that is driven step by step."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from accelerated_evaluation.methods import Stopping
+from accelerated_evaluation.methods.surrogate import Surrogate, two_phase
+from accelerated_evaluation.methods.surrogate.sampler import Sampler
+from accelerated_evaluation.problem import SystemProblem
+from scipy.stats import norm
+
+STOPPING = Stopping(alpha=0.2, beta=0.2, minimum_events=1, maximum_simulations=1000)
+HALF_PLANE = norm.sf(4.0)
+
+
+def standard_normal_event(margin, *, graded=True, dimension=2):
+    """Return the event that a margin, a function of z, is negative."""
+
+    def respond(z):
+        score = margin(z)
+        return score < 0, score if graded else None
+
+    return SystemProblem(respond, dimension, fingerprint="half planes")
+
+
+def half_plane(level=4.0, *, graded=True):
+    return standard_normal_event(lambda z: level - z @ [0.6, 0.8], graded=graded)
+
+
+@dataclass
+class Course:
+    """What a test keeps of a whole run: the estimate, the sampler, and two estimates that must be wrong."""
+
+    result: object
+    sampler: Sampler
+    flags: float
+    twice_controlled: float
+
+
+def new_sampler(dimension=2, seed=0, batch_size=10):
+    return Sampler(dimension, np.random.default_rng(seed), batch_size, fingerprint="half planes")
+
+
+def drive(sampler, event, stopping=STOPPING):
+    """Run a sampler to the end, as the method does."""
+    flags, twice = [], []
+    while not sampler.has_converged(stopping) and sampler.simulations < stopping.maximum_simulations:
+        z = sampler.ask()
+        assert z.shape == (sampler.batch_size, sampler.dimension)
+        batch = sampler.progress.pending
+        happened, score = event.evaluate(z)
+        sampler.tell(happened, score)
+        if isinstance(batch, two_phase.TwoPhaseBatch) and batch.is_usable:
+            flags.append(happened.mean())
+            twice.append(batch.controlled + (batch.weight * happened / batch.inclusion).sum())
+    return Course(sampler.estimate(stopping), sampler, np.mean(flags), np.mean(twice))
+
+
+def estimate(event, seed, stopping=STOPPING, **settings):
+    return Surrogate(**settings).estimate(event, stopping, np.random.default_rng(seed))
+
+
+def courses(event, seeds, batch_size=10):
+    return [drive(new_sampler(event.dimension, seed, batch_size), event) for seed in range(seeds)]
+
+
+def numbers(result):
+    return result.probability, result.low, result.high, result.simulations, result.converged

@@ -1,0 +1,118 @@
+"""Traces of single encounters: they end in the outcomes of `simulate`, and the command writes them."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation import cli
+from accelerated_evaluation.vehicles import load_vehicle
+from accelerated_evaluation.vehicles.checks import OUTCOMES
+from accelerated_evaluation.vehicles.replay import trace_encounter
+from accelerated_evaluation.vehicles.traces import COLUMNS
+
+WIDTH = 1.9
+FOLLOWED = ["acc_aeb", "acc_only", "cc_human", "fsm", "reg157", "rss"]
+
+
+def encounters(n=60):
+    generator = np.random.default_rng(7)
+    closing_speed = generator.uniform(-2, 25, n)
+    range_ = generator.uniform(0.2, 2.0, n) * (closing_speed**2 / 12 + np.abs(closing_speed)) + 0.5
+    return np.array([generator.uniform(2, 35, n), range_, closing_speed]).T.tolist()
+
+
+def outcomes_of(trace, range_, in_lane):
+    """Outcomes as the trace tells them: crash, smallest range, smallest TTC, impact speed."""
+    last = trace.iloc[-1]
+    crash = in_lane.iloc[-1] and last.range_m <= 0
+    lane = trace[in_lane & ((trace.lead_position_m > trace.host_position_m - 4.3) | (trace.range_m <= 0))]
+    ttc = min(lane.time_to_collision_s, default=np.inf)
+    impact = last.host_speed_m_per_s - last.lead_speed_m_per_s if crash else 0.0
+    return [crash, min([range_, *lane.range_m]), ttc, impact]
+
+
+def simulated(vehicle, encounter):
+    outcomes = vehicle.simulate(*([value] for value in encounter))
+    return [getattr(outcomes, name)[0] for name in OUTCOMES]
+
+
+@pytest.mark.parametrize("name", FOLLOWED)
+def test_a_trace_ends_in_exactly_the_outcomes(name):
+    crashes = 0
+    for encounter in encounters():
+        trace = trace_encounter(name, *encounter)
+        assert list(trace) == list(COLUMNS)
+        everywhere = pd.Series(True, index=trace.index)
+        got, wanted = outcomes_of(trace, np.inf, everywhere), simulated(load_vehicle(name), encounter)
+        assert np.array(got, dtype=float).tobytes() == np.array(wanted, dtype=float).tobytes()
+        crashes += wanted[0]
+    assert 2 < crashes < 60
+
+
+@pytest.mark.parametrize("name", ["cc_human", "fsm", "reg157", "rss"])
+def test_a_trace_with_lateral_motion_ends_in_the_outcomes(name):
+    vehicle = load_vehicle(name, lateral_speed=0.6)
+    for encounter in encounters():
+        trace = vehicle.trace(*encounter)
+        got = outcomes_of(trace, encounter[1], trace.lateral_distance_m.abs() < WIDTH)
+        wanted = simulated(vehicle, encounter)
+        if wanted[0] and np.isinf(got[2]):  # contact from the side: the TTC is that of the approach before it
+            got[2] = min(*trace.time_to_collision_s, encounter[1] / encounter[2])
+        np.testing.assert_allclose(np.array(got, float), np.array(wanted, float), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", FOLLOWED)
+def test_a_trace_obeys_the_laws_of_motion(name):
+    encounter = (20.0, 30.0, 14.0)
+    trace = trace_encounter(name, *encounter)
+    assert len(trace) > 10
+    step = np.diff(trace.time_s)
+    np.testing.assert_allclose(step, 0.1, atol=1e-9)
+    speed = trace.host_speed_m_per_s
+    np.testing.assert_allclose(np.diff(speed), trace.host_acceleration_m_per_s2[1:] * step, atol=1e-9)
+    before, after = speed.to_numpy()[:-1], speed.to_numpy()[1:]
+    moved = step * ((before + after) / 2 if name.startswith("acc") else after)  # as each model is defined
+    np.testing.assert_allclose(np.diff(trace.host_position_m), moved, atol=1e-9)
+    np.testing.assert_allclose(trace.lead_position_m, 30 + 20 * trace.time_s, atol=1e-9)
+    np.testing.assert_allclose(trace.range_m, trace.lead_position_m - trace.host_position_m, atol=1e-9)
+    expected = {"acc_only": {0}, "acc_aeb": {0}, "cc_human": {0, 1}, "reg157": {0, 1}}
+    assert set(trace.emergency) == expected.get(name, {1})
+
+
+def test_the_emergency_of_the_car_is_its_aeb():
+    assert trace_encounter("acc_aeb", 20.0, 14.0, 14.0).emergency.any()
+    assert not trace_encounter("acc_only", 20.0, 14.0, 14.0).emergency.any()
+
+
+def test_the_command(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    options = ["--figure", "out.png", "--vehicle", "cc_human"]
+    assert cli.main(["replay", "20", "9", "8", "out.csv", *options]) == 0
+    pd.testing.assert_frame_equal(pd.read_csv("out.csv"), trace_encounter("cc_human", 20.0, 9.0, 8.0))
+    assert (tmp_path / "out.png").read_bytes().startswith(b"\x89PNG")
+    assert cli.main(["replay", "20", "9", "-8", "out.csv", "--figure", "out.svg"]) == 0
+    first = (tmp_path / "out.svg").read_bytes()
+    assert cli.main(["replay", "20", "9", "-8", "out.csv", "--figure", "out.svg"]) == 0
+    assert (tmp_path / "out.svg").read_bytes() == first
+    assert not capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["20", "0", "8", "new.csv"], "row 0, column range: seen 0.0; expected a range above 0 m"),
+        (["20", "9", "8", "new.csv", "--vehicle", "cc"], "vehicle: seen 'cc'; expected acc_aeb"),
+        (["20", "9", "8", "new.csv", "--figure", "x.bmp"], "x.bmp: seen '.bmp'; expected .png, .pdf or .svg"),
+        (
+            ["20", "9", "8", "new.csv", "--vehicle", "mine.py:Car"],
+            "seen mine.py:Car; expected one whose",
+        ),
+    ],
+)
+def test_bad_arguments(tmp_path, monkeypatch, capsys, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text("class Car:\n    def simulate(self, *encounters):\n        pass\n")
+    assert cli.main(["replay", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert message in error
+    assert [path.name for path in tmp_path.iterdir() if path.name != "__pycache__"] == ["mine.py"]

@@ -1,0 +1,118 @@
+"""Few records: fits fall back to simpler pieces and say so; too few are refused before any work."""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation.configuration import load
+from accelerated_evaluation.distributions import BoundedExponential
+from accelerated_evaluation.encounters.segments import MINIMUM_ROWS, assign_segments, require_rows
+from accelerated_evaluation.errors import ConvergenceError, InputError
+from accelerated_evaluation.fitting.pieces import EXPONENTIAL, PieceFamily
+from accelerated_evaluation.fitting.piecewise import usable_knots
+from accelerated_evaluation.laws.paper import choose_knots, fit_paper_laws, simpler_pieces
+from accelerated_evaluation.truth.sensitivity import Levels
+
+RECORDS = Path(__file__).parents[2] / "data/spmd/cut_ins.parquet"
+NORMALS = PieceFamily("bounded normal", 2)
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    return assign_segments(pd.read_parquet(RECORDS), [5, 15, 25, 35])
+
+
+@pytest.fixture
+def models():
+    """Section models of the default configuration, its fits of R^-1 on a grid that takes less time."""
+    models = load()["models"]
+    for variant in ("two_pieces", "three_pieces"):
+        models["inverse_range"][variant]["profile"]["points"] = 12
+    return models
+
+
+def rising(size=200):
+    """Return values on [0, 0.2) whose density rises, which no normal with mean 0 has."""
+    return BoundedExponential(-30.0, 0.0, 0.2).ppf((np.arange(size) + 0.5) / size)
+
+
+def test_a_family_that_cannot_be_fitted_gives_way_to_a_simpler_one():
+    x = rising()
+    with pytest.raises(ConvergenceError):
+        NORMALS.fit(x, 0.0, 0.2)
+    assert NORMALS.fit_or_simpler(x, 0.0, 0.2) == EXPONENTIAL.fit(x, 0.0, 0.2)
+    falling = 0.2 - x
+    assert NORMALS.fit_or_simpler(falling, 0.0, 0.2) == NORMALS.fit(falling, 0.0, 0.2)
+
+
+@pytest.mark.parametrize(
+    ("knots", "expected"),
+    [
+        ([4.5], [4.5]),  # enough on both sides: not moved
+        ([9.5], [8.0]),  # one value above: moved down to leave two
+        ([99.0], [8.0]),
+        ([-1.0], [2.0]),
+        ([9.2, 9.5], [6.0, 8.0]),
+        ([0.0, 0.5], [2.0, 4.0]),
+    ],
+)
+def test_knots_leave_two_different_values_in_each_piece(knots, expected):
+    assert usable_knots(np.repeat(np.arange(10.0), 3), knots) == expected
+
+
+def test_too_few_different_values_for_the_pieces_are_refused():
+    with pytest.raises(InputError, match="seen 3 different values; expected at least 4"):
+        usable_knots(np.repeat([1.0, 2.0, 3.0], 50), [2.0])
+
+
+def test_moved_knots_and_another_choice_of_knots_are_told():
+    x = np.concatenate([rising(), [0.3, 0.4]])
+    with pytest.warns(UserWarning, match=r"knots .* moved to .* to leave two values"):
+        choose_knots(x, 0.0, [EXPONENTIAL] * 2, {"method": "values", "values": [0.35]})
+    profile = {"method": "profile", "profile": {"low": 0.5, "high": 0.9, "points": 3}}
+    with pytest.warns(UserWarning, match="chosen for exponential pieces"):
+        (knot,) = choose_knots(rising(), 0.0, [PieceFamily("bounded normal"), EXPONENTIAL], profile)
+    assert 0 < knot < 0.2
+
+
+@pytest.mark.parametrize("size", [150, 500, 1000])
+def test_any_sample_of_real_records_is_fitted(recorded, models, size):
+    generator = np.random.default_rng(size)
+    for _ in range(3):
+        rows = np.sort(generator.choice(len(recorded), size, replace=False))
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            laws = fit_paper_laws(recorded.iloc[rows], models, 75, "sample", 23.49)
+        law = laws["two_pieces"]
+        assert all(np.isfinite(segment.mean()) for segment in law.inverse_ttc.values())
+        assert {str(warning.message) for warning in told} >= set(simpler_pieces(law, models))
+        assert Levels.of(law).tail == EXPONENTIAL
+
+
+def test_simpler_pieces_name_variable_and_segment(recorded, models):
+    fitted = fit_paper_laws(recorded.iloc[:: len(recorded) // 300], models, 75, "sample", 23.49)["two_pieces"]
+    asked = models | {
+        "inverse_ttc": models["inverse_ttc"] | {"body": {"kind": NORMALS.kind, "components": 9}}
+    }
+    told = simpler_pieces(fitted, asked)
+    assert len(told) == 3
+    assert all("TTC^-1 in segment" in line and "mixture of 9 bounded normals" in line for line in told)
+
+
+def test_errors_of_fits_name_variable_and_segment(recorded, models):
+    flat = recorded.iloc[:: len(recorded) // 300].copy()
+    flat.loc[flat["segment"] == "15-25", "inverse_ttc"] = 0.05
+    with pytest.raises(
+        InputError, match=r"TTC\^-1 in segment 15-25 m/s, sample of .* seen 1 different values"
+    ):
+        fit_paper_laws(flat, models, 75, "sample", 23.49)
+
+
+def test_a_segment_with_too_few_rows_is_refused_with_its_count(recorded):
+    fast = recorded[recorded["segment"] == "25-35"]
+    enough = pd.concat([recorded[recorded["segment"] != "25-35"], fast.iloc[:MINIMUM_ROWS]])
+    require_rows(enough)
+    with pytest.raises(InputError, match=r"segment 25-35 m/s: seen 29 of .* expected at least 30"):
+        require_rows(enough.iloc[:-1])

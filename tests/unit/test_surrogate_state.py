@@ -1,0 +1,263 @@
+"""The sampler asks and is told, is interrupted and goes on, and refuses states that it cannot take up."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.methods import METHODS
+from accelerated_evaluation.methods.surrogate import Surrogate, two_phase
+from accelerated_evaluation.methods.surrogate.sampler import Sampler
+from accelerated_evaluation.methods.surrogate.state import FORMAT, VERSION, State, read_state, write_state
+from sampler_checks import (
+    STOPPING,
+    courses,
+    drive,
+    estimate,
+    half_plane,
+    new_sampler,
+    numbers,
+    standard_normal_event,
+)
+
+
+@pytest.fixture(scope="module")
+def half_planes():
+    return courses(half_plane(), 2)
+
+
+def through_json(state):
+    return State.from_json(json.loads(json.dumps(state.to_json(), allow_nan=False)), "a test")
+
+
+@pytest.mark.parametrize("pending", [False, True])
+@pytest.mark.parametrize("batches", [0, 1, 4, 11])
+def test_an_interrupted_run_ends_like_a_whole_one(half_planes, batches, pending):
+    whole, event = half_planes[0], half_plane()
+    sampler = new_sampler()
+    for _ in range(batches):
+        sampler.tell(*event.evaluate(sampler.ask()))
+    asked = sampler.ask().copy() if pending else None
+    resumed = Sampler.resume(through_json(sampler.state()))
+    if pending:
+        np.testing.assert_array_equal(resumed.ask(), asked)
+    again = drive(resumed, event)
+    assert numbers(again.result) == numbers(whole.result)
+    np.testing.assert_array_equal(again.sampler.progress.z, whole.sampler.progress.z)
+    assert again.sampler.state().to_json() == whole.sampler.state().to_json()
+
+
+def test_a_state_does_not_change_with_later_outcomes():
+    sampler, event = new_sampler(), half_plane()
+    drive(sampler, event, replace(STOPPING, maximum_simulations=120))
+    state = sampler.state()
+    before = state.to_json()
+    for _ in range(3):
+        sampler.tell(*event.evaluate(sampler.ask()))
+    assert state.to_json() == before != sampler.state().to_json()
+
+
+@pytest.mark.parametrize("bits", [np.random.MT19937, np.random.Philox])
+def test_any_generator_of_numpy_is_taken_up(bits):
+    sampler = Sampler(2, np.random.Generator(bits(3)), fingerprint="")
+    resumed = Sampler.resume(through_json(sampler.state()))
+    np.testing.assert_array_equal(resumed.ask(), sampler.ask())
+
+
+def test_a_batch_is_asked_for_until_it_is_told():
+    sampler = new_sampler(3, batch_size=7)
+    first = sampler.ask().copy()
+    assert first.shape == (7, 3)
+    np.testing.assert_array_equal(sampler.ask(), first)
+    sampler.tell(np.zeros(7, bool))
+    assert (sampler.ask() != first).all()
+
+
+@pytest.mark.parametrize(
+    "told", [(np.zeros(9, bool),), (np.zeros((10, 1), bool),), (np.zeros(10, bool), np.zeros(9)), (True,)]
+)
+def test_other_shapes_are_refused(told):
+    sampler = new_sampler()
+    asked = sampler.ask()
+    with pytest.raises(ValueError, match="asked for 10 simulations"):
+        sampler.tell(*told)
+    assert sampler.simulations == 0
+    np.testing.assert_array_equal(sampler.ask(), asked)
+
+
+def test_a_score_that_is_no_number_is_refused():
+    with pytest.raises(ValueError, match="not a number"):
+        new_sampler().tell(np.zeros(10, bool), np.full(10, np.nan))
+
+
+@pytest.mark.parametrize("batch_size", [0, 501])
+def test_other_batch_sizes_are_refused(batch_size):
+    with pytest.raises(ValueError, match="from 1 to 500"):
+        new_sampler(batch_size=batch_size)
+
+
+def test_the_method_is_registered_and_gives_the_numbers_of_the_sampler(half_planes):
+    method = METHODS["surrogate"].configured({"surrogate": {"batch_size": 10}})
+    assert method == Surrogate(batch_size=10)
+    results = [method.estimate(half_plane(), STOPPING, np.random.default_rng(seed)) for seed in (0, 0, 1)]
+    assert numbers(results[0]) == numbers(results[1]) != numbers(results[2])
+    assert [numbers(result) for result in results[1:]] == [
+        numbers(course.result) for course in half_planes[:2]
+    ]
+
+
+class Crash(Exception):  # noqa: N818
+    """What interrupts a run."""
+
+
+def test_nothing_is_simulated_twice(half_planes, tmp_path):
+    simulated, told = [], []
+    event = half_plane()
+    counted = replace(event, respond=lambda z: (simulated.append(z), event.respond(z))[1])
+    path = tmp_path / "state.json"
+
+    def interrupt(result):
+        told.append(result.simulations)
+        if result.simulations == 60:
+            raise Crash
+
+    with pytest.raises(Crash):
+        estimate(counted, 0, state_file=path, on_batch=interrupt)
+    assert told == [10, 20, 30, 40, 50, 60]
+    # The state has its own generator, so that the one given now is of no account.
+    result = estimate(counted, 99, state_file=path)
+    assert numbers(result) == numbers(half_planes[0].result)
+    z = np.vstack(simulated)
+    assert len(np.unique(z, axis=0)) == len(z) == result.simulations
+    assert numbers(estimate(counted, 7, state_file=path)) == numbers(result)
+    assert len(np.vstack(simulated)) == result.simulations
+
+
+def test_a_tighter_target_goes_on_from_the_state(tmp_path):
+    path = tmp_path / "state.json"
+    rough, fine = (
+        estimate(half_plane(), 2, replace(STOPPING, beta=beta), state_file=path) for beta in (0.4, 0.1)
+    )
+    assert rough.simulations < fine.simulations
+    earlier = fine.tables["runs"].iloc[: rough.simulations]
+    assert earlier[["z_1", "z_2"]].equals(rough.tables["runs"][["z_1", "z_2"]])
+    assert fine.high - fine.probability <= 0.1 * fine.probability * (1 + 1e-12)
+
+
+@pytest.fixture
+def saved(tmp_path):
+    """Return a file with the state of a run of 120 simulations."""
+    path = tmp_path / "state.json"
+    estimate(half_plane(), 0, replace(STOPPING, maximum_simulations=120), state_file=path)
+    return path
+
+
+def refused(path, problem=None, **settings):
+    """Return the error of a method that is given a state file, which it must leave as it is."""
+    content = path.read_bytes()
+    with pytest.raises(InputError) as error:
+        estimate(problem or half_plane(), 0, state_file=path, **settings)
+    assert path.read_bytes() == content
+    assert error.value.where == str(path)
+    return error.value
+
+
+def test_states_of_another_problem_or_batch_size_are_refused(saved):
+    other = refused(saved, replace(half_plane(), fingerprint="another car"))
+    assert "'half planes'" in other.seen
+    assert "'another car'" in other.expected
+    assert "dimension 2" in refused(saved, half_plane_in(3)).seen
+    assert "batch size 10" in refused(saved, batch_size=20).seen
+
+
+def half_plane_in(dimension):
+    return standard_normal_event(lambda z: 4.0 - z[:, 0], dimension=dimension)
+
+
+def test_states_of_another_version_are_refused(saved):
+    content = json.loads(saved.read_text())
+    saved.write_text(json.dumps(content | {"version": VERSION + 1}))
+    assert f"version {VERSION + 1}" in refused(saved).seen
+    del content["version"]  # as the first version had it
+    saved.write_text(json.dumps(content))
+    assert "version None" in refused(saved).seen
+
+
+def changed_number(text):
+    """Return the text with one digit of a normal score changed."""
+    score = json.loads(text)["state"]["progress"]["z"][5][1]
+    digits = f"{score:.17g}"[:12]
+    assert text.count(digits) == 1
+    return text.replace(digits, digits[:-1] + str((int(digits[-1]) + 1) % 10))
+
+
+def changed_flag(text):
+    content = json.loads(text)
+    content["state"]["progress"]["happened"][0] ^= True
+    return json.dumps(content)
+
+
+@pytest.mark.parametrize("change", [changed_number, changed_flag])
+def test_damaged_states_are_refused(saved, change):
+    saved.write_text(change(saved.read_text()))
+    assert "damaged" in refused(saved).seen
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[1, 2]", "no JSON", "{}", '{"format": "something else"}', b"\xff\xfe", "half"]
+)
+def test_files_that_are_no_state_are_refused(saved, text):
+    if text == "half":
+        text = saved.read_text()[: saved.stat().st_size // 2]
+    saved.write_bytes(text if isinstance(text, bytes) else text.encode())
+    assert FORMAT in refused(saved).expected
+
+
+def test_a_state_may_be_laid_out_anew(saved):
+    content = json.loads(saved.read_text())
+    saved.write_text(json.dumps(content, sort_keys=True))
+    assert read_state(saved).to_json() == content
+
+
+def test_a_pending_batch_does_not_tighten_the_bound():
+    sampler = new_sampler(batch_size=500)
+    before = sampler.estimate(STOPPING).high
+    sampler.ask()
+    assert sampler.estimate(STOPPING).high == before
+
+
+def test_a_surrogate_that_expects_no_event_can_be_saved():
+    nothing = two_phase.expect(np.ones(50), np.zeros(50), 0.0)
+    prediction = two_phase.predict(np.ones(50), nothing, 10, 100)
+    assert prediction.probability == 0
+    json.dumps(prediction.variation, allow_nan=False)
+    assert prediction.variation > 1e50
+
+
+def test_a_score_of_minus_infinity_can_be_saved(tmp_path):
+    event = standard_normal_event(lambda z: np.where(z[:, 0] > 4, -np.inf, 4.0 - z[:, 0]))
+    result = estimate(event, 0, state_file=tmp_path / "state.json")
+    assert result.converged
+
+
+def test_a_state_that_cannot_be_written_leaves_the_earlier_one(saved, monkeypatch):
+    before = saved.read_bytes()
+
+    def full_disk(*_, **__):
+        raise OSError("no space left")
+
+    monkeypatch.setattr("pathlib.Path.write_text", full_disk)
+    with pytest.raises(OSError, match="no space"):
+        write_state(saved, new_sampler().state())
+    assert saved.read_bytes() == before
+    assert [path.name for path in saved.parent.iterdir()] == [saved.name]
+
+
+def test_an_event_seen_once_is_no_silent_zero():
+    sampler = new_sampler(5, seed=4)
+    for batch in range(5):
+        sampler.tell((np.arange(10) == 0) & (batch == 0))
+        result = sampler.estimate(STOPPING)
+        assert result.events > 0
+        assert result.high > 0
