@@ -92,7 +92,9 @@ class Vine(Joint):
 
     def log_conditional_density(self, ranks: Array) -> Array:
         """Log density of the rank of the closing speed given the other two."""
-        return np.log(np.maximum(self.vine.pdf(ranks), 1e-300)) - np.log(np.maximum(self.pair.pdf(ranks[:, :2]), 1e-300))
+        return np.log(np.maximum(self.vine.pdf(ranks), 1e-300)) - np.log(
+            np.maximum(self.pair.pdf(ranks[:, :2]), 1e-300)
+        )
 
     def log_survival(self, ranks: Array) -> Array:
         """Log probability that the closing speed exceeds its rank given the other two."""
@@ -114,7 +116,9 @@ class Mixture(Joint):
         """Return by component the log weight given the first two scores, and location and scale of the third."""
         z, mixture = ndtri(ranks), self.mixture
         weights, locations, scales = [], [], []
-        for weight, mean, covariance in zip(mixture.weights_, mixture.means_, mixture.covariances_, strict=True):
+        for weight, mean, covariance in zip(
+            mixture.weights_, mixture.means_, mixture.covariances_, strict=True
+        ):
             two, cross = covariance[:2, :2], covariance[2, :2]
             away, slope = z[:, :2] - mean[:2], np.linalg.solve(two, cross)
             distance = np.einsum("ni,ij,nj->n", away, np.linalg.inv(two), away)
