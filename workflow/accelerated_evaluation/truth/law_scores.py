@@ -55,7 +55,9 @@ def rivals(fitter: Fitter, family: Family) -> dict[str, Callable[[Events], Fitte
     }
     for regression in REGRESSIONS:
         whole = fit_regression(regression, fitter.events)
-        fits[f"regression: {regression.name}"] = lambda events, r=regression, w=whole: fit_regression(r, events, w)
+        fits[f"regression: {regression.name}"] = lambda events, r=regression, w=whole: fit_regression(
+            r, events, w
+        )
     return fits
 
 
