@@ -1,4 +1,4 @@
-"""Beyond the paper: where crashes happen. Scores of laws, their calibration, the answer and its coverage (21-24)."""
+"""Beyond the paper: scores of laws, their calibration, the answer and its coverage (21-24)."""
 
 from collections.abc import Iterable
 

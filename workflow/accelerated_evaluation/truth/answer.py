@@ -1,4 +1,4 @@
-"""The answer: one probability with its intervals, by event, by threshold, and under other readings of the records."""
+"""The answer: one probability with its intervals, by event, by threshold, and by reading of the records."""
 
 from collections.abc import Mapping
 

@@ -122,7 +122,7 @@ class LawStudy:
         return law_table(self.weighed, *score_laws(self.weighed, self.vehicle), crash)
 
     def calibration(self) -> pd.DataFrame:
-        """Table ``calibration``: column ``law`` and those of `calibration.with_limits`, the paper's law in the cells alone."""
+        """Table ``calibration``: ``law`` and the columns of `calibration.with_limits`."""
         events, family = self.weighed.events, self.family
         places, outcomes = places_of(events), self.replayed()
         below = places.body(family.body)
@@ -149,7 +149,7 @@ class LawStudy:
         return pd.concat(rows, ignore_index=True)
 
     def crash_places(self, generator: np.random.Generator) -> pd.DataFrame:
-        """Table of crashes drawn from each law: ``law``, ``lead_speed``, ``range``, ``closing_speed``, ``beyond_recorded``.
+        """Draw crashes: ``law``, ``lead_speed``, ``range``, ``closing_speed`` and ``beyond_recorded``.
 
         The last is how much faster the crash closes [m/s] than any record at like range.
         """
