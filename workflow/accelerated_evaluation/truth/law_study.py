@@ -15,7 +15,7 @@ from accelerated_evaluation.laws.independent import recorded_lead_speeds
 from accelerated_evaluation.truth.answer import answer_table, quality_table, readings, threshold_table
 from accelerated_evaluation.truth.calibration import cell_counts, near_miss_counts, places_of, with_limits
 from accelerated_evaluation.truth.crash_map import CrashMap, Grid
-from accelerated_evaluation.truth.law_scores import KNOT, PAPER, law_table, score_laws
+from accelerated_evaluation.truth.law_scores import KNOT, PAPER, TOGETHER, law_table, score_laws
 from accelerated_evaluation.truth.lines import Lines, crash_places
 from accelerated_evaluation.truth.mapping import map_crashes
 from accelerated_evaluation.truth.posterior import Posterior, budget
@@ -36,7 +36,6 @@ EVENTS = {
     "range at most 2 m": Event("min_range", 2.0),
 }
 WITHOUT_AEB = "crash without AEB"
-TOGETHER = "all laws, weighed"
 SHOWN = (Member(), *(Member(KNOT, shape) for shape in ("exponential", "generalised", "two kinds")))
 DRAWN = 2000  # crashes of each law whose place is told
 LIKE_RANGE = 5.0  # [m], how far the range of a record may differ to be like that of a crash
