@@ -50,6 +50,7 @@ VEHICLE_FILES = [VEHICLE.rsplit(":", 1)[0]] if ".py:" in VEHICLE else []
 VEHICLE_CONTENT = content_digest(VEHICLE_FILES)
 # The vehicle that most rules look up, for `modules_of`.
 OF_VEHICLE = {"vehicles": [VEHICLE]}
+SCOPES = ["all", SEGMENTS[0]]
 
 
 wildcard_constraints:
@@ -126,3 +127,14 @@ def log_of(*parts: str) -> str:
 def benchmark_of(*parts: str) -> str:
     """Path of a benchmark of this study: seconds and memory of the jobs of a rule."""
     return str(RESULTS.joinpath("benchmarks", *parts))
+
+
+def estimates_of(table):
+    """Files of a table that the methods give: of all methods, if all have it."""
+    suffix = "" if table == "estimates" else f"_{table}"
+    return [
+        result("estimates", f"{scope}_{method}{suffix}.csv")
+        for scope in SCOPES
+        for method in REPLICATED
+        if table in ("estimates", *METHODS[method].tables)
+    ]
