@@ -34,7 +34,7 @@ def ours(records: pd.DataFrame, setting: Setting, generator: np.random.Generator
     boundary = REGION * events.range_
     scores = held_out_scores(fitter, family, {"region": boundary}, BLOCKS, THIN)["region"]
     weights = bootstrapped_weights(scores, events.closing_speed > boundary, DRAWS, generator)
-    posterior = draw_posterior(setting.lines, family, MEMBERS, weights, generator)
+    posterior = draw_posterior({"crash": setting.lines}, family, MEMBERS, weights, generator)["crash"]
     told = {"probability": posterior.probability, "mean": float(posterior.probabilities.mean())}
     for level in COVERAGES:
         told[f"low{level:g}"], told[f"high{level:g}"] = posterior.interval(level)

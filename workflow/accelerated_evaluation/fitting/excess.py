@@ -8,8 +8,7 @@ small matrix, found by quadrature; the splines spread it.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, solve_triangular
 
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.errors import ConvergenceError
@@ -19,6 +18,7 @@ from accelerated_evaluation.fitting.splines import SMOOTHING_ROUNDS, SMOOTHING_T
 ITERATIONS = 300
 TOLERANCE = 3e-3  # of what a step gains in log likelihood: a twentieth of a posterior deviation
 SMALLEST_STEP = 1e-5
+DIFFERENCE = 1e-4  # in log scale and parameters, to find the observed information
 QUADRATURE = np.linspace(0, 1, 202)[1:-1]  # probabilities of the points at which the information is summed
 
 
@@ -117,30 +117,37 @@ class _Problem:
     shape: Shape
     gram: Array  # of the covariates
 
-    def maximise(self, values: Array, precision: Array) -> tuple[Array, NDArray]:
-        """Return the maximum, and the factor of the information there."""
+    def maximise(self, values: Array, precision: Array) -> tuple[Array, Array]:
+        """Return the maximum, and the factor of the expected information there."""
         objective = self._objective(values, precision)
         for _ in range(ITERATIONS):
-            score, information = self._derivatives(values, precision)
-            factor, _ = cho_factor(information)
-            step = cho_solve((factor, False), score)
+            score, expected = self._derivatives(values, precision)
+            factor = np.triu(cho_factor(expected)[0])
+            step = self._step(values, precision, score, factor)
             gain = float(step @ score)
             size, value = self._line_search(values, step, objective, precision)
             if gain < TOLERANCE or size == 0:
-                return values, np.triu(factor)
+                return values, factor
             values, objective = values + size * step, value
         change = "Choose a lower threshold or fewer splines."
         reached = f"a gain of {gain:.2g} in log likelihood"
         raise ConvergenceError("the excesses", reached=reached, limit=f"{TOLERANCE:g}", change=change)
 
+    def _step(self, values: Array, precision: Array, score: Array, factor: Array) -> Array:
+        """Return Newton's step with the observed information, or Fisher's where that is not positive.
+
+        Where the likelihood is flat, as with two kinds that hardly differ, the expected information is
+        larger than the curvature, and Fisher's steps are far too short.
+        """
+        try:
+            return cho_solve(cho_factor(self._information(self._observed(values), precision)), score)
+        except LinAlgError:
+            return cho_solve((factor, False), score)
+
     def _line_search(
         self, values: Array, step: Array, objective: float, precision: Array
     ) -> tuple[float, float]:
-        """Return how many steps to go, and the objective there; 0 where no part of a step gains.
-
-        Steps are doubled while that gains: where the likelihood is flat, as with two kinds that hardly
-        differ, the expected information is larger than the curvature, and single steps are too short.
-        """
+        """Return how many steps to go, and the objective there; 0 where no part of a step gains."""
         size, best = 1.0, self._objective(values + step, precision)
         while best <= objective and size > SMALLEST_STEP:
             size /= 2
@@ -172,13 +179,35 @@ class _Problem:
         score = np.concatenate([self.covariates.T @ (-1 - z * by_z), by_parameters.sum(axis=0)])
         score[:p] -= precision @ values[:p]
         score[p:] -= (parameters - self.shape.prior_mean) / deviation**2
-        each = unit_information(self.shape, parameters)
-        information = np.zeros((values.size, values.size))
+        return score, self._information(unit_information(self.shape, parameters), precision)
+
+    def _information(self, each: Array, precision: Array) -> Array:
+        """Return the information of all excesses and the prior, from that of one excess, shape (1 + q, 1 + q)."""
+        p, q = self.covariates.shape[1], len(each) - 1
+        information = np.zeros((p + q, p + q))
         information[:p, :p] = each[0, 0] * self.gram + precision
         information[:p, p:] = np.outer(self.covariates.sum(axis=0), each[0, 1:])
         information[p:, :p] = information[:p, p:].T
-        information[p:, p:] = self.excess.size * each[1:, 1:] + np.diag(deviation**-2)
-        return score, information
+        prior = np.diag(np.asarray(self.shape.prior_deviation) ** -2.0)
+        information[p:, p:] = self.excess.size * each[1:, 1:] + prior
+        return information
+
+    def _observed(self, values: Array) -> Array:
+        """Return the mean observed information of one excess, by differences of its scores, (1 + q, 1 + q)."""
+        z, _, parameters = self._split(values)
+
+        def score(log_scale: float, parameters: Array) -> Array:
+            scaled = z * np.exp(-log_scale)
+            by_z, by_parameters = self.shape.derivatives(scaled, parameters)
+            return np.array([np.mean(-1 - scaled * by_z), *by_parameters.mean(axis=0)])
+
+        steps = DIFFERENCE * np.eye(1 + parameters.size)
+        columns = [
+            (score(-step[0], parameters - step[1:]) - score(step[0], parameters + step[1:]))
+            / (2 * DIFFERENCE)
+            for step in steps
+        ]
+        return (np.array(columns) + np.array(columns).T) / 2
 
 
 def unit_information(shape: Shape, parameters: Array) -> Array:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from accelerated_evaluation.distributions.protocol import Array
@@ -51,6 +52,13 @@ class Events:
     lead_speed: Array
     range_: Array
     closing_speed: Array
+
+    @classmethod
+    def of(cls, encounters: pd.DataFrame) -> "Events":
+        """Take the distinct cut-ins of an encounter table: a row that repeats the row before it is no new event."""
+        rows = encounters[["lead_speed", "range", "closing_speed"]]
+        distinct = rows[(rows != rows.shift()).any(axis=1)]
+        return cls(*(distinct[name].to_numpy(dtype=float) for name in rows))
 
     @property
     def size(self) -> int:
@@ -120,7 +128,7 @@ class Fitter:
     def __post_init__(self) -> None:
         logarithms = np.log(RANGE_MAX / self.events.range_)
         ranges = self.grids[0].count(self.events.lead_speed, np.zeros(self.events.size), logarithms)
-        object.__setattr__(self, "binned", (ranges, self._speeds(self.events)))
+        object.__setattr__(self, "binned", (ranges, self.count_speeds(self.events)))
 
     def fit(self, start: Family | None = None) -> Family:
         """Fit all laws to all events.
@@ -143,13 +151,14 @@ class Fitter:
 
     def refit(self, family: Family, left_out: Array) -> Family:
         """Fit the laws of the closing speed without some events, by index; thresholds and smoothing stay."""
-        data = self.binned[1] - self._speeds(self.events.only(left_out))
+        data = self.binned[1] - self.count_speeds(self.events.only(left_out))
         kept = np.ones(self.events.size, dtype=bool)
         kept[left_out] = False
         body = fit_hazard(self.grids[1], data, start=family.body)
         return replace(family, body=body, tails=self._tails(family.exceedances, kept, family))
 
-    def _speeds(self, events: Events) -> Binned:
+    def count_speeds(self, events: Events) -> Binned:
+        """Bin closing speeds with their lead speeds and ranges."""
         return self.grids[1].count(events.lead_speed, np.sqrt(events.range_), events.closing_speed)
 
     def _tails(

@@ -113,6 +113,31 @@ class Lines:
         )
 
 
+def crash_places(
+    lines: Lines, ranges: SmoothHazard, law: SpeedLaw, size: int, generator: np.random.Generator
+) -> tuple[Array, Array, Array]:
+    """Draw where a law has its crashes: lead speeds [m/s], ranges [m] and closing speeds [m/s], shape (size,).
+
+    Parameters
+    ----------
+    lines
+        On which crashes happen.
+    ranges, law
+        Of the range given the lead speed, and of the closing speed given both.
+    size
+        Number of crashes.
+    generator
+        Draws them: an interval by its probability, then a closing speed in it by inversion.
+    """
+    masses = lines.masses(ranges, law)
+    interval = generator.choice(masses.size, size, p=masses / masses.sum())
+    row = lines.row[interval]
+    given = law.given(lines.places.only(row))
+    start, end = given.cumulative(lines.start[interval]), given.cumulative(lines.end[interval])
+    level = start - np.log1p(generator.random(size) * np.expm1(start - end))
+    return lines.places.lead_speed[row], lines.places.range_[row], given.inverse(level)
+
+
 def lead_speed_shares(crash_map: CrashMap, lead_speeds: Array) -> Array:
     """Return the share of the lead speeds [m/s] in each cell of a map, shape (cells,)."""
     speeds = np.sort(lead_speeds)

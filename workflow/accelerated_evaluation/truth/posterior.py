@@ -1,8 +1,10 @@
 """The crash probability with all that is not known of it: which law, and what the finite records leave open."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from accelerated_evaluation.distributions.protocol import Array
@@ -39,20 +41,20 @@ class Posterior:
 
 
 def draw_posterior(
-    lines: Lines,
+    lines: Mapping[str, Lines],
     family: Family,
     members: tuple[Member, ...],
     weights: Array,
     generator: np.random.Generator,
-) -> Posterior:
-    """Draw a law by its weights, then its parameters, those of its body and those of the range; weigh the map.
+) -> dict[str, Posterior]:
+    """Draw a law by its weights, then its parameters, those of its body and those of the range; weigh the maps.
 
     Parameters
     ----------
     lines
-        Of the vehicle's map, thinned.
+        By event: the map of a vehicle, thinned. All events share the draws.
     family
-        Fit to all events.
+        Fit to all records.
     members
         Laws that are weighed.
     weights
@@ -62,10 +64,41 @@ def draw_posterior(
     """
     ends = np.cumsum(weights, axis=1)
     chosen = np.minimum((generator.random((len(weights), 1)) > ends).sum(axis=1), len(members) - 1)
-    probabilities = np.array(
-        [
-            lines.probability(family.ranges.drawn(generator), family.law(members[place]).drawn(generator))
-            for place in chosen
-        ]
-    )
-    return Posterior(probabilities, chosen)
+    probabilities = {event: np.empty(len(weights)) for event in lines}
+    for draw, place in enumerate(chosen):
+        ranges = family.ranges.drawn(generator)
+        law = family.law(members[place]).drawn(generator)
+        for event, of_event in lines.items():
+            probabilities[event][draw] = of_event.probability(ranges, law)
+    return {event: Posterior(values, chosen) for event, values in probabilities.items()}
+
+
+def budget(posterior: Posterior, sampling_deviation: float) -> pd.DataFrame:
+    """Split the variance of the logarithm of a probability by source.
+
+    Parameters
+    ----------
+    posterior
+        Draws of the probability.
+    sampling_deviation
+        Relative standard deviation of the estimator that would find the probability by simulation.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``source``, ``factor`` (one standard deviation, as a factor) and ``variance_share``. ``data``
+        is the mean variance of the draws of one law, ``choice of law`` the variance between the means of the laws.
+    """
+    logs = pd.Series(np.log(posterior.probabilities))
+    groups = logs.groupby(posterior.member)
+    means, counts = groups.transform("mean"), groups.transform("size")
+    within = float((logs - means).pow(2).mean() * counts.mean() / max(counts.mean() - 1, 1))
+    variances = {
+        "data": within,
+        "choice of law": max(float(logs.var()) - within, 0.0),
+        "sampling": float(np.log1p(sampling_deviation**2)),
+    }
+    total = sum(variances.values())
+    rows = [(name, float(np.exp(np.sqrt(value))), value / total) for name, value in variances.items()]
+    rows.append(("together", float(np.exp(np.sqrt(total))), 1.0))
+    return pd.DataFrame(rows, columns=["source", "factor", "variance_share"])

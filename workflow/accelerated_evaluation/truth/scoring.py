@@ -12,10 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.fitting.conditional import Places
+from accelerated_evaluation.fitting.conditional import RANGE_MAX, ROOT_MIN, SPEEDS, Places, Threshold
 from accelerated_evaluation.fitting.family import Events, Family, Fitter
+from accelerated_evaluation.vehicles.protocol import Vehicle
 
 BLOCKS = 10
+CRPS_STEPS = np.arange(0.1, 25, 0.2)  # [m/s] above the boundary
+NODES = 81  # along each side of the grid on which a boundary is found
+HALVINGS = 14
+NEVER = 60.0  # [m/s], a boundary that no closing speed reaches
 
 
 class GivenLaw(Protocol):
@@ -26,6 +31,16 @@ class GivenLaw(Protocol):
 
     def log_density(self, closing_speed: Array) -> Array:
         """Return the log density, one a pair."""
+
+
+class FittedLaw(Protocol):
+    """A law of the closing speed given lead speed and range."""
+
+    def given(self, places: Places) -> GivenLaw:
+        """Return the law at places."""
+
+
+Score = Callable[[GivenLaw, Array, Array], Array]
 
 
 def contiguous_blocks(size: int, blocks: int = BLOCKS) -> NDArray[np.int_]:
@@ -41,8 +56,26 @@ def censored_log_score(law: GivenLaw, closing_speed: Array, boundary: Array) -> 
     return np.where(inside, law.log_density(closing_speed), np.where(boundary > 0, outside, 0.0))
 
 
+def threshold_weighted_crps(law: GivenLaw, closing_speed: Array, boundary: Array) -> Array:
+    """Return the negative CRPS of each record, weighed with closing speeds above a boundary [m/s], shape (n,).
+
+    It is the integral over speeds t above the boundary of (P(C <= t) - [c <= t])^2 (Gneiting and Ranjan 2011);
+    the sign is turned so that more is better, as with the log score.
+    """
+    total = np.zeros(closing_speed.size)
+    for beyond in CRPS_STEPS:
+        survival = np.exp(-law.cumulative(boundary + beyond))
+        total += (survival - (closing_speed > boundary + beyond)) ** 2
+    return -total * (CRPS_STEPS[1] - CRPS_STEPS[0])
+
+
 def held_out_scores(
-    fitter: Fitter, family: Family, regions: Mapping[str, Array], blocks: int = BLOCKS, thin: int = 1
+    fitter: Fitter,
+    family: Family,
+    regions: Mapping[str, Array],
+    blocks: int = BLOCKS,
+    thin: int = 1,
+    score: Score = censored_log_score,
 ) -> dict[str, Array]:
     """Score every member of a family on blocks that its fit has not seen.
 
@@ -57,6 +90,8 @@ def held_out_scores(
     thin
         Of the events outside all regions, whose scores are all alike, only every so many are scored and stand
         for the others; saves time where many sets of events are scored.
+    score
+        Of a law at records, given the boundary of a region.
 
     Returns
     -------
@@ -65,7 +100,7 @@ def held_out_scores(
     """
     events, block = fitter.events, contiguous_blocks(fitter.events.size, blocks)
     inside = np.any([events.closing_speed > boundary for boundary in regions.values()], axis=0)
-    times = np.where(inside, 1, np.where(np.arange(events.size) % thin == 0, thin, 0))
+    times = thinned_times(inside, thin)
     scores = {name: np.zeros((len(fitter.members), events.size)) for name in regions}
     for number in range(blocks):
         refit = fitter.refit(family, np.flatnonzero(block == number))
@@ -75,23 +110,62 @@ def held_out_scores(
         for place, member in enumerate(fitter.members):
             given = refit.law(member).given(places, below)
             for name, boundary in regions.items():
-                scores[name][place, out] = times[out] * censored_log_score(given, speeds, boundary[out])
+                scores[name][place, out] = times[out] * score(given, speeds, boundary[out])
     return scores
+
+
+def thinned_times(inside: NDArray[np.bool_], thin: int) -> NDArray[np.int_]:
+    """Return how many records each stands for: itself inside the regions, of the others one for ``thin``."""
+    return np.where(inside, 1, np.where(np.arange(inside.size) % thin == 0, thin, 0))
 
 
 def held_out(
-    fit: Callable[[Events], Callable[[Events], GivenLaw]],
+    fit: Callable[[Events], FittedLaw],
     events: Events,
     regions: Mapping[str, Array],
     blocks: int = BLOCKS,
+    thin: int = 1,
+    score: Score = censored_log_score,
 ) -> dict[str, Array]:
-    """Score any law: ``fit`` takes events and returns what gives the law at other events; shape (events,)."""
+    """Score any law on blocks that its fit has not seen; see `held_out_scores`.
+
+    Parameters
+    ----------
+    fit
+        Takes events and returns the law.
+    events
+        Distinct cut-ins in the order of the record.
+    regions, blocks, thin, score
+        As there.
+
+    Returns
+    -------
+    dict
+        Scores by region, shape (events,).
+    """
     block = contiguous_blocks(events.size, blocks)
-    scores = {name: np.empty(events.size) for name in regions}
+    inside = np.any([events.closing_speed > boundary for boundary in regions.values()], axis=0)
+    times = thinned_times(inside, thin)
+    scores = {name: np.zeros(events.size) for name in regions}
     for number in range(blocks):
-        out = np.flatnonzero(block == number)
-        part = events.only(out)
-        given = fit(events.only(np.flatnonzero(block != number)))(part)
+        out = np.flatnonzero((block == number) & (times > 0))
+        law = fit(events.only(np.flatnonzero(block != number)))
+        given = law.given(Places.of(events.lead_speed[out], events.range_[out]))
         for name, boundary in regions.items():
-            scores[name][out] = censored_log_score(given, part.closing_speed, boundary[out])
+            scores[name][out] = times[out] * score(given, events.closing_speed[out], boundary[out])
     return scores
+
+
+def time_to_collision_boundary(vehicle: Vehicle, ttc: float) -> Threshold:
+    """Return the closing speeds above which the smallest simulated time to collision is at most ``ttc`` [s].
+
+    They are found by bisection at the nodes of a grid of lead speeds and roots of ranges.
+    """
+    nodes = [np.linspace(low, high, NODES) for low, high in (SPEEDS, (ROOT_MIN, np.sqrt(RANGE_MAX)))]
+    speeds, roots = (x.ravel() for x in np.meshgrid(*nodes, indexing="ij"))
+    low, high = np.zeros(speeds.size), np.full(speeds.size, NEVER)
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        near = vehicle.simulate(speeds, roots**2, middle).min_ttc <= ttc
+        low, high = np.where(near, low, middle), np.where(near, middle, high)
+    return Threshold(float("nan"), *nodes, high.reshape(NODES, NODES))

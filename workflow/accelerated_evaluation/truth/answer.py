@@ -1,0 +1,108 @@
+"""The answer: one probability with its intervals, by event, by threshold, and under other readings of the records."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.fitting.conditional import RANGE_MAX
+from accelerated_evaluation.fitting.family import Events
+from accelerated_evaluation.truth.lines import Lines
+from accelerated_evaluation.truth.posterior import LEVELS, Posterior
+from accelerated_evaluation.truth.weighed import Weighed, weigh
+
+RANGE_LIMIT_WIDTH = 0.5  # [m], next to the largest range, where rounding could have put records
+QUALITY_DRAWS = 200
+
+
+def told(posterior: Posterior) -> dict[str, float]:
+    """Return a posterior as columns: ``probability`` (mean), ``median``, and ends ``low50`` to ``high95``."""
+    row = {"probability": float(posterior.probabilities.mean()), "median": posterior.probability}
+    for level in LEVELS:
+        row[f"low{100 * level:.0f}"], row[f"high{100 * level:.0f}"] = posterior.interval(level)
+    return row
+
+
+def answer_table(posteriors: Mapping[str, Posterior], events_per_km: float | None) -> pd.DataFrame:
+    """Tabulate the probabilities of events per cut-in, and per kilometre where the distance is known.
+
+    Parameters
+    ----------
+    posteriors
+        Draws by event.
+    events_per_km
+        Distinct closing cut-ins per kilometre [1/km].
+
+    Returns
+    -------
+    pandas.DataFrame
+        Column ``event``, the columns of `told`, and ``per_km`` [1/km].
+    """
+    table = pd.DataFrame([{"event": event} | told(posterior) for event, posterior in posteriors.items()])
+    return table.assign(per_km=table["probability"] * (np.nan if events_per_km is None else events_per_km))
+
+
+def threshold_table(weighed: Weighed, lines: Lines, generator: np.random.Generator) -> pd.DataFrame:
+    """Tabulate the answer as each threshold alone gives it; column ``level`` and those of `told`."""
+    rows = []
+    for level in sorted({member.level for member in weighed.members if member.level is not None}):
+        posterior = weighed.draw({"crash": lines}, generator, weighed.weights_at(level))["crash"]
+        rows.append({"level": level} | told(posterior))
+    return pd.DataFrame(rows)
+
+
+def readings(encounters: pd.DataFrame, crashed: Array, outlier_rows: list[int]) -> dict[str, Events]:
+    """Return the records as other choices of data quality leave them.
+
+    Parameters
+    ----------
+    encounters
+        Encounter table in the order of the record.
+    crashed
+        Whether each row crashes when it is replayed with the study's car.
+    outlier_rows
+        Rows that the authors' later code leaves out, counted from 1.
+    """
+    distinct, range_ = Events.of(encounters), encounters["range"].to_numpy()
+    outlier = np.isin(np.arange(1, len(encounters) + 1), outlier_rows)
+    rows = Events(*(encounters[name].to_numpy(float) for name in ("lead_speed", "range", "closing_speed")))
+    return {
+        "as in the answer": distinct,
+        "repeated rows kept": rows,
+        "without ranges under 3 m": Events.of(encounters[range_ >= 3]),
+        "without ranges under 5 m": Events.of(encounters[range_ >= 5]),
+        "without the record that crashes": Events.of(encounters[~crashed]),
+        "without the authors' outliers": Events.of(encounters[~outlier]),
+        "without the last half metre of range": Events.of(encounters[range_ <= RANGE_MAX - RANGE_LIMIT_WIDTH]),
+    }
+
+
+def quality_table(
+    choices: Mapping[str, Events], start: Weighed, lines: Lines, generator: np.random.Generator
+) -> pd.DataFrame:
+    """Tabulate what each reading of the records does to the answer.
+
+    Parameters
+    ----------
+    choices
+        Events by the reading; see `readings`.
+    start
+        The fit of the answer, from which the others start and whose smoothing they keep.
+    lines
+        Of the crash, thinned.
+    generator
+        Draws weights and posteriors.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``reading``, ``events`` and those of `told`.
+    """
+    rows = []
+    for reading, events in tqdm(choices.items(), desc="data quality", unit=" readings"):
+        weighed = weigh(events, generator, draws=QUALITY_DRAWS, members=start.members, start=start.family)
+        posterior = weighed.draw({"crash": lines}, generator)["crash"]
+        rows.append({"reading": reading, "events": events.size} | told(posterior))
+    return pd.DataFrame(rows)

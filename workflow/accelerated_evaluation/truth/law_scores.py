@@ -1,0 +1,148 @@
+"""The table of laws: how each scores on records that it has not seen, near the crash set, and which are refused."""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.fitting.conditional import SpeedLaw
+from accelerated_evaluation.fitting.family import Events, Family, Fitter
+from accelerated_evaluation.fitting.regressions import REGRESSIONS, fit_regression
+from accelerated_evaluation.fitting.rivals import ConditionalExtremes, IndependentTail
+from accelerated_evaluation.fitting.shapes import Exponential, Generalised
+from accelerated_evaluation.fitting.smooth_hazard import fit_hazard
+from accelerated_evaluation.truth.scoring import (
+    FittedLaw,
+    held_out,
+    held_out_scores,
+    threshold_weighted_crps,
+    time_to_collision_boundary,
+)
+from accelerated_evaluation.truth.weighed import Weighed
+from accelerated_evaluation.vehicles.protocol import Vehicle
+
+INVERSE_TTC = (0.25, 0.35, 0.45)  # [1/s]
+SIMULATED_TTC = (2.0, 3.0, 4.0)  # [s]
+PAPER = "paper: independent, exponential 0.95"
+KNOT = 0.95
+EXTREME = 0.98  # level of the threshold of conditional extremes
+ERRORS = 2.0  # standard errors by which a refused law lies behind the best
+THIN_CRPS = 20
+
+
+def regions(events: Events, vehicle: Vehicle) -> dict[str, Array]:
+    """Return the boundaries of all regions [m/s] by the name of their column."""
+    inside = {f"inverse_ttc_{q:g}": q * events.range_ for q in INVERSE_TTC}
+    for ttc in SIMULATED_TTC:
+        boundary = time_to_collision_boundary(vehicle, ttc)
+        inside[f"simulated_ttc_{ttc:g}"] = boundary(events.lead_speed, events.range_)
+    return inside
+
+
+def rivals(fitter: Fitter, family: Family) -> dict[str, Callable[[Events], FittedLaw]]:
+    """Return how to fit each rival, the paper's law first."""
+
+    def extremes(events: Events) -> ConditionalExtremes:
+        body = fit_hazard(fitter.grids[1], fitter.count_speeds(events), start=family.body)
+        return ConditionalExtremes.fit(events, body, EXTREME, Exponential())
+
+    fits = {
+        PAPER: lambda events: IndependentTail.fit(events, KNOT, Exponential()),
+        "independent, generalised 0.95": lambda events: IndependentTail.fit(events, KNOT, Generalised()),
+        f"conditional extremes {EXTREME:g}": extremes,
+    }
+    for regression in REGRESSIONS:
+        whole = fit_regression(regression, fitter.events)
+        fits[f"regression: {regression.name}"] = lambda events, r=regression, w=whole: fit_regression(r, events, w)
+    return fits
+
+
+def score_laws(weighed: Weighed, vehicle: Vehicle) -> tuple[dict[str, dict[str, Array]], dict[str, Array]]:
+    """Score the family and its rivals in all regions.
+
+    Returns
+    -------
+    scores : dict
+        Held-out log scores by law and region, shape (events,).
+    crps : dict
+        Negative threshold-weighted CRPS by law, in the first region.
+    """
+    fitter, family = weighed.fitter, weighed.family
+    inside = regions(fitter.events, vehicle)
+    first = dict([next(iter(inside.items()))])
+    weighted = {"thin": THIN_CRPS, "score": threshold_weighted_crps}
+    by_member = held_out_scores(fitter, family, inside)
+    crps_by_member = held_out_scores(fitter, family, first, **weighted)
+    scores, crps = {}, {}
+    for place, member in enumerate(fitter.members):
+        scores[member.name] = {region: values[place] for region, values in by_member.items()}
+        crps[member.name] = next(iter(crps_by_member.values()))[place]
+    for name, fit in tqdm(rivals(fitter, family).items(), desc="rivals", unit=" laws"):
+        scores[name] = held_out(fit, fitter.events, inside)
+        crps[name] = next(iter(held_out(fit, fitter.events, first, **weighted).values()))
+    return scores, crps
+
+
+def law_table(
+    weighed: Weighed,
+    scores: Mapping[str, Mapping[str, Array]],
+    crps: Mapping[str, Array],
+    probabilities: Mapping[str, float],
+) -> pd.DataFrame:
+    """Tabulate the gain of each law over the paper's, its weight, and whether the records refuse it.
+
+    A law is refused if it calls a held-out record impossible, or if in some region its score lies behind that of the
+    best law by more than two standard errors of their difference.
+
+    Parameters
+    ----------
+    weighed
+        The family with its weights.
+    scores, crps
+        As `score_laws` returns them.
+    probabilities
+        Crash probabilities of the laws that are weighed.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``law``; a gain [nats] for each region; ``behind``, the largest distance to the best law in standard
+        errors; ``impossible`` records; ``crps_gain``, the relative gain of the CRPS; ``weight``; ``probability``;
+        ``refused``.
+    """
+    weight = dict(zip((m.name for m in weighed.members), weighed.weights.mean(axis=0), strict=True))
+    names, rows = [*scores[PAPER]], []
+    best = {region: max(scores, key=lambda law, at=region: scores[law][at].sum()) for region in names}
+    for law, of_law in scores.items():
+        gains = {f"gain_{region}": float((of_law[region] - scores[PAPER][region]).sum()) for region in names}
+        behind = max(errors_behind(scores[best[region]][region], of_law[region]) for region in names)
+        impossible = int(np.isneginf(of_law[names[0]]).sum())
+        rows.append(
+            {"law": law}
+            | gains
+            | {
+                "behind": behind,
+                "impossible": impossible,
+                "crps_gain": float(1 - crps[law].sum() / crps[PAPER].sum()),
+                "weight": weight.get(law, 0.0),
+                "probability": probabilities.get(law, np.nan),
+                "refused": bool(impossible or behind > ERRORS),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def errors_behind(best: Array, other: Array) -> float:
+    """Return by how many standard errors of the difference a law's scores lie behind the best law's."""
+    difference = best - other
+    if not np.all(np.isfinite(difference)):
+        return float("inf")
+    error = float(np.sqrt(difference.size * difference.var()))
+    return float(difference.sum() / error) if error else 0.0
+
+
+def fitted_laws(weighed: Weighed) -> dict[str, SpeedLaw]:
+    """Return the laws of the family by name."""
+    return {member.name: weighed.family.law(member) for member in weighed.members}

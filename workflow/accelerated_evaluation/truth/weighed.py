@@ -1,0 +1,105 @@
+"""The family of laws, fitted to the records and weighed by its scores on records that it has not seen."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.fitting.family import MEMBERS, Events, Family, Fitter, Member
+from accelerated_evaluation.truth.lines import Lines
+from accelerated_evaluation.truth.posterior import Posterior, draw_posterior
+from accelerated_evaluation.truth.scoring import BLOCKS, held_out_scores
+from accelerated_evaluation.truth.weighing import bootstrapped_weights
+
+REGION = 0.25  # [1/s], TTC^-1 above which the laws are weighed: it holds the crash set and some 600 records
+DRAWS = 500
+LINES = 2500  # of a thinned map
+GUIDE = 0.95  # level of the thresholds whose laws, with the body alone, say which lines to keep
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """A fitted family with its weights.
+
+    Attributes
+    ----------
+    fitter, family
+        The events, and the fit to all of them.
+    scores
+        Held-out log scores censored to TTC^-1 above ``REGION``, shape (members, events).
+    weights
+        Draws of the weights, shape (draws, members).
+    """
+
+    fitter: Fitter
+    family: Family
+    scores: Array
+    weights: Array
+
+    @property
+    def events(self) -> Events:
+        """The distinct cut-ins."""
+        return self.fitter.events
+
+    @property
+    def members(self) -> tuple[Member, ...]:
+        """The laws."""
+        return self.fitter.members
+
+    def mean(self, values: Mapping[Member, Array | float]) -> Array | float:
+        """Return the mean of what the laws say, by their mean weights."""
+        weights = self.weights.mean(axis=0)
+        return sum(weight * values[member] for weight, member in zip(weights, self.members, strict=True))
+
+    def weights_at(self, level: float) -> Array:
+        """Return the weights of the laws with one threshold alone, rows adding up to 1 again."""
+        chosen = np.array([member.level == level for member in self.members])
+        weights = np.where(chosen, self.weights, 0.0)
+        return weights / weights.sum(axis=1, keepdims=True)
+
+    def thinned(self, lines: Lines, generator: np.random.Generator, size: int = LINES) -> Lines:
+        """Thin the lines of an event to those where some law has its mass; few enough for hundreds of draws."""
+        guides = [member for member in self.members if member.level in (None, GUIDE)]
+        masses = [lines.masses(self.family.ranges, self.family.law(member)) for member in guides]
+        return lines.thinned(np.mean([mass / mass.sum() for mass in masses], axis=0), size, generator)
+
+    def draw(
+        self, lines: Mapping[str, Lines], generator: np.random.Generator, weights: Array | None = None
+    ) -> dict[str, Posterior]:
+        """Draw probabilities of events from the posterior, whose laws have other ``weights`` if they are given."""
+        chosen = self.weights if weights is None else weights
+        return draw_posterior(lines, self.family, self.members, chosen, generator)
+
+
+def weigh(
+    events: Events,
+    generator: np.random.Generator,
+    *,
+    draws: int = DRAWS,
+    members: tuple[Member, ...] = MEMBERS,
+    blocks: int = BLOCKS,
+    start: Family | None = None,
+) -> Weighed:
+    """Fit the family, score it on blocks that it has not seen, and weigh its laws.
+
+    Parameters
+    ----------
+    events
+        Distinct cut-ins in the order of the record.
+    generator
+        Draws the weights.
+    draws
+        Number of draws of the weights.
+    members
+        The laws.
+    blocks
+        Number of contiguous blocks that are held out in turn.
+    start
+        An earlier fit to like events, whose smoothing parameters are kept.
+    """
+    fitter = Fitter(events, members)
+    family, boundary = fitter.fit(start), REGION * events.range_
+    scores = held_out_scores(fitter, family, {"region": boundary}, blocks)["region"]
+    weights = bootstrapped_weights(scores, events.closing_speed > boundary, draws, generator)
+    return Weighed(fitter, family, scores, weights)
