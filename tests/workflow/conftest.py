@@ -22,6 +22,7 @@ class Project:
     @classmethod
     def fresh(cls, folder: Path) -> "Project":
         """Copy the files of the project into a folder, without anything that ran."""
+        folder.mkdir(parents=True, exist_ok=True)
         for part in PARTS:
             source = ROOT / part
             if source.is_dir():

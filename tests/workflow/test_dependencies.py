@@ -134,12 +134,12 @@ def test_studies_of_one_vehicle_share_its_crash_map(smoke):
 def test_an_edited_setting_reruns_the_rules_that_name_it(smoke):
     planned = smoke(coverage={"replicates": 11, "pilot": 2000})
     assert planned & {"study_coverage", "collect_coverage"} == {"study_coverage", "collect_coverage"}
-    assert not planned & {"ingest_encounters", "fit_models", "search_proposals", "estimate_crash_probability"}
+    assert not planned & {"ingest_encounters", "fit_models", "search_proposals", "estimate_piecewise"}
 
 
 def test_a_table_counts_by_its_content_and_not_by_its_date(project):
     table = project.folder / "mine.csv"
-    rows = pd.DataFrame({"lead_speed": [10.0, 20.0, 30.0] * 20, "range": 20.0, "closing_speed": 1.0})
+    rows = pd.DataFrame({"lead_speed": [10.0, 20.0, 30.0] * 60, "range": 20.0, "closing_speed": 1.0})
     rows.to_csv(table, index=False)
     config = {"study": "mine", "data": {"source": "table", "table": {"path": "mine.csv"}}}
     (project.folder / "mine.yaml").write_text(yaml.safe_dump(config))

@@ -50,6 +50,7 @@ VEHICLE_FILES = [VEHICLE.rsplit(":", 1)[0]] if ".py:" in VEHICLE else []
 VEHICLE_CONTENT = content_digest(VEHICLE_FILES)
 # The vehicle that most rules look up, for `modules_of`.
 OF_VEHICLE = {"vehicles": [VEHICLE]}
+SCOPES = ["all", SEGMENTS[0]]
 
 
 wildcard_constraints:
@@ -92,7 +93,7 @@ def part(section: dict, *keys: str) -> dict:
     return {key: section[key] for key in keys}
 
 
-def mapped(vehicle: str, parameters: dict) -> dict:
+def mapped(vehicle: str, parameters: dict, crash_map: dict) -> dict:
     """Everything that a crash map depends on. It belongs to the vehicle, so that all studies of one share it."""
     files = [vehicle.rsplit(":", 1)[0]] if ".py:" in vehicle else []
     limits = part(config["filters"], "lead_speed_min", "lead_speed_max", "range_max")
@@ -101,7 +102,7 @@ def mapped(vehicle: str, parameters: dict) -> dict:
         "parameters": parameters,
         "content": content_digest(files),
         "limits": limits,
-        "crash_map": config["crash_map"],
+        "crash_map": crash_map,
         "seed": config["seed"],
     }
 
@@ -126,3 +127,14 @@ def log_of(*parts: str) -> str:
 def benchmark_of(*parts: str) -> str:
     """Path of a benchmark of this study: seconds and memory of the jobs of a rule."""
     return str(RESULTS.joinpath("benchmarks", *parts))
+
+
+def estimates_of(table):
+    """Files of a table that the methods give: of all methods, if all have it."""
+    suffix = "" if table == "estimates" else f"_{table}"
+    return [
+        result("estimates", f"{scope}_{method}{suffix}.csv")
+        for scope in SCOPES
+        for method in REPLICATED
+        if table in ("estimates", *METHODS[method].tables)
+    ]

@@ -3,19 +3,6 @@
 # In: encounters.parquet, the law under study, the vehicle, and f* of every seed for methods that search. Out: for each
 # method an estimate for each replicate, and the tables of the method, over all segments and in the first one alone.
 
-SCOPES = ["all", SEGMENTS[0]]
-
-
-def estimates_of(table):
-    """Files of a table that the methods give: of all methods, if all have it."""
-    suffix = "" if table == "estimates" else f"_{table}"
-    return [
-        result("estimates", f"{scope}_{method}{suffix}.csv")
-        for scope in SCOPES
-        for method in REPLICATED
-        if table in ("estimates", *METHODS[method].tables)
-    ]
-
 
 for _method in REPLICATED:
 

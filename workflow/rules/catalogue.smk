@@ -1,0 +1,69 @@
+# Catalogue: what each notebook reads and makes, found out from its code, and how that is shown in the report.
+#
+# In: the notebooks, the captions. Out: nothing; definitions only.
+
+from accelerated_evaluation.publishing.catalogue import (
+    read_contents,
+    require_captions,
+)
+
+FIGURE_FORMATS = ["png", "pdf", "svg", "csv"]
+TABLE_FORMATS = ["csv", "md", "tex"]
+CAPTIONS = Path("workflow/report")
+try:
+    NOTEBOOKS = {
+        path.stem: read_contents(path)
+        for path in sorted(Path("notebooks").glob("*.ipynb"))
+    }
+    require_captions(
+        [name for made in NOTEBOOKS.values() for name in [*made.figures, *made.tables]],
+        CAPTIONS,
+    )
+except StudyError as error:
+    raise WorkflowError(str(error)) from None
+
+
+def read_by(notebook):
+    """Results that a notebook reads; a name with {method} stands for those of all methods."""
+    paths = [result(name) for name in NOTEBOOKS[notebook].reads]
+    return [
+        file
+        for path in paths
+        for file in (expand(path, method=SEARCHING) if "{method}" in path else [path])
+    ]
+
+
+def in_report(path, category, name, caption):
+    """Show a file in the report, under its category and with a caption."""
+    return report(
+        path,
+        caption=f"{workflow.basedir}/{CAPTIONS}/{caption}.rst",
+        category=category,
+        labels={"name": name},
+    )
+
+
+def files_of(name, folder, formats, category):
+    """Files of a figure or a table; the first format goes into the report."""
+    first, *others = [str(folder / f"{name}.{extension}") for extension in formats]
+    return [in_report(first, category, name, caption=name), *others]
+
+
+def figures_of(notebook):
+    """Files of the figures that a notebook makes."""
+    names = NOTEBOOKS[notebook].figures
+    return [
+        file
+        for name in names
+        for file in files_of(name, FIGURES, FIGURE_FORMATS, "Figures")
+    ]
+
+
+def tables_of(notebook):
+    """Files of the tables that a notebook makes."""
+    names = NOTEBOOKS[notebook].tables
+    return [
+        file
+        for name in names
+        for file in files_of(name, FIGURES / "tables", TABLE_FORMATS, "Tables")
+    ]
