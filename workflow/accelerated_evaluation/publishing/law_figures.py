@@ -172,8 +172,7 @@ def fig23_answer(
         _draw_nested(axes, y, data)
         axes.axvspan(*paper_interval, color=PAPER, alpha=0.4, linewidth=0, label="paper, 80 %")
         name_rows(axes, y, data["group"], data["name"])
-        axes.set(xscale="log", xlabel="crash probability of a cut-in")
-        axes.invert_yaxis()
+        axes.set(xscale="log", xlabel="crash probability of a cut-in", ylim=(y.max() + 0.8, -1.6))
         drawn.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=3)
         note_source(drawn, source)
     return drawn, data.drop(columns=["reading"])
@@ -244,5 +243,7 @@ def _name_panels(all_axes: Iterable[Axes]) -> None:
     width.set_title("80 % interval, upper / lower", fontsize=6)
     bias.set_title("median estimate / truth", fontsize=6)
     bias.axvline(1, color="black", linewidth=0.6, linestyle=":")
-    for axes in (width, bias):
+    for axes, ticks in ((width, (2, 5, 10, 20, 50)), (bias, (0.3, 0.5, 1, 2))):
         axes.set_xscale("log")
+        axes.minorticks_off()
+        axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
