@@ -1,7 +1,7 @@
-"""Laws of public libraries, on normal scores of all three variables: a vine copula and a mixture of Gaussians.
+"""Laws of public libraries, on scores of all three variables: a vine copula and a mixture of Gaussians.
 
-Lead speed and range are turned to scores by their ranks, the closing speed by ranks below a quantile and an exponential
-above it, so that it can be larger than any that was recorded.
+Lead speed and range are turned to scores by their ranks, the closing speed by ranks below a quantile and an
+exponential above it, so that it can be larger than any that was recorded.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ EDGE = 1e-9  # pseudo-observations stay this far inside the unit interval
 
 @dataclass(frozen=True)
 class Margin:
-    """A distribution function, linear between quantiles, and exponential above one of them where it has a tail."""
+    """A distribution function, linear between quantiles; exponential above one where it has a tail."""
 
     nodes: Array
     levels: Array
@@ -82,7 +82,8 @@ class Vine(Joint):
     def __init__(self, events: Events) -> None:
         super().__init__(events)
         places = Places(events.lead_speed, events.range_, *2 * [np.empty((0, 0))])
-        # In a D-vine of order (closing speed, range, lead speed) the first is given the other two by Rosenblatt.
+        # In a D-vine of order (closing speed, range, lead speed) the first is given the other two by
+        # Rosenblatt.
         controls = pv.FitControlsVinecop(family_set=pv.parametric, selection_criterion="bic")
         ranks = self.scores(places, events.closing_speed)
         self.vine = pv.Vinecop.from_data(ranks, structure=pv.DVineStructure([3, 2, 1]), controls=controls)
@@ -113,7 +114,7 @@ class Mixture(Joint):
         self.mixture = GaussianMixture(COMPONENTS, random_state=0, max_iter=60, tol=1e-3).fit(z)
 
     def _parts(self, ranks: Array) -> tuple[Array, Array, Array]:
-        """Return by component the log weight given the first two scores, and location and scale of the third."""
+        """Return by component the log weight given two scores, and location and scale of the third."""
         z, mixture = ndtri(ranks), self.mixture
         weights, locations, scales = [], [], []
         for weight, mean, covariance in zip(

@@ -31,7 +31,7 @@ class World(Protocol):
 
 @dataclass(frozen=True)
 class Independent:
-    """The paper's law: R^-1 and TTC^-1 independent in each segment; without a cap, which is no part of the world."""
+    """The paper's law: R^-1 and TTC^-1 independent in each segment; its cap is no part of the world."""
 
     law: IndependentLaw
     edges: ClassVar[Array] = np.array([15.0, 25.0])  # [m/s], of the segments
@@ -59,7 +59,7 @@ def by_rising_speed(law: IndependentLaw) -> list[Distribution]:
 
 
 def independent_masses(lines: Lines, law: IndependentLaw, cap: float) -> Array:
-    """Return the probability of a crash in each interval under a law of the paper's kind, with a cap [m/s]."""
+    """Return the crash probability of each interval under a law of the paper's kind, with a cap [m/s]."""
     cells = (law.inverse_range.sf(np.exp(edge) / RANGE_MAX) for edge in (lines.farther, lines.nearer))
     far, near = (
         np.where(np.isfinite(edge), value, 0)
@@ -80,7 +80,7 @@ def independent_masses(lines: Lines, law: IndependentLaw, cap: float) -> Array:
 
 @dataclass(frozen=True)
 class Smooth:
-    """The range given the lead speed and the closing speed given both, with an excess above a smooth threshold."""
+    """Range given lead speed, and closing speed given both, with an excess above a smooth threshold."""
 
     family: Family
     law: SpeedLaw
@@ -102,7 +102,7 @@ def draw_smooth(
     nearer: Array | float = 1.0,
     faster: Array | float = 1.0,
 ) -> Events:
-    """Draw ranges, and closing speeds given them, with ranges nearer and closing speeds faster where asked."""
+    """Draw ranges, and closing speeds given them, nearer and faster where asked."""
     range_, speed = np.empty(lead_speed.size), np.empty(lead_speed.size)
     levels = generator.standard_exponential((2, lead_speed.size)) / np.array(
         [nearer * np.ones(lead_speed.size), np.ones(lead_speed.size)]
@@ -118,7 +118,7 @@ def draw_smooth(
 
 @dataclass(frozen=True)
 class TwoKindsOfDrivers:
-    """A few drivers cut in at shorter ranges and with higher closing speeds, all over the body and the tail."""
+    """A few drivers cut in at shorter ranges and with higher closing speeds, in body and tail."""
 
     family: Family
     law: SpeedLaw

@@ -1,4 +1,4 @@
-"""Both procedures on one set of records: this project's, and the paper's, whose interval knows only sampling."""
+"""Both procedures on one set of records: ours, and the paper's, whose interval knows only sampling."""
 
 import numpy as np
 import pandas as pd
@@ -44,7 +44,7 @@ def ours(records: pd.DataFrame, setting: Setting, generator: np.random.Generator
 
 
 def paper(records: pd.DataFrame, setting: Setting, generator: np.random.Generator) -> Intervals:
-    """Fit the paper's law to all records, and estimate with a relative error of 0.2 at 80 %, as the paper stops."""
+    """Fit the paper's law to all rows, and estimate with the relative error at which the paper stops."""
     cap = CAP * float((records["inverse_ttc"] / records["inverse_range"]).max())
     law = fit_for_crashes(assign_segments(records, EDGES), setting.levels, 75.0, np.inf, cap)
     exact = float(independent_masses(setting.lines, law, cap).sum())

@@ -1,4 +1,4 @@
-"""What all worlds share: fits to the records, from which they are made, and the vehicle's map. Run it to prepare the file."""
+"""What all worlds share: fits to the records, from which they are made, and the vehicle's map."""
 
 import argparse
 import pickle
@@ -10,8 +10,8 @@ import pandas as pd
 import yaml
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.encounters.segments import assign_segments
-from accelerated_evaluation.fitting.family import Events, Family, Fitter, members_at
 from accelerated_evaluation.files import atomic_path
+from accelerated_evaluation.fitting.family import Events, Family, Fitter, members_at
 from accelerated_evaluation.laws.independent import IndependentLaw
 from accelerated_evaluation.laws.paper import fit_paper_laws
 from accelerated_evaluation.randomness import child_generator
@@ -30,7 +30,7 @@ TOP = 45.0  # [m/s], where the scan of the map ends
 
 @dataclass(frozen=True)
 class Setting:
-    """Lead speeds and lengths of runs as recorded, the fits, the levels of the paper's knots, and the thinned map."""
+    """Lead speeds and lengths of runs as recorded, fits, levels of the paper's knots, and thinned map."""
 
     lead_speeds: Array
     run_lengths: Array

@@ -1,23 +1,52 @@
 # Answer: laws of cut-ins that fit where crashes happen, and one crash probability with its interval (beyond the paper).
 #
-# In: encounters.parquet, the crash maps of the vehicle under test and of those that it is compared with. Out: the scores of
-# all laws on records that they have not seen, their calibration, and the crash probability of every vehicle.
+# In: encounters.parquet, the vehicle under test and those that it is compared with. Out: crash maps up to closing speeds
+# where nothing changes any more, the answer with its budget, the calibration and the scores of all laws on records that
+# they have not seen, and what the quality of the data does to the answer.
 
-COMPARED = {
-    name: description
-    for name, parameters in config["compared_vehicles"].items()
-    if (description := mapped(name, parameters)) != MAPPED
+NO_EVENTS = {name: [] for name in config["answer"]["events"]}
+ANSWERED = {
+    name: mapped(
+        vehicle, parameters, {"grid": config["answer"]["grid"], "events": events}
+    )
+    for name, vehicle, parameters, events in [
+        (
+            "under_test",
+            VEHICLE,
+            config["vehicle"]["parameters"],
+            config["answer"]["events"],
+        ),
+        *(
+            (name, name, own, NO_EVENTS)
+            for name, own in config["compared_vehicles"].items()
+        ),
+    ]
+}
+LAW_TABLES = {  # by job, so that they can run beside each other
+    "answer": [
+        "answer",
+        "answer_budget",
+        "answer_draws",
+        "answer_thresholds",
+        "calibration",
+        "crash_places",
+    ],
+    "score": ["laws"],
+    "quality": ["data_quality"],
 }
 
-for _vehicle, _description in COMPARED.items():
+for _name, _description in ANSWERED.items():
 
     rule:
         name:
-            f"map_crashes_of_{_vehicle}"
+            f"map_crashes_{_name}"
         input:
-            library=modules_of("map_crashes.py", members={"vehicles": [_vehicle]}),
+            vehicle=ancient(VEHICLE_FILES if _name == "under_test" else []),
+            library=modules_of(
+                "map_crashes.py", members={"vehicles": [_description["vehicle"]]}
+            ),
         output:
-            half=map_of(_description, "crash_map/half.npz"),
+            full=map_of(_description, "crash_map/full.npz"),
             vehicle=map_of(_description, "vehicle.json"),
         log:
             map_of(_description, "logs/map_crashes.log"),
@@ -29,6 +58,43 @@ for _vehicle, _description in COMPARED.items():
         params:
             mapped=_description,
         message:
-            f"Mapping the crashes of {_vehicle}"
+            f"Mapping the crashes of {_description['vehicle']} without a cap on closing speeds"
         script:
             "../scripts/map_crashes.py"
+
+
+for _job, _tables in LAW_TABLES.items():
+
+    rule:
+        name:
+            f"study_laws_{_job}"
+        input:
+            encounters=rules.ingest_encounters.output.encounters,
+            maps=[
+                map_of(description, "crash_map/full.npz")
+                for description in ANSWERED.values()
+            ],
+            vehicle=ancient(VEHICLE_FILES),
+            library=modules_of("study_laws.py", members=OF_VEHICLE),
+        output:
+            **{table: result("laws", f"{table}.csv") for table in _tables},
+        log:
+            log_of(f"study_laws_{_job}.log"),
+        benchmark:
+            benchmark_of(f"study_laws_{_job}.tsv")
+        threads: 1
+        resources:
+            mem_mb=3000,
+        params:
+            seed=config["seed"],
+            vehicles=list(ANSWERED),
+            vehicle=config["vehicle"],
+            vehicle_content=VEHICLE_CONTENT,
+            answer=part(config["answer"], "draws", "quality_draws"),
+            distance=config["exposure"]["distance"],
+            outlier_rows=SOURCE["outlier_rows"],
+            half_width=config["importance_sampling"]["beta"],
+        message:
+            f"Laws with dependence: {', '.join(_tables)}"
+        script:
+            "../scripts/study_laws.py"

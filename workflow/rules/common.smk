@@ -95,7 +95,7 @@ def part(section: dict, *keys: str) -> dict:
     return {key: section[key] for key in keys}
 
 
-def mapped(vehicle: str, parameters: dict) -> dict:
+def mapped(vehicle: str, parameters: dict, crash_map: dict) -> dict:
     """Everything that a crash map depends on. It belongs to the vehicle, so that all studies of one share it."""
     files = [vehicle.rsplit(":", 1)[0]] if ".py:" in vehicle else []
     limits = part(config["filters"], "lead_speed_min", "lead_speed_max", "range_max")
@@ -104,7 +104,7 @@ def mapped(vehicle: str, parameters: dict) -> dict:
         "parameters": parameters,
         "content": content_digest(files),
         "limits": limits,
-        "crash_map": config["crash_map"],
+        "crash_map": crash_map,
         "seed": config["seed"],
     }
 

@@ -1,14 +1,14 @@
 """Laws of the closing speed given lead speed and range: one smooth body, and tails above smooth thresholds.
 
-The body is a smooth hazard. A threshold is the surface u(v_L, R) that the body exceeds with a fixed probability;
-above it the excess takes over, whose scale depends on range and lead speed. With Lambda_0 the cumulative hazard
-of the body, that of the law is
+The body is a smooth hazard. A threshold is the surface u(v_L, R) that the body exceeds with a fixed
+probability; above it the excess takes over, whose scale depends on range and lead speed. With Lambda_0 the
+cumulative hazard of the body, that of the law is
 
     Lambda(c) = Lambda_0(c)                            up to u,
     Lambda(c) = Lambda_0(u) + H((c - u) / scale)       above,
 
-so body and tail share no parameter: their likelihood is a product, and so is their posterior. The unit-exponential
-score of a cut-in is Lambda(c) itself.
+so body and tail share no parameter: their likelihood is a product, and so is their posterior. The
+unit-exponential score of a cut-in is Lambda(c) itself.
 """
 
 from dataclasses import dataclass, replace
@@ -51,7 +51,7 @@ def speed_grid(segments: int = 9, bins: tuple[int, int] = (30, 24), step: float 
 
 
 def range_grid(segments: int = 12, bins: tuple[int, int] = (30, 100)) -> HazardGrid:
-    """Return the bins and bases of log(R_max / R) given the lead speed: ``segments`` of splines, and ``bins``."""
+    """Return the bins and bases of log(R_max / R) given the lead speed."""
     top = float(np.log(RANGE_MAX / RANGE_BOTTOM))
     edges = np.linspace(*SPEEDS, bins[0] + 1), np.array([0.0, 1.0]), np.linspace(0, top, bins[1] + 1)
     return HazardGrid(edges, (BASES[0], Constant(), Basis(0.0, top, segments)))
@@ -176,7 +176,8 @@ class Given:
     below
         The body.
     threshold, at_threshold, scale
-        Where the tail begins [m/s], the body's cumulative hazard there, and the scale of the excess [m/s], shape (n,).
+        Where the tail begins [m/s], the body's cumulative hazard there, and the scale of the excess [m/s],
+        shape (n,).
     tail
         The excess.
     """
@@ -188,7 +189,7 @@ class Given:
     tail: Excess | None = None
 
     def cumulative(self, closing_speed: Array, row: Array | None = None) -> Array:
-        """Return the cumulative hazard, -log P(C > c), at closing speeds, one a place or in the places named."""
+        """Return -log P(C > c) at closing speeds, one a place or in the places that ``row`` names."""
         finite = np.isfinite(closing_speed)
         speed = np.where(finite, closing_speed, 0.0)
         row = np.arange(speed.size) if row is None else row

@@ -1,8 +1,8 @@
 """Excesses over a threshold: a smooth scale, given by penalised splines of covariates, and one shape for all.
 
-The fit is by penalised maximum likelihood (Davison and Smith 1990 for the regression), with Fisher's scoring. In units of
-its scale every excess has the same law, so the expected information of one excess about its log scale and the shape is one
-small matrix, found by quadrature; the splines spread it.
+The fit is by penalised maximum likelihood (Davison and Smith 1990 for the regression), with Fisher's
+scoring. In units of its scale every excess has the same law, so the expected information of one excess
+about its log scale and the shape is one small matrix, found by quadrature; the splines spread it.
 """
 
 from dataclasses import dataclass, replace
@@ -77,7 +77,8 @@ def fit_excess(
     covariates
         Values of the splines of the log scale, shape (n, p); each row adds up to 1.
     penalty
-        How rough the coefficients are; its smoothing parameters are found from the data (marginal likelihood).
+        How rough the coefficients are; its smoothing parameters are found from the data (marginal
+        likelihood).
     shape
         Law of an excess of scale 1.
     start
@@ -182,7 +183,7 @@ class _Problem:
         return score, self._information(unit_information(self.shape, parameters), precision)
 
     def _information(self, each: Array, precision: Array) -> Array:
-        """Return the information of all excesses and the prior, from that of one excess, shape (1 + q, 1 + q)."""
+        """Return the information of all excesses and the prior, from that of one excess."""
         p, q = self.covariates.shape[1], len(each) - 1
         information = np.zeros((p + q, p + q))
         information[:p, :p] = each[0, 0] * self.gram + precision
@@ -193,7 +194,7 @@ class _Problem:
         return information
 
     def _observed(self, values: Array) -> Array:
-        """Return the mean observed information of one excess, by differences of its scores, (1 + q, 1 + q)."""
+        """Return the mean observed information of one excess, by differences of its scores."""
         z, _, parameters = self._split(values)
 
         def score(log_scale: float, parameters: Array) -> Array:
@@ -211,7 +212,7 @@ class _Problem:
 
 
 def unit_information(shape: Shape, parameters: Array) -> Array:
-    """Return the expected information of one excess about its log scale and the parameters, (1 + q, 1 + q)."""
+    """Return the expected information of one excess about log scale and parameters, (1 + q, 1 + q)."""
     z = shape.inverse(-np.log1p(-QUADRATURE), parameters)
     by_z, by_parameters = shape.derivatives(z, parameters)
     scores = np.column_stack([-1 - z * by_z, by_parameters])

@@ -26,7 +26,7 @@ LEVELS = (0.9, 0.925, 0.95, 0.97, 0.98, 0.99, 0.995)  # of the thresholds
 
 @dataclass(frozen=True)
 class Member:
-    """One law of the family: the level of its threshold, and the shape of its excess; the body alone has neither."""
+    """One law: the level of its threshold and the shape of its excess; the body alone has neither."""
 
     level: float | None = None
     shape: str = ""
@@ -55,7 +55,7 @@ class Events:
 
     @classmethod
     def of(cls, encounters: pd.DataFrame) -> "Events":
-        """Take the distinct cut-ins of an encounter table: a row that repeats the row before it is no new event."""
+        """Take the distinct cut-ins of an encounter table: a row that repeats the one before is no event."""
         rows = encounters[["lead_speed", "range", "closing_speed"]]
         distinct = rows[(rows != rows.shift()).any(axis=1)]
         return cls(*(distinct[name].to_numpy(dtype=float) for name in rows))

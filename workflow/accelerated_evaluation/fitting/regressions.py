@@ -1,8 +1,9 @@
-"""Whole-body regressions of the closing speed: gamma, Weibull and lognormal laws, and a mixture of two kinds of drivers.
+"""Whole-body regressions of the closing speed: gamma, Weibull, lognormal, and two kinds of drivers.
 
-Scale and shape are smooth functions of lead speed and range, on the splines that the scale of the excess uses. They are
-rivals of the laws with a threshold: the bulk of the records decides their parameters, so they show what that costs in
-the tail. Covariates are taken at the middles of cells, so that a step costs little more than one pass over the records.
+Scale and shape are smooth functions of lead speed and range, on the splines that the scale of the excess
+uses. They are rivals of the laws with a threshold: the bulk of the records decides their parameters, so
+they show what that costs in the tail. Covariates are taken at the middles of cells, so that a step costs
+little more than one pass over the records.
 """
 
 from collections.abc import Callable
@@ -31,8 +32,8 @@ class Regression:
     name
         What it is called.
     log_density
-        Function of closing speed, log scale, log shape and the shared numbers that returns the log density and its
-        derivatives by the three.
+        Function of closing speed, log scale, log shape and the shared numbers that returns the log density
+        and its derivatives by the three.
     log_survival
         Function of the same that returns log P(C > c).
     shared

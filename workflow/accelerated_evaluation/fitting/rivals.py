@@ -106,12 +106,13 @@ class GivenIndependent:
 
 @dataclass(frozen=True)
 class ConditionalExtremes:
-    """Conditional extremes (Heffernan and Tawn 2004): range and lead speed given that the closing speed is extreme.
+    """Conditional extremes (Heffernan and Tawn 2004): range and lead speed given an extreme closing speed.
 
-    Above one threshold for all, the excess of the closing speed is exponential or generalised Pareto, and given it the
-    lead speed and the root of the range are normal, their means linear in the logarithm of the excess over the threshold
-    and its square root. Bayes' rule turns this into the law of the closing speed given lead speed and range. Below the
-    threshold, and for the probability of exceeding it, a smooth body stands.
+    Above one threshold for all, the excess of the closing speed is exponential or generalised Pareto, and
+    given it the lead speed and the root of the range are normal, their means linear in the logarithm of the
+    excess over the threshold and its square root. Bayes' rule turns this into the law of the closing speed
+    given lead speed and range. Below the threshold, and for the probability of exceeding it, a smooth body
+    stands.
     """
 
     body: SmoothHazard
@@ -155,7 +156,7 @@ def _regressors(excess: Array) -> Array:
 
 @dataclass(frozen=True)
 class GivenExtremes:
-    """The law of the closing speed at n places: a body, and log densities of the excess on a lattice, (n, lattice)."""
+    """The law at n places: a body, and log densities of the excess on a lattice, shape (n, lattice)."""
 
     body: Given
     threshold: Array

@@ -1,7 +1,7 @@
-"""Shapes of the law of an excess, in units of its scale: exponential, generalised Pareto without an end, two kinds of drivers.
+"""Shapes of an excess in units of its scale: exponential, generalised without an end, two kinds of drivers.
 
-Each tells the cumulative hazard H(z), its inverse, and the log density log H'(z) - H(z) with its derivatives by z and by
-the parameters of the shape, which have independent normal priors.
+Each tells the cumulative hazard H(z), its inverse, and the log density log H'(z) - H(z) with its
+derivatives by z and by the parameters of the shape, which have independent normal priors.
 """
 
 from typing import ClassVar, Protocol
@@ -59,8 +59,8 @@ class Exponential:
 class Generalised:
     """Generalised Pareto excesses (Davison and Smith 1990), continued below shape 0 by a law without an end.
 
-    Below zero the generalised Pareto law ends at a finite value, so that a single later record beyond it is impossible.
-    The Gompertz law, whose hazard rises exponentially, takes its place:
+    Below zero the generalised Pareto law ends at a finite value, so that a single later record beyond it is
+    impossible. The Gompertz law, whose hazard rises exponentially, takes its place:
 
         H(z) = log(1 + shape z) / shape         for shape > 0,
         H(z) = (1 - exp(-shape z)) / shape      for shape < 0.
@@ -111,8 +111,8 @@ class Generalised:
 class TwoKinds:
     """Two kinds of drivers: P(Z > z) = (1 - share) exp(-z) + share exp(-z / ratio).
 
-    The parameters are the logit of the share of the second kind among the excesses and the logarithm of the ratio of
-    the two scales.
+    The parameters are the logit of the share of the second kind among the excesses and the logarithm of the
+    ratio of the two scales.
     """
 
     name = "two kinds"

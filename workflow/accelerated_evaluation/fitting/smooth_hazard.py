@@ -1,9 +1,10 @@
 """A smooth hazard: the law of a positive variable given two others, with no family behind it.
 
-The logarithm of the hazard is a tensor product of penalised splines of two covariates and of the variable itself. The
-data are binned; within a bin of the variable the hazard is constant, so events in a bin are Poisson given
-the time at risk there (Holford 1980), and the fit is a Poisson regression on arrays. How smooth it is in each of
-the three directions is found from the data by marginal likelihood (Wood and Fasiolo 2017).
+The logarithm of the hazard is a tensor product of penalised splines of two covariates and of the variable
+itself. The data are binned; within a bin of the variable the hazard is constant, so events in a bin are
+Poisson given the time at risk there (Holford 1980), and the fit is a Poisson regression on arrays. How
+smooth it is in each of the three directions is found from the data by marginal likelihood (Wood and Fasiolo
+2017).
 """
 
 from dataclasses import dataclass, replace
@@ -92,8 +93,8 @@ class SmoothHazard:
     smoothing
         Smoothing parameters of the three directions.
     factor
-        Upper Cholesky factor of the penalised information, whose inverse draws coefficients; a law that was read
-        from a file has none.
+        Upper Cholesky factor of the penalised information, whose inverse draws coefficients; a law that was
+        read from a file has none.
     """
 
     grid: HazardGrid
@@ -102,7 +103,7 @@ class SmoothHazard:
     factor: Array | None = None
 
     def cumulative(self, splines: Array) -> "Cumulative":
-        """Return the cumulative hazards where the products of the covariates' splines are given, shape (n, p)."""
+        """Return the cumulative hazards for products of the covariates' splines, shape (n, p)."""
         along = np.tensordot(self.coefficients, self.grid.tensor.matrices[2], (2, 1))
         hazard = np.exp(splines @ along.reshape(-1, along.shape[2]))
         table = np.zeros((len(hazard), hazard.shape[1] + 1))
@@ -168,7 +169,8 @@ def fit_hazard(
     grid, data
         Bins and bases, and what was counted in them.
     start
-        An earlier fit to start from, whose smoothing parameters are kept; otherwise they are found from the data.
+        An earlier fit to start from, whose smoothing parameters are kept; otherwise they are found from the
+        data.
 
     Raises
     ------

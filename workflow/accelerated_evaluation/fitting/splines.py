@@ -1,8 +1,8 @@
 """Penalised B-splines and their tensor products, on gridded data, without the large design matrix.
 
 A smooth function of three variables is a coefficient array, one axis a variable, between bases of B-splines
-(Eilers and Marx 1996). On data that are binned on a grid, products with the design matrix are products along the axes
-one after the other (generalised linear array models, Currie, Durban and Eilers 2006).
+(Eilers and Marx 1996). On data that are binned on a grid, products with the design matrix are products
+along the axes one after the other (generalised linear array models, Currie, Durban and Eilers 2006).
 """
 
 from collections.abc import Sequence
@@ -129,7 +129,7 @@ class Penalty:
 
 @dataclass(frozen=True)
 class Tensor:
-    """Tensor product of three bases, each given by its values at the places of a grid, shape (places, size)."""
+    """Tensor product of three bases, each given by its values on a grid, shape (places, size)."""
 
     matrices: tuple[Array, Array, Array]
 
@@ -143,7 +143,7 @@ class Tensor:
         return _along(coefficients, self.matrices)
 
     def transposed(self, grid: Array) -> Array:
-        """Return the product of the transposed design matrix with values on the grid, as coefficient array."""
+        """Return the transposed design matrix times values on the grid, as coefficient array."""
         return _along(grid, tuple(matrix.T for matrix in self.matrices))
 
     def gram(self, weights: Array) -> Array:

@@ -1,4 +1,4 @@
-"""A law of cut-ins in which the closing speed depends on range and lead speed, smoothly, without segments or cap."""
+"""A law whose closing speed depends on range and lead speed, smoothly, without segments or cap."""
 
 import math
 from collections.abc import Mapping
@@ -35,8 +35,8 @@ PLACES_AT_ONCE = 50_000  # bounds the memory: about 100 MB
 class DependentStratum(Stratum):
     """One segment of the lead speed; its coordinates are unit-exponential scores.
 
-    The first is -log P(R^-1 > r | v_L), the second -log P(C > c | v_L, R) for the closing speed C, so that both rise
-    with their variable and are independent of each other and of v_L (Rosenblatt 1952).
+    The first is -log P(R^-1 > r | v_L), the second -log P(C > c | v_L, R) for the closing speed C, so that
+    both rise with their variable and are independent of each other and of v_L (Rosenblatt 1952).
     """
 
     lead_speed: Empirical

@@ -1,4 +1,4 @@
-"""The answer: one probability with its intervals, by event, by threshold, and under other readings of the records."""
+"""The answer: one probability with its intervals, by event, by threshold, and by reading of the records."""
 
 from collections.abc import Mapping
 
@@ -75,7 +75,9 @@ def readings(encounters: pd.DataFrame, crashed: Array, outlier_rows: list[int]) 
         "without ranges under 5 m": Events.of(encounters[range_ >= 5]),
         "without the record that crashes": Events.of(encounters[~crashed]),
         "without the authors' outliers": Events.of(encounters[~outlier]),
-        "without the last half metre of range": Events.of(encounters[range_ <= RANGE_MAX - RANGE_LIMIT_WIDTH]),
+        "without the last half metre of range": Events.of(
+            encounters[range_ <= RANGE_MAX - RANGE_LIMIT_WIDTH]
+        ),
     }
 
 

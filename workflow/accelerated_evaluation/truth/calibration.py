@@ -14,8 +14,9 @@ from accelerated_evaluation.fitting.family import Events
 from accelerated_evaluation.truth.scoring import GivenLaw
 
 LIMITS = (0.05, 0.95)
-# Ranges [m] with the closing speeds [m/s] that cut them into cells, the last without an end; they rise with the range as the
-# closing speeds at which the study's car crashes do, and hold from hundreds of records down to none.
+# Ranges [m] with the closing speeds [m/s] that cut them into cells, the last without an end; they rise with
+# the range as the closing speeds at which the study's car crashes do, and hold from hundreds of records
+# down to none.
 CELLS = {
     (0, 5): (1, 2, 3),
     (5, 10): (3, 5, 7),
@@ -100,7 +101,7 @@ def near_miss_counts(
 
 
 def with_limits(counts: pd.DataFrame) -> pd.DataFrame:
-    """Add the 90 % Poisson limits ``low`` and ``high``, ``within`` them, and the two-sided mid-p ``p_value``."""
+    """Add the 90 % Poisson limits ``low`` and ``high``, ``within`` them, and the mid-p ``p_value``."""
     expected = counts["expected"].to_numpy()
     low, high = (poisson.ppf(level, expected) for level in LIMITS)
     recorded = counts["recorded"].to_numpy()

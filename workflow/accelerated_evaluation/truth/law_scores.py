@@ -1,4 +1,4 @@
-"""The table of laws: how each scores on records that it has not seen, near the crash set, and which are refused."""
+"""The table of laws: how each scores on unseen records near the crash set, and which are refused."""
 
 from collections.abc import Callable, Mapping
 
@@ -55,7 +55,9 @@ def rivals(fitter: Fitter, family: Family) -> dict[str, Callable[[Events], Fitte
     }
     for regression in REGRESSIONS:
         whole = fit_regression(regression, fitter.events)
-        fits[f"regression: {regression.name}"] = lambda events, r=regression, w=whole: fit_regression(r, events, w)
+        fits[f"regression: {regression.name}"] = lambda events, r=regression, w=whole: fit_regression(
+            r, events, w
+        )
     return fits
 
 
@@ -93,8 +95,8 @@ def law_table(
 ) -> pd.DataFrame:
     """Tabulate the gain of each law over the paper's, its weight, and whether the records refuse it.
 
-    A law is refused if it calls a held-out record impossible, or if in some region its score lies behind that of the
-    best law by more than two standard errors of their difference.
+    A law is refused if it calls a held-out record impossible, or if in some region its score lies behind
+    that of the best law by more than two standard errors of their difference.
 
     Parameters
     ----------
@@ -108,9 +110,9 @@ def law_table(
     Returns
     -------
     pandas.DataFrame
-        Columns ``law``; a gain [nats] for each region; ``behind``, the largest distance to the best law in standard
-        errors; ``impossible`` records; ``crps_gain``, the relative gain of the CRPS; ``weight``; ``probability``;
-        ``refused``.
+        Columns ``law``; a gain [nats] for each region; ``behind``, the largest distance to the best law in
+        standard errors; ``impossible`` records; ``crps_gain``, the relative gain of the CRPS; ``weight``;
+        ``probability``; ``refused``.
     """
     weight = dict(zip((m.name for m in weighed.members), weighed.weights.mean(axis=0), strict=True))
     names, rows = [*scores[PAPER]], []

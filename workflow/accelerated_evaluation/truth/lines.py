@@ -1,7 +1,8 @@
 """A crash map made ready to be weighed with smooth laws: lines on which an event happens, and its intervals.
 
-Everything that does not depend on the parameters of a law is found once: the splines on the lines and the probabilities of
-the lead speeds. What is left for each law, or each draw of its parameters, is the cumulative hazard at the ends of intervals.
+Everything that does not depend on the parameters of a law is found once: the splines on the lines and the
+probabilities of the lead speeds. What is left for each law, or each draw of its parameters, is the
+cumulative hazard at the ends of intervals.
 """
 
 from dataclasses import dataclass, replace
@@ -116,7 +117,7 @@ class Lines:
 def crash_places(
     lines: Lines, ranges: SmoothHazard, law: SpeedLaw, size: int, generator: np.random.Generator
 ) -> tuple[Array, Array, Array]:
-    """Draw where a law has its crashes: lead speeds [m/s], ranges [m] and closing speeds [m/s], shape (size,).
+    """Draw where a law has its crashes: lead speeds [m/s], ranges [m] and closing speeds [m/s].
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The crash probability with all that is not known of it: which law, and what the finite records leave open."""
+"""The crash probability with all that is not known of it: which law, and what the records leave open."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -47,7 +47,7 @@ def draw_posterior(
     weights: Array,
     generator: np.random.Generator,
 ) -> dict[str, Posterior]:
-    """Draw a law by its weights, then its parameters, those of its body and those of the range; weigh the maps.
+    """Draw a law by its weights, then the parameters of tail, body and ranges; weigh the maps.
 
     Parameters
     ----------
@@ -86,8 +86,9 @@ def budget(posterior: Posterior, sampling_deviation: float) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        Columns ``source``, ``factor`` (one standard deviation, as a factor) and ``variance_share``. ``data``
-        is the mean variance of the draws of one law, ``choice of law`` the variance between the means of the laws.
+        Columns ``source``, ``factor`` (one standard deviation, as a factor) and ``variance_share``.
+        ``data`` is the mean variance of the draws of one law, ``choice of law`` the variance between the
+        means of the laws.
     """
     logs = pd.Series(np.log(posterior.probabilities))
     groups = logs.groupby(posterior.member)

@@ -1,8 +1,9 @@
 """Scores of laws of the closing speed where it matters, on records that a law has not seen.
 
-A region is a set of cut-ins near the crash set: closing speeds above a boundary that depends on lead speed and range. The
-censored log score (Diks, Panchenko and van Dijk 2011) is the log density of a record inside the region, and
-the log probability of being outside of any other, so a law gains nothing by its fit elsewhere.
+A region is a set of cut-ins near the crash set: closing speeds above a boundary that depends on lead speed
+and range. The censored log score (Diks, Panchenko and van Dijk 2011) is the log density of a record inside
+the region, and the log probability of being outside of any other, so a law gains nothing by its fit
+elsewhere.
 """
 
 from collections.abc import Callable, Mapping
@@ -57,10 +58,10 @@ def censored_log_score(law: GivenLaw, closing_speed: Array, boundary: Array) -> 
 
 
 def threshold_weighted_crps(law: GivenLaw, closing_speed: Array, boundary: Array) -> Array:
-    """Return the negative CRPS of each record, weighed with closing speeds above a boundary [m/s], shape (n,).
+    """Return the negative CRPS of each record, weighed with closing speeds above a boundary [m/s].
 
-    It is the integral over speeds t above the boundary of (P(C <= t) - [c <= t])^2 (Gneiting and Ranjan 2011);
-    the sign is turned so that more is better, as with the log score.
+    It is the integral over speeds t above the boundary of (P(C <= t) - [c <= t])^2 (Gneiting and Ranjan
+    2011); the sign is turned so that more is better, as with the log score.
     """
     total = np.zeros(closing_speed.size)
     for beyond in CRPS_STEPS:

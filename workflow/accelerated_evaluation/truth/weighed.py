@@ -59,7 +59,7 @@ class Weighed:
         return weights / weights.sum(axis=1, keepdims=True)
 
     def thinned(self, lines: Lines, generator: np.random.Generator, size: int = LINES) -> Lines:
-        """Thin the lines of an event to those where some law has its mass; few enough for hundreds of draws."""
+        """Thin the lines of an event to those where some law has its mass."""
         guides = [member for member in self.members if member.level in (None, GUIDE)]
         masses = [lines.masses(self.family.ranges, self.family.law(member)) for member in guides]
         return lines.thinned(np.mean([mass / mass.sum() for mass in masses], axis=0), size, generator)
@@ -67,7 +67,7 @@ class Weighed:
     def draw(
         self, lines: Mapping[str, Lines], generator: np.random.Generator, weights: Array | None = None
     ) -> dict[str, Posterior]:
-        """Draw probabilities of events from the posterior, whose laws have other ``weights`` if they are given."""
+        """Draw probabilities of events from the posterior, with other ``weights`` if they are given."""
         chosen = self.weights if weights is None else weights
         return draw_posterior(lines, self.family, self.members, chosen, generator)
 

@@ -1,4 +1,4 @@
-"""Weights of laws from their held-out scores: none is picked by hand, and none that the records refuse counts."""
+"""Weights of laws from their held-out scores: none is picked by hand."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,8 @@ def bootstrapped_weights(
 ) -> Array:
     """Return weights by pseudo-Bayesian model averaging with the Bayesian bootstrap (Yao et al. 2018).
 
-    Each draw weighs the records anew, sums the scores of each law, and takes the laws in proportion to the exponential
-    of their sums. So the weights know that a difference of scores is itself uncertain.
+    Each draw weighs the records anew, sums the scores of each law, and takes the laws in proportion to the
+    exponential of their sums. So the weights know that a difference of scores is itself uncertain.
 
     Parameters
     ----------

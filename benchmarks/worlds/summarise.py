@@ -1,0 +1,58 @@
+"""Tabulate coverage, width and bias over all worlds that were run, and draw the figure."""
+
+import argparse
+
+import numpy as np
+import pandas as pd
+from accelerated_evaluation.publishing.law_figures import fig24_worlds
+from accelerated_evaluation.publishing.style import save_figure
+from scipy.stats import beta
+
+COVERAGES = (0.5, 0.8, 0.95)
+LIMITS = (0.025, 0.975)  # of the shares
+
+
+def limits(hits: int, size: int) -> tuple[float, float]:
+    """Return the exact binomial limits of a share (Clopper and Pearson 1934)."""
+    low = beta.ppf(LIMITS[0], hits, size - hits + 1) if hits else 0.0
+    high = beta.ppf(LIMITS[1], hits + 1, size - hits) if hits < size else 1.0
+    return float(low), float(high)
+
+
+def judge(rows: pd.DataFrame) -> dict[str, float]:
+    """Sum up the worlds of one kind under one procedure."""
+    truth = rows["truth"]
+    told: dict[str, float] = {
+        "worlds": len(rows),
+        "truth": float(truth.iloc[0]),
+        "median_ratio": float(np.median(rows["probability"] / truth)),
+        "mean_ratio": float(np.mean(rows["mean"] / truth)),
+        "width80": float(np.median(rows["high0.8"] / np.maximum(rows["low0.8"], 1e-300))),
+        "truth_above80": float(np.mean(rows["high0.8"] < truth)),
+        "truth_below80": float(np.mean(rows["low0.8"] > truth)),
+    }
+    for level in COVERAGES:
+        name, inside = (
+            f"coverage{100 * level:.0f}",
+            rows[f"low{level:g}"].le(truth) & truth.le(rows[f"high{level:g}"]),
+        )
+        told[name] = float(inside.mean())
+        told[f"{name}_low"], told[f"{name}_high"] = limits(int(inside.sum()), len(rows))
+    return told
+
+
+def main() -> None:
+    """Write the table and the figure."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("runs", nargs="+")
+    parser.add_argument("--folder", required=True)
+    arguments = parser.parse_args()
+    runs = pd.concat([pd.read_csv(path) for path in arguments.runs], ignore_index=True)
+    groups = runs.groupby(["kind", "procedure"], sort=False)
+    table = pd.DataFrame([{"kind": kind, "procedure": name} | judge(rows) for (kind, name), rows in groups])
+    drawn, data = fig24_worlds(table)
+    save_figure(drawn, data, arguments.folder, "worlds")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,221 @@
+"""The study of laws, in one go: which laws the records bear out, how well, and what they say together."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.fitting.family import Events, Family, Member
+from accelerated_evaluation.fitting.rivals import IndependentTail
+from accelerated_evaluation.fitting.shapes import Exponential
+from accelerated_evaluation.laws.dependent import DependentLaw
+from accelerated_evaluation.laws.independent import recorded_lead_speeds
+from accelerated_evaluation.truth.answer import answer_table, quality_table, readings, threshold_table
+from accelerated_evaluation.truth.calibration import cell_counts, near_miss_counts, places_of, with_limits
+from accelerated_evaluation.truth.crash_map import CrashMap, Grid
+from accelerated_evaluation.truth.law_scores import KNOT, PAPER, law_table, score_laws
+from accelerated_evaluation.truth.lines import Lines, crash_places
+from accelerated_evaluation.truth.mapping import map_crashes
+from accelerated_evaluation.truth.posterior import Posterior, budget
+from accelerated_evaluation.truth.weighed import Weighed, weigh
+from accelerated_evaluation.vehicles.events import CRASH, Event
+from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
+
+EVENTS = {
+    "crash": CRASH,
+    "impact above 5 m/s": Event("impact_speed", 5.0),
+    "impact above 10 m/s": Event("impact_speed", 10.0),
+    "TTC at most 1 s": Event("min_ttc", 1.0),
+    "TTC at most 1.5 s": Event("min_ttc", 1.5),
+    "TTC at most 2 s": Event("min_ttc", 2.0),
+    "TTC at most 3 s": Event("min_ttc", 3.0),
+    "range at most 0.5 m": Event("min_range", 0.5),
+    "range at most 1 m": Event("min_range", 1.0),
+    "range at most 2 m": Event("min_range", 2.0),
+}
+WITHOUT_AEB = "crash without AEB"
+TOGETHER = "all laws, weighed"
+SHOWN = (Member(), *(Member(KNOT, shape) for shape in ("exponential", "generalised", "two kinds")))
+DRAWN = 2000  # crashes of each law whose place is told
+LIKE_RANGE = 5.0  # [m], how far the range of a record may differ to be like that of a crash
+MARGIN_LEVEL = 0.95  # share of the crashes within the margin that is stated
+
+
+@dataclass(frozen=True)
+class LawStudy:
+    """Everything that the tables need.
+
+    Attributes
+    ----------
+    encounters
+        Encounter table in the order of the record.
+    vehicle
+        The car under test.
+    weighed
+        The family with its weights.
+    lines
+        The vehicle's map by event, for distinct lead speeds; ``WITHOUT_AEB`` where there is a car without it.
+    thinned
+        The same, thinned.
+    """
+
+    encounters: pd.DataFrame
+    vehicle: Vehicle
+    weighed: Weighed
+    lines: Mapping[str, Lines]
+    thinned: Mapping[str, Lines]
+
+    @classmethod
+    def of(
+        cls,
+        encounters: pd.DataFrame,
+        vehicle: Vehicle,
+        without_aeb: Vehicle | None,
+        grid: Grid,
+        generator: np.random.Generator,
+    ) -> "LawStudy":
+        """Fit and weigh the family, and map the vehicles.
+
+        Parameters
+        ----------
+        encounters
+            Encounter table in the order of the record.
+        vehicle, without_aeb
+            The car under test, and the same without AEB if there is one.
+        grid
+            Where the maps look; their scan has to end where nothing changes any more, as there is no cap.
+        generator
+            Draws everything.
+        """
+        events = Events.of(encounters)
+        mapped = map_crashes(vehicle, grid, EVENTS.values(), generator)
+        lines = {name: Lines.of(mapped, events.lead_speed, event) for name, event in EVENTS.items()}
+        if without_aeb is not None:
+            other: CrashMap = map_crashes(without_aeb, grid, [], generator)
+            lines[WITHOUT_AEB] = Lines.of(other, events.lead_speed)
+        weighed = weigh(events, generator)
+        thinned = {name: weighed.thinned(part, generator) for name, part in lines.items()}
+        return cls(encounters, vehicle, weighed, lines, thinned)
+
+    @property
+    def family(self) -> Family:
+        """The fit to all records."""
+        return self.weighed.family
+
+    def probabilities(self, event: str) -> dict[Member, float]:
+        """Return the probability of an event under each law, by the whole map."""
+        return {
+            member: self.lines[event].probability(self.family.ranges, self.family.law(member))
+            for member in self.weighed.members
+        }
+
+    def replayed(self) -> Outcomes:
+        """Replay the distinct records with the vehicle."""
+        events = self.weighed.events
+        return self.vehicle.simulate(events.lead_speed, events.range_, events.closing_speed)
+
+    def laws(self) -> pd.DataFrame:
+        """Table ``laws``; see `law_scores.law_table`."""
+        crash = {member.name: value for member, value in self.probabilities("crash").items()}
+        return law_table(self.weighed, *score_laws(self.weighed, self.vehicle), crash)
+
+    def calibration(self) -> pd.DataFrame:
+        """Table ``calibration``: ``law`` and the columns of `calibration.with_limits`."""
+        events, family = self.weighed.events, self.family
+        places, outcomes = places_of(events), self.replayed()
+        below = places.body(family.body)
+        by_member = {m: cell_counts(events, family.law(m).given(places, below)) for m in self.weighed.members}
+        near = {name: self.probabilities(name) for name in EVENTS}
+        recorded = {name: int(event.happens(outcomes).sum()) for name, event in EVENTS.items()}
+        together = by_member[SHOWN[0]].assign(
+            expected=self.weighed.mean({member: counts["expected"] for member, counts in by_member.items()})
+        )
+        tables = {
+            TOGETHER: [
+                together,
+                near_miss_counts(recorded, {n: self.weighed.mean(p) for n, p in near.items()}, events.size),
+            ]
+        }
+        for member in SHOWN:
+            of_member = {name: values[member] for name, values in near.items()}
+            tables[member.name] = [by_member[member], near_miss_counts(recorded, of_member, events.size)]
+        independent = IndependentTail.fit(events, KNOT, Exponential())
+        tables[PAPER] = [cell_counts(events, independent.given(places))]
+        rows = [
+            with_limits(pd.concat(parts, ignore_index=True)).assign(law=law) for law, parts in tables.items()
+        ]
+        return pd.concat(rows, ignore_index=True)
+
+    def crash_places(self, generator: np.random.Generator) -> pd.DataFrame:
+        """Draw crashes: ``law``, ``lead_speed``, ``range``, ``closing_speed`` and ``beyond_recorded``.
+
+        The last is how much faster the crash closes [m/s] than any record at like range.
+        """
+        parts = []
+        for member in SHOWN:
+            drawn = crash_places(
+                self.lines["crash"], self.family.ranges, self.family.law(member), DRAWN, generator
+            )
+            names = ("lead_speed", "range", "closing_speed")
+            part = pd.DataFrame(dict(zip(names, drawn, strict=True))).assign(law=member.name)
+            largest = [self._largest(range_) for range_ in part["range"]]
+            parts.append(part.assign(beyond_recorded=part["closing_speed"] - largest))
+        return pd.concat(parts, ignore_index=True)
+
+    def _largest(self, range_: float) -> float:
+        events = self.weighed.events
+        return float(events.closing_speed[np.abs(events.range_ - range_) < LIKE_RANGE].max())
+
+    def representative(self) -> DependentLaw:
+        """Return the law of the largest weight, from which methods that need one law draw."""
+        member = self.weighed.members[int(np.argmax(self.weighed.weights.mean(axis=0)))]
+        segments = self.encounters.groupby("segment")["lead_speed"].agg(["min", "size"]).sort_values("min")
+        counts = {segment: int(size) for segment, size in segments["size"].items()}
+        lead_speeds = recorded_lead_speeds(self.encounters, counts)
+        return DependentLaw(member.name, counts, self.family.ranges, self.family.law(member), lead_speeds)
+
+    def tables(
+        self,
+        distance: float | None,
+        outlier_rows: list[int],
+        sampling_deviation: float,
+        generator: np.random.Generator,
+    ) -> dict[str, pd.DataFrame]:
+        """Return all tables of the study by name.
+
+        Parameters
+        ----------
+        distance
+            That the records were collected over [km]; None where it is not known.
+        outlier_rows
+            That the authors' later code leaves out, counted from 1.
+        sampling_deviation
+            Relative standard deviation of the estimator that finds the probability by simulation.
+        generator
+            Draws everything.
+        """
+        posteriors = self.weighed.draw(self.thinned, generator)
+        per_km = None if distance is None else self.weighed.events.size / distance
+        crash = self.thinned["crash"]
+        replayed = self.vehicle.simulate(
+            *(self.encounters[name].to_numpy() for name in ("lead_speed", "range", "closing_speed"))
+        )
+        choices = readings(self.encounters, replayed.crash, outlier_rows)
+        return {
+            "laws": self.laws(),
+            "calibration": self.calibration(),
+            "crash_places": self.crash_places(generator),
+            "answer": answer_table(posteriors, per_km),
+            "answer_draws": answer_draws(posteriors["crash"], self.weighed),
+            "answer_budget": budget(posteriors["crash"], sampling_deviation),
+            "answer_thresholds": threshold_table(self.weighed, crash, generator),
+            "data_quality": quality_table(choices, self.weighed, crash, generator),
+        }
+
+
+def answer_draws(posterior: Posterior, weighed: Weighed) -> pd.DataFrame:
+    """Tabulate the draws of the posterior: ``probability`` and the ``law`` it was drawn from."""
+    names: Array = np.array([member.name for member in weighed.members])
+    return pd.DataFrame({"probability": posterior.probabilities, "law": names[posterior.member]})
