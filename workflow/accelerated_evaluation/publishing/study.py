@@ -266,6 +266,53 @@ class Study:
         """Crash probability of the law refitted to each resample of the lane changes."""
         return self._table("bootstrap.csv")
 
+    # Laws with dependence.
+
+    @cached_property
+    def laws(self) -> pd.DataFrame:
+        """Held-out scores, weights and crash probabilities of laws, and whether the records refuse them."""
+        return self._table("laws/laws.csv")
+
+    @cached_property
+    def calibration(self) -> pd.DataFrame:
+        """Recorded against expected counts of cut-ins and near misses near the crash set."""
+        return self._table("laws/calibration.csv")
+
+    @cached_property
+    def crash_places(self) -> pd.DataFrame:
+        """Crashes drawn from laws: where each law puts them."""
+        return self._table("laws/crash_places.csv")
+
+    @cached_property
+    def answer(self) -> pd.DataFrame:
+        """The probability of a crash and of near misses, all that is not known included."""
+        return self._table("laws/answer.csv")
+
+    @cached_property
+    def vehicles(self) -> pd.DataFrame:
+        """Crash probabilities of vehicles, and their ratios to the careful human's."""
+        return self._table("laws/vehicles.csv")
+
+    @cached_property
+    def answer_draws(self) -> pd.DataFrame:
+        """Draws of the crash probability, and the law of each."""
+        return self._table("laws/answer_draws.csv")
+
+    @cached_property
+    def answer_budget(self) -> pd.DataFrame:
+        """Where the uncertainty of the answer comes from."""
+        return self._table("laws/answer_budget.csv")
+
+    @cached_property
+    def answer_thresholds(self) -> pd.DataFrame:
+        """The answer as each threshold alone gives it."""
+        return self._table("laws/answer_thresholds.csv")
+
+    @cached_property
+    def data_quality(self) -> pd.DataFrame:
+        """The answer under other readings of the records."""
+        return self._table("laws/data_quality.csv")
+
     @cached_property
     def coverage(self) -> pd.DataFrame:
         """How often intervals hold the exact probability, by method and way to stop."""
