@@ -13,6 +13,7 @@ from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.files import read_json
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.independent import IndependentLaw
+from accelerated_evaluation.publishing.tables import as_markdown
 
 if TYPE_CHECKING:
     from accelerated_evaluation.laws import Factors
@@ -79,7 +80,7 @@ class Study:
     @property
     def headline(self) -> str:
         """Study, data and root seed in one line of Markdown."""
-        return f"Study **{self.name}**. Data: {self.source}. Root seed {self.config['seed']}."
+        return f"Study **{self.name}**. Data: {as_markdown(self.source)}. Root seed {self.config['seed']}."
 
     @property
     def alpha(self) -> float:
