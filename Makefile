@@ -8,7 +8,7 @@ RULES := Snakefile workflow benchmarks/samplers/Snakefile
 SAMPLERS := snakemake --snakefile benchmarks/samplers/Snakefile --cores $(CORES)
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
-.PHONY: study test lint format report smoke bench benchmark-samplers lock clean help
+.PHONY: study test test-studies lint format report smoke bench benchmark-samplers lock clean help
 .DEFAULT_GOAL := help
 
 help: ## list the targets
@@ -45,6 +45,9 @@ lint: $(ENVIRONMENT) ## ruff and snakefmt
 
 test: lint ## lint and run the tests
 	pytest
+
+test-studies: $(ENVIRONMENT) ## whole small studies of odd data, vehicles and settings; half an hour
+	pytest tests/corpus
 
 format: $(ENVIRONMENT) ## rewrite the sources as the linters want them
 	ruff check --fix .

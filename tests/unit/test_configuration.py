@@ -325,3 +325,61 @@ def test_files_that_are_no_configuration_are_refused(tmp_path, content, message)
     with pytest.raises(InputError, match=message) as error:
         load([path])
     assert error.value.where == str(path)
+
+
+# ---------------------------------------------------------------- the texts of a user, and files
+
+
+@pytest.mark.parametrize(
+    "text", ["a\nb", "a\tb", "\x1b[31m", "=1+1", "+1", "-1", "@cmd", " begins with a space", "a\u2028b"]
+)
+@pytest.mark.parametrize("source", ["spmd", "table"])
+def test_descriptions_that_a_table_cannot_hold_are_refused(text, source):
+    (line,) = violations(changed(**{f"data__{source}__description": text}))
+    assert line.startswith(f"data.{source}.description: seen")
+    assert "one line of printable characters" in line
+
+
+@pytest.mark.parametrize(
+    "text", ["costs $5 | \"a\" 'b'", "<script>alert(1)</script>", "R&D: 1 = 1 - 0", "Straße 四"]
+)
+def test_other_descriptions_are_accepted(text):
+    validate(changed(data__spmd__description=text))
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"surrogate__batch_size": 501}, "surrogate.batch_size"),
+        ({"surrogate__batch_size": 500, "surrogate__maximum_calls": 999}, "at most half of maximum_calls"),
+        ({"importance_sampling__course_step": 20_001}, "a step of the course that is not above simulations"),
+    ],
+)
+def test_what_the_code_refuses_is_refused_by_the_configuration(changes, expected):
+    (line,) = violations(changed(**changes))
+    assert expected in line
+
+
+def test_one_column_for_two_quantities_is_refused():
+    config = changed(data__table__columns__range__name="lead_speed")
+    (line,) = violations(config)
+    assert "another column for each of the three quantities" in line
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (b"study: a\nstudy: b\n", "key 'study' twice"),
+        (b"filters:\n  range_max: 70\n  range_max: 75\n", "line 3"),
+        (b"study: [a\n", "while parsing"),
+        (b"study: \xff\xfe\n", "codec can't decode"),
+        (b"- 1\n", "expected keys and values"),
+    ],
+)
+def test_files_that_are_no_configuration_end_in_one_message(tmp_path, content, told):
+    path = tmp_path / "study.yaml"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=told) as error:
+        load([path])
+    assert str(path) in str(error.value)
+    assert "\n" not in str(error.value)

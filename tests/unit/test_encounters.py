@@ -581,3 +581,19 @@ def test_outlier_rows_beyond_the_table_are_refused(csv_config):
     config["data"]["table"]["outlier_rows"] = [2, 4]
     with pytest.raises(InputError, match=r"data\.table\.outlier_rows: seen row 4; expected .* has 3"):
         ingested(config)
+
+
+def test_a_column_given_twice_is_refused(csv_config):
+    config = csv_config("10,50,60,2\n", header="lead_speed,range,range,closing_speed\n")
+    with pytest.raises(InputError, match="column 'range' twice"):
+        ingested(config)
+
+
+@pytest.mark.parametrize("row", ["1e307,50,2\n", "10,50,1e307\n", "999,50,2\n"])
+def test_impossible_speeds_are_refused_or_dropped_and_named(csv_config, row):
+    with pytest.raises(InputError, match="speed above 300 m/s in row 4"):
+        ingested(csv_config(GOOD_ROWS + row))
+    encounters, account = ingested(csv_config(GOOD_ROWS + row, invalid_rows="drop"))
+    assert len(encounters) == 3
+    assert account.set_index("reason").loc["speed above 300 m/s", "example_rows"] == "4"
+    assert "speed above 300 m/s" not in ingested(csv_config(GOOD_ROWS))[1]["reason"].tolist()

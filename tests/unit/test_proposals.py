@@ -32,6 +32,17 @@ def test_proposals_come_back_equal(tmp_path):
     assert other != kept
 
 
+def test_an_unfinished_search_is_kept_with_its_reason(tmp_path):
+    _, kept = proposals()
+    path, name = tmp_path / "unfinished.json", next(iter(kept.factors))
+    assert not kept.unfinished
+    unfinished = dataclasses.replace(kept, unfinished={name: "the search did not come to the event"})
+    write_proposals(path, unfinished)
+    assert read_proposals(path) == unfinished
+    assert unfinished.only(name).unfinished == unfinished.unfinished
+    assert not unfinished.only(list(kept.factors)[1]).unfinished
+
+
 def test_proposals_of_one_stratum():
     searches, kept = proposals()
     alone = kept.only("piecewise 1")

@@ -204,3 +204,10 @@ def test_the_same_trace_gives_the_same_bytes(trace, tmp_path):
     for ending in (*FORMATS, "csv"):
         one, two = ((tmp_path / folder / f"fig09.{ending}").read_bytes() for folder in ("one", "two"))
         assert one == two, ending
+
+
+def test_a_crash_from_the_first_iteration_on_is_drawn(trace, tmp_path):
+    at_once = trace.assign(**{name: trace[name] * 0 for name in ("threshold_ttc_s", "threshold_range_m")})
+    drawn, data = search_figures.fig08_thresholds(at_once, "5-15", "data")
+    save_figure(drawn, data, tmp_path, "fig08")
+    assert not data["threshold_ttc_s"].any()

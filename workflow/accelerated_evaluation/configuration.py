@@ -6,7 +6,7 @@
 import json
 import math
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from functools import cache, reduce
 from operator import eq, getitem
@@ -73,7 +73,7 @@ def load(paths: Sequence[str | os.PathLike] = ()) -> dict[str, Any]:
     """
     config: dict[str, Any] = {}
     for path in (DEFAULTS, *paths):
-        config = _merged(config, _read_yaml(Path(path)))
+        config = _merged(config, read_yaml(Path(path)))
     validate(config)
     return config
 
@@ -104,7 +104,7 @@ def validate(config: Mapping[str, Any]) -> None:
 
 def parameter_table() -> str:
     """Return the Markdown table of all keys: default, what is allowed, meaning."""
-    defaults = _read_yaml(DEFAULTS)
+    defaults = read_yaml(DEFAULTS)
     rows = ["| key | default | allowed | meaning |", "| --- | --- | --- | --- |"]
     for key, schema in _nodes(_schema()):
         if "properties" in schema:
@@ -115,9 +115,29 @@ def parameter_table() -> str:
     return "\n".join(rows) + "\n"
 
 
-def _read_yaml(path: Path) -> dict[str, Any]:
+class _StrictLoader(yaml.SafeLoader):
+    """Loads YAML, and refuses a key that a mapping has twice, of which the second would silently win."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
+        keys = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)
+            if isinstance(key, Hashable) and key in keys:
+                raise yaml.MarkedYAMLError(problem=f"key {key!r} twice", problem_mark=key_node.start_mark)
+            keys |= {key} if isinstance(key, Hashable) else set()
+        return super().construct_mapping(node, deep)
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """Read a configuration file by itself.
+
+    Raises
+    ------
+    InputError
+        If it is missing, not UTF-8, no YAML, has a key twice, or holds anything but keys and values.
+    """
     try:
-        config = yaml.safe_load(path.read_text(encoding="utf-8"))
+        config = yaml.load(path.read_text(encoding="utf-8"), Loader=_StrictLoader)  # a safe one
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         seen = " ".join(str(error).split())
         raise InputError(

@@ -1,6 +1,6 @@
 """Conditions on the configuration that a schema cannot state: they tie keys together, or ask a registry."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -50,7 +50,26 @@ def _enclose(edges: Sequence[float], low: float, high: float) -> bool:
     return edges[0] <= low and high <= edges[-1]
 
 
+def _is_plain_line(text: str) -> bool:
+    """Whether a description can stand in a table cell: printable, one line, no formula of a spreadsheet."""
+    return text.isprintable() and text == text.strip() and text[0] not in "=+-@"
+
+
+def _all_different(columns: Mapping[str, Mapping[str, str]]) -> bool:
+    names = [column["name"] for column in columns.values()]
+    return len(set(names)) == len(names)
+
+
 CHECKS = (
+    *(
+        Check(
+            (f"data.{source}.description",),
+            _is_plain_line,
+            "one line of printable characters that begins with none of = + - @ and no space",
+        )
+        for source in SOURCES
+    ),
+    Check(("data.table.columns",), _all_different, "another column for each of the three quantities"),
     Check(
         ("methods",),
         _are_methods,
@@ -134,6 +153,20 @@ CHECKS = (
         ("importance_sampling.minimum_events", "importance_sampling.maximum_simulations"),
         lambda events, simulations: events <= simulations,
         "minimum_events not above maximum_simulations",
+    ),
+    Check(
+        ("surrogate.batch_size", "surrogate.maximum_calls"),
+        lambda batch, calls: 2 * batch <= calls,
+        "a batch of at most half of maximum_calls, because an estimate needs two",
+    ),
+    Check(
+        (
+            "importance_sampling.course_step",
+            "importance_sampling.simulations",
+            "importance_sampling.maximum_simulations",
+        ),
+        lambda step, *sizes: step <= min(sizes),
+        "a step of the course that is not above simulations and maximum_simulations",
     ),
     Check(("uncertainty.sampling_interval",), _rising, "the lower end first"),
     Check(

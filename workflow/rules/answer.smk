@@ -25,6 +25,7 @@ ANSWERED = {
 LAW_TABLES = {  # by job, so that they can run beside each other
     "answer": [
         "answer",
+        "vehicles",
         "answer_budget",
         "answer_draws",
         "answer_thresholds",

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from accelerated_evaluation.alive import release_dead_locks
-from accelerated_evaluation.configuration import validate
+from accelerated_evaluation.configuration import read_yaml, validate
 from accelerated_evaluation.dependencies import (
     content_digest,
     imported_modules,
@@ -22,6 +22,8 @@ from snakemake.exceptions import WorkflowError
 ALIVE = release_dead_locks()
 
 try:
+    for path in workflow.configfiles:
+        read_yaml(Path(path))  # Snakemake takes the last of equal keys without a word
     validate(config)
 except StudyError as error:
     raise WorkflowError(str(error)) from None

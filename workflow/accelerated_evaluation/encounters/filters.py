@@ -9,6 +9,7 @@ from accelerated_evaluation.encounters.contract import complete
 from accelerated_evaluation.errors import InputError
 
 NAMED_ROWS = 5
+FASTEST = 300.0  # [m/s]; no road vehicle has such a speed, but a wrong unit or a mark for a missing value has
 
 
 class Account:
@@ -100,12 +101,18 @@ def drop_invalid(raw: pd.DataFrame, account: Account, *, policy: str, where: str
         "infinite value, or zero for a range or TTC": np.isinf(pd.concat([numbers, encounters], axis=1)),
         "negative lead speed or range": encounters[["lead_speed", "range"]] < 0,
     }
+    too_fast = (
+        encounters[["lead_speed", "closing_speed"]].abs().gt(FASTEST)
+        & np.isfinite(encounters).all(axis=1).to_numpy()[:, None]
+    )
+    if too_fast.any(axis=None):  # named only then, because no filter of the paper's looks for it
+        reasons[f"speed above {FASTEST:g} m/s"] = too_fast
     masks = {reason: cells.any(axis=1) for reason, cells in reasons.items()}
     if policy == "refuse" and any(mask.any() for mask in masks.values()):
         raise InputError(
             where,
             seen="; ".join(_describe(raw, mask, reason) for reason, mask in masks.items() if mask.any()),
-            expected="finite numbers, with range and lead speed not negative",
+            expected="finite numbers, with range and lead speed not negative, and possible speeds",
             change="Mend these rows, or set data.invalid_rows to drop.",
         )
     for reason, mask in masks.items():

@@ -23,12 +23,23 @@ def read_parquet(path: str | os.PathLike) -> pd.DataFrame:
 
 
 def read_csv(path: str | os.PathLike) -> pd.DataFrame:
-    """Read a CSV file, all cells as text, so that pandas guesses no types; InputError if it is damaged."""
+    """Read a CSV file, all cells as text, so that pandas guesses no types.
+
+    Raises
+    ------
+    InputError
+        If it is damaged, or its header has a column twice.
+    """
     expected = "a comma-separated table in UTF-8 with a header"
     try:
+        # Without this look pandas would rename the second of two equal columns.
+        header = pd.read_csv(path, dtype=str, encoding="utf-8-sig", header=None, nrows=1).iloc[0].dropna()
         table = pd.read_csv(path, dtype=str, encoding="utf-8-sig")
     except ValueError as error:  # pandas' and Unicode errors derive from it
         raise _unreadable(path, error, expected) from error
+    if header.duplicated().any():
+        twice = ", ".join(map(repr, header[header.duplicated()].unique()[:5]))
+        raise _unreadable(path, f"column {twice} twice", expected)
     if not isinstance(table.index, pd.RangeIndex):  # else pandas would shift the columns in silence
         raise _unreadable(path, "more cells in a row than in the header", expected)
     return table

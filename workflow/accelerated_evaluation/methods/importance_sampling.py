@@ -8,9 +8,13 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.laws import Factors
+from accelerated_evaluation.laws import Factors, Law
 from accelerated_evaluation.methods.estimate import Estimate, Stopping, normal_reach
 from accelerated_evaluation.problem import Problem
+
+UNSEEN_DRAWS = 100  # of an event that nothing has shown, on which its bound rests
+MAXIMUM_DRAWS = 2_000_000
+LAW_DRAWS = 200_000
 
 
 def draw_weights(
@@ -45,6 +49,73 @@ def draw_weights(
     return weights
 
 
+def draw_log_ratios(
+    law: Law,
+    proposals: Mapping[str, Factors],
+    generator: np.random.Generator,
+    size: int,
+    *,
+    of_law: bool = False,
+) -> Array:
+    """Draw cut-ins over all strata, and return log f / f*, shape (size,); nothing is simulated.
+
+    Parameters
+    ----------
+    law
+        f.
+    proposals
+        f* of each stratum.
+    generator
+        Source of all randomness.
+    size
+        Number of cut-ins.
+    of_law
+        Whether they are drawn from f; by default they are drawn from f*.
+    """
+    shares = np.array(list(law.shares.values()))
+    counts = generator.multinomial(size, shares / shares.sum())
+    parts = []
+    for (name, stratum), count in zip(law.strata.items(), counts.tolist(), strict=True):
+        coordinates = (stratum.factors if of_law else proposals[name]).rvs(generator, count)
+        parts.append(stratum.factors.logpdf(*coordinates) - proposals[name].logpdf(*coordinates))
+    return np.concatenate(parts)
+
+
+def bound_without_event(
+    law: Law, proposals: Mapping[str, Factors], simulations: int, alpha: float, generator: np.random.Generator
+) -> float:
+    """Return an upper limit of the probability of an event that no simulation from f* has shown.
+
+    Under f* the event has at most the probability b = 1 - (alpha / 2)^(1/n) of the binomial limit (Clopper
+    and Pearson). Of all sets with this probability under f* that of the largest f / f* has the largest
+    probability under f (Neyman and Pearson), and that is the limit. It is found by draws that are not
+    simulated: those from f* tell where the set begins and what it holds, those from f what it holds where f*
+    hardly goes. The larger of the two counts.
+
+    Parameters
+    ----------
+    law
+        f.
+    proposals
+        f* of each stratum.
+    simulations
+        Number n of simulations from f*.
+    alpha
+        The event has a larger probability with a confidence of at most alpha / 2.
+    generator
+        Source of all randomness.
+    """
+    if simulations == 0:
+        return 1.0
+    share = -math.expm1(math.log(alpha / 2) / simulations)
+    size = min(max(math.ceil(UNSEEN_DRAWS / share), UNSEEN_DRAWS), MAXIMUM_DRAWS)
+    ratios = np.sort(draw_log_ratios(law, proposals, generator, size))[-math.ceil(share * size) :]
+    by_law = draw_log_ratios(law, proposals, generator, LAW_DRAWS, of_law=True) > ratios[0]
+    with np.errstate(over="ignore"):
+        by_proposals = float(np.exp(ratios).sum()) / size
+    return min(max(by_proposals, float(by_law.mean())), 1.0)
+
+
 def estimate_from_weights(weights: Array, alpha: float, *, converged: bool, learning: int = 0) -> Estimate:
     """Estimate the probability of the event by the mean weight, with a normal interval.
 
@@ -62,7 +133,8 @@ def estimate_from_weights(weights: Array, alpha: float, *, converged: bool, lear
     Returns
     -------
     Estimate
-        With fewer than two events, which have no spread, the interval is [0, 1]. Diagnostics:
+        With fewer than two events, which have no spread, the interval is [0, 1]; a method that knows f and
+        f* can say more, see `bound_without_event`. Diagnostics:
         ``relative_half_width``, the half-width of the interval over the estimate; ``effective_sample_size``,
         (sum w)^2 / sum w^2 over the events; ``largest_weight_share``, the largest weight over the sum of all,
         which is near one where a single event decides.

@@ -88,7 +88,8 @@ class Sums:
         if self.events < 2:
             return math.nan
         spread = self.squares - self.total**2 / self.simulations
-        return math.sqrt(spread / (1 - 1 / self.simulations)) / self.total
+        # Weights that are all alike may leave a spread just below zero.
+        return math.sqrt(max(spread, 0.0) / (1 - 1 / self.simulations)) / self.total
 
 
 def normal_interval(sums: Sums, alpha: float) -> Interval:

@@ -1,5 +1,6 @@
 """The study of one method: independent replicates, each an estimate and the tables that come with it."""
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -118,6 +119,8 @@ def search_strata(
             searches[stratum] = method.search(
                 problem, stratum, generator_of(stratum), lambda _, bar=progress: bar.update()
             )
+        if searches[stratum].unfinished:
+            warnings.warn(f"{method.name}, segment {stratum}: {searches[stratum].unfinished}", stacklevel=2)
     traces = [pd.DataFrame(search.trace) for search in searches.values()]
     for stratum, trace in zip(searches, traces, strict=True):
         trace.insert(0, "segment", stratum)

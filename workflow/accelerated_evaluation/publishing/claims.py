@@ -1,5 +1,6 @@
 """The numbers that the paper states, ours beside them, and a verdict by a stated rule."""
 
+import math
 from collections.abc import Mapping
 from functools import reduce
 from operator import getitem
@@ -82,6 +83,8 @@ def claims_table(
 
 
 def _row(claim: Claim, ours: Spread, obstacle: str) -> dict[str, str | float]:
+    if not obstacle and not math.isfinite(ours.value):
+        obstacle = "the study has no such number, as nothing crashes"
     judged = "not comparable" if obstacle else verdict(claim, ours)
     return {
         "claim": claim.claim,

@@ -28,8 +28,10 @@ def spaced(groups: pd.Series, gap: float) -> Array:
 def draw_intervals(axes: Axes, rows: pd.DataFrame, y: ArrayLike, **look: Any) -> None:  # noqa: ANN401
     """Draw values with lines from ci_low to ci_high."""
     value, low, high = (rows[name].to_numpy(float) for name in INTERVAL)
+    # A mean weight may exceed 1, where its interval ends.
+    reach = np.maximum([value - low, high - value], 0)
     style = {"linestyle": "none", "markersize": 3.5, "linewidth": 0.8, "zorder": 2} | look
-    axes.errorbar(value, y, xerr=[value - low, high - value], elinewidth=style.pop("linewidth"), **style)
+    axes.errorbar(value, y, xerr=reach, elinewidth=style.pop("linewidth"), **style)
 
 
 def draw_truth(axes: Axes, row: pd.Series, label: str) -> None:

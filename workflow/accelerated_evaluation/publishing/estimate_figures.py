@@ -13,7 +13,7 @@ from accelerated_evaluation.publishing.looks import look_of
 from accelerated_evaluation.publishing.paper_numbers import PAPER_PROBABILITY
 from accelerated_evaluation.publishing.published import figure
 from accelerated_evaluation.publishing.spreads import of_method
-from accelerated_evaluation.publishing.style import COLUMN_WIDTH, note_source, paper_style
+from accelerated_evaluation.publishing.style import COLUMN_WIDTH, note_source, paper_style, say_no_crash
 
 NUMBERS = ("probability", "ci_low", "ci_high", "relative_half_width")
 COMPARED = ("piecewise", "single")  # in the paper's figure 12
@@ -55,6 +55,8 @@ def fig12_crash_probability(
             axes.axhline(PAPER_PROBABILITY, label=label, **REFERENCE)
             axes.set(ylabel="crash probability", ylim=(0, 2 * max(last, PAPER_PROBABILITY)))
             axes.ticklabel_format(axis="y", style="sci", scilimits=(0, 0), useMathText=True)
+            if not rows["probability"].any():
+                say_no_crash(axes)
         _add_legend(drawn, COMPARED)
         panels[-1].set_xlabel("simulations, all segments")
         panels[-1].xaxis.set_major_locator(MaxNLocator(5))
@@ -94,6 +96,9 @@ def fig13_relative_half_width(
         axes.axhline(beta, label=rf"$\beta$ = {beta:g}", **REFERENCE)
         axes.set(xscale="log", yscale="log", ylabel="relative half-width")
         axes.set_xlabel(f"simulations, $v_L$ {segment.replace('-', '–')} m/s")
+        if table["relative_half_width"].isna().all():
+            axes.set_xlim(1, table["simulations"].max())
+            say_no_crash(axes)
         axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axes.yaxis.set_minor_formatter(NullFormatter())
         for axis in (axes.xaxis, axes.yaxis):

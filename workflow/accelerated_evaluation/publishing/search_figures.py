@@ -52,9 +52,10 @@ def fig08_thresholds(trace: pd.DataFrame, segment: str, source: str) -> tuple[Fi
         _mark_crash(axes, rows[rows["seed"] == rows["seed"].min()])
         _count_iterations(axes, rows, segment)
         axes.set_ylabel("threshold $t_{TTC}$ [s]")
-        right = axes.secondary_yaxis("right", functions=(lambda t: t * ratio, lambda r: r / ratio))
-        right.set_ylabel("threshold $t_R$ [m]")
-        right.spines["right"].set_visible(True)
+        if ratio > 0:  # not where the crash itself was the event from the start
+            right = axes.secondary_yaxis("right", functions=(lambda t: t * ratio, lambda r: r / ratio))
+            right.set_ylabel("threshold $t_R$ [m]")
+            right.spines["right"].set_visible(True)
         axes.legend()
         note_source(drawn, source)
     columns = ["seed", "iteration", "threshold_ttc_s", "threshold_range_m", "events"]

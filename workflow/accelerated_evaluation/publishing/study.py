@@ -13,6 +13,7 @@ from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.files import read_json
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.independent import IndependentLaw
+from accelerated_evaluation.publishing.tables import as_markdown
 
 if TYPE_CHECKING:
     from accelerated_evaluation.laws import Factors
@@ -79,7 +80,7 @@ class Study:
     @property
     def headline(self) -> str:
         """Study, data and root seed in one line of Markdown."""
-        return f"Study **{self.name}**. Data: {self.source}. Root seed {self.config['seed']}."
+        return f"Study **{self.name}**. Data: {as_markdown(self.source)}. Root seed {self.config['seed']}."
 
     @property
     def alpha(self) -> float:
@@ -264,6 +265,53 @@ class Study:
     def bootstrap(self) -> pd.DataFrame:
         """Crash probability of the law refitted to each resample of the lane changes."""
         return self._table("bootstrap.csv")
+
+    # Laws with dependence.
+
+    @cached_property
+    def laws(self) -> pd.DataFrame:
+        """Held-out scores, weights and crash probabilities of laws, and whether the records refuse them."""
+        return self._table("laws/laws.csv")
+
+    @cached_property
+    def calibration(self) -> pd.DataFrame:
+        """Recorded against expected counts of cut-ins and near misses near the crash set."""
+        return self._table("laws/calibration.csv")
+
+    @cached_property
+    def crash_places(self) -> pd.DataFrame:
+        """Crashes drawn from laws: where each law puts them."""
+        return self._table("laws/crash_places.csv")
+
+    @cached_property
+    def answer(self) -> pd.DataFrame:
+        """The probability of a crash and of near misses, all that is not known included."""
+        return self._table("laws/answer.csv")
+
+    @cached_property
+    def vehicles(self) -> pd.DataFrame:
+        """Crash probabilities of vehicles, and their ratios to the careful human's."""
+        return self._table("laws/vehicles.csv")
+
+    @cached_property
+    def answer_draws(self) -> pd.DataFrame:
+        """Draws of the crash probability, and the law of each."""
+        return self._table("laws/answer_draws.csv")
+
+    @cached_property
+    def answer_budget(self) -> pd.DataFrame:
+        """Where the uncertainty of the answer comes from."""
+        return self._table("laws/answer_budget.csv")
+
+    @cached_property
+    def answer_thresholds(self) -> pd.DataFrame:
+        """The answer as each threshold alone gives it."""
+        return self._table("laws/answer_thresholds.csv")
+
+    @cached_property
+    def data_quality(self) -> pd.DataFrame:
+        """The answer under other readings of the records."""
+        return self._table("laws/data_quality.csv")
 
     @cached_property
     def coverage(self) -> pd.DataFrame:

@@ -8,6 +8,7 @@ from pathlib import Path
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from accelerated_evaluation.files import atomic_path, write_csv
@@ -64,7 +65,13 @@ def note_source(figure: Figure, source: str) -> None:
         Description of the data, such as "Safety Pilot Model Deployment (real events)". It takes the place
         of the figure's common label of x, so label the axes one by one.
     """
-    figure.supxlabel(f"Data: {source}", x=0.99, ha="right", fontsize=5.5, color="#555555")
+    # A dollar sign would begin a formula.
+    figure.supxlabel(f"Data: {source}".replace("$", r"\$"), x=0.99, ha="right", fontsize=5.5, color="#555555")
+
+
+def say_no_crash(axes: Axes) -> None:
+    """Write into axes that have nothing to show why that is so."""
+    axes.text(0.5, 0.5, "no crash", transform=axes.transAxes, ha="center", va="center", color="#555555")
 
 
 def save_figure(figure: Figure, data: pd.DataFrame, folder: str | os.PathLike, name: str) -> Figure:

@@ -12,6 +12,8 @@ import pandas as pd
 from accelerated_evaluation.files import write_csv, write_text
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+# Only where it would mean something: a tag, an entity, a link, emphasis, the end of a cell, a formula.
+_MARKDOWN = re.compile(r"[|$`*\\]|<(?=[A-Za-z/!?])|&(?=[#A-Za-z])|\](?=[(\[])|(?<!\w)_|_(?!\w)")
 _PLAIN = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
 
@@ -36,9 +38,15 @@ def save_table(
     shown = table if digest is None else digest
     shown = shown if digits is None else shown.map(lambda value: readable(value, digits))
     write_csv(Path(folder) / f"{name}.csv", table)
-    write_text(Path(folder) / f"{name}.md", shown.to_markdown(index=False, disable_numparse=True) + "\n")
+    escaped = shown.map(as_markdown)
+    write_text(Path(folder) / f"{name}.md", escaped.to_markdown(index=False, disable_numparse=True) + "\n")
     write_text(Path(folder) / f"{name}.tex", _plain_latex(shown.to_latex(index=False, escape=True)))
     return table
+
+
+def as_markdown(text: Any) -> Any:  # noqa: ANN401
+    """Escape what Markdown, HTML or MathJax would take for more than text; what is not text is left alone."""
+    return _MARKDOWN.sub(lambda found: f"&#{ord(found[0])};", text) if isinstance(text, str) else text
 
 
 def readable(value: Any, digits: int = 3) -> Any:  # noqa: ANN401

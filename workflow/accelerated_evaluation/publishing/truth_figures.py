@@ -28,7 +28,13 @@ from accelerated_evaluation.publishing.dot_chart import (
 from accelerated_evaluation.publishing.looks import look_of
 from accelerated_evaluation.publishing.published import figure
 from accelerated_evaluation.publishing.spreads import of_method
-from accelerated_evaluation.publishing.style import COLUMN_WIDTH, PIECES, note_source, paper_style
+from accelerated_evaluation.publishing.style import (
+    COLUMN_WIDTH,
+    PIECES,
+    note_source,
+    paper_style,
+    say_no_crash,
+)
 from accelerated_evaluation.publishing.truth_tables import severity_digest
 
 PAPER = {"color": "black", "marker": "*"}
@@ -115,7 +121,11 @@ def fig15_sensitivity(
         draw_truth(axes, data.iloc[0], "model, data and vehicle of the study")
         name_rows(axes, y, shown["choice"].map(_in_symbols), shown["value"].map(_value_label))
         write_beside(axes, y, in_ratios(shown["ratio"]), "to study")
-        axes.set(xlabel="crash probability", xscale="log")
+        axes.set(xlabel="crash probability")
+        if shown["probability"].gt(0).any():
+            axes.set_xscale("log")
+        else:
+            say_no_crash(axes)
         finish(drawn, axes, source)
     return drawn, data
 
@@ -193,12 +203,18 @@ def fig17_severity(severity: pd.DataFrame, source: str) -> tuple[Figure, pd.Data
             label = segment if segment == "all" else f"{segment.replace('-', '–')} m/s"
             look = {"color": color, "linestyle": line, "marker": marker, "markersize": 3}
             top.plot(rows["threshold"], rows["to_crash"], label=label, **look)
-        top.set(yscale="log", xlabel="impact speed $v$ [m/s]", ylabel="share of crashes above $v$")
+        if impacts["to_crash"].ge(RARE).any():
+            top.set_yscale("log")
+        else:
+            say_no_crash(top)
+        top.set(xlabel="impact speed $v$ [m/s]", ylabel="share of crashes above $v$")
         y = np.arange(len(near))
         bottom.plot(near["probability"], y, **DOT)
         bottom.set_yticks(y, near["event"])
         write_beside(bottom, y, in_ratios(near["to_crash"]), "to crash")
-        bottom.set(xscale="log", xlabel="probability in a lane change")
+        if near["probability"].gt(0).any():
+            bottom.set_xscale("log")
+        bottom.set(xlabel="probability in a lane change")
         bottom.invert_yaxis()
         drawn.legend(*top.get_legend_handles_labels(), loc="outside upper center", ncols=4)
         note_source(drawn, source)

@@ -14,7 +14,6 @@ from accelerated_evaluation.truth.posterior import LEVELS, Posterior
 from accelerated_evaluation.truth.weighed import Weighed, weigh
 
 RANGE_LIMIT_WIDTH = 0.5  # [m], next to the largest range, where rounding could have put records
-QUALITY_DRAWS = 200
 
 
 def told(posterior: Posterior) -> dict[str, float]:
@@ -42,6 +41,39 @@ def answer_table(posteriors: Mapping[str, Posterior], events_per_km: float | Non
     """
     table = pd.DataFrame([{"event": event} | told(posterior) for event, posterior in posteriors.items()])
     return table.assign(per_km=table["probability"] * (np.nan if events_per_km is None else events_per_km))
+
+
+def vehicle_table(posteriors: Mapping[str, Posterior], reference: str) -> pd.DataFrame:
+    """Compare the crash probabilities of vehicles.
+
+    All were found with the same draws of the law, so the interval of a ratio is far narrower than the
+    quotient of two intervals would be.
+
+    Parameters
+    ----------
+    posteriors
+        Draws by vehicle.
+    reference
+        The vehicle that the others are compared with, if it is among them.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Column ``vehicle``, the columns of `told`, and ``ratio``, ``ratio_low80`` and ``ratio_high80``: the
+        median and the 80 % interval of the ratio to the reference, NaN where that never
+        crashes; ``safer``, the share of the draws in which the vehicle crashes less often than the reference.
+    """
+    rows = []
+    base = posteriors[reference].probabilities if reference in posteriors else None
+    for vehicle, posterior in posteriors.items():
+        row = {"vehicle": vehicle} | told(posterior)
+        values, safer = [np.nan] * 3, np.nan
+        if base is not None and np.all(base > 0):
+            ratio = posterior.probabilities / base
+            values, safer = np.quantile(ratio, [0.5, 0.1, 0.9]).tolist(), float(np.mean(ratio < 1))
+        names = ("ratio", "ratio_low80", "ratio_high80")
+        rows.append(row | dict(zip(names, values, strict=True)) | {"safer": safer})
+    return pd.DataFrame(rows)
 
 
 def threshold_table(weighed: Weighed, lines: Lines, generator: np.random.Generator) -> pd.DataFrame:
@@ -82,7 +114,11 @@ def readings(encounters: pd.DataFrame, crashed: Array, outlier_rows: list[int]) 
 
 
 def quality_table(
-    choices: Mapping[str, Events], start: Weighed, lines: Lines, generator: np.random.Generator
+    choices: Mapping[str, Events],
+    start: Weighed,
+    lines: Lines,
+    draws: int,
+    generator: np.random.Generator,
 ) -> pd.DataFrame:
     """Tabulate what each reading of the records does to the answer.
 
@@ -94,6 +130,8 @@ def quality_table(
         The fit of the answer, from which the others start and whose smoothing they keep.
     lines
         Of the crash, thinned.
+    draws
+        Draws of the posterior for each reading.
     generator
         Draws weights and posteriors.
 
@@ -104,7 +142,7 @@ def quality_table(
     """
     rows = []
     for reading, events in tqdm(choices.items(), desc="data quality", unit=" readings"):
-        weighed = weigh(events, generator, draws=QUALITY_DRAWS, members=start.members, start=start.family)
+        weighed = weigh(events, generator, draws=draws, members=start.members, start=start.family)
         posterior = weighed.draw({"crash": lines}, generator)["crash"]
         rows.append({"reading": reading, "events": events.size} | told(posterior))
     return pd.DataFrame(rows)

@@ -48,6 +48,9 @@ INTERVALS = {
     "sequential_gamma": gamma_interval,
 }
 BLOCK = 50_000  # simulations drawn at once: small blocks take longer
+LARGEST = 1_000_000  # fixed number of simulations of a replicate, so that its weights fit into the memory
+VANISHING = 1e-290  # below it the number of simulations is no longer a number
+RARE = 1e-15  # below it events are drawn from the Poisson law, as their simulations exceed any whole number
 
 
 def foretold_size(
@@ -58,6 +61,9 @@ def foretold_size(
     stopping: Stopping,
 ) -> int:
     """Return the simulations after which a relative half-width of beta is to be expected (VI.C, N-hat).
+
+    It is the largest number of the stopping rule if the pilot sees fewer than two events, and at most
+    `LARGEST`.
 
     Parameters
     ----------
@@ -74,8 +80,10 @@ def foretold_size(
     """
     pilots = (Sums.of(draw_weights(problem, proposals, generator, pilot)) for proposals in searches)
     sums = sum(pilots, Sums())
+    if sums.events < 2:
+        return stopping.maximum_simulations
     reach = normal_reach(stopping.alpha) * sums.coefficient_of_variation / stopping.beta
-    return math.ceil(sums.simulations * reach**2)
+    return min(max(math.ceil(sums.simulations * reach**2), 2), LARGEST)
 
 
 class Stream:
@@ -175,17 +183,27 @@ def stop_crude(
     Returns
     -------
     dict
-        As of `stop_importance_sampling`.
+        As of `stop_importance_sampling`. An event of (almost) probability 0 is looked for in the largest
+        number of simulations of the rule.
     """
+    if probability < VANISHING:
+        nothing = Sums.unweighted(stopping.maximum_simulations, 0), False
+        return dict.fromkeys(INTERVALS, nothing)
+    probability = min(probability, 1.0)  # a sum of shares may exceed 1 by rounding
 
     def draw(size: int) -> Sums:
+        if probability < RARE:
+            return Sums.unweighted(size, int(generator.poisson(size * probability)))
         return Sums.unweighted(size, int(generator.binomial(size, probability)))
 
     alpha, beta = stopping.alpha, stopping.beta
-    at_fixed = draw(math.ceil(crude_simulations(probability, alpha, beta))), True
+    at_fixed = draw(max(math.ceil(crude_simulations(probability, alpha, beta)), 1)), True
     events = max(math.ceil((normal_reach(alpha) / beta) ** 2), stopping.minimum_events)
-    simulations = events + int(generator.negative_binomial(events, probability))
-    endless = Stopping(alpha, beta, stopping.minimum_events, sys.maxsize)
+    if probability < RARE:
+        simulations = math.ceil(generator.gamma(events) / probability)
+    else:
+        simulations = events + int(generator.negative_binomial(events, probability))
+    endless = Stopping(alpha, beta, stopping.minimum_events, max(sys.maxsize, math.ceil(1e6 / probability)))
     return {
         "fixed": at_fixed,
         "fixed_gamma": at_fixed,
@@ -209,7 +227,8 @@ def replicate_rows(
         row = {
             "stopping": stopping,
             "converged": converged,
-            "simulations": sums.simulations,
+            # Beyond the whole numbers of a table, as a float.
+            "simulations": sums.simulations if sums.simulations <= sys.maxsize else float(sums.simulations),
             "events": sums.events,
             "probability": sums.probability,
             "cov_reported": sums.coefficient_of_variation,
@@ -247,17 +266,18 @@ def coverage_table(replicates: pd.DataFrame, probability: float, standard_error:
 
 def _judge(group: pd.DataFrame, probability: float, standard_error: float) -> dict[str, float]:
     count = len(group)
-    ratio = group["probability"] / probability
+    # Without an event nothing is relative to its probability.
+    ratio = group["probability"] / (probability or math.nan)
     cov = float(ratio.std())
     row = {
         "replicates": count,
         "converged": float(group["converged"].mean()),
         "simulations_mean": float(group["simulations"].mean()),
         "bias": float(ratio.mean()) - 1,
-        "bias_se": math.hypot(cov / math.sqrt(count), standard_error / probability),
+        "bias_se": math.hypot(cov / math.sqrt(count), standard_error / (probability or math.nan)),
         "cov_true": cov,
         "cov_true_se": math.sqrt(float(np.square(np.square(ratio - ratio.mean()) - cov**2).mean()) / count)
-        / (2 * cov),
+        / (2 * (cov or math.nan)),
         "cov_reported": float(group["cov_reported"].mean()),
     }
     for level in LEVELS:

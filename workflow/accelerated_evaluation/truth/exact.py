@@ -138,7 +138,8 @@ def exact_probabilities(crash_map: CrashMap, law: Law, event: Event = CRASH) -> 
 def summed(lines: Array) -> Exact:
     """Add up the means of all cells; the two lines of a cell tell the variance of their mean."""
     probability = float(lines.mean(axis=1).sum())
-    return Exact(probability, float(np.sqrt(np.square(np.diff(lines)).sum()) / 2))
+    # A sum of shares may exceed 1 by rounding.
+    return Exact(min(probability, 1.0), float(np.sqrt(np.square(np.diff(lines)).sum()) / 2))
 
 
 def exact_table(crash_maps: Mapping[str, CrashMap], laws: Mapping[str, Law]) -> pd.DataFrame:

@@ -12,30 +12,31 @@ from accelerated_evaluation.fitting.rivals import IndependentTail
 from accelerated_evaluation.fitting.shapes import Exponential
 from accelerated_evaluation.laws.dependent import DependentLaw
 from accelerated_evaluation.laws.independent import recorded_lead_speeds
-from accelerated_evaluation.truth.answer import answer_table, quality_table, readings, threshold_table
+from accelerated_evaluation.methods.estimate import normal_reach
+from accelerated_evaluation.truth.answer import (
+    answer_table,
+    quality_table,
+    readings,
+    threshold_table,
+    vehicle_table,
+)
 from accelerated_evaluation.truth.calibration import cell_counts, near_miss_counts, places_of, with_limits
-from accelerated_evaluation.truth.crash_map import CrashMap, Grid
+from accelerated_evaluation.truth.crash_map import CrashMap
 from accelerated_evaluation.truth.law_scores import KNOT, PAPER, TOGETHER, law_table, score_laws
 from accelerated_evaluation.truth.lines import Lines, crash_places
-from accelerated_evaluation.truth.mapping import map_crashes
 from accelerated_evaluation.truth.posterior import Posterior, budget
 from accelerated_evaluation.truth.weighed import Weighed, weigh
-from accelerated_evaluation.vehicles.events import CRASH, Event
+from accelerated_evaluation.vehicles.events import Event
 from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
 
-EVENTS = {
-    "crash": CRASH,
-    "impact above 5 m/s": Event("impact_speed", 5.0),
-    "impact above 10 m/s": Event("impact_speed", 10.0),
-    "TTC at most 1 s": Event("min_ttc", 1.0),
-    "TTC at most 1.5 s": Event("min_ttc", 1.5),
-    "TTC at most 2 s": Event("min_ttc", 2.0),
-    "TTC at most 3 s": Event("min_ttc", 3.0),
-    "range at most 0.5 m": Event("min_range", 0.5),
-    "range at most 1 m": Event("min_range", 1.0),
-    "range at most 2 m": Event("min_range", 2.0),
+QUANTITIES = {
+    "crash": "crash",
+    "impact_speed": "impact above {:g} m/s",
+    "min_ttc": "TTC at most {:g} s",
+    "min_range": "range at most {:g} m",
 }
-WITHOUT_AEB = "crash without AEB"
+UNDER_TEST = "under test"
+REFERENCE = "cc_human"  # the competent and careful human of UN R157
 SHOWN = (Member(), *(Member(KNOT, shape) for shape in ("exponential", "generalised", "two kinds")))
 DRAWN = 2000  # crashes of each law whose place is told
 LIKE_RANGE = 5.0  # [m], how far the range of a record may differ to be like that of a crash
@@ -55,9 +56,11 @@ class LawStudy:
     weighed
         The family with its weights.
     lines
-        The vehicle's map by event, for distinct lead speeds; ``WITHOUT_AEB`` where there is a car without it.
+        The vehicle's map by event, for distinct lead speeds, and the crashes of the other vehicles.
     thinned
         The same, thinned.
+    events
+        The events of the car under test by name.
     """
 
     encounters: pd.DataFrame
@@ -65,38 +68,42 @@ class LawStudy:
     weighed: Weighed
     lines: Mapping[str, Lines]
     thinned: Mapping[str, Lines]
+    events: Mapping[str, Event]
 
     @classmethod
     def of(
         cls,
         encounters: pd.DataFrame,
         vehicle: Vehicle,
-        without_aeb: Vehicle | None,
-        grid: Grid,
+        maps: Mapping[str, CrashMap],
+        draws: int,
         generator: np.random.Generator,
     ) -> "LawStudy":
-        """Fit and weigh the family, and map the vehicles.
+        """Fit and weigh the family.
 
         Parameters
         ----------
         encounters
             Encounter table in the order of the record.
-        vehicle, without_aeb
-            The car under test, and the same without AEB if there is one.
-        grid
-            Where the maps look; their scan has to end where nothing changes any more, as there is no cap.
+        vehicle
+            The car under test.
+        maps
+            Crash maps: first that of the car under test with all its events, then those of other vehicles by
+            their names. Their scan has to end where nothing changes any more, because these laws have no cap.
+        draws
+            Draws of the posterior.
         generator
             Draws everything.
         """
         events = Events.of(encounters)
-        mapped = map_crashes(vehicle, grid, EVENTS.values(), generator)
-        lines = {name: Lines.of(mapped, events.lead_speed, event) for name, event in EVENTS.items()}
-        if without_aeb is not None:
-            other: CrashMap = map_crashes(without_aeb, grid, [], generator)
-            lines[WITHOUT_AEB] = Lines.of(other, events.lead_speed)
-        weighed = weigh(events, generator)
+        (_, own), *others = maps.items()
+        lines = {event_name(event): Lines.of(own, events.lead_speed, event) for event in sorted(own.events)}
+        lines |= {f"crash of {name}": Lines.of(mapped, events.lead_speed) for name, mapped in others}
+        weighed = weigh(events, generator, draws=draws)
         thinned = {name: weighed.thinned(part, generator) for name, part in lines.items()}
-        return cls(encounters, vehicle, weighed, lines, thinned)
+        return cls(
+            encounters, vehicle, weighed, lines, thinned, {event_name(e): e for e in sorted(own.events)}
+        )
 
     @property
     def family(self) -> Family:
@@ -126,8 +133,8 @@ class LawStudy:
         places, outcomes = places_of(events), self.replayed()
         below = places.body(family.body)
         by_member = {m: cell_counts(events, family.law(m).given(places, below)) for m in self.weighed.members}
-        near = {name: self.probabilities(name) for name in EVENTS}
-        recorded = {name: int(event.happens(outcomes).sum()) for name, event in EVENTS.items()}
+        near = {name: self.probabilities(name) for name in self.events}
+        recorded = {name: int(event.happens(outcomes).sum()) for name, event in self.events.items()}
         together = by_member[SHOWN[0]].assign(
             expected=self.weighed.mean({member: counts["expected"] for member, counts in by_member.items()})
         )
@@ -152,8 +159,8 @@ class LawStudy:
 
         The last is how much faster the crash closes [m/s] than any record at like range.
         """
-        parts = []
-        for member in SHOWN:
+        parts = [pd.DataFrame(columns=["lead_speed", "range", "closing_speed", "law", "beyond_recorded"])]
+        for member in SHOWN if self.lines["crash"].row.size else ():
             drawn = crash_places(
                 self.lines["crash"], self.family.ranges, self.family.law(member), DRAWN, generator
             )
@@ -175,43 +182,65 @@ class LawStudy:
         lead_speeds = recorded_lead_speeds(self.encounters, counts)
         return DependentLaw(member.name, counts, self.family.ranges, self.family.law(member), lead_speeds)
 
-    def tables(
-        self,
-        distance: float | None,
-        outlier_rows: list[int],
-        sampling_deviation: float,
-        generator: np.random.Generator,
+    def answers(
+        self, distance: float | None, half_width: float, generator: np.random.Generator
     ) -> dict[str, pd.DataFrame]:
-        """Return all tables of the study by name.
+        """Return the answer, and the tables that tell where it comes from.
 
         Parameters
         ----------
         distance
             That the records were collected over [km]; None where it is not known.
-        outlier_rows
-            That the authors' later code leaves out, counted from 1.
-        sampling_deviation
-            Relative standard deviation of the estimator that finds the probability by simulation.
+        half_width
+            Relative half-width of the 80 % interval with which an estimator finds a probability.
         generator
             Draws everything.
+
+        Returns
+        -------
+        dict
+            ``answer`` by event, ``vehicles`` compared with each other, ``answer_draws``, ``answer_budget``,
+            ``answer_thresholds``, ``calibration`` and ``crash_places``.
         """
         posteriors = self.weighed.draw(self.thinned, generator)
         per_km = None if distance is None else self.weighed.events.size / distance
-        crash = self.thinned["crash"]
-        replayed = self.vehicle.simulate(
-            *(self.encounters[name].to_numpy() for name in ("lead_speed", "range", "closing_speed"))
-        )
-        choices = readings(self.encounters, replayed.crash, outlier_rows)
+        own = {name: posteriors[name] for name in self.events}
+        crashes = {
+            name.removeprefix("crash of "): posterior
+            for name, posterior in posteriors.items()
+            if name not in self.events
+        }
         return {
-            "laws": self.laws(),
+            "answer": answer_table(own, per_km),
+            "vehicles": vehicle_table({UNDER_TEST: own["crash"]} | crashes, REFERENCE),
+            "answer_draws": answer_draws(own["crash"], self.weighed),
+            "answer_budget": budget(own["crash"], half_width / normal_reach(0.2)),
+            "answer_thresholds": threshold_table(self.weighed, self.thinned["crash"], generator),
             "calibration": self.calibration(),
             "crash_places": self.crash_places(generator),
-            "answer": answer_table(posteriors, per_km),
-            "answer_draws": answer_draws(posteriors["crash"], self.weighed),
-            "answer_budget": budget(posteriors["crash"], sampling_deviation),
-            "answer_thresholds": threshold_table(self.weighed, crash, generator),
-            "data_quality": quality_table(choices, self.weighed, crash, generator),
         }
+
+    def quality(self, outlier_rows: list[int], draws: int, generator: np.random.Generator) -> pd.DataFrame:
+        """Return the table of what other readings of the records do to the answer.
+
+        Parameters
+        ----------
+        outlier_rows
+            Rows that the authors' later code leaves out, counted from 1.
+        draws
+            Draws of the posterior for each reading.
+        generator
+            Draws everything.
+        """
+        names = ("lead_speed", "range", "closing_speed")
+        replayed = self.vehicle.simulate(*(self.encounters[name].to_numpy() for name in names))
+        choices = readings(self.encounters, replayed.crash, outlier_rows)
+        return quality_table(choices, self.weighed, self.thinned["crash"], draws, generator)
+
+
+def event_name(event: Event) -> str:
+    """Return how tables call an event."""
+    return QUANTITIES[event.quantity].format(event.threshold)
 
 
 def answer_draws(posterior: Posterior, weighed: Weighed) -> pd.DataFrame:

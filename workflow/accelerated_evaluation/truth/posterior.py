@@ -90,7 +90,11 @@ def budget(posterior: Posterior, sampling_deviation: float) -> pd.DataFrame:
         ``data`` is the mean variance of the draws of one law, ``choice of law`` the variance between the
         means of the laws.
     """
-    logs = pd.Series(np.log(posterior.probabilities))
+    with np.errstate(divide="ignore"):
+        logs = pd.Series(np.log(posterior.probabilities))
+    if not np.isfinite(logs).all():  # the event never happens, so nothing is uncertain
+        names = ["data", "choice of law", "sampling", "together"]
+        return pd.DataFrame({"source": names, "factor": 1.0, "variance_share": np.nan})
     groups = logs.groupby(posterior.member)
     means, counts = groups.transform("mean"), groups.transform("size")
     within = float((logs - means).pow(2).mean() * counts.mean() / max(counts.mean() - 1, 1))

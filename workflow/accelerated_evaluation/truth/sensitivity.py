@@ -1,7 +1,11 @@
 """What the crash probability depends on: the choices of the model, the data and the cap, one by one."""
 
-from collections.abc import Mapping, Sequence
+import math
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,6 +15,7 @@ from tqdm import tqdm
 from accelerated_evaluation.distributions import PiecewiseMixture
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.encounters.segments import assign_segments
+from accelerated_evaluation.errors import StudyError
 from accelerated_evaluation.fitting.pieces import EXPONENTIAL, PieceFamily
 from accelerated_evaluation.fitting.piecewise import fit_piecewise, knots_at_quantiles, usable_knots
 from accelerated_evaluation.laws.independent import IndependentLaw, recorded_lead_speeds
@@ -127,6 +132,15 @@ class Refit:
         return exact_probabilities(self.crash_map, law)[ALL]
 
 
+@contextmanager
+def warning_of_failure(what: str) -> Iterator[None]:
+    """Turn the failure of one refit of many into a warning, so that the others are still made."""
+    try:
+        yield
+    except StudyError as error:
+        warnings.warn(f"{what}: no refit, because {error}", stacklevel=3)
+
+
 def is_repeated(encounters: pd.DataFrame) -> Array:
     """Tell which rows repeat the row before them, shape (n,)."""
     return (encounters == encounters.shift()).all(axis=1).to_numpy()
@@ -156,28 +170,36 @@ def study_sensitivity(
     Returns
     -------
     pandas.DataFrame
-        Columns ``choice``, ``value``, ``probability`` and ``standard_error``.
+        Columns ``choice``, ``value``, ``probability`` and ``standard_error``, the last two NaN where a choice
+        leaves too few rows to fit; a warning tells why.
     """
     base = Levels.of(models[variant])
     refit = Refit.by(crash_map, models[variant].closing_speed_max)
     rows: list[tuple[str, str, Exact]] = [
         ("model", name, exact_probabilities(crash_map, model)[ALL]) for name, model in models.items()
     ]
-    cases: list[tuple[str, str, pd.DataFrame, Levels]] = []
+    cases: list[tuple[str, str, Callable[[], pd.DataFrame], Levels]] = []
+
+    def as_recorded() -> pd.DataFrame:
+        return encounters
+
     for level in settings["inverse_ttc_knots"]:
-        cases.append(("knot of TTC^-1", f"{level:g}", encounters, replace(base, inverse_ttc=level)))
+        cases.append(("knot of TTC^-1", f"{level:g}", as_recorded, replace(base, inverse_ttc=level)))
     for level in settings["inverse_range_knots"]:
         levels = replace(base, inverse_range=(level,))
-        cases.append(("knot of R^-1, two pieces", f"{level:g}", encounters, levels))
+        cases.append(("knot of R^-1, two pieces", f"{level:g}", as_recorded, levels))
     for edges in settings["lead_speed_edges"]:
-        cut = assign_segments(encounters, edges)
-        cases.append(("segments of v_L", " ".join(f"{edge:g}" for edge in edges), cut, base))
-    cases.append(("repeated rows", "drop", encounters[~is_repeated(encounters)], base))
+        name = " ".join(f"{edge:g}" for edge in edges)
+        cases.append(("segments of v_L", name, partial(assign_segments, encounters, edges), base))
+    cases.append(("repeated rows", "drop", lambda: encounters[~is_repeated(encounters)], base))
     if settings["outlier_rows"]:
-        rest = encounters.drop(encounters.index[np.array(settings["outlier_rows"]) - 1])
-        cases.append(("outliers", "drop", rest, base))
+        outliers = encounters.index[np.array(settings["outlier_rows"]) - 1]
+        cases.append(("outliers", "drop", partial(encounters.drop, outliers), base))
     for choice, value, table, levels in tqdm(cases, desc="sensitivity", unit=" refits"):
-        rows.append((choice, value, refit.probability(table, levels)))
+        exact = Exact(math.nan, math.nan)
+        with warning_of_failure(f"{choice}, {value}"):
+            exact = refit.probability(table(), levels)
+        rows.append((choice, value, exact))
     return _table(rows)
 
 

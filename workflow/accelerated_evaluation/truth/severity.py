@@ -52,13 +52,14 @@ def impact_speed_table(severity: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        Columns ``segment``, ``mean`` and ``q10`` .. ``q90`` [m/s]; no row where nothing crashes.
+        Columns ``segment``, ``mean`` and ``q10`` .. ``q90`` [m/s]; no row where nothing crashes, and
+        none at all with fewer than two thresholds.
     """
     rows = []
     impacts = severity[severity["quantity"] == "impact_speed"].sort_values("threshold")
     for segment, group in impacts.groupby("segment", sort=False):
         speed, survival = group["threshold"].to_numpy(), group["to_crash"].to_numpy()
-        if np.isnan(survival).any():
+        if speed.size < 2 or np.isnan(survival).any():
             continue
         # A crash at no closing speed is one too, so that all survive below the first threshold of 0.
         speed = np.concatenate([[0.0], speed, [2 * speed[-1] - speed[-2]]])

@@ -1,17 +1,19 @@
 """How sure is the number: bootstrap refits for the finite data, and a budget of all it may be wrong by."""
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 from scipy.special import ndtri
 from tqdm import trange
 
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.truth.crash_map import CrashMap
-from accelerated_evaluation.truth.sensitivity import Levels, Refit, is_repeated
+from accelerated_evaluation.truth.sensitivity import Levels, Refit, is_repeated, warning_of_failure
 
 NORMAL_POINTS = 100  # that stand for a normal distribution
 
@@ -27,6 +29,8 @@ def bootstrap_probabilities(
     block_runs: int,
 ) -> Array:
     """Fit the model to resampled data again and again; return the crash probabilities, shape (replicates,).
+
+    A refit that fails is NaN, and a warning tells of it.
 
     A row and those that repeat it are one run, and runs are drawn in blocks of consecutive ones (circular
     block bootstrap, Politis and Romano 1992). Knots are chosen anew at their quantile levels; segment shares
@@ -52,10 +56,11 @@ def bootstrap_probabilities(
     refit = Refit.by(crash_map, closing_speed_max)
     starts = np.flatnonzero(~is_repeated(encounters))
     needed = encounters[["lead_speed", "inverse_range", "inverse_ttc", "segment"]]
-    probabilities = np.empty(replicates)
+    probabilities = np.full(replicates, np.nan)
     for replicate in trange(replicates, desc="bootstrap", unit=" refits"):
         rows = resampled_rows(starts, len(encounters), block_runs, generator)
-        probabilities[replicate] = refit.probability(needed.iloc[rows], levels).probability
+        with warning_of_failure(f"bootstrap, refit {replicate}"):
+            probabilities[replicate] = refit.probability(needed.iloc[rows], levels).probability
     return probabilities
 
 
@@ -88,8 +93,12 @@ def probabilities_of_choices(
     """Return the crash probability for each variant of R^-1 with each level of the knot of TTC^-1."""
     refit = Refit.by(crash_map, closing_speed_max)
     choices = product(variants, inverse_ttc_knots)
-    refits = [refit.probability(encounters, replace(levels, inverse_ttc=knot)) for levels, knot in choices]
-    return np.array([exact.probability for exact in refits])
+    probabilities = []
+    for levels, knot in choices:
+        with warning_of_failure(f"knot of TTC^-1 at {knot:g}"):
+            exact = refit.probability(encounters, replace(levels, inverse_ttc=knot))
+            probabilities.append(exact.probability)
+    return np.array(probabilities)
 
 
 def uncertainty_budget(
@@ -107,7 +116,7 @@ def uncertainty_budget(
     probability
         Crash probability of the model of the study.
     bootstrap
-        Probabilities of the refits, shape (replicates,): finite data.
+        Probabilities of the refits, shape (replicates,): finite data. Those that are NaN do not count.
     choices
         Probabilities under models that one could as well have chosen, each with the same weight.
     sampling_interval
@@ -120,22 +129,35 @@ def uncertainty_budget(
     pandas.DataFrame
         Columns ``source``, ``probability`` (mean), ``standard_deviation``, ``ci_low``, ``ci_high`` and
         ``variance_share``. Intervals are quantiles but for the given one; ``together`` takes the three as
-        independent relative deviations from ``probability``.
+        independent relative deviations from ``probability``. What is relative to a probability of 0 is NaN.
     """
+    bootstrap, choices = (_or_unknown(values) for values in (bootstrap, choices))
+    probability = probability or math.nan  # no deviation is relative to 0
     quantiles = [alpha / 2, 1 - alpha / 2]
     middle = sum(sampling_interval) / 2
     sampling_sd = (sampling_interval[1] - sampling_interval[0]) / (2 * -ndtri(alpha / 2))
     relative = np.array(
-        [sampling_sd / middle, np.std(bootstrap, ddof=1) / probability, np.std(choices) / probability]
+        [sampling_sd / middle, _standard_deviation(bootstrap) / probability, np.std(choices) / probability]
     )
     errors = 1 + relative[0] * ndtri((np.arange(NORMAL_POINTS) + 0.5) / NORMAL_POINTS)
     together = np.multiply.outer(np.multiply.outer(bootstrap, np.array(choices) / probability), errors)
     rows = [
         ("sampling", middle, sampling_sd, *sampling_interval),
-        ("data", np.mean(bootstrap), np.std(bootstrap, ddof=1), *np.quantile(bootstrap, quantiles)),
+        ("data", np.mean(bootstrap), _standard_deviation(bootstrap), *np.quantile(bootstrap, quantiles)),
         ("choice of model", np.mean(choices), np.std(choices), *np.quantile(choices, quantiles)),
         ("together", np.mean(together), np.std(together), *np.quantile(together, quantiles)),
     ]
     columns = ["source", "probability", "standard_deviation", "ci_low", "ci_high"]
     shares = [*(relative**2 / np.sum(relative**2)), 1.0]
     return pd.DataFrame(rows, columns=columns).assign(variance_share=shares)
+
+
+def _or_unknown(values: ArrayLike) -> Array:
+    """Return the values that are numbers, or a single NaN where there is none."""
+    values = np.asarray(values, dtype=float)
+    known = values[~np.isnan(values)]
+    return known if known.size else np.array([math.nan])
+
+
+def _standard_deviation(values: Array) -> float:
+    return float(np.std(values, ddof=1)) if values.size > 1 else math.nan

@@ -60,6 +60,8 @@ class Weighed:
 
     def thinned(self, lines: Lines, generator: np.random.Generator, size: int = LINES) -> Lines:
         """Thin the lines of an event to those where some law has its mass."""
+        if lines.row.size == 0:  # the event never happens
+            return lines
         guides = [member for member in self.members if member.level in (None, GUIDE)]
         masses = [lines.masses(self.family.ranges, self.family.law(member)) for member in guides]
         return lines.thinned(np.mean([mass / mass.sum() for mass in masses], axis=0), size, generator)

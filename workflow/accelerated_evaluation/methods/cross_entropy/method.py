@@ -13,6 +13,7 @@ from accelerated_evaluation.methods.cross_entropy.proposals import Proposals
 from accelerated_evaluation.methods.cross_entropy.search import Search, Settings, Shift, search
 from accelerated_evaluation.methods.estimate import Estimate, Method, Stopping
 from accelerated_evaluation.methods.importance_sampling import (
+    bound_without_event,
     course_table,
     estimate_from_weights,
     run_to_convergence,
@@ -114,4 +115,9 @@ class CrossEntropyMethod(Method):
             converged=converged_at is not None,
             learning=proposals.total,
         )
+        if not estimate.events:
+            high = bound_without_event(
+                problem.law, proposals.factors, estimate.estimating, stopping.alpha, generator
+            )
+            estimate = replace(estimate, high=high)
         return replace(estimate, tables={"course": course_table(weights, stopping.alpha, self.course_step)})

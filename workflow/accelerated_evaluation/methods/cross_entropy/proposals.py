@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self
 
 from accelerated_evaluation.distributions import from_dict
@@ -22,20 +22,26 @@ class Proposals:
         f* in the coordinates of each stratum.
     simulations
         Simulations of each search.
+    unfinished
+        Strata whose search did not come to the event, with the reason.
     """
 
     factors: Mapping[str, Factors]
     simulations: Mapping[str, int]
+    unfinished: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, searches: Mapping[str, Search]) -> Self:
         """Take f* from finished searches, by stratum."""
         factors = {stratum: search.proposal for stratum, search in searches.items()}
-        return cls(factors, {stratum: search.simulations for stratum, search in searches.items()})
+        simulations = {stratum: search.simulations for stratum, search in searches.items()}
+        reasons = {stratum: search.unfinished for stratum, search in searches.items() if search.unfinished}
+        return cls(factors, simulations, reasons)
 
     def only(self, stratum: str) -> Self:
         """Return what was found in one stratum."""
-        return type(self)({stratum: self.factors[stratum]}, {stratum: self.simulations[stratum]})
+        reason = {stratum: self.unfinished[stratum]} if stratum in self.unfinished else {}
+        return type(self)({stratum: self.factors[stratum]}, {stratum: self.simulations[stratum]}, reason)
 
     @property
     def total(self) -> int:
@@ -51,6 +57,7 @@ def write_proposals(path: str | os.PathLike, proposals: Proposals) -> None:
             "first": f.first.to_dict(),
             "second": f.second.to_dict(),
         }
+        | ({"unfinished": proposals.unfinished[stratum]} if stratum in proposals.unfinished else {})
         for stratum, f in proposals.factors.items()
     }
     write_json(path, content)
@@ -70,7 +77,11 @@ def read_proposals(path: str | os.PathLike) -> Proposals:
             stratum: Factors(from_dict(found["first"]), from_dict(found["second"]))
             for stratum, found in content.items()
         }
-        return Proposals(factors, {stratum: found["simulations"] for stratum, found in content.items()})
+        simulations = {stratum: found["simulations"] for stratum, found in content.items()}
+        reasons = {
+            stratum: found["unfinished"] for stratum, found in content.items() if "unfinished" in found
+        }
+        return Proposals(factors, simulations, reasons)
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise InputError(
             str(path),

@@ -2,12 +2,11 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.errors import ConvergenceError
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.methods.cross_entropy.families import Family, PiecewiseFamily
 from accelerated_evaluation.problem import Problem, Sample
@@ -50,11 +49,22 @@ COORDINATES = ("inverse_range", "inverse_ttc")  # names of the two coordinates i
 
 @dataclass(frozen=True)
 class Search:
-    """Where a search stands: the families at their present parameters, and the trace, a row an iteration."""
+    """Where a search stands.
+
+    Attributes
+    ----------
+    first, second
+        The families at their present parameters.
+    trace
+        A row for each iteration.
+    unfinished
+        Why the search ended before the event itself had taught f*; empty if it had.
+    """
 
     first: Family
     second: Family
     trace: list[dict[str, float]] = field(default_factory=list)
+    unfinished: str = ""
 
     @property
     def proposal(self) -> Factors:
@@ -97,6 +107,9 @@ def search(
 ) -> Search:
     """Search f* of one stratum by the Cross-Entropy method.
 
+    A search that does not come to the event gives its last f* all the same, and says so: the weights of an
+    estimate are right whatever f* is, and without an event it gives a bound.
+
     Every iteration draws N cut-ins from f*, takes as event the widest relaxed event "R hits t_R or TTC
     hits t_TTC" that is rare enough (section V.C.1), and maximizes the weighted likelihood of the events.
 
@@ -119,13 +132,9 @@ def search(
     Returns
     -------
     Search
-        The last f*, and the trace: thresholds, events, effective sample size, parameters, simulations.
-
-    Raises
-    ------
-    ConvergenceError
-        If the event itself was not the event of the last ``crash_iterations`` updates, or no simulation of
-        an iteration ended in the relaxed event.
+        The last f*, and the trace: thresholds, events, effective sample size, parameters, simulations. It is
+        unfinished if the event itself was not the event of the last ``crash_iterations`` updates, or no
+        simulation of an iteration ended in the relaxed event.
     """
     row = {"threshold_ttc_s": math.nan, "threshold_range_m": math.nan, "simulations_total": 0}
     state = Search(*start).advance(*start, row)
@@ -135,7 +144,9 @@ def search(
         sample, threshold = _draw_level(problem, stratum, state.proposal, settings, threshold, generator)
         chosen = event_score(sample, settings.range_per_ttc) <= threshold
         if not chosen.any():
-            raise _unconverged(settings, f"no event down to {threshold:.3g} s in {chosen.size} simulations")
+            return _unfinished(
+                state, settings, f"no event down to {threshold:.3g} s in {chosen.size} simulations"
+            )
         log_ratio = sample.log_ratio[chosen]
         # Only the ratios of weights matter, and the largest log ratio may be too large for exp.
         weight = np.exp(log_ratio - log_ratio.max())
@@ -159,16 +170,13 @@ def search(
         on_iteration(state.trace[-1])
         if at_event == settings.crash_iterations:
             return state
-    raise _unconverged(settings, f"events down to a time to collision of {threshold:.3g} s")
+    return _unfinished(state, settings, f"events down to a time to collision of {threshold:.3g} s")
 
 
-def _unconverged(settings: Settings, reached: str) -> ConvergenceError:
-    return ConvergenceError(
-        "Cross-Entropy",
-        reached=reached,
-        limit=f"{settings.maximum_iterations} iterations of {settings.sample_size} simulations",
-        change="Raise cross_entropy.sample_size or cross_entropy.maximum_iterations.",
-    )
+def _unfinished(state: Search, settings: Settings, reached: str) -> Search:
+    limit = f"{settings.maximum_iterations} iterations of {settings.sample_size} simulations"
+    reason = f"the search did not come to the event: it reached {reached}, within {limit}"
+    return replace(state, unfinished=reason)
 
 
 def event_score(sample: Sample, range_per_ttc: float) -> Array:

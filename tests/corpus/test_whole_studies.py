@@ -1,0 +1,120 @@
+"""Whole small studies of odd data, vehicles and settings: each ends with every figure, table and notebook.
+
+They take minutes, so `make test-studies` runs them, and `make test` does not.
+"""
+
+import shutil
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import yaml
+
+HERE = Path(__file__).parent
+TINY = {
+    "study": "tiny",
+    "data": {"sample": 1500, "spmd": {"outlier_rows": []}},
+    "models": {
+        "inverse_range": {
+            "two_pieces": {"profile": {"points": 8}},
+            "three_pieces": {"profile": {"points": 8}},
+        }
+    },
+    "cross_entropy": {
+        "seeds": 2,
+        "sample_size": 300,
+        "minimum_events": 20,
+        "maximum_batches": 10,
+        "maximum_iterations": 20,
+    },
+    "importance_sampling": {
+        "replicates": 2,
+        "minimum_events": 20,
+        "simulations": 1000,
+        "maximum_simulations": 2000,
+        "course_step": 20,
+    },
+    "crash_map": {
+        "grid": {"lead_speed_cells": 8, "range_cells": 12, "refinement": 2, "closing_speed_points": 60},
+        "events": {"impact_speed": [0, 5], "min_range": [1], "min_ttc": [1]},
+    },
+    "sensitivity": {
+        "inverse_ttc_knots": [0.9, 0.99],
+        "inverse_range_knots": [0.8],
+        "lead_speed_edges": [[5, 35]],
+        "closing_speed_max": [20],
+    },
+    "uncertainty": {"replicates": 10},
+    "crude_monte_carlo": {"simulations": 20000, "batch_size": 10000},
+    "surrogate": {"replicates": 2, "maximum_calls": 100},
+    "coverage": {"replicates": 2, "pilot": 500},
+}
+FAST = {"filters": {"lead_speed_min": 25}, "segments": {"lead_speed_edges": [25, 35]}}
+FAST |= {"sensitivity": {"lead_speed_edges": [[25, 30, 35]]}}
+
+
+def car(name, **parameters):
+    """Name a vehicle of `vehicles.py` in the configuration."""
+    return {"vehicle": {"name": f"vehicles.py:{name}", "parameters": parameters}}
+
+
+def described(text):
+    """Describe the data in the words of a user."""
+    return {"data": {"spmd": {"description": text}}}
+
+
+STUDIES = {
+    "never crashes": car("Never"),
+    "crashes always": car("From"),
+    "crashes in a tenth of the cut-ins": car("From", inverse_ttc=0.1),
+    "crashes in the slowest segment alone": car("From", inverse_ttc=0.4, slower_than=15.0),
+    "crashes below the knot": car("From", inverse_ttc=0.03),
+    "hardly ever crashes": car("From", inverse_ttc=2.5),
+    "fast cut-ins alone": FAST,
+    "500 records": {"data": {"sample": 500}},
+    "200 records": {"data": {"sample": 200}},
+    "one segment": {"segments": {"lead_speed_edges": [5, 35]}},
+    "many segments": {"segments": {"lead_speed_edges": [5, 10, 15, 20, 25, 30, 35]}},
+    "a description with dollars and bars": described("costs $5 | 'quoted' and \"quoted\" _x_ *y*"),
+    "a description with HTML": described("<script>alert(1)</script><b>bold & brave</b>"),
+    "few of everything": {
+        "cross_entropy": {"seeds": 1},
+        "importance_sampling": {"replicates": 1},
+        "surrogate": {"replicates": 1},
+    },
+    "alpha near one": {"importance_sampling": {"alpha": 0.999}},
+    "alpha near zero": {"importance_sampling": {"alpha": 1e-6}},
+    "one threshold of the impact speed": {"crash_map": {"events": {"impact_speed": [3]}}},
+    "three pieces": {"models": {"inverse_range": {"variant": "three_pieces"}}},
+    "a cap that is not reached": {
+        "models": {"closing_speed_max": 60},
+        "crash_map": {"grid": {"closing_speed_max": 60}},
+    },
+}
+
+
+def merged(base, change):
+    """Return a configuration with another over it, section by section."""
+    sections = [key for key, value in change.items() if isinstance(value, dict)]
+    below = {key: merged(base.get(key) or {}, change[key]) for key in sections}
+    return base | change | below
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_the_study_ends_whole(project, name):
+    shutil.copy(HERE / "vehicles.py", project.folder)
+    config = merged(TINY, STUDIES[name])
+    (project.folder / "tiny.yaml").write_text(yaml.safe_dump(config, allow_unicode=True))
+    run = project.run(config="tiny.yaml", cores=1)
+    output = run.stdout + run.stderr
+    assert run.returncode == 0, output[-8000:]
+    assert "Traceback" not in output
+    results, figures = (project.folder / part / "tiny" for part in ("results", "figures"))
+    for notebook in (project.folder / "notebooks").glob("*.ipynb"):
+        page = (results / "notebooks" / f"{notebook.stem}.html").read_text()
+        assert "<script>alert(1)" not in page
+    assert len(list(figures.glob("fig*.svg"))) == len(list(figures.glob("fig*.csv"))) >= 20
+    estimates = pd.read_csv(results / "estimates.csv")
+    known = estimates.dropna(subset="probability")
+    assert (known["ci_low"] <= known["ci_high"]).all()
+    assert estimates[["ci_low", "ci_high"]].notna().all(axis=None)

@@ -1,0 +1,31 @@
+"""Weigh laws with dependence, and write the tables that the rule asks for: answer, scores or data quality."""
+
+from accelerated_evaluation.encounters.contract import read_encounters
+from accelerated_evaluation.files import write_csv
+from accelerated_evaluation.jobs import job
+from accelerated_evaluation.randomness import child_generator
+from accelerated_evaluation.truth.crash_map import read_crash_map
+from accelerated_evaluation.truth.law_study import LawStudy
+from accelerated_evaluation.vehicles.loading import load_vehicle
+
+if __name__ == "__main__":
+    with job(snakemake.log[0]):
+        files, params, outputs = snakemake.input, snakemake.params, dict(snakemake.output.items())
+        maps = dict(zip(params.vehicles, map(read_crash_map, files.maps), strict=True))
+        study = LawStudy.of(
+            read_encounters(files.encounters),
+            load_vehicle(params.vehicle["name"], **params.vehicle["parameters"]),
+            maps,
+            params.answer["draws"],
+            child_generator(params.seed, "laws", "weigh"),
+        )
+        generator, tables = child_generator(params.seed, "laws", *outputs), {}
+        if "answer" in outputs:
+            tables = study.answers(params.distance, params.half_width, generator)
+        if "laws" in outputs:
+            tables["laws"] = study.laws()
+        if "data_quality" in outputs:
+            draws = params.answer["quality_draws"]
+            tables["data_quality"] = study.quality(params.outlier_rows, draws, generator)
+        for name, path in outputs.items():
+            write_csv(path, tables[name])
