@@ -11,8 +11,8 @@ from accelerated_evaluation.distributions import BoundedExponential
 from accelerated_evaluation.encounters.segments import MINIMUM_ROWS, assign_segments, require_rows
 from accelerated_evaluation.errors import ConvergenceError, InputError
 from accelerated_evaluation.fitting.pieces import EXPONENTIAL, PieceFamily
-from accelerated_evaluation.fitting.piecewise import usable_knots
-from accelerated_evaluation.laws.paper import choose_knots, fit_paper_laws, simpler_pieces
+from accelerated_evaluation.fitting.piecewise import fit_piecewise, usable_knots
+from accelerated_evaluation.laws.paper import choose_knots, fit_paper_laws, refit, simpler_pieces
 from accelerated_evaluation.truth.sensitivity import Levels
 
 RECORDS = Path(__file__).parents[2] / "data/spmd/cut_ins.parquet"
@@ -108,6 +108,14 @@ def test_errors_of_fits_name_variable_and_segment(recorded, models):
         InputError, match=r"TTC\^-1 in segment 15-25 m/s, sample of .* seen 1 different values"
     ):
         fit_paper_laws(flat, models, 75, "sample", 23.49)
+
+
+def test_a_law_of_all_segments_is_refitted_to_one_that_has_nothing_beyond_its_last_knot():
+    x = np.concatenate([rising(), [0.5, 0.6, 0.7]])
+    law = fit_piecewise(x, 0.0, [0.1, 0.5], [EXPONENTIAL] * 3)
+    assert refit(law, x) == law
+    near = x[x < 0.2]
+    assert refit(law, near).knots == (0.1, np.sort(near)[-2])
 
 
 def test_a_segment_with_too_few_rows_is_refused_with_its_count(recorded):

@@ -37,3 +37,23 @@ def test_markdown_of_what_is_harmless_is_the_text_itself():
             assert as_markdown(text) == text
     for mark in ("<script", "$", "|", "](", "`", "*"):
         assert mark not in as_markdown(NASTY)
+
+
+def test_published_numbers_have_the_digits_that_reproduce(tmp_path):
+    table = pd.DataFrame(
+        {
+            "exact": [1 / 3, 7.4e-7 / 3, 1e300 / 7, float("nan")],
+            "whole": [1.0, 20.0, 1e6, -0.0],
+            "mixed": [1 / 3, "text", 7, None],
+            "count": pd.array([12_345_678_901, 1, 2, None], dtype="Int64"),
+            "huge": [2**62 + 1, 1, 2, 3],
+        }
+    )
+    elsewhere = table.assign(exact=table["exact"] * (1 + 1e-15))
+    for name, content in (("here", table), ("there", elsewhere)):
+        save_table(content, tmp_path, name)
+    written = (tmp_path / "here.csv").read_text()
+    assert written == (tmp_path / "there.csv").read_text()
+    assert written.splitlines()[1] == f"0.333333333,1.0,0.333333333,12345678901,{2**62 + 1}"
+    assert written.splitlines()[4] == ",-0.0,,,3"
+    assert table["exact"][0] == 1 / 3  # what is shown and kept is not rounded

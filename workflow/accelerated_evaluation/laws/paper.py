@@ -159,5 +159,9 @@ def _by_segment(encounters: pd.DataFrame, fit: Callable[[Array], Distribution]) 
 
 
 def refit(law: PiecewiseMixture, x: Array) -> PiecewiseMixture:
-    """Fit the pieces of a piecewise mixture to another sample, at the same knots."""
-    return fit_piecewise(x, law.lower, law.knots, [PieceFamily.of(piece) for piece in law.components])
+    """Fit the pieces of a piecewise mixture to another sample, at the same knots.
+
+    A sample that leaves a piece with fewer than two different values moves them, see `usable_knots`.
+    """
+    families = [PieceFamily.of(piece) for piece in law.components]
+    return fit_piecewise(x, law.lower, usable_knots(x, law.knots), families)

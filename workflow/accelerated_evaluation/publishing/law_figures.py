@@ -1,4 +1,4 @@
-"""Beyond the paper: scores of laws, their calibration, the answer and its coverage (21-24)."""
+"""Beyond the paper: scores of laws, their calibration, the answer and its coverage (21-25)."""
 
 from collections.abc import Iterable
 
@@ -247,3 +247,31 @@ def _name_panels(all_axes: Iterable[Axes]) -> None:
         axes.set_xscale("log")
         axes.minorticks_off()
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+
+
+@figure
+def fig25_vehicles(vehicles: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
+    """Draw the crash probability of each vehicle, and its ratio to that of the careful human.
+
+    Parameters
+    ----------
+    vehicles
+        ``vehicles.csv`` of a study.
+    source
+        Description of the data.
+    """
+    y = np.arange(len(vehicles))
+    with paper_style():
+        size = (1.7 * COLUMN_WIDTH, FRAME + 2 * ROW * len(vehicles))
+        drawn, (left, right) = plt.subplots(1, 2, sharey=True, figsize=size, width_ratios=(1.5, 1))
+        _draw_nested(left, y, vehicles)
+        left.set(xscale="log", xlabel="crash probability of a cut-in")
+        left.set_yticks(y, vehicles["vehicle"])
+        left.invert_yaxis()
+        right.hlines(y, vehicles["ratio_low80"], vehicles["ratio_high80"], color="#4292c6", linewidth=2.2)
+        right.plot(vehicles["ratio"], y, "|", color="black", markersize=6)
+        right.axvline(1, color="black", linewidth=0.6, linestyle=":")
+        right.set(xscale="log", xlabel="ratio to the careful human")
+        drawn.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=5)
+        note_source(drawn, f"{source}. Right: median and 80 % interval")
+    return drawn, vehicles

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from accelerated_evaluation.files import atomic_path, write_csv
+from accelerated_evaluation.publishing.tables import reproducible
 
 COLUMN_WIDTH = 3.5  # [in], one column of an IEEE journal
 FORMATS = ("png", "pdf", "svg")
@@ -91,6 +92,6 @@ def save_figure(figure: Figure, data: pd.DataFrame, folder: str | os.PathLike, n
         # Finding the places of all parts takes longer than drawing them. The first format has found them in
         # inches, which serve all formats, so that the others need not search again.
         figure.set_layout_engine("none")
-    write_csv(Path(folder) / f"{name}.csv", data)
+    write_csv(Path(folder) / f"{name}.csv", reproducible(data))
     plt.close(figure)
     return figure

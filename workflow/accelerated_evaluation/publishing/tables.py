@@ -11,6 +11,7 @@ import pandas as pd
 
 from accelerated_evaluation.files import write_csv, write_text
 
+DIGITS = 9  # significant ones in published CSV files; results keep all
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # Only where it would mean something: a tag, an entity, a link, emphasis, the end of a cell, a formula.
 _MARKDOWN = re.compile(r"[|$`*\\]|<(?=[A-Za-z/!?])|&(?=[#A-Za-z])|\](?=[(\[])|(?<!\w)_|_(?!\w)")
@@ -31,17 +32,27 @@ def save_table(
     ----------
     digits
         Significant digits of the numbers in Markdown and LaTeX, see `readable`; all by default. The CSV
-        file has all of them in any case.
+        file has `DIGITS` in any case.
     digest
         What Markdown and LaTeX show in place of a table that is too long for them.
     """
     shown = table if digest is None else digest
     shown = shown if digits is None else shown.map(lambda value: readable(value, digits))
-    write_csv(Path(folder) / f"{name}.csv", table)
+    write_csv(Path(folder) / f"{name}.csv", reproducible(table))
     escaped = shown.map(as_markdown)
     write_text(Path(folder) / f"{name}.md", escaped.to_markdown(index=False, disable_numparse=True) + "\n")
     write_text(Path(folder) / f"{name}.tex", _plain_latex(shown.to_latex(index=False, escape=True)))
     return table
+
+
+def reproducible(table: pd.DataFrame) -> pd.DataFrame:
+    """Round numbers to the `DIGITS` that are the same on another processor; counts stay as they are."""
+    rounded = {
+        name: column.map(lambda value: float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value)
+        for name, column in table.items()
+        if column.dtype.kind in "fO"
+    }
+    return table.assign(**rounded)
 
 
 def as_markdown(text: Any) -> Any:  # noqa: ANN401
