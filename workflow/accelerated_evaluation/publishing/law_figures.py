@@ -1,4 +1,4 @@
-"""Beyond the paper: scores of laws, their calibration, the answer and its coverage (21-24)."""
+"""Beyond the paper: scores of laws, their calibration, the answer and its coverage (21-25)."""
 
 from collections.abc import Iterable
 
@@ -172,8 +172,7 @@ def fig23_answer(
         _draw_nested(axes, y, data)
         axes.axvspan(*paper_interval, color=PAPER, alpha=0.4, linewidth=0, label="paper, 80 %")
         name_rows(axes, y, data["group"], data["name"])
-        axes.set(xscale="log", xlabel="crash probability of a cut-in")
-        axes.invert_yaxis()
+        axes.set(xscale="log", xlabel="crash probability of a cut-in", ylim=(y.max() + 0.8, -1.6))
         drawn.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=3)
         note_source(drawn, source)
     return drawn, data.drop(columns=["reading"])
@@ -244,5 +243,35 @@ def _name_panels(all_axes: Iterable[Axes]) -> None:
     width.set_title("80 % interval, upper / lower", fontsize=6)
     bias.set_title("median estimate / truth", fontsize=6)
     bias.axvline(1, color="black", linewidth=0.6, linestyle=":")
-    for axes in (width, bias):
+    for axes, ticks in ((width, (2, 5, 10, 20, 50)), (bias, (0.3, 0.5, 1, 2))):
         axes.set_xscale("log")
+        axes.minorticks_off()
+        axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+
+
+@figure
+def fig25_vehicles(vehicles: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
+    """Draw the crash probability of each vehicle, and its ratio to that of the careful human.
+
+    Parameters
+    ----------
+    vehicles
+        ``vehicles.csv`` of a study.
+    source
+        Description of the data.
+    """
+    y = np.arange(len(vehicles))
+    with paper_style():
+        size = (1.7 * COLUMN_WIDTH, FRAME + 2 * ROW * len(vehicles))
+        drawn, (left, right) = plt.subplots(1, 2, sharey=True, figsize=size, width_ratios=(1.5, 1))
+        _draw_nested(left, y, vehicles)
+        left.set(xscale="log", xlabel="crash probability of a cut-in")
+        left.set_yticks(y, vehicles["vehicle"])
+        left.invert_yaxis()
+        right.hlines(y, vehicles["ratio_low80"], vehicles["ratio_high80"], color="#4292c6", linewidth=2.2)
+        right.plot(vehicles["ratio"], y, "|", color="black", markersize=6)
+        right.axvline(1, color="black", linewidth=0.6, linestyle=":")
+        right.set(xscale="log", xlabel="ratio to the careful human")
+        drawn.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=5)
+        note_source(drawn, f"{source}. Right: median and 80 % interval")
+    return drawn, vehicles

@@ -60,8 +60,8 @@ def vehicle_table(posteriors: Mapping[str, Posterior], reference: str) -> pd.Dat
     -------
     pandas.DataFrame
         Column ``vehicle``, the columns of `told`, and ``ratio``, ``ratio_low80`` and ``ratio_high80``: the
-        median and the 80 % interval of the ratio to the reference, NaN where that never crashes; ``safer``, the share of the
-        draws in which the vehicle crashes less often than the reference.
+        median and the 80 % interval of the ratio to the reference, NaN where that never
+        crashes; ``safer``, the share of the draws in which the vehicle crashes less often than the reference.
     """
     rows = []
     base = posteriors[reference].probabilities if reference in posteriors else None

@@ -7,7 +7,6 @@ import pandas as pd
 from tqdm import tqdm
 
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.fitting.conditional import SpeedLaw
 from accelerated_evaluation.fitting.family import Events, Family, Fitter
 from accelerated_evaluation.fitting.regressions import REGRESSIONS, fit_regression
 from accelerated_evaluation.fitting.rivals import ConditionalExtremes, IndependentTail
@@ -20,15 +19,17 @@ from accelerated_evaluation.truth.scoring import (
     threshold_weighted_crps,
     time_to_collision_boundary,
 )
-from accelerated_evaluation.truth.weighed import Weighed
+from accelerated_evaluation.truth.weighed import REGION, Weighed
+from accelerated_evaluation.truth.weighing import mixture_scores, stacking_weights
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 INVERSE_TTC = (0.25, 0.35, 0.45)  # [1/s]
 SIMULATED_TTC = (2.0, 3.0, 4.0)  # [s]
 PAPER = "paper: independent, exponential 0.95"
+TOGETHER = "all laws, weighed"
 KNOT = 0.95
 EXTREME = 0.98  # level of the threshold of conditional extremes
-ERRORS = 2.0  # standard errors by which a refused law lies behind the best
+ERRORS = 2.5  # standard errors by which a refused law lies behind the best
 THIN_CRPS = 20
 
 
@@ -96,7 +97,7 @@ def law_table(
     """Tabulate the gain of each law over the paper's, its weight, and whether the records refuse it.
 
     A law is refused if it calls a held-out record impossible, or if in some region its score lies behind
-    that of the best law by more than two standard errors of their difference.
+    that of the best law by more than two and a half standard errors of their difference.
 
     Parameters
     ----------
@@ -114,26 +115,30 @@ def law_table(
         standard errors; ``impossible`` records; ``crps_gain``, the relative gain of the CRPS; ``weight``;
         ``probability``; ``refused``.
     """
-    weight = dict(zip((m.name for m in weighed.members), weighed.weights.mean(axis=0), strict=True))
-    names, rows = [*scores[PAPER]], []
-    best = {region: max(scores, key=lambda law, at=region: scores[law][at].sum()) for region in names}
-    for law, of_law in scores.items():
-        gains = {f"gain_{region}": float((of_law[region] - scores[PAPER][region]).sum()) for region in names}
-        behind = max(errors_behind(scores[best[region]][region], of_law[region]) for region in names)
-        impossible = int(np.isneginf(of_law[names[0]]).sum())
-        rows.append(
-            {"law": law}
-            | gains
-            | {
-                "behind": behind,
-                "impossible": impossible,
-                "crps_gain": float(1 - crps[law].sum() / crps[PAPER].sum()),
-                "weight": weight.get(law, 0.0),
-                "probability": probabilities.get(law, np.nan),
-                "refused": bool(impossible or behind > ERRORS),
-            }
-        )
-    return pd.DataFrame(rows)
+    mean_weights = weighed.weights.mean(axis=0)
+    inside = weighed.events.closing_speed > REGION * weighed.events.range_
+    stacked = stacking_weights(weighed.scores, inside)
+    names = [member.name for member in weighed.members]
+    own = pd.DataFrame({"weight": mean_weights, "stacking": stacked}, index=names)
+    together = {
+        region: mixture_scores(np.array([scores[name][region] for name in names]), mean_weights)
+        for region in scores[PAPER]
+    }
+    best = {at: max(scores, key=lambda law, at=at: scores[law][at].sum()) for at in together}
+    rows = []
+    for law, of_law in {TOGETHER: together, **scores}.items():
+        gains = {f"gain_{at}": float((of_law[at] - scores[PAPER][at]).sum()) for at in together}
+        behind = max(errors_behind(scores[best[at]][at], of_law[at]) for at in together)
+        impossible = int(np.isneginf(of_law[next(iter(together))]).sum())
+        rows.append({"law": law} | gains | {"behind": behind, "impossible": impossible})
+    table = pd.DataFrame(rows).set_index("law", drop=False)
+    table["crps_gain"] = pd.Series(
+        {law: float(1 - part.sum() / crps[PAPER].sum()) for law, part in crps.items()}
+    )
+    table[["weight", "stacking"]] = own.reindex(table.index).fillna(0.0)
+    table["probability"] = pd.Series(dict(probabilities))
+    table["refused"] = (table["impossible"] > 0) | (table["behind"] > ERRORS)
+    return table.reset_index(drop=True)
 
 
 def errors_behind(best: Array, other: Array) -> float:
@@ -143,8 +148,3 @@ def errors_behind(best: Array, other: Array) -> float:
         return float("inf")
     error = float(np.sqrt(difference.size * difference.var()))
     return float(difference.sum() / error) if error else 0.0
-
-
-def fitted_laws(weighed: Weighed) -> dict[str, SpeedLaw]:
-    """Return the laws of the family by name."""
-    return {member.name: weighed.family.law(member) for member in weighed.members}

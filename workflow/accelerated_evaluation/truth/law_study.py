@@ -22,7 +22,7 @@ from accelerated_evaluation.truth.answer import (
 )
 from accelerated_evaluation.truth.calibration import cell_counts, near_miss_counts, places_of, with_limits
 from accelerated_evaluation.truth.crash_map import CrashMap
-from accelerated_evaluation.truth.law_scores import KNOT, PAPER, law_table, score_laws
+from accelerated_evaluation.truth.law_scores import KNOT, PAPER, TOGETHER, law_table, score_laws
 from accelerated_evaluation.truth.lines import Lines, crash_places
 from accelerated_evaluation.truth.posterior import Posterior, budget
 from accelerated_evaluation.truth.weighed import Weighed, weigh
@@ -37,7 +37,6 @@ QUANTITIES = {
 }
 UNDER_TEST = "under test"
 REFERENCE = "cc_human"  # the competent and careful human of UN R157
-TOGETHER = "all laws, weighed"
 SHOWN = (Member(), *(Member(KNOT, shape) for shape in ("exponential", "generalised", "two kinds")))
 DRAWN = 2000  # crashes of each law whose place is told
 LIKE_RANGE = 5.0  # [m], how far the range of a record may differ to be like that of a crash

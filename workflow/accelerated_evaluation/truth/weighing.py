@@ -2,12 +2,12 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize
 from scipy.special import logsumexp, softmax
 
 from accelerated_evaluation.distributions.protocol import Array
 
-ITERATIONS = 2000
-TOLERANCE = 1e-10
+FLOOR = -1e4  # of a score, so that sums stay defined where a law calls a record impossible
 
 
 def bootstrapped_weights(
@@ -34,36 +34,40 @@ def bootstrapped_weights(
     numpy.ndarray
         Shape (draws, laws); rows add up to 1.
     """
-    # Records of probability zero under a law refuse it in every draw; a finite floor keeps the sums defined.
-    floored = np.maximum(scores - scores.max(axis=0), -1e4)
+    floored = np.maximum(scores - scores.max(axis=0), FLOOR)
     parts = floored[:, inside]
     masses = generator.standard_exponential((draws, parts.shape[1]))
     masses *= parts.shape[1] / masses.sum(axis=1, keepdims=True)
     return softmax(masses @ parts.T + floored[:, ~inside].sum(axis=1), axis=1)
 
 
-def stacking_weights(scores: Array) -> Array:
+def stacking_weights(scores: Array, inside: NDArray[np.bool_]) -> Array:
     """Return the weights of the mixture of laws with the best held-out log score, shape (laws,).
 
-    The score is concave in the weights; the EM algorithm of mixture weights climbs to its maximum.
+    The score is concave in the weights, which are found as the softmax of free numbers (Yao et al. 2018).
 
     Parameters
     ----------
     scores
         Held-out log scores, shape (laws, records).
+    inside
+        Whether a record lies in the region of the scores. The scores of the others differ so little that the
+        logarithm of their mixture is linear in the weights.
     """
-    density = np.exp(scores - scores.max(axis=0))
-    weights = np.full(len(scores), 1 / len(scores))
-    for _ in range(ITERATIONS):
-        shares = weights[:, None] * density
-        new = (shares / shares.sum(axis=0)).mean(axis=1)
-        if np.abs(new - weights).max() < TOLERANCE:
-            break
-        weights = new
-    return weights / weights.sum()
+    floored = np.maximum(scores - scores.max(axis=0), FLOOR)
+    densities, outside = np.exp(floored[:, inside]), floored[:, ~inside].sum(axis=1)
+
+    def negative(free: Array) -> tuple[float, Array]:
+        weights = softmax(free)
+        mixture = weights @ densities
+        slope = densities @ (1 / mixture) + outside
+        value = np.log(mixture).sum() + weights @ outside
+        return -float(value), -weights * (slope - weights @ slope)
+
+    return softmax(minimize(negative, np.zeros(len(scores)), jac=True, method="L-BFGS-B").x)
 
 
-def stacked_score(scores: Array, weights: Array) -> float:
-    """Return the sum of the log scores of the mixture of laws with given weights."""
+def mixture_scores(scores: Array, weights: Array) -> Array:
+    """Return the log scores of the mixture of laws with given weights, shape (records,)."""
     with np.errstate(divide="ignore"):
-        return float(logsumexp(scores + np.log(weights)[:, None], axis=0).sum())
+        return logsumexp(scores + np.log(weights)[:, None], axis=0)

@@ -1,0 +1,325 @@
+"""Scores, weights, calibration and exact probabilities of laws with dependence, against closed forms."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation.fitting.conditional import RANGE_MAX, Places, SpeedLaw
+from accelerated_evaluation.fitting.family import Events, Fitter, Member, members_at
+from accelerated_evaluation.fitting.rivals import ConditionalExtremes, IndependentTail
+from accelerated_evaluation.fitting.shapes import Exponential
+from accelerated_evaluation.laws.dependent import DependentLaw
+from accelerated_evaluation.laws.files import read_law, write_law
+from accelerated_evaluation.laws.independent import recorded_lead_speeds
+from accelerated_evaluation.truth.calibration import (
+    cell_counts,
+    cells,
+    mid_p,
+    near_miss_counts,
+    places_of,
+    with_limits,
+)
+from accelerated_evaluation.truth.crash_map import Grid
+from accelerated_evaluation.truth.exact import ALL, exact_probabilities
+from accelerated_evaluation.truth.lines import Lines, crash_places
+from accelerated_evaluation.truth.mapping import map_crashes
+from accelerated_evaluation.truth.posterior import Posterior, budget, draw_posterior
+from accelerated_evaluation.truth.scoring import (
+    censored_log_score,
+    contiguous_blocks,
+    held_out,
+    held_out_scores,
+    threshold_weighted_crps,
+    time_to_collision_boundary,
+)
+from accelerated_evaluation.truth.weighing import bootstrapped_weights, mixture_scores, stacking_weights
+from accelerated_evaluation.vehicles import AccAeb, Outcomes
+from scipy.stats import poisson
+
+SIZE = 12_000
+MEAN = 2.0  # [m/s], of the closing speeds that the tests draw
+MEMBERS = members_at((0.9,))
+RATE = 0.3  # [1/s]
+
+
+class RateCar:
+    """Crashes where the closing speed exceeds a tenth of the range a second, whatever the lead speed."""
+
+    def simulate(self, lead_speed, range_, closing_speed):
+        crash = closing_speed > RATE * range_
+        near = np.where(closing_speed > 0, range_ / np.maximum(closing_speed, 1e-9), np.inf)
+        return Outcomes(crash, np.where(crash, 0.0, range_), near, np.where(crash, closing_speed, 0.0))
+
+
+class ExponentialSpeeds:
+    """Closing speeds that are exponential everywhere."""
+
+    def __init__(self, mean=MEAN):
+        self.mean = mean
+
+    def given(self, places):
+        return self
+
+    def cumulative(self, closing_speed):
+        return closing_speed / self.mean
+
+    def log_density(self, closing_speed):
+        return -closing_speed / self.mean - np.log(self.mean)
+
+
+@pytest.fixture(scope="module")
+def events():
+    generator = np.random.default_rng(1)
+    lead_speed = generator.uniform(5, 34.9, SIZE)
+    range_ = RANGE_MAX * generator.uniform(0, 1, SIZE) ** 0.5  # P(R < r) = (r / 75)^2
+    return Events(lead_speed, range_, MEAN * generator.standard_exponential(SIZE))
+
+
+@pytest.fixture(scope="module")
+def fitter(events):
+    return Fitter(events, MEMBERS)
+
+
+@pytest.fixture(scope="module")
+def family(fitter):
+    return fitter.fit()
+
+
+@pytest.fixture(scope="module")
+def crash_map():
+    return map_crashes(RateCar(), Grid(5, 35, 75, 6, 20, 2, 45.0, 120), [], np.random.default_rng(2))
+
+
+def crash_probability(mean=MEAN):
+    """P(C > RATE R) for exponential C and P(R < r) = (r / 75)^2, in closed form."""
+    decay = RATE * RANGE_MAX / mean
+    return 2 * (1 - np.exp(-decay) * (1 + decay)) / decay**2
+
+
+def test_blocks_are_contiguous_and_of_like_size():
+    blocks = contiguous_blocks(103, 10)
+    assert np.all(np.diff(blocks) >= 0)
+    assert set(np.bincount(blocks)) == {10, 11}
+
+
+def test_a_censored_score_is_a_density_inside_and_a_probability_outside():
+    law, boundary = ExponentialSpeeds(), np.array([3.0, 3.0, 0.0])
+    score = censored_log_score(law, np.array([4.0, 1.0, 1.0]), boundary)
+    truth = [-4 / MEAN - np.log(MEAN), np.log(1 - np.exp(-3 / MEAN)), -1 / MEAN - np.log(MEAN)]
+    np.testing.assert_allclose(score, truth, rtol=1e-12)
+
+
+def test_the_true_law_has_the_best_censored_score_and_the_uncensored_one_would_tell_the_bulk():
+    generator = np.random.default_rng(3)
+    speeds = MEAN * generator.standard_exponential(40_000)
+    boundary = np.full(speeds.size, 6.0)
+    right, wrong = (
+        censored_log_score(ExponentialSpeeds(mean), speeds, boundary).sum() for mean in (MEAN, 1.9)
+    )
+    assert right > wrong
+    # A law that is wrong below the boundary alone loses nothing.
+    speeds[speeds < 6] = 1.0
+    assert censored_log_score(ExponentialSpeeds(), speeds, boundary).sum() == pytest.approx(right, rel=1e-12)
+
+
+def test_the_weighted_crps_is_zero_without_doubt_and_counts_only_above_the_boundary():
+    class Sure(ExponentialSpeeds):
+        def cumulative(self, closing_speed):
+            return np.where(closing_speed < 7.0, 0.0, np.inf)
+
+    speeds, boundary = np.array([7.0, 7.0]), np.array([2.0, 20.0])
+    np.testing.assert_allclose(threshold_weighted_crps(Sure(), speeds, boundary), 0, atol=1e-12)
+    # Exponential: integral of S^2 above the boundary for a record below it.
+    below = threshold_weighted_crps(ExponentialSpeeds(), np.array([0.5]), np.array([2.0]))
+    np.testing.assert_allclose(below, -MEAN / 2 * np.exp(-2 * 2.0 / MEAN), rtol=0.01)
+
+
+def test_held_out_scores_know_nothing_of_the_block(events):
+    seen = []
+    held_out(
+        lambda part: seen.append(part.size) or ExponentialSpeeds(),
+        events,
+        {"all": events.range_ * 0.1},
+        blocks=4,
+    )
+    assert seen == [SIZE - SIZE // 4] * 4
+
+
+def test_members_score_like_the_true_law_where_there_are_records(events, fitter, family):
+    regions = {"upper": np.full(SIZE, 5.0)}
+    scores = held_out_scores(fitter, family, regions, blocks=5)["upper"]
+    truth = censored_log_score(ExponentialSpeeds(), events.closing_speed, regions["upper"])
+    # Each fitted parameter costs about half a nat held out; the splines of the tail use some tens.
+    assert np.all(scores.sum(axis=1) > truth.sum() - 40)
+    thinned = held_out_scores(fitter, family, regions, blocks=5, thin=5)["upper"]
+    np.testing.assert_allclose(thinned.sum(axis=1), scores.sum(axis=1), atol=5)
+
+
+def test_boundaries_of_simulated_ttc_are_where_the_car_says():
+    boundary = time_to_collision_boundary(RateCar(), 4.0)
+    # The toy car's smallest TTC is R / C.
+    np.testing.assert_allclose(boundary(np.array([10.0, 30.0]), np.array([20.0, 60.0])), [5, 15], rtol=0.01)
+
+
+def test_equal_laws_share_the_weight_and_a_refused_one_gets_none():
+    generator = np.random.default_rng(4)
+    score, inside = generator.normal(-3, 1, 500), np.ones(500, dtype=bool)
+    scores = np.array([score, score, score - 0.2])
+    scores[2, 7] = -np.inf
+    weights = bootstrapped_weights(scores, inside, 200, generator)
+    np.testing.assert_allclose(weights.sum(axis=1), 1, rtol=1e-12)
+    np.testing.assert_allclose(weights[:, :2], 0.5, atol=1e-9)
+
+
+def test_stacking_finds_the_shares_of_a_mixture():
+    generator, size = np.random.default_rng(5), 20_000
+    second = generator.random(size) < 0.3
+    x = np.where(second, 3.0, 1.0) * generator.standard_exponential(size)
+    scores = np.array([-x, -x / 3 - np.log(3)])
+    weights = stacking_weights(scores, np.ones(size, dtype=bool))
+    # The share has a standard error of about 0.008 here.
+    assert abs(weights[1] - 0.3) < 0.04
+    assert mixture_scores(scores, weights).sum() > scores.sum(axis=1).max()
+
+
+def test_poisson_limits_and_mid_p_values():
+    table = with_limits(pd.DataFrame({"where": ["a", "b"], "recorded": [3, 12], "expected": [3.0, 4.0]}))
+    assert table["low"].tolist() == [poisson.ppf(0.05, 3), poisson.ppf(0.05, 4)]
+    assert table["within"].tolist() == [True, False]
+    assert mid_p(0, 1.0) == pytest.approx(2 * np.exp(-1) / 2)
+    # Mid-p values of Poisson counts are uniform but for their steps: their mean is a half.
+    counts = np.arange(60)
+    assert np.sum(poisson.pmf(counts, 9.0) * mid_p(counts, 9.0)) == pytest.approx(0.5, abs=0.03)
+
+
+def test_cells_count_what_is_recorded_and_expect_it_from_the_true_law(events):
+    counts = with_limits(cell_counts(events, ExponentialSpeeds()))
+    assert len(counts) == len(cells()) >= 12
+    inside = (events.range_ < 5) & (events.closing_speed >= 1) & (events.closing_speed < 2)
+    assert counts["recorded"].iloc[0] == inside.sum()
+    assert counts["p_value"].min() > 0.05 / len(counts)
+    wrong = with_limits(cell_counts(events, ExponentialSpeeds(1.5 * MEAN)))
+    assert wrong["p_value"].min() < 1e-4
+
+
+def test_near_misses_are_expected_in_proportion():
+    counts = near_miss_counts({"near": 4}, {"near": 1e-3}, 5000)
+    assert counts.iloc[0].tolist() == ["near", 4, 5.0]
+
+
+def test_exact_probability_of_a_smooth_law(crash_map, events, family):
+    lines = Lines.of(crash_map, events.lead_speed)
+    truth = crash_probability()
+    law = family.law(Member())
+    found = lines.probability(family.ranges, law)
+    # 12,000 records hold some 190 crashes of this kind: 7 % by chance alone, and as much by smoothing.
+    assert found == pytest.approx(truth, rel=0.25)
+    assert found != pytest.approx(crash_probability(1.5 * MEAN), rel=0.25)
+    _, range_, speed = crash_places(lines, family.ranges, law, 3000, np.random.default_rng(6))
+    assert np.all(speed > RATE * range_ * 0.98)
+
+
+def test_thinned_lines_are_unbiased(crash_map, events, family):
+    lines, law = Lines.of(crash_map, events.lead_speed), family.law(MEMBERS[1])
+    whole, generator = lines.probability(family.ranges, law), np.random.default_rng(7)
+    mass = lines.masses(family.ranges, family.law(Member()))
+    drawn = [lines.thinned(mass, 60, generator).probability(family.ranges, law) for _ in range(60)]
+    assert abs(np.mean(drawn) - whole) < 4 * np.std(drawn) / np.sqrt(60) + 1e-4 * whole
+
+
+def test_the_posterior_holds_the_truth_and_its_budget_adds_up(crash_map, events, family):
+    lines, generator = Lines.of(crash_map, events.lead_speed), np.random.default_rng(8)
+    weights = np.full((80, len(MEMBERS)), 1 / len(MEMBERS))
+    posterior = draw_posterior({"crash": lines}, family, MEMBERS, weights, generator)["crash"]
+    low, high = posterior.interval(0.95)
+    assert low < crash_probability() < high
+    parts = budget(posterior, 0.1).set_index("source")
+    assert parts["variance_share"].drop("together").sum() == pytest.approx(1)
+    assert parts.loc["sampling", "factor"] == pytest.approx(np.exp(np.sqrt(np.log(1.01))))
+
+
+def test_a_budget_without_data_error_blames_the_choice():
+    draws = Posterior(np.repeat([1e-6, 4e-6], 50), np.repeat([0, 1], 50))
+    parts = budget(draws, 1e-9).set_index("source")["variance_share"]
+    assert parts["choice of law"] == pytest.approx(1)
+
+
+@pytest.fixture(scope="module")
+def encounters(events):
+    segment = np.array(["5-15", "15-25", "25-35"])[np.digitize(events.lead_speed, [15, 25])]
+    columns = {"lead_speed": events.lead_speed, "range": events.range_, "closing_speed": events.closing_speed}
+    return pd.DataFrame(columns).assign(segment=segment)
+
+
+@pytest.fixture(scope="module")
+def law(encounters, family):
+    counts = {name: int((encounters["segment"] == name).sum()) for name in ("5-15", "15-25", "25-35")}
+    speeds = family.law(Member(0.9, "two kinds"))
+    return DependentLaw("toy", counts, family.ranges, speeds, recorded_lead_speeds(encounters, counts))
+
+
+def test_coordinates_of_a_dependent_law_are_scores(law):
+    cut_ins, _ = law.draw(np.random.default_rng(9), 4000)
+    stratum = law.strata["5-15"]
+    first = stratum.first(cut_ins.lead_speed, cut_ins.inverse_range)
+    second = stratum.second(cut_ins.lead_speed, cut_ins.inverse_range, cut_ins.closing_speed)
+    for score in (first, second):  # unit exponential, to four standard errors
+        assert abs(score.mean() - 1) < 4 / np.sqrt(4000)
+    again = stratum.cut_ins(cut_ins.lead_speed, first, second)
+    np.testing.assert_allclose(again.inverse_range, cut_ins.inverse_range, rtol=1e-9)
+    np.testing.assert_allclose(again.inverse_ttc, cut_ins.inverse_ttc, rtol=1e-8)
+    assert abs(np.corrcoef(first, second)[0, 1]) < 4 / np.sqrt(4000)
+
+
+def test_slopes_of_the_first_coordinate(law):
+    stratum, r = law.strata["15-25"], np.array([0.02, 0.1])
+    speed, step = np.array([16.0, 24.0]), 1e-7
+    slope = (stratum.first(speed, r + step) - stratum.first(speed, r - step)) / (2 * step)
+    np.testing.assert_allclose(stratum.log_first_slope(speed, r), np.log(slope), atol=1e-4)
+
+
+def test_a_dependent_law_is_read_back_as_it_was_written(law, encounters, tmp_path):
+    write_law(tmp_path / "law.json", law)
+    again = read_law(tmp_path / "law.json", encounters)
+    assert again == law
+    z = np.random.default_rng(10).standard_normal((50, 3))
+    for name, values in vars(law.from_scores(z)).items():
+        np.testing.assert_array_equal(getattr(again.from_scores(z), name), values)
+
+
+def test_the_map_weighs_a_dependent_law_as_lines_do(law, crash_map, encounters, family):
+    lines = Lines.of(crash_map, encounters["lead_speed"].to_numpy())
+    exact = exact_probabilities(crash_map, law)[ALL]
+    # The two take the lead speed at the middle of a cell and on its lines.
+    assert lines.probability(family.ranges, law.speeds) == pytest.approx(exact.probability, rel=0.02)
+
+
+def test_an_independent_tail_is_one_distribution(events):
+    law = IndependentTail.fit(events, 0.95, Exponential())
+    places = Places.of(np.array([8.0, 30.0]), np.array([30.0, 60.0]))
+    given = law.given(places)
+    for speed in (np.array([1.0, 1.0]), np.array([40.0, 60.0])):
+        slope = (given.cumulative(speed + 1e-5) - given.cumulative(speed - 1e-5)) / 2e-5
+        np.testing.assert_allclose(
+            np.exp(given.log_density(speed) + given.cumulative(speed)), slope, rtol=1e-3
+        )
+
+
+def test_conditional_extremes_are_one_distribution_above_their_threshold(events, family):
+    law = ConditionalExtremes.fit(events, family.body, 0.9, Exponential())
+    places = Places.of(np.array([10.0]), np.array([40.0]))
+    given, start = law.given(places), np.array([law.threshold])
+    assert given.cumulative(start + 1e-9) == pytest.approx(
+        SpeedLaw(family.body).given(places).cumulative(start), rel=0.02
+    )
+    # Closing speeds do not depend on range or lead speed here, so the excess stays exponential.
+    added = given.cumulative(start + 4.0) - given.cumulative(start)
+    assert added[0] == pytest.approx(4.0 / MEAN, rel=0.25)
+
+
+def test_the_study_car_has_crashes_at_short_range_first(events, family):
+    grid = Grid(5, 35, 75, 6, 12, 2, 45.0, 80)
+    crash_map = map_crashes(AccAeb(), grid, [], np.random.default_rng(11))
+    lines = Lines.of(crash_map, events.lead_speed)
+    nearest = lines.start[np.argsort(lines.places.range_[lines.row])]
+    assert nearest[:20].mean() < nearest[-20:].mean()
+    assert places_of(events).splines.shape == (SIZE, 72)
