@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-PARTS = ("Snakefile", "workflow", "notebooks", "config", "data", "profiles")
+PARTS = ("Snakefile", "workflow", "notebooks", "config", "data", "profiles", "benchmarks/results/worlds.csv")
 
 
 class Project:
@@ -28,6 +28,7 @@ class Project:
             if source.is_dir():
                 shutil.copytree(source, folder / part, ignore=shutil.ignore_patterns("__pycache__", "raw"))
             else:
+                (folder / part).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(source, folder / part)
         return cls(folder)
 

@@ -6,6 +6,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from accelerated_evaluation.distributions import PiecewiseMixture
+from accelerated_evaluation.errors import located
 from accelerated_evaluation.fitting.candidates import compare, fit_candidates, score
 from accelerated_evaluation.laws.independent import IndependentLaw
 from accelerated_evaluation.laws.paper import refit
@@ -45,7 +46,8 @@ def compare_with_candidates(
     inside = x[x > lower]
     fits = fit_candidates(inside, lower, progress=tqdm)
     for pieces, law in laws.items():
-        fitted = refit(law, inside)
+        with located(f"{variable} in segment {segment}"):
+            fitted = refit(law, inside)
         parameters = fitted.n_parameters + len(fitted.knots)
         fits.append(score(f"piecewise ({pieces} pieces)", fitted.logpdf, fitted.cdf, parameters, inside))
     counts = {"rows": inside.size, "rows_on_edge": x.size - inside.size}

@@ -57,7 +57,11 @@ def reproducible(table: pd.DataFrame) -> pd.DataFrame:
 
 def as_markdown(text: Any) -> Any:  # noqa: ANN401
     """Escape what Markdown, HTML or MathJax would take for more than text; what is not text is left alone."""
-    return _MARKDOWN.sub(lambda found: f"&#{ord(found[0])};", text) if isinstance(text, str) else text
+    if not isinstance(text, str):
+        return text
+    escaped = _MARKDOWN.sub(lambda found: f"&#{ord(found[0])};", text)
+    # MathJax looks for formulas in the page itself, but none reaches over the border of an element.
+    return escaped.replace("&#36;", "<span>&#36;</span>")
 
 
 def readable(value: Any, digits: int = 3) -> Any:  # noqa: ANN401
