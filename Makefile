@@ -4,11 +4,12 @@ CORES ?= 2
 PYTHON ?= python3
 ENVIRONMENT := .venv/.installed
 SNAKEMAKE := snakemake --cores $(CORES) --configfile $(CONFIG)
-RULES := Snakefile workflow benchmarks/samplers/Snakefile
+RULES := Snakefile workflow benchmarks/samplers/Snakefile benchmarks/worlds/Snakefile
 SAMPLERS := snakemake --snakefile benchmarks/samplers/Snakefile --cores $(CORES)
+WORLDS := snakemake --snakefile benchmarks/worlds/Snakefile --cores $(CORES)
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
-.PHONY: study test test-studies lint format report smoke bench benchmark-samplers lock clean help
+.PHONY: study test test-studies lint format report smoke bench benchmark-samplers worlds lock clean help
 .DEFAULT_GOAL := help
 
 help: ## list the targets
@@ -37,6 +38,9 @@ bench: $(ENVIRONMENT) ## encounters per second of the simulator, and ratios to N
 benchmark-samplers: $(ENVIRONMENT) ## fewest simulations: our sampler beside public ones; about 1.5 hours, resumable
 	python -m pip install --quiet --require-hashes -r benchmarks/environment.txt
 	$(SAMPLERS)
+
+worlds: $(ENVIRONMENT) ## does the interval of the answer cover? Synthetic worlds of known truth; hours, resumable
+	$(WORLDS)
 
 lint: $(ENVIRONMENT) ## ruff and snakefmt
 	ruff check .
