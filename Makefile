@@ -39,7 +39,7 @@ benchmark-samplers: $(ENVIRONMENT) ## fewest simulations: our sampler beside pub
 	python -m pip install --quiet --require-hashes -r benchmarks/environment.txt
 	$(SAMPLERS)
 
-worlds: $(ENVIRONMENT) ## does the interval of the answer cover? Synthetic worlds of known truth; hours, resumable
+worlds: $(ENVIRONMENT) ## does the interval cover? 5 kinds of 100 synthetic worlds; about an hour, resumable
 	$(WORLDS)
 
 lint: $(ENVIRONMENT) ## ruff and snakefmt

@@ -18,6 +18,10 @@ from sklearn.mixture import GaussianMixture
 LEVEL = 0.98  # of the threshold of the margin of the closing speed
 NODES = 2000  # quantiles that hold a margin's body
 COMPONENTS = 8
+FAMILIES = [  # of the pairs, in all their rotations
+    getattr(pv.BicopFamily, name)
+    for name in ("indep", "gaussian", "student", "clayton", "gumbel", "frank", "joe")
+]
 EDGE = 1e-9  # pseudo-observations stay this far inside the unit interval
 
 
@@ -84,11 +88,11 @@ class Vine(Joint):
         places = Places(events.lead_speed, events.range_, *2 * [np.empty((0, 0))])
         # In a D-vine of order (closing speed, range, lead speed) the first is given the other two by
         # Rosenblatt.
-        controls = pv.FitControlsVinecop(family_set=pv.parametric, selection_criterion="bic")
+        controls = pv.FitControlsVinecop(family_set=FAMILIES, selection_criterion="bic")
         ranks = self.scores(places, events.closing_speed)
         self.vine = pv.Vinecop.from_data(ranks, structure=pv.DVineStructure([3, 2, 1]), controls=controls)
         self.pair = pv.Bicop.from_data(
-            ranks[:, :2], controls=pv.FitControlsBicop(family_set=pv.parametric, selection_criterion="bic")
+            ranks[:, :2], controls=pv.FitControlsBicop(family_set=FAMILIES, selection_criterion="bic")
         )
 
     def log_conditional_density(self, ranks: Array) -> Array:

@@ -1,6 +1,7 @@
 """The answer: one probability with its intervals, by event, by threshold, and by reading of the records."""
 
 from collections.abc import Mapping
+from copy import deepcopy
 
 import numpy as np
 import pandas as pd
@@ -80,7 +81,8 @@ def threshold_table(weighed: Weighed, lines: Lines, generator: np.random.Generat
     """Tabulate the answer as each threshold alone gives it; column ``level`` and those of `told`."""
     rows = []
     for level in sorted({member.level for member in weighed.members if member.level is not None}):
-        posterior = weighed.draw({"crash": lines}, generator, weighed.weights_at(level))["crash"]
+        # The same random numbers for every threshold, so that only the threshold makes a difference.
+        posterior = weighed.draw({"crash": lines}, deepcopy(generator), weighed.weights_at(level))["crash"]
         rows.append({"level": level} | told(posterior))
     return pd.DataFrame(rows)
 
@@ -142,7 +144,8 @@ def quality_table(
     """
     rows = []
     for reading, events in tqdm(choices.items(), desc="data quality", unit=" readings"):
-        weighed = weigh(events, generator, draws=draws, members=start.members, start=start.family)
-        posterior = weighed.draw({"crash": lines}, generator)["crash"]
+        same = deepcopy(generator)  # the same random numbers for every reading
+        weighed = weigh(events, same, draws=draws, members=start.members, start=start.family)
+        posterior = weighed.draw({"crash": lines}, same)["crash"]
         rows.append({"reading": reading, "events": events.size} | told(posterior))
     return pd.DataFrame(rows)
