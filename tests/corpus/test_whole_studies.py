@@ -38,6 +38,11 @@ TINY = {
         "grid": {"lead_speed_cells": 8, "range_cells": 12, "refinement": 2, "closing_speed_points": 60},
         "events": {"impact_speed": [0, 5], "min_range": [1], "min_ttc": [1]},
     },
+    "answer": {
+        "grid": {"lead_speed_cells": 8, "range_cells": 12, "refinement": 2, "closing_speed_points": 60},
+        "draws": 20,
+        "quality_draws": 10,
+    },
     "sensitivity": {
         "inverse_ttc_knots": [0.9, 0.99],
         "inverse_range_knots": [0.8],

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.distributions import BoundedExponential
+from accelerated_evaluation.fitting.pieces import EXPONENTIAL
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.methods import METHODS, Stopping
 from accelerated_evaluation.methods.cross_entropy.proposals import Proposals
@@ -16,9 +17,10 @@ from accelerated_evaluation.truth.coverage_study import coverage_replicates
 from accelerated_evaluation.truth.crash_map import Grid
 from accelerated_evaluation.truth.mapping import map_crashes
 from accelerated_evaluation.truth.sensitivity import Levels, study_sensitivity
-from accelerated_evaluation.truth.severity import events_from, impact_speed_table, severity_table
+from accelerated_evaluation.truth.severity import impact_speed_table, severity_table
 from accelerated_evaluation.truth.uncertainty import bootstrap_probabilities, uncertainty_budget
 from accelerated_evaluation.vehicles import Outcomes
+from accelerated_evaluation.vehicles.events import events_from
 from toy_segment import CONFIG, PAPERS, SETTINGS, F, before
 
 RULE = Stopping(maximum_simulations=3000)
@@ -178,7 +180,7 @@ def test_refits_that_fail_are_told_and_do_not_end_the_bootstrap(mapped):
         refits = bootstrap_probabilities(
             mapped,
             rows,
-            Levels.of(before(From(0.0)).law),
+            dataclasses.replace(Levels.of(before(From(0.0)).law), body=EXPONENTIAL),
             np.random.default_rng(1),
             closing_speed_max=30,
             replicates=300,

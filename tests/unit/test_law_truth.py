@@ -10,6 +10,7 @@ from accelerated_evaluation.fitting.shapes import Exponential
 from accelerated_evaluation.laws.dependent import DependentLaw
 from accelerated_evaluation.laws.files import read_law, write_law
 from accelerated_evaluation.laws.independent import recorded_lead_speeds
+from accelerated_evaluation.truth.answer import vehicle_table
 from accelerated_evaluation.truth.calibration import (
     cell_counts,
     cells,
@@ -323,3 +324,17 @@ def test_the_study_car_has_crashes_at_short_range_first(events, family):
     nearest = lines.start[np.argsort(lines.places.range_[lines.row])]
     assert nearest[:20].mean() < nearest[-20:].mean()
     assert places_of(events).splines.shape == (SIZE, 72)
+
+
+def test_a_map_that_misses_crashes_of_the_records_is_refused():
+    draws = Posterior(np.array([1e-5, 2e-5]), np.zeros(2, dtype=int))
+    rare = Posterior(np.array([1e-6, 4e-6]), np.zeros(2, dtype=int))
+    posteriors = {"tested": rare, "stripes": draws, "human": draws}
+    table = vehicle_table(posteriors, {"tested": 0, "stripes": 40, "human": 2}, 100_000, "human")
+    table = table.set_index("vehicle")
+    assert table["resolved"].to_dict() == {"tested": True, "stripes": False, "human": True}
+    assert np.isnan(table.loc["stripes", "probability"])
+    assert np.isnan(table.loc["stripes", "ratio"])
+    assert table.loc["tested", "ratio"] == pytest.approx(0.15)
+    assert table.loc["tested", "safer"] == 1
+    assert table.loc["human", "ratio"] == 1

@@ -88,8 +88,10 @@ for _job, _tables in LAW_TABLES.items():
             mem_mb=3000,
         params:
             seed=config["seed"],
-            vehicles=list(ANSWERED),
-            vehicle=config["vehicle"],
+            vehicles={
+                name: [description["vehicle"], description["parameters"]]
+                for name, description in ANSWERED.items()
+            },
             vehicle_content=VEHICLE_CONTENT,
             answer=part(config["answer"], "draws", "quality_draws"),
             distance=config["exposure"]["distance"],

@@ -14,7 +14,7 @@ if __name__ == "__main__":
         maps = dict(zip(params.vehicles, map(read_crash_map, files.maps), strict=True))
         study = LawStudy.of(
             read_encounters(files.encounters),
-            load_vehicle(params.vehicle["name"], **params.vehicle["parameters"]),
+            {name: load_vehicle(kind, **own) for name, (kind, own) in params.vehicles.items()},
             maps,
             params.answer["draws"],
             child_generator(params.seed, "laws", "weigh"),

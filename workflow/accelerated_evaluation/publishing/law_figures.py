@@ -260,16 +260,17 @@ def fig25_vehicles(vehicles: pd.DataFrame, source: str) -> tuple[Figure, pd.Data
     source
         Description of the data.
     """
-    y = np.arange(len(vehicles))
+    shown = vehicles[vehicles["resolved"]]
+    y = np.arange(len(shown))
     with paper_style():
-        size = (1.7 * COLUMN_WIDTH, FRAME + 2 * ROW * len(vehicles))
+        size = (1.7 * COLUMN_WIDTH, FRAME + 2 * ROW * len(shown))
         drawn, (left, right) = plt.subplots(1, 2, sharey=True, figsize=size, width_ratios=(1.5, 1))
-        _draw_nested(left, y, vehicles)
+        _draw_nested(left, y, shown)
         left.set(xscale="log", xlabel="crash probability of a cut-in")
-        left.set_yticks(y, vehicles["vehicle"])
+        left.set_yticks(y, shown["vehicle"])
         left.invert_yaxis()
-        right.hlines(y, vehicles["ratio_low80"], vehicles["ratio_high80"], color="#4292c6", linewidth=2.2)
-        right.plot(vehicles["ratio"], y, "|", color="black", markersize=6)
+        right.hlines(y, shown["ratio_low80"], shown["ratio_high80"], color="#4292c6", linewidth=2.2)
+        right.plot(shown["ratio"], y, "|", color="black", markersize=6)
         right.axvline(1, color="black", linewidth=0.6, linestyle=":")
         right.set(xscale="log", xlabel="ratio to the careful human")
         drawn.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=5)

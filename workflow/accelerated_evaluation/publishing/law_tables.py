@@ -79,6 +79,8 @@ def vehicles_digest(vehicles: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(
         {
             "vehicle": vehicles["vehicle"],
+            "recorded": vehicles["recorded"],
+            "expected": vehicles["expected"],
             "median": vehicles["median"],
             "80 %": _between(vehicles["low80"], vehicles["high80"]),
             "ratio": vehicles["ratio"],

@@ -10,10 +10,13 @@ from tqdm import tqdm
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.fitting.conditional import RANGE_MAX
 from accelerated_evaluation.fitting.family import Events
+from accelerated_evaluation.truth.calibration import mid_p
 from accelerated_evaluation.truth.lines import Lines
 from accelerated_evaluation.truth.posterior import LEVELS, Posterior
 from accelerated_evaluation.truth.weighed import Weighed, weigh
 
+MISSED = 1e-4  # mid-p of the recorded crashes below which a map is refused
+RATIO = ("ratio", "ratio_low80", "ratio_high80")
 RANGE_LIMIT_WIDTH = 0.5  # [m], next to the largest range, where rounding could have put records
 
 
@@ -44,37 +47,51 @@ def answer_table(posteriors: Mapping[str, Posterior], events_per_km: float | Non
     return table.assign(per_km=table["probability"] * (np.nan if events_per_km is None else events_per_km))
 
 
-def vehicle_table(posteriors: Mapping[str, Posterior], reference: str) -> pd.DataFrame:
+def vehicle_table(
+    posteriors: Mapping[str, Posterior], recorded: Mapping[str, int], size: int, reference: str
+) -> pd.DataFrame:
     """Compare the crash probabilities of vehicles.
 
     All were found with the same draws of the law, so the interval of a ratio is far narrower than the
-    quotient of two intervals would be.
+    quotient of two intervals would be. The scan of a map misses crashes in stripes that are narrower than
+    its steps. Such a vehicle is found out by replaying the records: where far more or fewer of them crash
+    than the map lets one expect, the map is refused, and the vehicle gets no number.
 
     Parameters
     ----------
     posteriors
         Draws by vehicle.
+    recorded
+        How many distinct records crash when the vehicle replays them.
+    size
+        Number of distinct records.
     reference
         The vehicle that the others are compared with, if it is among them.
 
     Returns
     -------
     pandas.DataFrame
-        Column ``vehicle``, the columns of `told`, and ``ratio``, ``ratio_low80`` and ``ratio_high80``: the
-        median and the 80 % interval of the ratio to the reference, NaN where that never
+        Columns ``vehicle``; ``recorded`` and ``expected`` crashes of the records; whether the map is
+        ``resolved``; and, NaN where it is not, the columns of `told`; ``ratio``, ``ratio_low80`` and
+        ``ratio_high80``: the median and the 80 % interval of the ratio to the reference, NaN where that never
         crashes; ``safer``, the share of the draws in which the vehicle crashes less often than the reference.
     """
+    expected = {name: size * posterior.probabilities.mean() for name, posterior in posteriors.items()}
+    resolved = {name: bool(mid_p(recorded[name], expected[name]) > MISSED) for name in posteriors}
+    has_base = resolved.get(reference, False) and bool(np.all(posteriors[reference].probabilities > 0))
     rows = []
-    base = posteriors[reference].probabilities if reference in posteriors else None
-    for vehicle, posterior in posteriors.items():
-        row = {"vehicle": vehicle} | told(posterior)
-        values, safer = [np.nan] * 3, np.nan
-        if base is not None and np.all(base > 0):
-            ratio = posterior.probabilities / base
-            values, safer = np.quantile(ratio, [0.5, 0.1, 0.9]).tolist(), float(np.mean(ratio < 1))
-        names = ("ratio", "ratio_low80", "ratio_high80")
-        rows.append(row | dict(zip(names, values, strict=True)) | {"safer": safer})
-    return pd.DataFrame(rows)
+    for name, posterior in posteriors.items():
+        row = {"vehicle": name, "recorded": recorded[name], "expected": expected[name]}
+        row["resolved"] = resolved[name]
+        if resolved[name]:
+            row |= told(posterior)
+        if resolved[name] and has_base:
+            ratio = posterior.probabilities / posteriors[reference].probabilities
+            row |= dict(zip(RATIO, np.quantile(ratio, [0.5, 0.1, 0.9]).tolist(), strict=True))
+            row["safer"] = float(np.mean(ratio < 1))
+        rows.append(row)
+    columns = ["vehicle", "recorded", "expected", "resolved", *told(next(iter(posteriors.values()))), *RATIO]
+    return pd.DataFrame(rows, columns=[*columns, "safer"])
 
 
 def threshold_table(weighed: Weighed, lines: Lines, generator: np.random.Generator) -> pd.DataFrame:

@@ -51,12 +51,12 @@ class LawStudy:
     ----------
     encounters
         Encounter table in the order of the record.
-    vehicle
-        The car under test.
+    vehicles
+        By name, the car under test first.
     weighed
         The family with its weights.
     lines
-        The vehicle's map by event, for distinct lead speeds, and the crashes of the other vehicles.
+        Its map by event, for distinct lead speeds, and the crashes of the other vehicles.
     thinned
         The same, thinned.
     events
@@ -64,7 +64,7 @@ class LawStudy:
     """
 
     encounters: pd.DataFrame
-    vehicle: Vehicle
+    vehicles: Mapping[str, Vehicle]
     weighed: Weighed
     lines: Mapping[str, Lines]
     thinned: Mapping[str, Lines]
@@ -74,7 +74,7 @@ class LawStudy:
     def of(
         cls,
         encounters: pd.DataFrame,
-        vehicle: Vehicle,
+        vehicles: Mapping[str, Vehicle],
         maps: Mapping[str, CrashMap],
         draws: int,
         generator: np.random.Generator,
@@ -85,11 +85,11 @@ class LawStudy:
         ----------
         encounters
             Encounter table in the order of the record.
-        vehicle
-            The car under test.
+        vehicles
+            By name, the car under test first.
         maps
-            Crash maps: first that of the car under test with all its events, then those of other vehicles by
-            their names. Their scan has to end where nothing changes any more, because these laws have no cap.
+            Their crash maps, the first with all events. Their scan has to end where nothing changes any more,
+            because these laws have no cap.
         draws
             Draws of the posterior.
         generator
@@ -102,8 +102,13 @@ class LawStudy:
         weighed = weigh(events, generator, draws=draws)
         thinned = {name: weighed.thinned(part, generator) for name, part in lines.items()}
         return cls(
-            encounters, vehicle, weighed, lines, thinned, {event_name(e): e for e in sorted(own.events)}
+            encounters, vehicles, weighed, lines, thinned, {event_name(e): e for e in sorted(own.events)}
         )
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The car under test."""
+        return next(iter(self.vehicles.values()))
 
     @property
     def family(self) -> Family:
@@ -117,10 +122,10 @@ class LawStudy:
             for member in self.weighed.members
         }
 
-    def replayed(self) -> Outcomes:
-        """Replay the distinct records with the vehicle."""
+    def replayed(self, vehicle: Vehicle) -> Outcomes:
+        """Replay the distinct records with a vehicle."""
         events = self.weighed.events
-        return self.vehicle.simulate(events.lead_speed, events.range_, events.closing_speed)
+        return vehicle.simulate(events.lead_speed, events.range_, events.closing_speed)
 
     def laws(self) -> pd.DataFrame:
         """Table ``laws``; see `law_scores.law_table`."""
@@ -130,7 +135,7 @@ class LawStudy:
     def calibration(self) -> pd.DataFrame:
         """Table ``calibration``: ``law`` and the columns of `calibration.with_limits`."""
         events, family = self.weighed.events, self.family
-        places, outcomes = places_of(events), self.replayed()
+        places, outcomes = places_of(events), self.replayed(self.vehicle)
         below = places.body(family.body)
         by_member = {m: cell_counts(events, family.law(m).given(places, below)) for m in self.weighed.members}
         near = {name: self.probabilities(name) for name in self.events}
@@ -212,13 +217,19 @@ class LawStudy:
         }
         return {
             "answer": answer_table(own, per_km),
-            "vehicles": vehicle_table({UNDER_TEST: own["crash"]} | crashes, REFERENCE),
+            "vehicles": self.compared({UNDER_TEST: own["crash"]} | crashes),
             "answer_draws": answer_draws(own["crash"], self.weighed),
             "answer_budget": budget(own["crash"], half_width / normal_reach(0.2)),
             "answer_thresholds": threshold_table(self.weighed, self.thinned["crash"], generator),
             "calibration": self.calibration(),
             "crash_places": self.crash_places(generator),
         }
+
+    def compared(self, posteriors: Mapping[str, Posterior]) -> pd.DataFrame:
+        """Return the table of vehicles, of which replayed records have to bear out the maps."""
+        vehicles = zip(posteriors, self.vehicles.values(), strict=True)
+        recorded = {name: int(self.replayed(vehicle).crash.sum()) for name, vehicle in vehicles}
+        return vehicle_table(posteriors, recorded, self.weighed.events.size, REFERENCE)
 
     def quality(self, outlier_rows: list[int], draws: int, generator: np.random.Generator) -> pd.DataFrame:
         """Return the table of what other readings of the records do to the answer.
