@@ -16,6 +16,7 @@ ROOT = Path(__file__).resolve().parents[3]
 ANSWER = ROOT / "figures" / "spmd" / "tables" / "answer.csv"
 CLAIMS = ROOT / "figures" / "spmd" / "tables" / "claims.csv"
 SAMPLERS = ROOT / "benchmarks" / "results" / "samplers.csv"
+WORLDS = ROOT / "benchmarks" / "results" / "worlds.csv"
 README = ROOT / "README.md"
 BENCHMARKS = ROOT / "benchmarks" / "README.md"
 COMMAND = "python -m accelerated_evaluation.publishing.readme"
@@ -83,6 +84,28 @@ def samplers_table(samplers: pd.DataFrame) -> str:
     return "\n".join(lines) + "\n"
 
 
+def worlds_table(worlds: pd.DataFrame) -> str:
+    """Return how often the intervals cover in each kind of world, and how wide they are, as Markdown."""
+    lines = [
+        "| kind | worlds | 50 % covers | 80 % covers | 95 % covers | 80 %: upper / lower | median / truth "
+        "| paper's 80 % covers |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for kind, rows in worlds.groupby("kind", sort=False):
+        by = rows.set_index("procedure")
+        ours = by.loc["this project"]
+        cells = (
+            kind,
+            f"{ours.worlds:.0f}",
+            *(f"{ours[f'coverage{level}']:.0%}" for level in (50, 80, 95)),
+            f"{ours.width80:.1f}",
+            f"{ours.median_ratio:.2f}",
+            f"{by.loc['paper', 'coverage80']:.0%}",
+        )
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
 def _best(rows: pd.DataFrame) -> str:
     if rows.empty:
         return "–"
@@ -108,6 +131,7 @@ TABLES = {
     "answer": Table(README, ANSWER, answers_table),
     "results": Table(README, CLAIMS, results_table),
     "samplers": Table(BENCHMARKS, SAMPLERS, samplers_table),
+    "worlds": Table(BENCHMARKS, WORLDS, worlds_table),
 }
 
 
