@@ -23,8 +23,9 @@ def with_intervals(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _between(low: pd.Series, high: pd.Series) -> list[str]:
-    pairs = zip(low, high, strict=True)
-    return [f"{readable(start, DIGITS)} to {readable(end, DIGITS)}" for start, end in pairs]
+    known = low.notna() & high.notna()
+    pairs = zip(low, high, known, strict=True)
+    return [f"{readable(a, DIGITS)} to {readable(b, DIGITS)}" if told else "–" for a, b, told in pairs]
 
 
 def without_details(laws: pd.DataFrame) -> pd.DataFrame:
