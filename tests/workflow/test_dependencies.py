@@ -20,6 +20,9 @@ SEARCH = {"search_proposals", "collect_traces"}
 ESTIMATE = {"estimate_single", "estimate_piecewise", "estimate_heuristic", "estimate_surrogate"}
 JUDGE = {"run_crude_monte_carlo", "study_coverage", "collect_coverage"}
 TRUTH = {"compute_exact", "bootstrap_uncertainty", "study_sensitivity"}
+LAWS = {"study_laws_answer", "study_laws_score", "study_laws_quality"}
+DRIVEN = {"map_crashes_under_test", "map_crashes_acc_only", "map_crashes_cc_human"}
+DRIVEN |= {"map_crashes_reg157", "map_crashes_rss", "map_crashes_fsm"}
 STUDY = SEARCH | ESTIMATE | JUDGE | TRUTH | {"collect_estimates", "all"}
 EDITS = {
     "leaves": (
@@ -40,14 +43,14 @@ EDITS = {
     ),
     "vehicle": (
         {
-            "map_crashes": {"vehicles/kernel.py"},
+            **{key: {"vehicles/kernel.py"} for key in {"map_crashes", *DRIVEN}},
             "search_proposals": {"vehicles/kernel.py"},
             "run_crude_monte_carlo": {"vehicles/kernel.py"},
             "estimate_surrogate": {"vehicles/kernel.py"},
         },
-        STUDY | {"map_crashes"},
+        STUDY | LAWS | DRIVEN | {"map_crashes"},
     ),
-    "records": ({"ingest_encounters": {"encounters/filters.py"}}, FIT | STUDY),
+    "records": ({"ingest_encounters": {"encounters/filters.py"}}, FIT | STUDY | LAWS),
 }
 
 

@@ -76,7 +76,10 @@ for _job, _tables in LAW_TABLES.items():
                 for description in ANSWERED.values()
             ],
             vehicle=ancient(VEHICLE_FILES),
-            library=modules_of("study_laws.py", members=OF_VEHICLE),
+            library=modules_of(
+                "study_laws.py",
+                members={"vehicles": [own["vehicle"] for own in ANSWERED.values()]},
+            ),
         output:
             **{table: result("laws", f"{table}.csv") for table in _tables},
         log:

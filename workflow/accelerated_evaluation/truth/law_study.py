@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+from scipy.stats import norm
 
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.fitting.family import Events, Family, Member
@@ -12,7 +13,6 @@ from accelerated_evaluation.fitting.rivals import IndependentTail
 from accelerated_evaluation.fitting.shapes import Exponential
 from accelerated_evaluation.laws.dependent import DependentLaw
 from accelerated_evaluation.laws.independent import recorded_lead_speeds
-from accelerated_evaluation.methods.estimate import normal_reach
 from accelerated_evaluation.truth.answer import (
     answer_table,
     quality_table,
@@ -219,7 +219,7 @@ class LawStudy:
             "answer": answer_table(own, per_km),
             "vehicles": self.compared({UNDER_TEST: own["crash"]} | crashes),
             "answer_draws": answer_draws(own["crash"], self.weighed),
-            "answer_budget": budget(own["crash"], half_width / normal_reach(0.2)),
+            "answer_budget": budget(own["crash"], half_width / norm.isf(0.1)),
             "answer_thresholds": threshold_table(self.weighed, self.thinned["crash"], generator),
             "calibration": self.calibration(),
             "crash_places": self.crash_places(generator),
