@@ -63,7 +63,13 @@ def answer_budget_table(answer_budget: pd.DataFrame) -> pd.DataFrame:
     return answer_budget
 
 
-@table("answer_thresholds", digits=DIGITS, digest=with_intervals)
+def thresholds_digest(answer_thresholds: pd.DataFrame) -> pd.DataFrame:
+    """Return the answer by threshold with the levels as they are, which two digits do not tell apart."""
+    levels = answer_thresholds["level"].map("{:g}".format)
+    return with_intervals(answer_thresholds.assign(level=levels))
+
+
+@table("answer_thresholds", digits=DIGITS, digest=thresholds_digest)
 def answer_thresholds_table(answer_thresholds: pd.DataFrame) -> pd.DataFrame:
     """Return the answer as each threshold alone gives it as it is published."""
     return answer_thresholds
