@@ -338,3 +338,7 @@ def test_a_map_that_misses_crashes_of_the_records_is_refused():
     assert table.loc["tested", "ratio"] == pytest.approx(0.15)
     assert table.loc["tested", "safer"] == 1
     assert table.loc["human", "ratio"] == 1
+
+
+def test_a_vehicle_that_never_crashes_has_no_places():
+    assert Places.of(np.array([]), np.array([])).splines.shape[0] == 0

@@ -81,7 +81,9 @@ class Places:
         """Evaluate the splines."""
         lead_speed, range_ = np.asarray(lead_speed, dtype=float), np.asarray(range_, dtype=float)
         along_speed, along_range = BASES[0](lead_speed), BASES[1](np.sqrt(range_))
-        splines = (along_speed[:, :, None] * along_range[:, None, :]).reshape(lead_speed.size, -1)
+        splines = (along_speed[:, :, None] * along_range[:, None, :]).reshape(
+            lead_speed.size, along_speed.shape[1] * along_range.shape[1]
+        )
         return cls(lead_speed, range_, along_speed, splines)
 
     def only(self, chosen: Array) -> "Places":
