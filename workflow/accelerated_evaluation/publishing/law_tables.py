@@ -136,4 +136,6 @@ def stated_margin(crash_places: pd.DataFrame, level: float = 0.95) -> float:
     level
         Share of the crashes, of the worst law, that lie within the margin.
     """
+    if crash_places.empty:  # the vehicle never crashes
+        return float("nan")
     return float(crash_places.groupby("law")["beyond_recorded"].quantile(level).max())
