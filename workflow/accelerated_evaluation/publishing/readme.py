@@ -11,6 +11,7 @@ import pandas as pd
 
 from accelerated_evaluation.files import write_text
 from accelerated_evaluation.methods import METHODS
+from accelerated_evaluation.publishing.paper_numbers import PAPER_PROBABILITY
 
 ROOT = Path(__file__).resolve().parents[3]
 ANSWER = ROOT / "figures" / "spmd" / "tables" / "answer.csv"
@@ -30,30 +31,28 @@ SHOWN = (
     "fitted parameters, piecewise",
 )
 OURS = "surrogate"
-PAPER = {"crash": "7.4e-07", "80 %": "7e-07 to 7.8e-07, of the simulations alone"}  # section VI.C
+PAPER_INTERVAL = "7e-07 to 7.8e-07, of the simulations alone"  # section VI.C, 80 %
 RELIABLE = 0.05  # share of failed seeds up to which another sampler is called the best
 
 
 def answers_table(answer: pd.DataFrame) -> str:
     """Return the crash probability with its intervals as a Markdown table, beside the paper's number."""
     crash = answer.set_index("event").loc["crash"]
-    rows = {"crash of a cut-in, median": (PAPER["crash"], f"**{crash['median']:.1e}**")}
+    rows = [("crash of a cut-in, median", _number(PAPER_PROBABILITY), f"**{crash['median']:.1e}**")]
     for level in (50, 80, 95):
         ends = f"{crash[f'low{level}']:.1e} to {crash[f'high{level}']:.1e}"
-        rows[f"{level} % interval"] = (PAPER.get(f"{level} %", "–"), ends)
-    rows["mean"] = ("–", f"{crash['probability']:.1e}")
-    lines = ["| | paper | this project |", "| --- | --- | --- |"]
-    return "\n".join(lines + [f"| {name} | {' | '.join(cells)} |" for name, cells in rows.items()]) + "\n"
+        rows.append((f"{level} % interval", PAPER_INTERVAL if level == 80 else "–", ends))
+    rows.append(("mean", "–", f"{crash['probability']:.1e}"))
+    return _markdown(("", "paper", "this project"), rows)
 
 
 def results_table(claims: pd.DataFrame) -> str:
     """Return the claims that the README shows as a Markdown table: paper, ours, spread, verdict."""
-    lines = ["| | paper | ours | our spread | verdict |", "| --- | --- | --- | --- | --- |"]
+    rows = []
     for claim, row in claims.set_index("claim").loc[list(SHOWN)].iterrows():
         spread = f"{_number(row.ours_low)} to {_number(row.ours_high)} ({row.spread})"
-        cells = (claim, _number(row.paper), _number(row.ours), spread, row.verdict)
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
+        rows.append((claim, _number(row.paper), _number(row.ours), spread, row.verdict))
+    return _markdown(("", "paper", "ours", "our spread", "verdict"), rows)
 
 
 def samplers_table(samplers: pd.DataFrame) -> str:
@@ -61,11 +60,16 @@ def samplers_table(samplers: pd.DataFrame) -> str:
 
     Of the others the one of fewest effective simulations is shown, among those that rarely fail.
     """
-    lines = [
-        "| problem | probability | this sampler | its true error | its 80 % intervals hold | failed "
-        "| best of the paper's methods | best public tool |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- |",
-    ]
+    headings = (
+        "problem",
+        "probability",
+        "this sampler",
+        "its true error",
+        "its 80 % intervals hold",
+        "failed",
+    )
+    headings += ("best of the paper's methods", "best public tool")
+    table = []
     for name, rows in samplers.groupby("problem", sort=False):
         ours = rows[rows["method"] == OURS].iloc[0]
         others = rows[(rows["method"] != "crude") & (rows["failed"] <= RELIABLE) & (rows["method"] != OURS)]
@@ -80,17 +84,15 @@ def samplers_table(samplers: pd.DataFrame) -> str:
             _best(others[is_paper]),
             _best(others[~is_paper]),
         )
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
+        table.append(cells)
+    return _markdown(headings, table)
 
 
 def worlds_table(worlds: pd.DataFrame) -> str:
     """Return how often the intervals cover in each kind of world, and how wide they are, as Markdown."""
-    lines = [
-        "| kind | worlds | 50 % covers | 80 % covers | 95 % covers | 80 %: upper / lower | median / truth "
-        "| paper's 80 % covers |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- |",
-    ]
+    headings = ("kind", "worlds", "50 % covers", "80 % covers", "95 % covers", "80 %: upper / lower")
+    headings += ("median / truth", "paper's 80 % covers")
+    table = []
     for kind, rows in worlds.groupby("kind", sort=False):
         by = rows.set_index("procedure")
         ours = by.loc["this project"]
@@ -102,8 +104,13 @@ def worlds_table(worlds: pd.DataFrame) -> str:
             f"{ours.median_ratio:.2f}",
             f"{by.loc['paper', 'coverage80']:.0%}",
         )
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
+        table.append(cells)
+    return _markdown(headings, table)
+
+
+def _markdown(headings: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    lines = [headings, ("---",) * len(headings), *rows]
+    return "".join(f"| {' | '.join(cells)} |\n".replace("|  |", "| |") for cells in lines)
 
 
 def _best(rows: pd.DataFrame) -> str:

@@ -40,7 +40,6 @@ REFERENCE = "cc_human"  # the competent and careful human of UN R157
 SHOWN = (Member(), *(Member(KNOT, shape) for shape in ("exponential", "generalised", "two kinds")))
 DRAWN = 2000  # crashes of each law whose place is told
 LIKE_RANGE = 5.0  # [m], how far the range of a record may differ to be like that of a crash
-MARGIN_LEVEL = 0.95  # share of the crashes within the margin that is stated
 
 
 @dataclass(frozen=True)
