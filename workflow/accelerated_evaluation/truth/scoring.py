@@ -99,20 +99,13 @@ def held_out_scores(
     dict
         Scores by region, shape (members, events).
     """
-    events, block = fitter.events, contiguous_blocks(fitter.events.size, blocks)
-    inside = np.any([events.closing_speed > boundary for boundary in regions.values()], axis=0)
-    times = thinned_times(inside, thin)
-    scores = {name: np.zeros((len(fitter.members), events.size)) for name in regions}
-    for number in range(blocks):
-        refit = fitter.refit(family, np.flatnonzero(block == number))
-        out = np.flatnonzero((block == number) & (times > 0))
-        places, speeds = Places.of(events.lead_speed[out], events.range_[out]), events.closing_speed[out]
+
+    def laws_without(left_out: Array, places: Places) -> list[GivenLaw]:
+        refit = fitter.refit(family, left_out)
         below = places.body(refit.body)
-        for place, member in enumerate(fitter.members):
-            given = refit.law(member).given(places, below)
-            for name, boundary in regions.items():
-                scores[name][place, out] = times[out] * score(given, speeds, boundary[out])
-    return scores
+        return [refit.law(member).given(places, below) for member in fitter.members]
+
+    return _score_blocks(laws_without, len(fitter.members), fitter.events, regions, blocks, thin, score)
 
 
 def thinned_times(inside: NDArray[np.bool_], thin: int) -> NDArray[np.int_]:
@@ -144,16 +137,35 @@ def held_out(
     dict
         Scores by region, shape (events,).
     """
+
+    def law_without(left_out: Array, places: Places) -> list[GivenLaw]:
+        kept = np.setdiff1d(np.arange(events.size), left_out)
+        return [fit(events.only(kept)).given(places)]
+
+    scores = _score_blocks(law_without, 1, events, regions, blocks, thin, score)
+    return {name: rows[0] for name, rows in scores.items()}
+
+
+def _score_blocks(
+    laws_without: Callable[[Array, Places], list[GivenLaw]],
+    laws: int,
+    events: Events,
+    regions: Mapping[str, Array],
+    blocks: int,
+    thin: int,
+    score: Score,
+) -> dict[str, Array]:
+    """Score laws, fitted without the events of a block and given at their places, on each block in turn."""
     block = contiguous_blocks(events.size, blocks)
     inside = np.any([events.closing_speed > boundary for boundary in regions.values()], axis=0)
     times = thinned_times(inside, thin)
-    scores = {name: np.zeros(events.size) for name in regions}
+    scores = {name: np.zeros((laws, events.size)) for name in regions}
     for number in range(blocks):
         out = np.flatnonzero((block == number) & (times > 0))
-        law = fit(events.only(np.flatnonzero(block != number)))
-        given = law.given(Places.of(events.lead_speed[out], events.range_[out]))
-        for name, boundary in regions.items():
-            scores[name][out] = times[out] * score(given, events.closing_speed[out], boundary[out])
+        places = Places.of(events.lead_speed[out], events.range_[out])
+        for place, given in enumerate(laws_without(np.flatnonzero(block == number), places)):
+            for name, boundary in regions.items():
+                scores[name][place, out] = times[out] * score(given, events.closing_speed[out], boundary[out])
     return scores
 
 
