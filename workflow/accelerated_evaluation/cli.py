@@ -1,4 +1,4 @@
-"""The command ``accelerated-evaluation``; each module of `accelerated_evaluation.commands` is a subcommand."""
+"""The command ``accelerated-evaluation``; its subcommands: modules of `accelerated_evaluation.commands`."""
 
 import argparse
 import sys
