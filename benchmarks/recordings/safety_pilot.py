@@ -1,6 +1,6 @@
 """Made-up recordings in the format of the Safety Pilot tables, with cut-ins that are known.
 
-A trip is a row of slots of 20 s. In each slot something happens that is a cut-in, or that only looks like one,
+A trip is a row of slots of 20 s. In each slot something happens that is a cut-in, or only looks like one,
 while three other cars drive in the lanes beside. Nothing here shares code with the extraction that it tests.
 """
 
@@ -70,7 +70,7 @@ def frames() -> np.ndarray:
 
 
 def drive(slots: Slots, generator: np.random.Generator, at: np.ndarray | None = None) -> Car:
-    """Return a car with a smooth range about the moment, seen in the middle 16 s of its slot, beside the host."""
+    """Return a car beside the host, seen in the middle 16 s of its slot, with a smooth range."""
     n = len(slots.number)
     at = np.exp(generator.uniform(np.log(5), np.log(100), n)) if at is None else at
     rate = generator.uniform(-0.25, 0.4, n) * np.minimum(at, 25)
@@ -212,20 +212,25 @@ def host_rows(slots: Slots) -> pd.DataFrame:
         "SpeedWsu": (3.6 * slots.host_speed).astype(np.float32),
         "TurnSngRWsu": slots.signal.astype(int),
     }
-    constant = {"GpsValidWsu": 1, "GpsTimeWsu": 1365685117400, "LatitudeWsu": 42.24915, "LongitudeWsu": -83.61466}
+    constant = {
+        "GpsValidWsu": 1,
+        "GpsTimeWsu": 1365685117400,
+        "LatitudeWsu": 42.24915,
+        "LongitudeWsu": -83.61466,
+    }
     constant |= {"AltitudeWsu": 182.8, "GpsHeadingWsu": 251.91, "HdopWsu": 0.8, "PdopWsu": 1.4}
     constant |= {"FixQualityWsu": 1, "GpsCoastingWsu": 0, "ValidCanWsu": 1, "YawRateWsu": 0, "TurnSngLWsu": 0}
     constant |= {"BrakeAbsTcsWsu": 0, "AxWsu": 0, "PrndlWsu": 5, "VsaActiveWsu": 0, "HeadlampWsu": 0}
     constant |= {"WiperWsu": 0, "ThrottleWsu": 0, "SteerWsu": 0}
     rows = pd.DataFrame({name: np.broadcast_to(x, shape)[recorded] for name, x in varying.items()})
-    return rows.assign(**constant)[HOST_COLUMNS]
+    return rows.assign(**constant)[HOST.split(",")]
 
 
-HOST_COLUMNS = (
-    "Device Trip Time GpsValidWsu GpsTimeWsu LatitudeWsu LongitudeWsu AltitudeWsu GpsHeadingWsu GpsSpeedWsu "
-    "HdopWsu PdopWsu FixQualityWsu GpsCoastingWsu ValidCanWsu YawRateWsu SpeedWsu TurnSngRWsu TurnSngLWsu "
-    "BrakeAbsTcsWsu AxWsu PrndlWsu VsaActiveWsu HeadlampWsu WiperWsu ThrottleWsu SteerWsu"
-).split()
+HOST = (
+    "Device,Trip,Time,GpsValidWsu,GpsTimeWsu,LatitudeWsu,LongitudeWsu,AltitudeWsu,GpsHeadingWsu,GpsSpeedWsu,"
+    "HdopWsu,PdopWsu,FixQualityWsu,GpsCoastingWsu,ValidCanWsu,YawRateWsu,SpeedWsu,TurnSngRWsu,TurnSngLWsu,"
+    "BrakeAbsTcsWsu,AxWsu,PrndlWsu,VsaActiveWsu,HeadlampWsu,WiperWsu,ThrottleWsu,SteerWsu"
+)
 
 
 def planted_rows(slots: Slots) -> pd.DataFrame:

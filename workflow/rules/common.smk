@@ -23,7 +23,7 @@ from accelerated_evaluation.dependencies import (
     without_unused,
 )
 from accelerated_evaluation.encounters.segments import segment_names
-from accelerated_evaluation.encounters.sources import SOURCES, describe
+from accelerated_evaluation.encounters.sources import SOURCES, describe, record_files
 from accelerated_evaluation.errors import StudyError
 from accelerated_evaluation.methods import METHODS
 from snakemake.exceptions import WorkflowError
@@ -59,7 +59,7 @@ MODEL = config["models"]["inverse_range"]["variant"]
 SOURCE = config["data"][config["data"]["source"]]
 if not Path(SOURCE["path"]).exists() and (PROJECT / SOURCE["path"]).exists():
     SOURCE["path"] = str(PROJECT / SOURCE["path"])  # the records of this project
-RECORDS = [SOURCE["path"]]
+RECORDS = record_files(SOURCE)
 DESCRIPTION = describe(config["data"])
 VEHICLE = config["vehicle"]["name"]
 VEHICLE_FILES = [VEHICLE.rsplit(":", 1)[0]] if ".py:" in VEHICLE else []

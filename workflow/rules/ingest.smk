@@ -1,7 +1,8 @@
 # Ingest: from a source of lane changes to the encounter table (paper, section II).
 #
 # In: the records that the configuration names (data). Out: encounters.parquet, the account of every row
-# that was left out, the counts of the segments and the test of their independence.
+# that was left out, how far and how long the hosts drove where recordings tell, the counts of the segments and
+# the test of their independence.
 
 
 rule ingest_encounters:
@@ -12,6 +13,7 @@ rule ingest_encounters:
     output:
         encounters=result("encounters.parquet"),
         account=result("encounters_account.csv"),
+        exposure=result("exposure.json"),
     log:
         messages=log_of("ingest_encounters.log"),
         account=log_of("ingest_encounters_account.csv"),
@@ -19,7 +21,7 @@ rule ingest_encounters:
         benchmark_of("ingest_encounters.tsv")
     threads: 1
     resources:
-        mem_mb=1000,
+        mem_mb=2000,
     params:
         seed=config["seed"],
         content=content_of_records,

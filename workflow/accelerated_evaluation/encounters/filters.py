@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 import pandas as pd
 
-from accelerated_evaluation.encounters.contract import complete
+from accelerated_evaluation.encounters.contract import QUANTITIES, complete
 from accelerated_evaluation.errors import InputError
 
 NAMED_ROWS = 5
@@ -95,7 +95,8 @@ def drop_invalid(raw: pd.DataFrame, account: Account, *, policy: str, where: str
     Parameters
     ----------
     raw
-        Three columns as `contract.complete` takes them; cells may be missing or text.
+        Three columns as `contract.complete` takes them, of which cells may be missing or text; others do not
+        count.
     account
         Where the rows are entered, one line a reason.
     policy
@@ -113,6 +114,7 @@ def drop_invalid(raw: pd.DataFrame, account: Account, *, policy: str, where: str
     InputError
         If the policy is to refuse and there is such a row; names the first few, with what is in them.
     """
+    raw = raw[[name for name in raw if name in QUANTITIES]]
     numbers = raw.apply(pd.to_numeric, errors="coerce").astype(float)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         encounters = complete(numbers)

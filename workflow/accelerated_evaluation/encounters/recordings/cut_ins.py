@@ -1,15 +1,14 @@
 """The rule of a cut-in, and what an extraction gives beside its cut-ins: the account and the exposure."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping
 
 import pandas as pd
 
-from accelerated_evaluation.encounters.filters import NAMED_ROWS, Account
+from accelerated_evaluation.encounters.filters import Account
 from accelerated_evaluation.errors import InputError
 
-# The frames of a vehicle in a lane become stays. A vehicle that is out of the lane for a moment has not left it.
-# A stay begins at its first frame; it is a change into the lane if the vehicle was seen elsewhere before.
+# The frames of a vehicle in a lane become stays. A vehicle that is out of the lane for a moment has not left
+# it. A stay begins at its first frame; it is a change into the lane if the vehicle was seen elsewhere before.
 STAYS = """
     SELECT *, sum(begins) OVER (PARTITION BY {vehicle}, {lane} ORDER BY time) AS stay
     FROM (
@@ -66,15 +65,13 @@ def drop_in_turn(
     return candidates
 
 
-def finished(
-    cut_ins: pd.DataFrame, account: Account, *, milliseconds: int, micrometres: int
-) -> pd.DataFrame:
+def finished(cut_ins: pd.DataFrame, account: Account, *, milliseconds: int, micrometres: int) -> pd.DataFrame:
     """Return the cut-ins as a source does, with the account and the exposure as attributes.
 
     Parameters
     ----------
     cut_ins
-        ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s], and columns that say where they come from.
+        ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s], and columns that say where they are.
     account
         What every step of the extraction dropped.
     milliseconds, micrometres
@@ -113,6 +110,6 @@ def require_agreement(where: str, *, moved: float, told: float, what: str, key: 
         )
 
 
-def named(rows: Sequence[Any]) -> str:
-    """Name the first few rows for an error."""
-    return ", ".join(map(str, rows[:NAMED_ROWS]))
+def exposure_of(raw: pd.DataFrame) -> dict[str, float | None]:
+    """Return how long and far the hosts drove: ``hours`` and ``kilometres``, None if the source is silent."""
+    return raw.attrs.get("exposure", {"hours": None, "kilometres": None})

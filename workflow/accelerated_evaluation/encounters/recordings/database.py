@@ -108,7 +108,7 @@ def header_of(path: Path, needed: Iterable[str]) -> list[str]:
 def read_csv(
     connection: "DuckDBPyConnection", path: Path, numbers: Iterable[str], texts: Iterable[str] = ()
 ) -> "DuckDBPyRelation":
-    """Return a CSV file as a relation that has been looked into but not read: each row is read when it is used.
+    """Return a CSV file as a relation, whose rows are read when they are used, each time anew.
 
     Parameters
     ----------
@@ -143,7 +143,9 @@ def readable(path: Path) -> Iterator[None]:
         line = re.search(r"CSV Error on Line: (\d+)", str(error))
         if line is None:
             raise
-        cause = re.search(r"(Error when converting .*|Expected Number of .*|Value with .*|.*unicode.*)", str(error))
+        cause = re.search(
+            r"(Error when converting .*|Expected Number of .*|Value with .*|.*unicode.*)", str(error)
+        )
         seen = cause[0] if cause else str(error).splitlines()[1]
         raise InputError(
             f"{path}, row {line[1]}",

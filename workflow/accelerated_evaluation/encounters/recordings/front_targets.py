@@ -1,7 +1,7 @@
 """From the targets of a sensor in front of the host to the changes into its path, in SQL.
 
-The tables: ``targets`` and ``host`` are a part of the recordings; ``frames`` are the targets that are of use, each
-with the vehicle that it is one frame of; ``changes`` has one row for each time that a vehicle comes into the path.
+The tables: ``targets`` and ``host`` are a part of the recordings; ``frames`` are the targets that are of use,
+each with the vehicle that it shows; ``changes`` has one row for each time that a vehicle comes into the path.
 """
 
 from collections.abc import Mapping
@@ -31,9 +31,9 @@ TRACKS = """
     )
 """
 
-# A track that begins where another one was about to be, just after it ended, is the same vehicle. The two must be
-# each other's best match. Ends and beginnings are brought together by slices of time, so that the work does not
-# grow with the square of the length of a trip.
+# A track that begins where another one was about to be, just after it ended, is the same vehicle. The two
+# must be each other's best match. Ends and beginnings are brought together by slices of time, so that the work
+# does not grow with the square of the length of a trip.
 LINKS = """
     CREATE OR REPLACE TEMP TABLE links AS
     WITH ends AS (
@@ -76,7 +76,7 @@ FRAMES = """
     WHERE NOT t.repeated
 """
 
-# Each change has the vehicle that was in the path in the row before, whose range tells whether it uncovered this one.
+# Each change has the vehicle that was in the path in the row before: did it uncover this one when it left?
 CHANGES = """
     CREATE OR REPLACE TEMP TABLE changes AS
     WITH in_path AS (
@@ -124,7 +124,9 @@ COUNTS = """
         (SELECT coalesce(sum(told * told), 0) FROM tracks WHERE {steady}) AS told
     FROM targets
 """
-STEADY = "NOT repeated AND time > since AND abs(moved) < 5"  # [m]; a range that jumps says nothing about units
+STEADY = (
+    "NOT repeated AND time > since AND abs(moved) < 5"  # [m]; a range that jumps says nothing about units
+)
 
 
 def changes_into_path(

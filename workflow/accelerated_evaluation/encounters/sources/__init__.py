@@ -2,11 +2,15 @@
 
 A source is a function ``read(settings)``. It takes its section of the configuration, ``data.<name>``, and
 returns the records as they are: three columns as `contract.complete` takes them, and an index ``row`` that
-counts from 1. Its section has the keys ``description``, ``path`` and ``outlier_rows``, and any other that the
-source needs.
+counts from 1. It may have further columns, which say where a record comes from and go no further. Its section
+has the keys ``description``, ``path`` and ``outlier_rows``, and any other that the source needs.
+
+A source that finds the cut-ins in recordings tells more in the attributes of what it returns, see
+`recordings.cut_ins.finished`: the account of what it dropped, and how far and how long the hosts drove.
 """
 
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -50,7 +54,21 @@ def read_source(data: Mapping[str, Any], generator: np.random.Generator) -> pd.D
             expected="at most as many as there are records",
             change="Lower data.sample, or set it to null to take all records.",
         )
-    return raw.iloc[np.sort(generator.choice(len(raw), size, replace=False))]
+    sample = raw.iloc[np.sort(generator.choice(len(raw), size, replace=False))]
+    sample.attrs.pop("exposure", None)  # in which all of the records were made
+    return sample
+
+
+def record_files(settings: Mapping[str, Any]) -> list[str]:
+    """Return the files that a source reads: that of its path, or all CSV files if it is a folder.
+
+    Parameters
+    ----------
+    settings
+        Section of the source.
+    """
+    path = Path(settings["path"])
+    return sorted(map(str, path.glob("*.csv"))) if path.is_dir() else [str(path)]
 
 
 def describe(data: Mapping[str, Any]) -> str:

@@ -34,14 +34,33 @@ PART = 150_000_000  # bytes of targets, about three million rows, that are worke
 OUTPUT = ("lead_speed", "range", "closing_speed", "host_speed", "device", "trip", "time", "vehicle")
 
 # The tables as the rule needs them. Each row goes to the part that has all of its trip.
-TARGET_COLUMNS = ("Device", "Trip", "Time", "ObstacleId", "Range", "RangeRate", "Transversal", "TargetType", "CIPV")
+TARGET_COLUMNS = (
+    "Device",
+    "Trip",
+    "Time",
+    "ObstacleId",
+    "Range",
+    "RangeRate",
+    "Transversal",
+    "TargetType",
+    "CIPV",
+)
 SELECT_TARGETS = """
     TRY_CAST(Device AS INTEGER) AS device, TRY_CAST(Trip AS INTEGER) AS trip,
     TRY_CAST(round(Time * {tick}) AS BIGINT) AS time, TRY_CAST(ObstacleId AS INTEGER) AS obstacle,
     Range AS range, RangeRate AS range_rate, Transversal AS side, TRY_CAST(TargetType AS INTEGER) AS type,
     CIPV = 1 AS in_path, coalesce({complete}, FALSE) AS complete, hash(device, trip) % {parts} AS part
 """
-HOST_COLUMNS = ("Device", "Trip", "Time", "SpeedWsu", "GpsSpeedWsu", "TurnSngRWsu", "TurnSngLWsu", "ValidCanWsu")
+HOST_COLUMNS = (
+    "Device",
+    "Trip",
+    "Time",
+    "SpeedWsu",
+    "GpsSpeedWsu",
+    "TurnSngRWsu",
+    "TurnSngLWsu",
+    "ValidCanWsu",
+)
 SELECT_HOST = """
     TRY_CAST(Device AS INTEGER) AS device, TRY_CAST(Trip AS INTEGER) AS trip,
     TRY_CAST(round(Time * {tick}) AS BIGINT) AS time, SpeedWsu * {speed} AS speed, GpsSpeedWsu AS gps_speed,
@@ -71,14 +90,14 @@ EXPOSURE = """
 def read(settings: Mapping[str, Any]) -> pd.DataFrame:
     """Find the cut-ins in raw recordings, of which any number of rows may lie on the disk.
 
-    The rows are first sorted into parts on the disk, so that a trip is in one part, and then worked on part by
-    part. Time and temporary files grow as the number of rows, memory does not.
+    The rows are first sorted into parts on the disk, so that a trip is in one part, and then worked on part
+    by part. Time and temporary files grow as the number of rows, memory does not.
 
     Parameters
     ----------
     settings
-        Section ``data.spmd_raw`` of a valid configuration; ``path`` is a folder with files DataFrontTargets*.csv
-        and DataWsu*.csv.
+        Section ``data.spmd_raw`` of a valid configuration; ``path`` is a folder with files
+        DataFrontTargets*.csv and DataWsu*.csv.
 
     Returns
     -------
@@ -96,7 +115,9 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
     targets, hosts = (recording_files(folder, pattern, key) for pattern in (TARGETS, HOST))
     parts = 1 + sum(file.stat().st_size for file in targets) // PART
     with database() as (connection, space):
-        _sort_into_parts(connection, targets, space / "targets", _targets_query(settings, parts), TARGET_COLUMNS)
+        _sort_into_parts(
+            connection, targets, space / "targets", _targets_query(settings, parts), TARGET_COLUMNS
+        )
         _sort_into_parts(connection, hosts, space / "host", _host_query(settings, parts), HOST_COLUMNS)
         found, counts = _work(connection, space, parts, settings)
     _require_units(folder, counts)
@@ -132,7 +153,9 @@ def _sort_into_parts(
 ) -> None:
     """Write the rows of some files as Parquet, a folder for each part, below a folder for each file."""
     size = sum(file.stat().st_size for file in files)
-    with tqdm(desc=f"sort {folder.name}", total=size, unit="B", unit_scale=True, delay=1, disable=None) as bar:
+    with tqdm(
+        desc=f"sort {folder.name}", total=size, unit="B", unit_scale=True, delay=1, disable=None
+    ) as bar:
         for number, file in enumerate(files):
             with readable(file):
                 rows: DuckDBPyRelation = read_csv(connection, file, columns)
@@ -201,7 +224,9 @@ def _account(counts: Mapping[str, float]) -> Account:
         account.enter(int(counts[name]), step=step, reason=reason)
         used -= counts[name]
     account.enter(
-        int(used - counts["changes"]), step="path", reason="no first frame of a vehicle in the path of the host"
+        int(used - counts["changes"]),
+        step="path",
+        reason="no first frame of a vehicle in the path of the host",
     )
     return account
 
@@ -209,10 +234,11 @@ def _account(counts: Mapping[str, float]) -> Account:
 def _reasons(settings: Mapping[str, Any]) -> dict[tuple[str, str], str]:
     """Return why a change into the path is no cut-in, in the order in which they are looked at."""
     aside, stay = settings["aside"], settings["rule"]["stay"]
+    uncovered = ("path", "uncovered by a nearer vehicle that left the path")
     return {
         ("path", "in the path when first seen"): "found_in_path",
         ("path", f"in the path for less than {stay:g} s"): "brief",
-        ("path", "uncovered by a nearer vehicle that left the path"): "uncovered",
+        **({uncovered: "uncovered"} if settings["uncovered"] == "drop" else {}),
         ("path", f"less than {aside['transversal']:g} m aside in the {aside['time']:g} s before"): "ahead",
         ("host", f"no host speed in the {settings['host_gap']:g} s before"): "without_host",
         ("host", f"turn signal of the host in the {settings['turn_signal'] or 0:g} s before"): "signalled",
