@@ -86,8 +86,9 @@ def header_of(path: Path, needed: Iterable[str]) -> list[str]:
         If the file is empty, is no text, or lacks a column or has it twice.
     """
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            header = [name.strip() for name in next(csv.reader(file), [])]
+        with path.open("rb") as file:
+            line = file.readline().decode("utf-8-sig")
+        header = [name.strip() for name in next(csv.reader([line]), [])]
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(
             f"{path}, row 1", seen=str(error), expected="CSV text in UTF-8", change="Export it anew."

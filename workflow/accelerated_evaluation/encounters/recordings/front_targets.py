@@ -32,8 +32,8 @@ TRACKS = """
 """
 
 # A track that begins where another one was about to be, just after it ended, is the same vehicle. The two
-# must be each other's best match. Ends and beginnings are brought together by slices of time, so that the work
-# does not grow with the square of the length of a trip.
+# must be each other's best match. Ends and beginnings are brought together by slices of time, so that the
+# work does not grow with the square of the length of a trip.
 LINKS = """
     CREATE OR REPLACE TEMP TABLE links AS
     WITH ends AS (
