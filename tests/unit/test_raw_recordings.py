@@ -3,6 +3,7 @@
 import copy
 import json
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -23,16 +24,34 @@ import safety_pilot  # noqa: E402
 MOMENT = 4000  # [ms], of the change into the path
 HOST = 25.0  # [m/s]
 SECONDS = 8
-FRONT = ["Device", "Trip", "Time", "TargetId", "ObstacleId", "Range", "RangeRate", "Transversal", "TargetType"]
+FRONT = [
+    "Device",
+    "Trip",
+    "Time",
+    "TargetId",
+    "ObstacleId",
+    "Range",
+    "RangeRate",
+    "Transversal",
+    "TargetType",
+]
 FRONT += ["Status", "CIPV"]
 
 
 def vehicle(times=range(0, 8000, 100), *, path=lambda t: t >= MOMENT, side=None, obstacle=1, **values):
-    """One vehicle as rows: it comes from 3.5 m aside, and is in the path from MOMENT on unless said otherwise."""
+    """One vehicle as rows: it comes from 3.5 m aside, and is in the path from MOMENT on if no one says else."""
     of = {"range": 40.0, "rate": -2.0, "type": 0} | values
     side = side or (lambda t: 3.5 * np.clip((MOMENT + 1500 - t) / 3000, 0, 1))
     return [
-        (t, obstacle, of["range"] + of["rate"] * (t - MOMENT) / 1000, of["rate"], side(t), of["type"], int(path(t)))
+        (
+            t,
+            obstacle,
+            of["range"] + of["rate"] * (t - MOMENT) / 1000,
+            of["rate"],
+            side(t),
+            of["type"],
+            int(path(t)),
+        )
         for t in times
     ]
 
@@ -114,7 +133,16 @@ TRIPS = {name: number for number, name in enumerate(EXPECTED, start=200)}
 
 def host_rows(trip, recorded=lambda t: True, valid=lambda t: True, signal=lambda t: False):
     """The host of a trip, which drives 90 km/h."""
-    columns = ("Device", "Trip", "Time", "SpeedWsu", "GpsSpeedWsu", "TurnSngRWsu", "TurnSngLWsu", "ValidCanWsu")
+    columns = (
+        "Device",
+        "Trip",
+        "Time",
+        "SpeedWsu",
+        "GpsSpeedWsu",
+        "TurnSngRWsu",
+        "TurnSngLWsu",
+        "ValidCanWsu",
+    )
     rows = [
         (10106, trip, t // 10, 3.6 * HOST, HOST, int(signal(t)), 0, int(valid(t)))
         for t in range(0, 1000 * SECONDS, 100)
@@ -263,7 +291,7 @@ def test_the_rule_of_trafficnet_is_one_of_the_settings(generated):
     assert seen <= set(expected[["Device", "Trip", "Time"]].itertuples(index=False, name=None))
 
 
-# ---------------------------------------------------------------- planted cut-ins, in any order and in any parts
+# ---------------------------------------------------------------- planted cut-ins, in any order and parts
 
 
 def agree(found, planted):
@@ -317,7 +345,7 @@ def test_the_order_of_rows_and_their_files_and_parts_do_not_count(generated, tmp
 def test_the_account_adds_up_from_rows_to_cut_ins_and_names_examples(cut_ins):
     lines = cut_ins.attrs["account"]
     assert lines[0]["rows_in"] == sum(len(rows) for rows, _ in CASES.values()) + 80 * len(HOSTS)
-    for before, line in zip(lines, lines[1:], strict=False):
+    for before, line in pairwise(lines):
         assert line["rows_in"] == before["rows_kept"] == before["rows_in"] - before["rows_dropped"]
     assert lines[-1]["rows_kept"] == len(cut_ins) == sum(EXPECTED.values())
     by_reason = {line["reason"]: line for line in lines}
@@ -357,7 +385,11 @@ def test_a_host_without_a_sensor_is_no_exposure(tmp_path):
 
 
 def test_a_sample_has_no_exposure_of_its_own(recordings):
-    data = copy.deepcopy(load()["data"]) | {"source": "spmd_raw", "sample": 5, "spmd_raw": settings(recordings)}
+    data = copy.deepcopy(load()["data"]) | {
+        "source": "spmd_raw",
+        "sample": 5,
+        "spmd_raw": settings(recordings),
+    }
     assert "exposure" not in read_source(data, np.random.default_rng(1)).attrs
 
 
@@ -417,7 +449,10 @@ HEADER = ",".join(FRONT) + "\n"
         (HEADER.replace("Status", "Range").encode(), "more than one column Range"),
         ((HEADER + GOOD + GOOD.replace("40", "far")).encode(), r'row 3: .*column "Range".*"far"'),
         ((HEADER + GOOD + "10106,200\n").encode(), "row 3: seen Expected Number of Columns: 11 Found: 2"),
-        ((HEADER + GOOD + GOOD.strip() + ",7\n").encode(), "row 3: seen Expected Number of Columns: 11 Found"),
+        (
+            (HEADER + GOOD + GOOD.strip() + ",7\n").encode(),
+            "row 3: seen Expected Number of Columns: 11 Found",
+        ),
         (HEADER.encode() + b"\xff\xfe,1\n", "row 2"),
         (b"\xff\xfe\x00", "UTF-8"),
     ],
@@ -462,7 +497,9 @@ def study(tmp_path, folder):
 
 
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
-def test_the_command_writes_a_table_that_the_source_table_reads(recordings, cut_ins, tmp_path, capsys, ending):
+def test_the_command_writes_a_table_that_the_source_table_reads(
+    recordings, cut_ins, tmp_path, capsys, ending
+):
     target = tmp_path / f"found.{ending}"
     assert main(["extract", study(tmp_path, recordings), str(target)]) == 0
     assert f"{len(cut_ins):,} cut-ins in" in capsys.readouterr().out
