@@ -5,6 +5,7 @@ other: a host that keeps its lane, and a vehicle that comes over before it, or o
 Nothing here shares code with the extraction that it tests.
 """
 
+import argparse
 from pathlib import Path
 
 import numpy as np
@@ -181,3 +182,18 @@ def write_recordings(
     """Write some recordings, numbered from 1, and return their planted cut-ins in the order of the files."""
     made = [write_recording(folder, number, pairs, generator) for number in range(1, recordings + 1)]
     return pd.concat(made, ignore_index=True)
+
+
+def main() -> None:
+    """Write recordings into a folder, with the cut-ins that are planted in them beside it."""
+    parser = argparse.ArgumentParser(description="Write recordings in the format of highD.")
+    parser.add_argument("folder", type=Path, help="to write; FOLDER_planted.csv gets what is planted")
+    parser.add_argument("--recordings", type=int, default=12, help="(default: %(default)s)")
+    parser.add_argument("--pairs", type=int, default=400, help="a recording (default: %(default)s)")
+    given = parser.parse_args()
+    planted = write_recordings(given.folder, given.recordings, given.pairs, np.random.default_rng(2016))
+    planted.to_csv(given.folder.with_name(f"{given.folder.name}_planted.csv"), index=False)
+
+
+if __name__ == "__main__":
+    main()

@@ -4,6 +4,7 @@ A trip is a row of slots of 20 s. In each slot something happens that is a cut-i
 while three other cars drive in the lanes beside. Nothing here shares code with the extraction that it tests.
 """
 
+import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -212,18 +213,9 @@ def host_rows(slots: Slots) -> pd.DataFrame:
         "SpeedWsu": (3.6 * slots.host_speed).astype(np.float32),
         "TurnSngRWsu": slots.signal.astype(int),
     }
-    constant = {
-        "GpsValidWsu": 1,
-        "GpsTimeWsu": 1365685117400,
-        "LatitudeWsu": 42.24915,
-        "LongitudeWsu": -83.61466,
-    }
-    constant |= {"AltitudeWsu": 182.8, "GpsHeadingWsu": 251.91, "HdopWsu": 0.8, "PdopWsu": 1.4}
-    constant |= {"FixQualityWsu": 1, "GpsCoastingWsu": 0, "ValidCanWsu": 1, "YawRateWsu": 0, "TurnSngLWsu": 0}
-    constant |= {"BrakeAbsTcsWsu": 0, "AxWsu": 0, "PrndlWsu": 5, "VsaActiveWsu": 0, "HeadlampWsu": 0}
-    constant |= {"WiperWsu": 0, "ThrottleWsu": 0, "SteerWsu": 0}
     rows = pd.DataFrame({name: np.broadcast_to(x, shape)[recorded] for name, x in varying.items()})
-    return rows.assign(**constant)[HOST.split(",")]
+    constant = dict(zip(HOST.split(","), CONSTANT.split(","), strict=True))
+    return rows.assign(**{name: x for name, x in constant.items() if name not in varying})[list(constant)]
 
 
 HOST = (
@@ -231,6 +223,7 @@ HOST = (
     "HdopWsu,PdopWsu,FixQualityWsu,GpsCoastingWsu,ValidCanWsu,YawRateWsu,SpeedWsu,TurnSngRWsu,TurnSngLWsu,"
     "BrakeAbsTcsWsu,AxWsu,PrndlWsu,VsaActiveWsu,HeadlampWsu,WiperWsu,ThrottleWsu,SteerWsu"
 )
+CONSTANT = "0,0,0,1,1365685117400,42.24915,-83.61466,182.8,251.91,0,0.8,1.4,1,0,1,0,0,0,0,0,0,5,0,0,0,0,0"
 
 
 def planted_rows(slots: Slots) -> pd.DataFrame:
@@ -291,3 +284,17 @@ def append(file: BinaryIO, table: pd.DataFrame) -> None:
     csv.write_csv(
         pa.Table.from_pandas(table, preserve_index=False), file, csv.WriteOptions(include_header=False)
     )
+
+
+def main() -> None:
+    """Write recordings into a folder, with the cut-ins that are planted in them beside it."""
+    parser = argparse.ArgumentParser(description="Write recordings in the Safety Pilot format.")
+    parser.add_argument("folder", type=Path, help="to write; FOLDER_planted.csv gets what is planted")
+    parser.add_argument("--slots", type=int, default=1500, help="of 20 s, 600 rows (default: %(default)s)")
+    given = parser.parse_args()
+    _, planted = write_recordings(given.folder, given.slots, np.random.default_rng(2016))
+    planted.to_csv(given.folder.with_name(f"{given.folder.name}_planted.csv"), index=False)
+
+
+if __name__ == "__main__":
+    main()

@@ -39,7 +39,7 @@ FRONT += ["Status", "CIPV"]
 
 
 def vehicle(times=range(0, 8000, 100), *, path=lambda t: t >= MOMENT, side=None, obstacle=1, **values):
-    """One vehicle as rows: it comes from 3.5 m aside, and is in the path from MOMENT on if no one says else."""
+    """One vehicle as rows: it comes from 3.5 m aside, and is in the path from MOMENT on by default."""
     of = {"range": 40.0, "rate": -2.0, "type": 0} | values
     side = side or (lambda t: 3.5 * np.clip((MOMENT + 1500 - t) / 3000, 0, 1))
     return [
