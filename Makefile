@@ -9,7 +9,7 @@ SAMPLERS := snakemake --snakefile benchmarks/samplers/Snakefile --cores $(CORES)
 WORLDS := snakemake --snakefile benchmarks/worlds/Snakefile --cores $(CORES)
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
-.PHONY: study test test-studies lint format report smoke bench benchmark-samplers worlds lock clean help
+.PHONY: study test test-studies lint format report smoke bench benchmark-samplers benchmark-recordings worlds lock clean help
 .DEFAULT_GOAL := help
 
 help: ## list the targets
@@ -38,6 +38,9 @@ bench: $(ENVIRONMENT) ## encounters per second of the simulator, and ratios to N
 benchmark-samplers: $(ENVIRONMENT) ## fewest simulations: our sampler beside public ones; about 1.5 hours, resumable
 	python -m pip install --quiet --require-hashes -r benchmarks/environment.txt
 	$(SAMPLERS)
+
+benchmark-recordings: $(ENVIRONMENT) ## cut-ins in 1, 10 and 100 million rows of recordings: time, memory, right or wrong; needs 12 GB of disk
+	python benchmarks/recordings/run.py
 
 worlds: $(ENVIRONMENT) ## does the interval cover? 5 kinds of 100 synthetic worlds; about an hour, resumable
 	$(WORLDS)

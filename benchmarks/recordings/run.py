@@ -2,7 +2,7 @@
 
 Makes recordings of 1, 10 and 100 million rows of targets, extracts their cut-ins in a process of its own, and
 writes ``benchmarks/results/recordings.csv``. The recordings of 100 million rows take 9 GB, and the extraction
-TEMPGB beside them for a while; both are removed. ``python benchmarks/recordings/run.py [MILLIONS ...]``
+2 GB beside them for a while; both are removed. ``python benchmarks/recordings/run.py [MILLIONS ...]``
 """
 
 import argparse

@@ -377,6 +377,14 @@ def test_exposure_is_the_driving_of_the_hosts_without_gaps(cut_ins):
     assert exposure["kilometres"] == pytest.approx(HOST * steps / 1000, rel=1e-9)
 
 
+def test_line_ends_of_another_system_and_a_byte_order_mark_do_not_count(tmp_path):
+    folder = write(tmp_path / "it's here", ["cut-in", "uncovered"])
+    before = extract(folder)
+    for file in folder.iterdir():
+        file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes().replace(b"\n", b"\r\n"))
+    pd.testing.assert_frame_equal(extract(folder), before, check_exact=True)
+
+
 def test_a_host_without_a_sensor_is_no_exposure(tmp_path):
     write(tmp_path, ["cut-in"])
     alone = extract(tmp_path).attrs["exposure"]

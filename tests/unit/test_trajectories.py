@@ -249,6 +249,11 @@ def test_speeds_in_kilometres_an_hour_are_refused(tmp_path):
         extract(write(tmp_path, ["cut-in"], xVelocity=100.0))
 
 
+def test_classes_may_have_any_name(tmp_path):
+    folder = write(tmp_path, ["cut-in"])
+    assert extract(folder, host_classes=['it\'s a "car"']).empty
+
+
 def test_a_folder_without_recordings_is_told(tmp_path):
     with pytest.raises(InputError, match=r"no file called \*_tracks\.csv"):
         extract(tmp_path)

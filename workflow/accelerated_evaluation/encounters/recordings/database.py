@@ -133,6 +133,11 @@ def read_csv(
     )
 
 
+def literal(values: Iterable[object]) -> str:
+    """Return values as a list of texts in SQL, whatever quotes are in them."""
+    return "[" + ", ".join("'" + str(value).replace("'", "''") + "'" for value in values) + "]"
+
+
 @contextmanager
 def readable(path: Path) -> Iterator[None]:
     """Turn an error of the database about a CSV file that is read in the block into an `InputError`."""

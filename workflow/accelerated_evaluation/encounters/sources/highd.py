@@ -18,6 +18,7 @@ from accelerated_evaluation.encounters.recordings.cut_ins import (
 )
 from accelerated_evaluation.encounters.recordings.database import (
     database,
+    literal,
     read_csv,
     readable,
     recording_files,
@@ -153,7 +154,7 @@ def _read_recording(
                 expected=f"it beside {file.name}",
                 change="Add or rename it.",
             )
-    classes = {key: [str(name) for name in settings[key]] for key in ("lead_classes", "host_classes")}
+    classes = {key: literal(settings[key]) for key in ("lead_classes", "host_classes")}
     complete = "coalesce(" + " AND ".join(f"isfinite({column})" for column in COLUMNS) + ", FALSE)"
     with readable(file):
         read_csv(connection, file, COLUMNS).project(", ".join(COLUMNS)).to_view("tracks")

@@ -17,6 +17,7 @@ from accelerated_evaluation.encounters.recordings.cut_ins import (
 )
 from accelerated_evaluation.encounters.recordings.database import (
     database,
+    literal,
     read_csv,
     readable,
     recording_files,
@@ -178,7 +179,7 @@ def _work(
 ) -> tuple[list[pd.DataFrame], Counter]:
     """Find the changes into the path in each part, and add up the counts and the exposure of all."""
     tables = {
-        name: f"read_parquet('{folder}/{name}/*/*/*.parquet', hive_partitioning = TRUE)"
+        name: f"read_parquet({literal([folder / name / '*/*/*.parquet'])}, hive_partitioning = TRUE)"
         for name in ("targets", "host")
     }
     connection.execute(f"CREATE TEMP TABLE devices AS SELECT DISTINCT device FROM {tables['targets']}")
