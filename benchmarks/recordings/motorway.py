@@ -37,14 +37,7 @@ RECORDING_META = (
 
 
 def pair(kind: str, first: int, direction: int, start: float, generator: np.random.Generator) -> dict:
-    """Make two vehicles, and what is true of them.
-
-    Returns
-    -------
-    dict
-        ``tracks`` and ``meta`` of both, and ``planted``: None or time [s], lead_speed, range, closing_speed,
-        vehicle, host.
-    """
+    """Make two vehicles: their ``tracks`` and ``meta``, and what is ``planted``, None if nothing is."""
     lane, other = generator.permutation(LANES[direction])
     lengths = generator.uniform(4, 5.5), generator.uniform(4, 18)  # of the host, of the other
     speeds, gap, moment = _draw(kind, generator)
@@ -118,14 +111,7 @@ def _track(
 
 
 def write_recording(folder: Path, number: int, pairs: int, generator: np.random.Generator) -> pd.DataFrame:
-    """Write the three files of one recording.
-
-    Returns
-    -------
-    pandas.DataFrame
-        The planted cut-ins: recording, time [s], lead_speed [m/s], range [m], closing_speed [m/s], vehicle,
-        host.
-    """
+    """Write the three files of one recording, and return the cut-ins that are planted in it, units SI."""
     folder.mkdir(parents=True, exist_ok=True)
     made = [
         pair(

@@ -114,7 +114,14 @@ def happen(what: str, slots: Slots, generator: np.random.Generator) -> None:
         car.twice = np.abs(later) < 10
     elif what == "lacks_a_cell":
         car.range[later == 6] = np.nan
-    elif what == "touches_the_path":
+    else:
+        seem(what, slots, car, generator)
+
+
+def seem(what: str, slots: Slots, car: Car, generator: np.random.Generator) -> None:
+    """Change a cut-in, the first car of the slots, into what only looks like one."""
+    later = frames() - slots.moment[:, None]
+    if what == "touches_the_path":
         car.in_path &= later < 4
         car.offset = np.sign(car.offset + 1e-9) * np.maximum(np.abs(car.offset), 2.5)
     elif what in ("is_uncovered", "is_uncovered_in_a_bend"):

@@ -65,6 +65,21 @@ def drop_in_turn(
     return candidates
 
 
+def with_names(candidates: pd.DataFrame, name: str) -> pd.DataFrame:
+    """Turn the times of the candidates into seconds, and call each by where it is, for the account.
+
+    Parameters
+    ----------
+    candidates
+        With ``time`` [ms].
+    name
+        Its columns go in braces, such as ``"trip {trip} at {time:g} s"``.
+    """
+    candidates = candidates.assign(time=candidates["time"] / 1000)
+    names = [name.format_map(row) for row in candidates.to_dict("records")]
+    return candidates.set_index(pd.Index(names, dtype=object))
+
+
 def finished(cut_ins: pd.DataFrame, account: Account, *, milliseconds: int, micrometres: int) -> pd.DataFrame:
     """Return the cut-ins as a source does, with the account and the exposure as attributes.
 

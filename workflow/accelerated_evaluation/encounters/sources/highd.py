@@ -15,6 +15,7 @@ from accelerated_evaluation.encounters.recordings.cut_ins import (
     milliseconds,
     require_agreement,
     stays_sql,
+    with_names,
 )
 from accelerated_evaluation.encounters.recordings.database import (
     database,
@@ -121,16 +122,8 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
             candidates, of_file = _read_recording(connection, file, settings)
             found.append(candidates)
             counts.update(of_file)
-    candidates = pd.concat(found, ignore_index=True)
-    candidates["time"] /= 1000
-    candidates.index = pd.Index(
-        [
-            f"recording {row.recording} vehicle {row.vehicle} at {row.time:g} s"
-            for row in candidates.itertuples()
-        ],
-        dtype=object,
-    )
     account = _account(counts)
+    candidates = with_names(pd.concat(found), "recording {recording} vehicle {vehicle} at {time:g} s")
     cut_ins = drop_in_turn(candidates, _reasons(settings), account)
     return finished(
         cut_ins[list(OUTPUT)].astype({"host": int}),

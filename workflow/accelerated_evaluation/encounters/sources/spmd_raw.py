@@ -14,6 +14,7 @@ from accelerated_evaluation.encounters.recordings.cut_ins import (
     finished,
     milliseconds,
     require_agreement,
+    with_names,
 )
 from accelerated_evaluation.encounters.recordings.database import (
     database,
@@ -122,14 +123,9 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
         _sort_into_parts(connection, hosts, space / "host", _host_query(settings, parts), HOST_COLUMNS)
         found, counts = _work(connection, space, parts, settings)
     _require_units(folder, counts)
-    columns = ["device", "trip", "time", "vehicle"]
-    candidates = pd.concat(found).sort_values(columns, ignore_index=True)
-    candidates["time"] /= 1000
-    candidates.index = pd.Index(
-        [f"device {d} trip {t} at {s:g} s" for d, t, s in candidates[columns[:3]].itertuples(index=False)],
-        dtype=object,
-    )
     account = _account(counts)
+    candidates = pd.concat(found).sort_values(["device", "trip", "time", "vehicle"])
+    candidates = with_names(candidates, "device {device} trip {trip} at {time:g} s")
     cut_ins = drop_in_turn(candidates, _reasons(settings), account)
     return finished(
         cut_ins[list(OUTPUT)],
