@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tqdm import tqdm
 
-from accelerated_evaluation.errors import InputError, StudyError
+from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.vehicles.checked import CheckedVehicle, check_repetition, told
 from accelerated_evaluation.vehicles.checks import checked_encounters, described_batch, outcome_error
 from accelerated_evaluation.vehicles.loading import load_vehicle, vehicle_files
@@ -94,7 +94,7 @@ class SlowVehicle:
         size = size or min(self.batch_size, math.ceil(len(encounters) / self.workers.count) or 1)
         waiting = [encounters[first : first + size] for first in range(0, len(encounters), size)][::-1]
         running: dict[Future, tuple[Sequence[Encounter], float]] = {}
-        fault: StudyError | None = None
+        fault: InputError | None = None
         progress = tqdm(desc=self.title, total=len(encounters), delay=5, disable=None, leave=False)
         with progress:
             while running or (waiting and fault is None):
@@ -119,14 +119,16 @@ class SlowVehicle:
             simulate_batch, self.name, dict(self.parameters), np.array(batch).T, self.time_limit
         )
 
-    def _told(self, error: Exception, batch: Sequence[Encounter], seconds: float) -> StudyError:
+    def _told(self, error: Exception, batch: Sequence[Encounter], seconds: float) -> InputError:
         """Return what became of a batch as one message."""
-        if isinstance(error, StudyError):
-            return error
+        shown = described_batch(np.array(batch).T)
+        if isinstance(error, InputError):
+            where = error.where if shown in error.where else f"{error.where}, {shown}"
+            return InputError(where, seen=error.seen, expected=error.expected, change=error.change)
         if seconds >= self.time_limit:
             return outcome_error(
                 self.title,
-                described_batch(np.array(batch).T),
+                shown,
                 f"no end after {self.time_limit:g} s",
                 "outcomes within this time limit of a batch",
                 "Let it end sooner, raise simulations.time_limit, or lower simulations.batch_size.",
@@ -134,15 +136,13 @@ class SlowVehicle:
         died = isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker"
         return outcome_error(
             self.title,
-            described_batch(np.array(batch).T),
+            shown,
             "the end of the process that simulated it" if died else told(error),
             "outcomes",
             "The vehicle crashes or ends its process, or somebody has killed it." if died else "See above.",
         )
 
-    def _with_kept(self, fault: StudyError) -> StudyError:
-        if not isinstance(fault, InputError):
-            return fault
+    def _with_kept(self, fault: InputError) -> InputError:
         kept = f"{fault.change} {len(self.store):,} outcomes are kept in {self.store.path}."
         return InputError(fault.where, seen=fault.seen, expected=fault.expected, change=kept)
 

@@ -7,12 +7,12 @@ import os
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from functools import cache
 from multiprocessing import get_context, parent_process
 from queue import SimpleQueue
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -27,6 +27,8 @@ from accelerated_evaluation.vehicles.protocol import Array
 PROCESSES = "processes"
 CLUSTERS = {"dask": ("distributed", "LocalCluster"), "slurm": ("dask_jobqueue", "SLURMCluster")}
 GRACE = 2.0  # [s] by which a worker outlives the time limit, so that a command ends by its own first
+# What is printed, and the watch over the time, are the process's, which may run several threads.
+ONE_AT_A_TIME = threading.Lock()
 JOIN = 60.0  # [s] to wait for a first worker of a cluster whose address is given
 
 
@@ -58,7 +60,7 @@ def simulate_batch(name: str, parameters: Mapping[str, Any], encounters: Array, 
     numpy.ndarray
         crash, min_range [m], min_ttc [s] and impact_speed [m/s], shape (4, n).
     """
-    with open(os.devnull, "w") as nowhere, _silenced(nowhere.fileno()):
+    with ONE_AT_A_TIME, open(os.devnull, "w") as nowhere, _silenced(nowhere):
         faulthandler.dump_traceback_later(time_limit + GRACE, exit=True, file=nowhere)
         try:
             vehicle = _loaded(json.dumps([name, parameters]))
@@ -181,13 +183,14 @@ def _loaded(description: str) -> CheckedVehicle:
 
 
 @contextmanager
-def _silenced(nowhere: int) -> Iterator[None]:
-    """Send what is printed in the block, by compiled code too, to a file that is open."""
+def _silenced(nowhere: TextIO) -> Iterator[None]:
+    """Send what is printed in the block, by compiled code and other programs too, to an open file."""
     kept = [os.dup(stream) for stream in (1, 2)]
     try:
         for stream in (1, 2):
-            os.dup2(nowhere, stream)
-        yield
+            os.dup2(nowhere.fileno(), stream)
+        with redirect_stdout(nowhere), redirect_stderr(nowhere):
+            yield
     finally:
         for stream, copy in zip((1, 2), kept, strict=True):
             os.dup2(copy, stream)
