@@ -1,6 +1,7 @@
 """Slow vehicles: nothing is simulated twice, and what was simulated before a fault is kept."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -253,11 +254,13 @@ def test_which_vehicles_are_slow(here):
             {"timeout": 0.2},
             "simulations, 'tcp://127.*9': seen .*expected a cluster",
         ),
-        ("dask", {"no_such_option": 1}, "simulations, 'dask': seen TypeError"),
-        ("slurm", {}, "simulations, 'slurm': seen "),
+        ("dask", {"processes": False, "no_such_option": 1}, "simulations, 'dask': seen TypeError"),
+        ("slurm", {}, "simulations, 'slurm': seen no program sbatch; expected Slurm"),
     ],
 )
 def test_executors_that_cannot_be_used(executor, options, message):
+    if executor == "slurm" and shutil.which("sbatch"):
+        pytest.skip("this machine has Slurm")
     if executor != "proceses":
         pytest.importorskip("dask_jobqueue", reason="Dask, the extra 'cluster', is not installed")
     changed = SIMULATIONS | {"executor": executor, "options": options}

@@ -4,6 +4,7 @@ import faulthandler
 import importlib
 import json
 import os
+import shutil
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
@@ -148,6 +149,9 @@ def _dask_client(kind: str, count: int, options: Mapping[str, Any], stack: ExitS
     if kind not in CLUSTERS and "://" not in kind:
         known = f"{PROCESSES}, {', '.join(CLUSTERS)}, or the address of a Dask scheduler, tcp://HOST:PORT"
         raise _error("executor", repr(kind), known, "Correct simulations.executor.")
+    if kind == "slurm" and shutil.which("sbatch") is None:
+        change = "Run this where jobs are submitted, or choose another simulations.executor."
+        raise _error(repr(kind), "no program sbatch", "Slurm", change)
     package, class_name = CLUSTERS.get(kind, ("distributed", "Client"))
     try:
         dask, made = importlib.import_module("dask"), getattr(importlib.import_module(package), class_name)
