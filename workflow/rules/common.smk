@@ -27,6 +27,7 @@ from accelerated_evaluation.encounters.sources import SOURCES, describe
 from accelerated_evaluation.errors import StudyError
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.vehicles.loading import vehicle_files
+from accelerated_evaluation.vehicles.slow import is_slow
 from snakemake.exceptions import WorkflowError
 
 # A job of a cluster runs on a machine of its own, which cannot tell whether the run that sent it is alive.
@@ -71,6 +72,14 @@ try:
 except StudyError as error:
     raise WorkflowError(str(error)) from None
 VEHICLE_CONTENT = content_digest(VEHICLE_FILES)
+IS_SLOW = is_slow(VEHICLE, config["simulations"])
+# How many workers there are is the number of threads, an edit of which runs nothing again.
+WORKERS = config["simulations"]["workers"] if IS_SLOW else 1
+SIMULATIONS = {
+    key: value
+    for key, value in config["simulations"].items()
+    if key != "workers" and (IS_SLOW or key == "keep_class")
+}
 # The vehicle that most rules look up, for `modules_of`.
 OF_VEHICLE = {"vehicles": [VEHICLE]}
 SCOPES = ["all", SEGMENTS[0]]

@@ -13,8 +13,10 @@ from numpy.typing import ArrayLike
 from tqdm import tqdm
 
 from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.vehicles.checked import CheckedVehicle, check_repetition, told
+from accelerated_evaluation.vehicles.built_in import VEHICLES
+from accelerated_evaluation.vehicles.checked import check_repetition, told
 from accelerated_evaluation.vehicles.checks import checked_encounters, described_batch, outcome_error
+from accelerated_evaluation.vehicles.foreign import ForeignVehicle
 from accelerated_evaluation.vehicles.loading import load_vehicle, vehicle_files
 from accelerated_evaluation.vehicles.protocol import Array, Outcomes, Vehicle
 from accelerated_evaluation.vehicles.store import Encounter, Store, store_of
@@ -147,11 +149,16 @@ class SlowVehicle:
         return InputError(fault.where, seen=fault.seen, expected=fault.expected, change=kept)
 
 
+def is_slow(name: str, simulations: Mapping[str, Any]) -> bool:
+    """Whether outcomes of a vehicle are kept: of commands and FMUs, and of classes if so configured."""
+    if ":" in name:
+        return simulations["keep_class"]
+    return issubclass(VEHICLES[name], ForeignVehicle)
+
+
 @contextmanager
 def loaded_for(vehicle: Mapping[str, Any], simulations: Mapping[str, Any]) -> Iterator[Vehicle]:
     """Yield the vehicle of a configuration, as a `SlowVehicle` where it is one.
-
-    Commands and FMUs are slow, and a Python class is if the configuration says so.
 
     Parameters
     ----------
@@ -160,8 +167,7 @@ def loaded_for(vehicle: Mapping[str, Any], simulations: Mapping[str, Any]) -> It
     """
     name, parameters = vehicle["name"], vehicle["parameters"]
     car = load_vehicle(name, **parameters)  # also to refuse what cannot be loaded before any worker starts
-    is_class = ":" in name
-    if not isinstance(car, CheckedVehicle) or (is_class and not simulations["keep_class"]):
+    if not is_slow(name, simulations):
         yield car
         return
     store = store_of(name, parameters, [*vehicle_files(name, parameters), *vehicle["files"]])
