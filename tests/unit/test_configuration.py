@@ -133,7 +133,7 @@ WRONG = {
     ),
     "vehicle parameter": (
         "vehicle__parameters",
-        {"kp": math.nan},
+        {"kp": float("nan")},
         "seen NaN; expected number or true or false",
     ),
     "no text": ("vehicle__files", [1], "seen 1; expected non-empty text"),
