@@ -71,8 +71,9 @@ class SlowVehicle:
         known = self.store.known(dict.fromkeys(keys))
         missing = [key for key in dict.fromkeys(keys) if key not in known]
         self.found += len(known)
-        for batch, outcomes in self._simulated(missing):
+        for first, outcomes in self._simulated(missing):
             rows = list(zip(*outcomes.tolist(), strict=True))
+            batch = missing[first : first + len(rows)]
             self.store.add(batch, rows)
             known |= zip(batch, rows, strict=True)
         outcomes = _outcomes(np.array([known[key] for key in keys]).reshape(-1, 4).T)
@@ -82,37 +83,36 @@ class SlowVehicle:
         return outcomes
 
     def _again(self, encounters: Array) -> Outcomes:
-        """Simulate encounters in one batch, whether or not the store has them."""
-        keys = list(zip(*encounters.tolist(), strict=True))
-        return _outcomes(np.hstack([outcomes for _, outcomes in self._simulated(keys, len(keys))]))
+        """Simulate encounters, whether or not the store has them."""
+        parts = dict(self._simulated(list(zip(*encounters.tolist(), strict=True))))
+        return _outcomes(np.hstack([parts[first] for first in sorted(parts)]))
 
-    def _simulated(
-        self, encounters: Sequence[Encounter], size: int | None = None
-    ) -> Iterator[tuple[Sequence[Encounter], Array]]:
-        """Yield batches and their outcomes, shape (4, n), as they end.
+    def _simulated(self, encounters: Sequence[Encounter]) -> Iterator[tuple[int, Array]]:
+        """Yield, as they end, where batches begin, and their outcomes, shape (4, n).
 
         After a fault nothing new is begun, but the batches under way are waited for, so that they are kept.
         """
-        size = size or min(self.batch_size, math.ceil(len(encounters) / self.workers.count) or 1)
-        waiting = [encounters[first : first + size] for first in range(0, len(encounters), size)][::-1]
-        running: dict[Future, tuple[Sequence[Encounter], float]] = {}
+        size = min(self.batch_size, math.ceil(len(encounters) / self.workers.count)) or 1
+        waiting = list(range(0, len(encounters), size))[::-1]
+        running: dict[Future, tuple[int, float]] = {}
         fault: InputError | None = None
         progress = tqdm(desc=self.title, total=len(encounters), delay=5, disable=None, leave=False)
         with progress:
             while running or (waiting and fault is None):
                 while waiting and fault is None and len(running) < self.workers.count:
-                    batch = waiting.pop()
-                    running[self._submit(batch)] = batch, time.monotonic()
+                    first = waiting.pop()
+                    running[self._submit(encounters[first : first + size])] = first, time.monotonic()
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    batch, begun = running.pop(future)
+                    first, begun = running.pop(future)
                     try:
                         outcomes = future.result()
                     except Exception as error:  # of whatever kind an executor has for a worker that died
+                        batch = encounters[first : first + size]
                         fault = fault or self._told(error, batch, time.monotonic() - begun)
                         continue
-                    self.simulated += len(batch)
-                    progress.update(len(batch))
-                    yield batch, outcomes
+                    self.simulated += outcomes.shape[1]
+                    progress.update(outcomes.shape[1])
+                    yield first, outcomes
         if fault is not None:
             raise self._with_kept(fault)
 
@@ -141,7 +141,7 @@ class SlowVehicle:
             shown,
             "the end of the process that simulated it" if died else told(error),
             "outcomes",
-            "The vehicle crashes or ends its process, or somebody has killed it." if died else "See above.",
+            "It crashes or ends its process, or somebody has killed it." if died else "Correct the vehicle.",
         )
 
     def _with_kept(self, fault: InputError) -> InputError:
