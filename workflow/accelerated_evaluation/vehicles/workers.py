@@ -5,6 +5,7 @@ import importlib
 import json
 import os
 import shutil
+import subprocess
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
@@ -166,11 +167,26 @@ def _dask_client(kind: str, count: int, options: Mapping[str, Any], stack: ExitS
     else:
         own = {
             "dask": {"n_workers": count, "threads_per_worker": 1, "dashboard_address": None},
-            "slurm": {"n_workers": count, "cores": 1, "processes": 1, "memory": "2 GB"},
+            "slurm": {"n_workers": 0, "cores": 1, "processes": 1, "memory": "2 GB"},
         }[kind]
-        client = Client(stack.enter_context(made(**own | options)))
+        cluster = stack.enter_context(made(**own | options))
+        client = Client(cluster)
+        if kind == "slurm":
+            _try_submission(cluster.job_script())
+            cluster.scale(count)
     client.wait_for_workers(1, timeout=JOIN if kind != "slurm" else None)
     return client
+
+
+def _try_submission(script: str) -> None:
+    """Let Slurm judge a job without running it: dask-jobqueue would wait for ever for a job that is refused."""
+    done = subprocess.run(
+        ["sbatch", "--test-only"], input=script, text=True, capture_output=True, check=False
+    )
+    if done.returncode:
+        change = "Correct simulations.options; they are arguments of dask_jobqueue.SLURMCluster."
+        seen = " ".join(done.stderr.split())
+        raise _error("'slurm'", seen, "a job that Slurm accepts", change)
 
 
 def _error(where: str, seen: str, expected: str, change: str) -> InputError:
