@@ -131,7 +131,12 @@ WRONG = {
         [0.5, 0.9],
         "seen [0.5, 0.9]; expected list of 1, each number > 0 and < 1",
     ),
-    "vehicle parameter": ("vehicle__parameters", {"kp": [1]}, "seen [1]; expected number or true or false"),
+    "vehicle parameter": (
+        "vehicle__parameters",
+        {"kp": float("nan")},
+        "seen NaN; expected number or true or false",
+    ),
+    "no text": ("vehicle__files", [1], "seen 1; expected non-empty text"),
 }
 
 

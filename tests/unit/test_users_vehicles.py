@@ -115,14 +115,20 @@ def test_users_own_vehicle(user_file):
         (("crash", [False]), r"crash: seen shape \(1,\); expected shape \(2,\)"),
         (("crash", [1, 0]), "crash: seen an array of int64; expected an array of booleans"),
         (("min_ttc", ["a", "b"]), "min_ttc: seen an array of <U1; expected an array of real numbers"),
-        (("min_range", [-1, np.nan]), r"min_range\[1\]: seen nan"),
-        (("min_range", [-1, 11]), r"min_range\[1\]: seen 11.0; expected at most the initial range"),
-        (("min_range", [1, 1]), r"min_range\[0\]: seen 1.0; expected 0 m or less where crash is true"),
-        (("min_range", [-1, -1]), r"min_range\[1\]: seen -1.0; expected above 0 m where crash is false"),
-        (("min_ttc", [1, 0]), r"min_ttc\[1\]: seen 0.0"),
-        (("min_ttc", [1, np.nan]), r"min_ttc\[1\]: seen nan"),
-        (("impact_speed", [np.inf, 0]), r"impact_speed\[0\]: seen inf"),
-        (("impact_speed", [1, 2]), r"impact_speed\[1\]: seen 2.0; expected 0 m/s where crash is false"),
+        (
+            ("min_range", [-1, np.nan]),
+            r"min_range\[1\] of the encounter .*, range 10, closing_speed 1: seen nan",
+        ),
+        (("min_range", [-1, 11]), r"min_range\[1\] of .*: seen 11.0; expected at most the initial range"),
+        (("min_range", [1, 1]), r"min_range\[0\] of .*: seen 1.0; expected 0 m or less where crash is true"),
+        (
+            ("min_range", [-1, -1]),
+            r"min_range\[1\] of .*: seen -1.0; expected above 0 m where crash is",
+        ),
+        (("min_ttc", [1, 0]), r"min_ttc\[1\] of .*: seen 0.0"),
+        (("min_ttc", [1, np.nan]), r"min_ttc\[1\] of .*: seen nan"),
+        (("impact_speed", [np.inf, 0]), r"impact_speed\[0\] of .*: seen inf"),
+        (("impact_speed", [1, 2]), r"impact_speed\[1\] of .*: seen 2.0; expected 0 m/s where crash is false"),
     ],
 )
 def test_users_vehicle_that_breaks_the_protocol(user_file, change, message):
