@@ -1,7 +1,7 @@
 # Answer: laws of cut-ins that fit where crashes happen, and one crash probability with its interval (beyond the paper).
 #
 # In: encounters.parquet, the vehicle under test and those that it is compared with. Out: crash maps up to closing speeds
-# where nothing changes any more, the answer with its budget, the calibration and the scores of all laws on records that
+# where nothing changes any more, the answer with its budget and its law, the calibration and the scores of all laws on records that
 # they have not seen, and what the quality of the data does to the answer.
 
 NO_EVENTS = {name: [] for name in config["answer"]["events"]}
@@ -82,6 +82,7 @@ for _job, _tables in LAW_TABLES.items():
             ),
         output:
             **{table: result("laws", f"{table}.csv") for table in _tables},
+            **({"law": result("laws", "answer.json")} if _job == "answer" else {}),
         log:
             log_of(f"study_laws_{_job}.log"),
         benchmark:
