@@ -12,6 +12,7 @@ from accelerated_evaluation import cli
 from accelerated_evaluation.methods import METHODS, Stopping
 from accelerated_evaluation.methods.surrogate import state as sampler_state
 from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.randomness import child_generator
 from accelerated_evaluation.track.campaign_file import law_of, read_campaign, write_campaign
 from accelerated_evaluation.track.results import read_results
 from accelerated_evaluation.track.status import forecast, status_of
@@ -52,7 +53,7 @@ def test_a_campaign_is_the_sampler_told_run_by_run(begun):
             part.to_csv("part.csv", index=False)
             assert begun("tell", "part.csv") == 0
     surrogate = METHODS["surrogate"]()
-    wanted = surrogate.estimate(Problem(LAW, load_vehicle("acc_aeb")), GOAL, np.random.default_rng(4))
+    wanted = surrogate.estimate(Problem(LAW, load_vehicle("acc_aeb")), GOAL, child_generator(4, "campaign"))
     assert status_of(read_campaign("c.json")).estimate.row() == wanted.row()
 
 

@@ -17,6 +17,7 @@ from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
+from accelerated_evaluation.randomness import child_generator
 from accelerated_evaluation.track.scenarios import Scenario
 from accelerated_evaluation.vehicles.events import Event
 from accelerated_evaluation.vehicles.protocol import Outcomes
@@ -129,7 +130,7 @@ class Campaign:
         check_batch_size(batch_size)
         description = read_law(law.file, read_encounters(encounters.file)).description
         fingerprint = f"{event.quantity} {event.threshold!r} under the law {law.sha256}"
-        sampler = Sampler(3, np.random.default_rng(seed), batch_size, fingerprint=fingerprint)
+        sampler = Sampler(3, child_generator(seed, "campaign"), batch_size, fingerprint=fingerprint)
         return cls(law, encounters, description, event, goal, sampler)
 
     # ---- runs
