@@ -98,7 +98,7 @@ def _write_road(path: Path) -> None:
     from scenariogeneration import xodr
 
     road = xodr.create_road(xodr.Line(ROAD_LENGTH), id=1, left_lanes=0, right_lanes=2, lane_width=LANE_WIDTH)
-    network = xodr.OpenDrive("straight road with two lanes")
+    network = xodr.OpenDrive("straight road with two lanes", revMinor="7")
     network.add_road(road)
     network.adjust_roads_and_lanes()
     with atomic_path(path) as temporary:
