@@ -23,6 +23,7 @@ if __name__ == "__main__":
         law = outputs.pop("law", None)
         generator, tables = child_generator(params.seed, "laws", *outputs), {}
         if "answer" in outputs:
+            study.resolve(maps, child_generator(params.seed, "laws", "resolve"))
             tables = study.answers(params.distance, params.half_width, generator)
         if "laws" in outputs:
             tables["laws"] = study.laws()
