@@ -50,7 +50,7 @@ def fig30_preventable(
             axes.set(xlim=(0, 75), ylim=(0, TOP), xlabel="range [m]")
         all_axes[0, 0].set_ylabel("closing speed [m/s]")
         drawn.legend(*all_axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
-        note_source(drawn, f"{source}. Grey: records within {BAND:g} m/s of the lead speed")
+        note_source(drawn, source)
     return drawn, preventable
 
 
