@@ -82,7 +82,7 @@ def _draw_lines(axes: Axes, rows: pd.DataFrame) -> None:
         if island.notna().sum() > 1 and island.diff().abs().median() < ISLAND:
             axes.plot(line["range"], island, linewidth=0.6, **look)
     for name, line in rows[rows["kind"] == "law"].groupby("name", sort=False):
-        axes.plot(line["range"], line["first"], color="black", linewidth=0.8, linestyle=":")
+        axes.plot(line["range"], line["first"], color="black", linewidth=0.9, linestyle=(0, (1, 3)))
         here = line.iloc[len(line) // 2]
         axes.annotate(
             f"1 in {1 / float(name):,.0f}",
