@@ -4,9 +4,9 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.methods.estimate import Stopping
 from accelerated_evaluation.methods.surrogate import state as sampler_state
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
-from accelerated_evaluation.methods.surrogate.two_phase import BatchEstimate
 from accelerated_evaluation.track.campaign import Campaign, Run, Source, Told
 from accelerated_evaluation.vehicles.events import Event
 
@@ -161,13 +160,7 @@ def _sampler(content: Mapping[str, Any], where: str) -> Sampler:
     if content.get("version") == sampler_state.VERSION:
         return Sampler.resume(sampler_state.State.from_json(content, where))
     old = content["state"]
-    progress = sampler_state.Progress(
-        np.array(old["progress"]["z"], float).reshape(-1, old["dimension"]),
-        np.array(old["progress"]["happened"], bool),
-        np.array(old["progress"]["score"], float),
-        old["progress"]["wide_runs"],
-        [BatchEstimate(**estimate) for estimate in old["progress"]["estimates"]],
-    )
+    progress = _carried_over(old["progress"], old["dimension"])
     if (pending := old["progress"]["pending"]) is not None:
         # These runs are on their way. They will teach the new version, which cannot weigh what it did not
         # choose. To leave their batch out does no harm: that was decided before its outcomes were known.
@@ -178,3 +171,19 @@ def _sampler(content: Mapping[str, Any], where: str) -> Sampler:
     sampler = Sampler(old["dimension"], generator, old["batch_size"], fingerprint=old["fingerprint"])
     sampler.progress = progress
     return sampler
+
+
+def _carried_over(old: Mapping[str, Any], dimension: int) -> sampler_state.Progress:
+    """Return the runs of another version, and of its batch estimates what this one understands.
+
+    What was concluded besides is left out: the surrogate is learnt anew from the runs.
+    """
+    types = get_type_hints(sampler_state.Progress)
+    try:
+        estimates = sampler_state._decode(types["estimates"], old["estimates"])
+    except (KeyError, TypeError):
+        estimates = []
+    progress = sampler_state.Progress.start(dimension)
+    z = np.array(old["z"], float).reshape(-1, dimension)
+    flags, scores = np.array(old["happened"], bool), np.array(old["score"], float)
+    return replace(progress, z=z, happened=flags, score=scores, estimates=estimates)

@@ -7,9 +7,6 @@ import numpy as np
 from scipy.special import stdtrit
 
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
-from accelerated_evaluation.methods.surrogate.results import combined_estimate
-from accelerated_evaluation.methods.surrogate.sampler import Sampler
-from accelerated_evaluation.methods.surrogate.two_phase import since_usable
 from accelerated_evaluation.track.campaign import Campaign
 
 MOST_BATCHES = 10_000  # that a forecast looks ahead
@@ -49,22 +46,23 @@ def status_of(campaign: Campaign) -> Status:
     used, estimate = campaign.sampler.simulations, campaign.estimate()
     needed: int | None = 0
     if not estimate.converged:
-        needed = forecast(campaign.sampler, campaign.goal)
+        needed = forecast(estimate, campaign.sampler.batch_size, campaign.goal)
         needed = None if needed is None else max(needed - (told - used), 0)
     return Status(len(campaign.runs), told, used, estimate, needed)
 
 
-def forecast(sampler: Sampler, goal: Stopping) -> int | None:
-    """Return how many more runs the interval is likely to need, if further batches are like the last.
+def forecast(found: Estimate, batch_size: int, goal: Stopping) -> int | None:
+    """Return how many more runs the interval is likely to need, if further batches are like those so far.
 
-    With importance k_b and predicted squared coefficient of variation u of a batch, m more batches like the
-    last one bring the squared relative error from V to (K^2 V + m k^2 u) / (K + m k)^2, where K is the sum of
-    the importance so far. The least m is sought for which Student's half-width meets the goal.
+    The squared relative error of the mean of b batches falls as 1 / b, and Student's quantile with it. The
+    least number of further batches is sought for which the half-width meets the goal.
 
     Parameters
     ----------
-    sampler
-        Of the campaign.
+    found
+        The estimate so far.
+    batch_size
+        Runs of each further batch.
     goal
         How narrow the interval has to be.
 
@@ -73,18 +71,14 @@ def forecast(sampler: Sampler, goal: Stopping) -> int | None:
     int or None
         None while there is no estimate to start from.
     """
-    combined = combined_estimate(sampler.progress, goal.alpha)
-    if combined is None:
+    batches = found.diagnostics["batches"]
+    if not (found.probability > 0 and batches >= 2):
         return None
-    batches = since_usable(sampler.progress.estimates)
-    last, total = batches[-1], sum(batch.importance for batch in batches)
-    error = max(combined.observed_variance, combined.predicted_variance) / combined.probability**2
     more = np.arange(1, MOST_BATCHES + 1)
-    added = more * last.importance
-    variance = (total**2 * error + added * last.importance * last.predicted_variation) / (total + added) ** 2
-    half_width = stdtrit(combined.batches + more - 1, 1 - goal.alpha / 2) * np.sqrt(variance)
-    enough = np.flatnonzero(half_width <= goal.beta)
-    return int(more[enough[0]]) * sampler.batch_size if enough.size else None
+    error = max(found.diagnostics["observed_error"], found.diagnostics["predicted_error"])
+    reach = stdtrit(batches + more - 1, 1 - goal.alpha / 2)
+    enough = np.flatnonzero(reach * error * np.sqrt(batches / (batches + more)) <= goal.beta)
+    return int(more[enough[0]]) * batch_size if enough.size else None
 
 
 def in_words(campaign: Campaign, status: Status) -> str:
