@@ -1,8 +1,9 @@
 # Answer: laws of cut-ins that fit where crashes happen, and one crash probability with its interval (beyond the paper).
 #
 # In: encounters.parquet, the vehicle under test and those that it is compared with. Out: crash maps up to closing speeds
-# where nothing changes any more, the answer with its budget, the calibration and the scores of all laws on records that
-# they have not seen, and what the quality of the data does to the answer.
+# where nothing changes any more, the answer with its budget and its law, the calibration and the scores of all laws on
+# records that they have not seen, what the quality of the data does to the answer, and what happens in the likeliest
+# crashes and the nearest records.
 
 NO_EVENTS = {name: [] for name in config["answer"]["events"]}
 ANSWERED = {
@@ -82,6 +83,7 @@ for _job, _tables in LAW_TABLES.items():
             ),
         output:
             **{table: result("laws", f"{table}.csv") for table in _tables},
+            **({"law": result("laws", "answer.json")} if _job == "answer" else {}),
         log:
             log_of(f"study_laws_{_job}.log"),
         benchmark:
@@ -104,3 +106,45 @@ for _job, _tables in LAW_TABLES.items():
             f"Laws with dependence: {', '.join(_tables)}"
         script:
             "../scripts/study_laws.py"
+
+
+rule replay_encounters:
+    """Show what happens in the likeliest crashes and in the nearest records, and what each vehicle can prevent."""
+    input:
+        encounters=rules.ingest_encounters.output.encounters,
+        law=result("laws", "answer.json"),
+        map=map_of(ANSWERED["under_test"], "crash_map/full.npz"),
+        vehicle=ancient(VEHICLE_FILES),
+        library=modules_of(
+            "replay_encounters.py",
+            members={
+                "vehicles": [own["vehicle"] for own in ANSWERED.values()],
+                "laws": ["dependent"],
+            },
+        ),
+    output:
+        encounters=result("happened", "encounters.csv"),
+        traces=result("happened", "traces.csv"),
+        preventable=result("happened", "preventable.csv"),
+    log:
+        log_of("replay_encounters.log"),
+    benchmark:
+        benchmark_of("replay_encounters.tsv")
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        seed=config["seed"],
+        tested="under test",
+        vehicles={
+            name.replace("under_test", "under test"): [
+                description["vehicle"],
+                description["parameters"],
+            ]
+            for name, description in ANSWERED.items()
+        },
+        vehicle_content=VEHICLE_CONTENT,
+    message:
+        "Replaying the likeliest crashes and the nearest records"
+    script:
+        "../scripts/replay_encounters.py"

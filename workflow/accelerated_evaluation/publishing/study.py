@@ -313,6 +313,23 @@ class Study:
         """The answer under other readings of the records."""
         return self._table("laws/data_quality.csv")
 
+    # What happens.
+
+    @cached_property
+    def happened(self) -> pd.DataFrame:
+        """The likeliest ways to crash and the nearest records, with what they end in."""
+        return self._table("happened/encounters.csv")
+
+    @cached_property
+    def traces(self) -> pd.DataFrame:
+        """Every state of these encounters."""
+        return self._table("happened/traces.csv")
+
+    @cached_property
+    def preventable(self) -> pd.DataFrame:
+        """Where each vehicle can no longer avoid the crash, by lead speed and range."""
+        return self._table("happened/preventable.csv")
+
     @cached_property
     def coverage(self) -> pd.DataFrame:
         """How often intervals hold the exact probability, by method and way to stop."""

@@ -47,6 +47,11 @@ def answer_table(posteriors: Mapping[str, Posterior], events_per_km: float | Non
     return table.assign(per_km=table["probability"] * (np.nan if events_per_km is None else events_per_km))
 
 
+def bears_out(recorded: int, expected: float) -> bool:
+    """Whether the number of recorded crashes is one that the expected number allows."""
+    return bool(mid_p(recorded, expected) > MISSED)
+
+
 def vehicle_table(
     posteriors: Mapping[str, Posterior], recorded: Mapping[str, int], size: int, reference: str
 ) -> pd.DataFrame:
@@ -77,7 +82,7 @@ def vehicle_table(
         crashes; ``safer``, the share of the draws in which the vehicle crashes less often than the reference.
     """
     expected = {name: size * posterior.probabilities.mean() for name, posterior in posteriors.items()}
-    resolved = {name: bool(mid_p(recorded[name], expected[name]) > MISSED) for name in posteriors}
+    resolved = {name: bears_out(recorded[name], expected[name]) for name in posteriors}
     has_base = resolved.get(reference, False) and bool(np.all(posteriors[reference].probabilities > 0))
     rows = []
     for name, posterior in posteriors.items():

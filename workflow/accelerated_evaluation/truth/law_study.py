@@ -1,7 +1,7 @@
 """The study of laws, in one go: which laws the records bear out, how well, and what they say together."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
@@ -15,6 +15,7 @@ from accelerated_evaluation.laws.dependent import DependentLaw
 from accelerated_evaluation.laws.independent import recorded_lead_speeds
 from accelerated_evaluation.truth.answer import (
     answer_table,
+    bears_out,
     quality_table,
     readings,
     threshold_table,
@@ -25,6 +26,7 @@ from accelerated_evaluation.truth.crash_map import CrashMap
 from accelerated_evaluation.truth.law_scores import KNOT, PAPER, TOGETHER, law_table, score_laws
 from accelerated_evaluation.truth.lines import Lines, crash_places
 from accelerated_evaluation.truth.posterior import Posterior, budget
+from accelerated_evaluation.truth.sampled_map import sample_crashes
 from accelerated_evaluation.truth.weighed import Weighed, weigh
 from accelerated_evaluation.vehicles.events import Event
 from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
@@ -60,14 +62,17 @@ class LawStudy:
         The same, thinned.
     events
         The events of the car under test by name.
+    sampled
+        Names of the crashes whose maps are by random closing speeds.
     """
 
     encounters: pd.DataFrame
     vehicles: Mapping[str, Vehicle]
     weighed: Weighed
-    lines: Mapping[str, Lines]
-    thinned: Mapping[str, Lines]
+    lines: dict[str, Lines]
+    thinned: dict[str, Lines]
     events: Mapping[str, Event]
+    sampled: set[str] = field(default_factory=set)
 
     @classmethod
     def of(
@@ -102,6 +107,28 @@ class LawStudy:
         weighed = weigh(events, generator, draws=draws)
         thinned = {name: weighed.thinned(part, generator) for name, part in lines.items()}
         return cls(encounters, vehicles, weighed, lines, thinned, named)
+
+    def resolve(self, maps: Mapping[str, CrashMap], generator: np.random.Generator) -> None:
+        """Put maps by random closing speeds in the place of those that replayed records contradict.
+
+        Parameters
+        ----------
+        maps
+            Crash maps of the vehicles.
+        generator
+            Draws the closing speeds.
+        """
+        size, family = self.weighed.events.size, self.family
+        for name, vehicle in self.vehicles.items():
+            crash = "crash" if vehicle is self.vehicle else f"crash of {name}"
+            lines = self.thinned[crash]
+            of_laws = {m: lines.probability(family.ranges, family.law(m)) for m in self.weighed.members}
+            recorded = int(self.replayed(vehicle).crash.sum())
+            if not bears_out(recorded, size * self.weighed.mean(of_laws)):
+                sampled = sample_crashes(vehicle, maps[name], generator)
+                self.lines[crash] = Lines.of(sampled, self.weighed.events.lead_speed)
+                self.thinned[crash] = self.weighed.thinned(self.lines[crash], generator)
+                self.sampled.add(crash)
 
     @property
     def vehicle(self) -> Vehicle:
@@ -227,7 +254,9 @@ class LawStudy:
         """Return the table of vehicles, of which replayed records have to bear out the maps."""
         vehicles = zip(posteriors, self.vehicles.values(), strict=True)
         recorded = {name: int(self.replayed(vehicle).crash.sum()) for name, vehicle in vehicles}
-        return vehicle_table(posteriors, recorded, self.weighed.events.size, REFERENCE)
+        table = vehicle_table(posteriors, recorded, self.weighed.events.size, REFERENCE)
+        crashes = ["crash" if name == UNDER_TEST else f"crash of {name}" for name in table["vehicle"]]
+        return table.assign(scan=["random" if crash in self.sampled else "refined" for crash in crashes])
 
     def quality(self, outlier_rows: list[int], draws: int, generator: np.random.Generator) -> pd.DataFrame:
         """Return the table of what other readings of the records do to the answer.
