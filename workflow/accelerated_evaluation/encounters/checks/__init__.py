@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from accelerated_evaluation.encounters.contract import NUMBERS
 from accelerated_evaluation.encounters.filters import Account, apply_filters, drop_invalid
-from accelerated_evaluation.encounters.segments import segment_names
+from accelerated_evaluation.encounters.segments import MINIMUM_ROWS, segment_names
+from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.registry import Registry
 
 LEVEL = 0.001  # of a test, so that a check calls one sound table in a thousand conspicuous
@@ -156,14 +157,31 @@ def by_share(count: int, size: int) -> str:
 def inspect_records(records: Records) -> pd.DataFrame:
     """Run all checks.
 
+    Parameters
+    ----------
+    records
+        Records of a source.
+
     Returns
     -------
     pandas.DataFrame
         A row for each check, stops first: ``check``, ``verdict``, ``looked_at``, ``seen``, ``number``,
         ``rows`` (how many are concerned), ``example_rows`` (of the source, counted from 1) and ``advice``.
+
+    Raises
+    ------
+    InputError
+        If there are too few valid rows to check anything.
     """
+    if len(records.valid) < MINIMUM_ROWS:
+        raise InputError(
+            "the records",
+            seen=f"{len(records.valid):,} valid rows, and {len(records.invalid):,} that are none",
+            expected=f"at least {MINIMUM_ROWS} valid rows to check",
+            change="Check the columns and their units.",
+        )
     table = pd.DataFrame([_line(name, check(records)) for name, check in CHECKS.items()])
-    order = table["verdict"].map(VERDICTS[::-1].index).sort_values(kind="stable").index
+    order = table["verdict"].map(VERDICTS[::-1].index).sort_values(kind="stable").index  # stops first
     return table.loc[order].reset_index(drop=True)
 
 

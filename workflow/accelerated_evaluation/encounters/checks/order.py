@@ -1,4 +1,4 @@
-"""Do the records stay the same from the first row to the last?"""
+"""Whether the records stay the same from the first row to the last."""
 
 import numpy as np
 from scipy.stats import norm
@@ -45,10 +45,8 @@ def _superiority(first: Array, last: Array) -> tuple[float, float]:
     """Return the probability that a value of ``last`` exceeds one of ``first``, and its standard error."""
     blocks = [np.array_split(values, BLOCKS) for values in (first, last)]
     wins = np.array([[_wins(a, b) for b in blocks[1]] for a in blocks[0]])
-    without = (
-        [(wins.sum() - wins[i].sum()) / (BLOCKS * (BLOCKS - 1)) for i in range(BLOCKS)],
-        [(wins.sum() - wins[:, i].sum()) / (BLOCKS * (BLOCKS - 1)) for i in range(BLOCKS)],
-    )
+    all_but = BLOCKS * (BLOCKS - 1)
+    without = [(wins.sum() - wins.sum(axis=axis)) / all_but for axis in (0, 1)]
     variance = sum((BLOCKS - 1) * np.var(part) for part in without)
     return float(wins.mean()), float(np.sqrt(variance)) or np.finfo(float).tiny
 

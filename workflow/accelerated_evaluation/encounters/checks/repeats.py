@@ -1,4 +1,4 @@
-"""Is one row one cut-in? Rows that repeat others, exactly or nearly, and sensors that are stuck.
+"""Whether one row is one cut-in: rows that repeat others, exactly or nearly, and sensors that are stuck.
 
 How many equal values chance brings depends on the resolution of the records, which nobody states. It is read
 off the records themselves, from pairs of rows so far apart that they are of different cut-ins.

@@ -1,6 +1,15 @@
-"""What does the vehicle under test do in the cut-ins that were recorded?"""
+"""What the vehicle under test does in the cut-ins that were recorded."""
 
-from accelerated_evaluation.encounters.checks import CHECKS, FINE, LOOK, MANY, STOP, Finding, Records
+from accelerated_evaluation.encounters.checks import (
+    CHECKS,
+    FINE,
+    LOOK,
+    MANY,
+    NAMED_ROWS,
+    STOP,
+    Finding,
+    Records,
+)
 
 NEAR_TTC, NEAR_RANGE = 1.0, 1.0  # [s], [m], near misses of the crash map
 
@@ -9,8 +18,8 @@ NEAR_TTC, NEAR_RANGE = 1.0, 1.0  # [s], [m], near misses of the crash map
 def replayed_crashes(records: Records) -> Finding:
     """Replay the rows that pass the filters: which crash, and which nearly do."""
     looked_at = (
-        f"rows that crash with the vehicle under test, or come to a TTC under {NEAR_TTC:g} s or a range under "
-        f"{NEAR_RANGE:g} m"
+        f"rows that crash with the vehicle under test, or come to a TTC under {NEAR_TTC:g} s or a range "
+        f"under {NEAR_RANGE:g} m"
     )
     if records.simulate is None or records.kept.empty:
         return Finding(FINE, looked_at, "not looked at: no vehicle or no rows", 0.0)
@@ -31,4 +40,4 @@ def replayed_crashes(records: Records) -> Finding:
 
 
 def _named(rows: list[int]) -> str:
-    return f" ({'; '.join(map(str, rows[:5]))})" if 0 < len(rows) else ""
+    return f" ({'; '.join(map(str, rows[:NAMED_ROWS]))})" if len(rows) else ""

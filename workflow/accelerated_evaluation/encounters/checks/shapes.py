@@ -1,4 +1,4 @@
-"""Are the distributions those of a measured quantity? Heaps, holes, cut edges and values far out."""
+"""Whether the distributions are those of measured quantities: heaps, holes, cut edges and values far out."""
 
 from collections.abc import Iterator
 
@@ -32,29 +32,29 @@ def round_numbers(records: Records) -> Finding:
     """Look for more rows on round numbers than on any other lattice of the same step."""
     heaps, tests = [], sum(len(units) for units in UNITS.values()) * len(STEPS)
     for name, units in UNITS.items():
-        values = records.closing[name] if name == "closing_speed" else records.distinct[name]
+        values = _of(records, name)
         for unit, factor in units.items():
             for step in STEPS:
                 on, others = _on_lattices((values / (factor * step)).to_numpy())
                 p = float(binom.sf(on.sum() - 1, on.sum() + others, 0.5)) * tests
-                heaps.append((p, -on.sum(), f"{name.replace('_', ' ')} on multiples of {step:g} {unit}", on))
-    p, negative, where, on = min(heaps, key=lambda heap: heap[:2])
+                where = f"{name.replace('_', ' ')} on multiples of {step:g} {unit}"
+                heaps.append((p, -on.mean() if on.size else 0.0, where, values.index[on]))
+    p, minus_share, where, rows = min(heaps, key=lambda heap: heap[:2])
     heaped = p < LEVEL
-    share = -negative / max(on.size, 1)
-    rows = values.index[on] if not heaped else _index_of(records, where)[on]
     return Finding(
-        FINE if not heaped else STOP if share > 0.5 else LOOK,
+        FINE if not heaped else STOP if -minus_share > 0.5 else LOOK,
         "rows on multiples of 0.5, 1, 5 and 10 of m/s, km/h, mph, m and ft, beside those on other lattices",
-        f"most conspicuous: {where}, {-negative:,} rows ({share:.1%}; p = {min(p, 1):.2g})",
-        share,
+        f"most conspicuous: {where}, {len(rows):,} rows ({-minus_share:.1%}; p = {min(p, 1):.2g})",
+        -minus_share,
         "Take the values as they were measured: rounded ones make steps in the tails. A heap on multiples "
         "of another unit tells the unit of the sensor.",
         list(rows) if heaped else (),
     )
 
 
-def _index_of(records: Records, where: str) -> pd.Index:
-    return (records.closing if where.startswith("closing") else records.distinct).index
+def _of(records: Records, name: str) -> pd.Series:
+    """Return the distinct values of a quantity; of the closing speed, those of gaps that close."""
+    return (records.closing if name == "closing_speed" else records.distinct)[name]
 
 
 def _on_lattices(steps: Array) -> tuple[np.ndarray, int]:
@@ -67,38 +67,26 @@ def _on_lattices(steps: Array) -> tuple[np.ndarray, int]:
 @CHECKS.add("cut_edges")
 def cut_edges(records: Records) -> Finding:
     """Look for values that gather at the smallest or largest one of a quantity: a limit or a saturation."""
-    worst, tests = (np.inf, "none", 0, pd.Index([])), 2 * len(UNITS)
+    worst, tests = (1.0, "no edge", 0.0, "range"), 2 * len(UNITS)
     for name in UNITS:
-        values = (records.closing if name == "closing_speed" else records.distinct)[name].round(9)
-        distinct, counts = np.unique(values, return_counts=True)
-        if distinct.size <= BESIDE:
+        values, counts = np.unique(_of(records, name).round(9), return_counts=True)
+        if values.size <= BESIDE:
             continue
-        for edge, word, beside in (
-            (0, "smallest", counts[1 : BESIDE + 1]),
-            (-1, "largest", counts[-1 - BESIDE : -1]),
-        ):
+        edges = {"smallest": (0, counts[1 : BESIDE + 1]), "largest": (-1, counts[-1 - BESIDE : -1])}
+        for word, (edge, beside) in edges.items():
             p = float(poisson.sf(counts[edge] - 1, beside.mean())) * tests
-            where = f"the {word} {name.replace('_', ' ')}, {distinct[edge]:g}"
-            worst = min(worst, (p, where, counts[edge], distinct[edge], name), key=lambda entry: entry[0])
-    return _edge_finding(records, worst)
-
-
-def _edge_finding(records: Records, worst: tuple) -> Finding:
-    """Report the edge at which most rows gather."""
-    p, where, *rest = worst
-    looked_at = "rows exactly at the smallest and largest value of a quantity, beside its neighbours"
-    if not np.isfinite(p):
-        return Finding(FINE, looked_at, "too few distinct values to tell", 0.0)
-    _, edge, name = rest
-    rows = records.valid.index[records.valid[name].round(9) == edge]
+            where = f"the {word} {name.replace('_', ' ')}, {values[edge]:g}"
+            worst = min(worst, (p, where, values[edge], name), key=lambda entry: entry[0])
+    p, where, edge, name = worst
+    rows = records.valid.index[records.valid[name].round(9) == edge] if p < LEVEL else ()
     return Finding(
-        by_share(len(rows), len(records.valid)) if p < LEVEL else FINE,
-        looked_at,
-        f"{len(rows):,} rows at {where} (p = {min(p, 1):.2g})",
+        by_share(len(rows), len(records.valid)),
+        "rows exactly at the smallest and largest value of a quantity, beside its 50 neighbours",
+        f"{len(rows):,} rows at {where} (p = {p:.2g})" if len(rows) else "none",
         len(rows),
         "The records were cut or the sensor saturates here. Set the limit in filters to this value or inside "
         "of it: nothing is known of what lies beyond.",
-        list(rows) if p < LEVEL else (),
+        list(rows),
     )
 
 
@@ -107,7 +95,7 @@ def gaps(records: Records) -> Finding:
     """Look for holes: intervals without a value between values that lie close on both sides."""
     worst = (1.0, "no hole", 0.0, 0.0, "range")
     for name in UNITS:
-        values = np.unique((records.closing if name == "closing_speed" else records.distinct)[name].round(9))
+        values = np.unique(_of(records, name).round(9))
         for p, low, high in _widest(values):
             text = f"{name.replace('_', ' ')} from {low:.4g} to {high:.4g}"
             worst = min(worst, (p * len(UNITS), text, low, high, name), key=lambda entry: entry[0])

@@ -1,4 +1,4 @@
-"""Are there enough records where it matters? By speed and range, in the tails, and inside of the limits."""
+"""Whether there are enough records where it matters: by speed and range, in the tails, and inside of the limits."""
 
 import numpy as np
 

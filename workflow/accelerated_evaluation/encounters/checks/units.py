@@ -1,4 +1,4 @@
-"""Are the three quantities what they are said to be? Limits of physics and of traffic tell a wrong unit."""
+"""Whether the quantities are what they are said to be: limits of physics and of traffic tell a wrong unit."""
 
 import numpy as np
 from scipy.stats import binom, spearmanr
