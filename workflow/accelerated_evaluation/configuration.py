@@ -51,13 +51,15 @@ class ConfigurationError(StudyError):
         return "\n  ".join(("The configuration cannot be used:", *self.args))
 
 
-def load(paths: Sequence[str | os.PathLike] = ()) -> dict[str, Any]:
+def load(paths: Sequence[str | os.PathLike] = (), given: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Load the configuration as Snakemake does with ``--configfile``, and validate it.
 
     Parameters
     ----------
     paths
         Files that state what differs from ``config/config.yaml``; a later one overrules an earlier one.
+    given
+        Further keys and values, which overrule all files.
 
     Returns
     -------
@@ -72,8 +74,8 @@ def load(paths: Sequence[str | os.PathLike] = ()) -> dict[str, Any]:
         If the configuration is not valid.
     """
     config: dict[str, Any] = {}
-    for path in (DEFAULTS, *paths):
-        config = _merged(config, read_yaml(Path(path)))
+    for part in (*map(read_yaml, map(Path, (DEFAULTS, *paths))), given or {}):
+        config = _merged(config, part)
     validate(config)
     return config
 

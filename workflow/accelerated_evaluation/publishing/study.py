@@ -121,6 +121,11 @@ class Study:
         return pd.read_csv(self.path("encounters_account.csv"), keep_default_na=False)
 
     @cached_property
+    def records_report(self) -> pd.DataFrame:
+        """What each check of the records says."""
+        return pd.read_csv(self.path("records_report.csv"), keep_default_na=False)
+
+    @cached_property
     def segment_counts(self) -> pd.DataFrame:
         """Number and share of the lane changes in each segment."""
         return self._table("segments.csv")

@@ -1,4 +1,4 @@
-"""Whether there are enough records where it matters: by speed and range, in the tails, and inside of the limits."""
+"""Whether there are enough records where it matters: by speed and range, in the tails, within the limits."""
 
 import numpy as np
 
