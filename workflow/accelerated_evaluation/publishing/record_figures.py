@@ -8,6 +8,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from accelerated_evaluation.encounters.checks.sizes import CELL
 from accelerated_evaluation.encounters.segments import MINIMUM_ROWS
@@ -40,10 +41,9 @@ def fig26_sample_size(encounters: pd.DataFrame, source: str) -> tuple[Figure, pd
     with paper_style():
         drawn, axes = plt.subplots(figsize=(COLUMN_WIDTH, 3.0))
         shown = np.ma.masked_equal(count.T, 0)
-        norm = LogNorm(vmin=1, vmax=max(count.max(), 2))
-        shade = axes.pcolormesh(*edges, shown, norm=norm, cmap="Greys", edgecolor="#909090", linewidth=0.3)
-        drawn.colorbar(shade, ax=axes, label="records per cell")
-        _write_counts(axes, count, edges, norm)
+        norm = LogNorm(vmin=1, vmax=1000 * max(count.max(), 2))  # the numbers stay readable on the shades
+        axes.pcolormesh(*edges, shown, norm=norm, cmap="Greys", edgecolor="#909090", linewidth=0.3)
+        _write_counts(axes, count, edges)
         axes.set(xlabel="lead speed $v_L$ [m/s]", ylabel="range $R$ [m]")
         axes.grid(visible=False)
         note_source(drawn, source)
@@ -58,12 +58,11 @@ def fig26_sample_size(encounters: pd.DataFrame, source: str) -> tuple[Figure, pd
     return drawn, pd.DataFrame(data)
 
 
-def _write_counts(axes: Axes, count: np.ndarray, edges: list[np.ndarray], norm: LogNorm) -> None:
+def _write_counts(axes: Axes, count: np.ndarray, edges: list[np.ndarray]) -> None:
     """Write its number into each cell, and a frame around those with fewer rows than a fit needs."""
     size = 5.5 if max(count.shape) <= 10 else 4
     for (i, j), number in np.ndenumerate(count):
         middle = [(along[k] + along[k + 1]) / 2 for along, k in zip(edges, (i, j), strict=True)]
-        dark = number > 0 and norm(number) > 0.5
         few = number < MINIMUM_ROWS
         axes.text(
             *middle,
@@ -71,7 +70,6 @@ def _write_counts(axes: Axes, count: np.ndarray, edges: list[np.ndarray], norm: 
             ha="center",
             va="center",
             fontsize=size,
-            color="white" if dark else "black",
             fontweight="bold" if few else "normal",
             bbox={"boxstyle": "square,pad=0.2", "fill": False, "linewidth": 0.6} if few else None,
         )
@@ -103,8 +101,9 @@ def fig27_row_order(encounters: pd.DataFrame, source: str) -> tuple[Figure, pd.D
                 axis.axhline(whole[quantile], color=color, linewidth=0.7, linestyle="--")
             axis.set_ylabel(label)
             axis.set_ylim(bottom=0)
-        axes[0].legend(loc="upper right", ncols=2, bbox_to_anchor=(1, 1.3))
+        axes[0].legend(loc="lower right", ncols=2)
         axes[-1].set_xlabel("row of the encounter table")
+        axes[-1].xaxis.set_major_locator(MaxNLocator(4))
         axes[-1].xaxis.set_major_formatter("{x:,.0f}")
         note_source(drawn, source)
     return drawn, data
