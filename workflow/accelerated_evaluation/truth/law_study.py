@@ -11,6 +11,7 @@ from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.fitting.family import Events, Family, Member
 from accelerated_evaluation.fitting.rivals import IndependentTail
 from accelerated_evaluation.fitting.shapes import Exponential
+from accelerated_evaluation.fitting.support import SUPPORT, Support
 from accelerated_evaluation.laws.dependent import DependentLaw
 from accelerated_evaluation.laws.independent import recorded_lead_speeds
 from accelerated_evaluation.truth.answer import (
@@ -77,6 +78,7 @@ class LawStudy:
         maps: Mapping[str, CrashMap],
         draws: int,
         generator: np.random.Generator,
+        support: Support = SUPPORT,
     ) -> "LawStudy":
         """Fit and weigh the family.
 
@@ -93,11 +95,14 @@ class LawStudy:
             Draws of the posterior.
         generator
             Draws everything.
+        support
+            Limits of the records.
         """
-        events = Events.of(encounters)
+        events = Events.of(encounters, support)
         (_, own), *others = maps.items()
-        lines = {event_name(event): Lines.of(own, events.lead_speed, event) for event in sorted(own.events)}
-        lines |= {f"crash of {name}": Lines.of(mapped, events.lead_speed) for name, mapped in others}
+        speeds, near = events.lead_speed, sorted(own.events)
+        lines = {event_name(event): Lines.of(own, speeds, event, support) for event in near}
+        lines |= {f"crash of {name}": Lines.of(mapped, speeds, support=support) for name, mapped in others}
         weighed = weigh(events, generator, draws=draws)
         thinned = {name: weighed.thinned(part, generator) for name, part in lines.items()}
         return cls(
@@ -184,7 +189,8 @@ class LawStudy:
         segments = self.encounters.groupby("segment")["lead_speed"].agg(["min", "size"]).sort_values("min")
         counts = {segment: int(size) for segment, size in segments["size"].items()}
         lead_speeds = recorded_lead_speeds(self.encounters, counts)
-        return DependentLaw(member.name, counts, self.family.ranges, self.family.law(member), lead_speeds)
+        law, support = self.family.law(member), self.weighed.events.support
+        return DependentLaw(member.name, counts, self.family.ranges, law, lead_speeds, support=support)
 
     def answers(
         self, distance: float | None, half_width: float, generator: np.random.Generator
@@ -244,7 +250,7 @@ class LawStudy:
         """
         names = ("lead_speed", "range", "closing_speed")
         replayed = self.vehicle.simulate(*(self.encounters[name].to_numpy() for name in names))
-        choices = readings(self.encounters, replayed.crash, outlier_rows)
+        choices = readings(self.encounters, replayed.crash, outlier_rows, self.weighed.events.support)
         return quality_table(choices, self.weighed, self.thinned["crash"], draws, generator)
 
 

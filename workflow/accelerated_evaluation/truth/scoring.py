@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.fitting.conditional import RANGE_MAX, ROOT_MIN, SPEEDS, Places, Threshold
+from accelerated_evaluation.fitting.conditional import Places, Threshold
 from accelerated_evaluation.fitting.family import Events, Family, Fitter
+from accelerated_evaluation.fitting.support import ROOT_MIN, SUPPORT, Support
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 BLOCKS = 10
@@ -162,19 +163,20 @@ def _score_blocks(
     scores = {name: np.zeros((laws, events.size)) for name in regions}
     for number in range(blocks):
         out = np.flatnonzero((block == number) & (times > 0))
-        places = Places.of(events.lead_speed[out], events.range_[out])
+        places = Places.of(events.lead_speed[out], events.range_[out], events.support)
         for place, given in enumerate(laws_without(np.flatnonzero(block == number), places)):
             for name, boundary in regions.items():
                 scores[name][place, out] = times[out] * score(given, events.closing_speed[out], boundary[out])
     return scores
 
 
-def time_to_collision_boundary(vehicle: Vehicle, ttc: float) -> Threshold:
+def time_to_collision_boundary(vehicle: Vehicle, ttc: float, support: Support = SUPPORT) -> Threshold:
     """Return the closing speeds above which the smallest simulated time to collision is at most ``ttc`` [s].
 
     They are found by bisection at the nodes of a grid of lead speeds and roots of ranges.
     """
-    nodes = [np.linspace(low, high, NODES) for low, high in (SPEEDS, (ROOT_MIN, np.sqrt(RANGE_MAX)))]
+    ends = support.lead_speeds, (ROOT_MIN, np.sqrt(support.range_max))
+    nodes = [np.linspace(low, high, NODES) for low, high in ends]
     speeds, roots = (x.ravel() for x in np.meshgrid(*nodes, indexing="ij"))
     low, high = np.zeros(speeds.size), np.full(speeds.size, NEVER)
     for _ in range(HALVINGS):
