@@ -76,7 +76,7 @@ class Weighed:
 
 
 def region(events: Events) -> float:
-    """Return the TTC^-1 [1/s] above which laws are weighed: `REGION`, or less if too few records lie there."""
+    """Return the TTC^-1 [1/s] above which laws are weighed: `REGION`, or less if it holds few records."""
     return min(REGION, float(np.quantile(events.closing_speed / events.range_, 1 - REGION_SHARE)))
 
 
