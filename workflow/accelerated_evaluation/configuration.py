@@ -74,10 +74,16 @@ def load(paths: Sequence[str | os.PathLike] = (), given: Mapping[str, Any] | Non
         If the configuration is not valid.
     """
     config: dict[str, Any] = {}
-    for part in (*map(read_yaml, map(Path, (DEFAULTS, *paths))), given or {}):
+    for part in (*map(read_yaml, map(Path, paths)), given or {}):
         config = _merged(config, part)
+    config = completed(config)
     validate(config)
     return config
+
+
+def completed(config: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a configuration with the keys that it does not state as ``config/config.yaml`` states them."""
+    return _merged(read_yaml(DEFAULTS), config)
 
 
 def validate(config: Mapping[str, Any]) -> None:

@@ -32,8 +32,8 @@ for _notebook in NOTEBOOKS:
             f"run_{_notebook}"
         input:
             results=read_by(_notebook),
-            notebook=f"notebooks/{_notebook}.ipynb",
-            library=modules_of("run_notebook.py", f"notebooks/{_notebook}.ipynb"),
+            notebook=notebook_of(_notebook),
+            library=modules_of("run_notebook.py", notebook_of(_notebook)),
         output:
             figures=figures_of(_notebook),
             tables=tables_of(_notebook),

@@ -68,6 +68,11 @@ class Events:
         """Number of events."""
         return self.lead_speed.size
 
+    @property
+    def places(self) -> Places:
+        """Their lead speeds and ranges, where laws of the closing speed are given."""
+        return Places.of(self.lead_speed, self.range_, self.support)
+
     def only(self, chosen: Array) -> "Events":
         """Return the chosen ones, by index or mask."""
         parts = (getattr(self, name)[chosen] for name in ("lead_speed", "range_", "closing_speed"))
@@ -87,8 +92,7 @@ class Exceedances:
         """Find them."""
         excess = events.closing_speed - threshold(events.lead_speed, events.range_)
         index = np.flatnonzero(excess > 0)
-        places = Places.of(events.lead_speed[index], events.range_[index], events.support)
-        return cls(index, excess[index], places.splines)
+        return cls(index, excess[index], events.only(index).places.splines)
 
 
 @dataclass(frozen=True)
