@@ -4,6 +4,8 @@
 # where nothing changes any more, the answer with its budget, the calibration and the scores of all laws on records that
 # they have not seen, and what the quality of the data does to the answer.
 
+from math import ceil
+
 NO_EVENTS = {name: [] for name in config["answer"]["events"]}
 ANSWERED = {
     name: mapped(
@@ -21,6 +23,13 @@ ANSWERED = {
             for name, own in config["compared_vehicles"].items()
         ),
     ]
+}
+SUPPORT = {  # of the smooth laws: where the records lie
+    "lead_speeds": [
+        float(config["filters"][end]) for end in ("lead_speed_min", "lead_speed_max")
+    ],
+    "range_max": float(config["filters"]["range_max"]),
+    "closing_top": float(ceil(config["models"]["closing_speed_max"])),
 }
 LAW_TABLES = {  # by job, so that they can run beside each other
     "answer": [
@@ -98,6 +107,7 @@ for _job, _tables in LAW_TABLES.items():
             vehicle_content=VEHICLE_CONTENT,
             answer=part(config["answer"], "draws", "quality_draws"),
             distance=config["exposure"]["distance"],
+            support=SUPPORT,
             outlier_rows=SOURCE["outlier_rows"],
             half_width=config["importance_sampling"]["beta"],
         message:

@@ -2,6 +2,7 @@
 
 from accelerated_evaluation.encounters.contract import read_encounters
 from accelerated_evaluation.files import write_csv
+from accelerated_evaluation.fitting.support import Support
 from accelerated_evaluation.jobs import job
 from accelerated_evaluation.randomness import child_generator
 from accelerated_evaluation.truth.crash_map import read_crash_map
@@ -18,6 +19,7 @@ if __name__ == "__main__":
             maps,
             params.answer["draws"],
             child_generator(params.seed, "laws", "weigh"),
+            Support.of(params.support),
         )
         generator, tables = child_generator(params.seed, "laws", *outputs), {}
         if "answer" in outputs:

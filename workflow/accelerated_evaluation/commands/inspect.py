@@ -42,8 +42,9 @@ class Inspect:
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
         """Check the records and print the report."""
-        from accelerated_evaluation.configuration import load
+        from accelerated_evaluation.configuration import load, resolved
         from accelerated_evaluation.encounters.checks import STOP, Records, inspect_records
+        from accelerated_evaluation.encounters.limits import told_limits
         from accelerated_evaluation.encounters.sources import read_source
         from accelerated_evaluation.encounters.told import told
         from accelerated_evaluation.files import write_csv
@@ -51,14 +52,14 @@ class Inspect:
         from accelerated_evaluation.vehicles.loading import load_vehicle
 
         is_config = arguments.records.suffix.lower() in (".yaml", ".yml")
-        config = load([arguments.records]) if is_config else load(given=_table(arguments.records))
+        config = resolved(load([arguments.records]) if is_config else load(given=_table(arguments.records)))
         vehicle = config["vehicle"]
         if arguments.vehicle is not None:
             vehicle = {"name": arguments.vehicle, "parameters": {}}
         raw = read_source(config["data"], child_generator(config["seed"], "sample"))
         simulate = load_vehicle(vehicle["name"], **vehicle["parameters"]).simulate
         report = inspect_records(Records.of(raw, config, simulate))
-        print(told(report))
+        print(told_limits(config), told(report), sep="\n")
         if arguments.report is not None:
             write_csv(arguments.report, report)
         if STOP in set(report["verdict"]):

@@ -1,7 +1,9 @@
 """Where the records lie: the ends between which the smooth laws have their splines and bins."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -28,6 +30,15 @@ class Support:
     lead_speeds: tuple[float, float] = (5.0, 35.0)
     range_max: float = 75.0
     closing_top: float = 24.0
+
+    @classmethod
+    def of(cls, content: Mapping[str, Any]) -> "Support":
+        """Make it from what `content` returned."""
+        return cls(**content | {"lead_speeds": tuple(content["lead_speeds"])})
+
+    def content(self) -> dict[str, Any]:
+        """Return what a file holds of it."""
+        return asdict(self) | {"lead_speeds": list(self.lead_speeds)}
 
     @cached_property
     def bases(self) -> tuple[Basis, Basis]:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -156,7 +156,7 @@ class DependentLaw(Law):
         """Return what a law file holds of it: coefficients of the splines, thresholds and the excess."""
         content = {
             "events": dict(self.events),
-            "support": asdict(self.support) | {"lead_speeds": list(self.support.lead_speeds)},
+            "support": self.support.content(),
             "range": {"log_hazard": self.ranges.coefficients.tolist()},
             "closing_speed": {"log_hazard": self.speeds.body.coefficients.tolist()},
         }
@@ -178,8 +178,7 @@ class DependentLaw(Law):
         cls, content: Mapping[str, Any], encounters: pd.DataFrame, description: str, closing_speed_max: float
     ) -> Self:
         """Build the law that `content` described, with the lead speeds of an encounter table."""
-        limits = content["support"]
-        support = Support(**limits | {"lead_speeds": tuple(limits["lead_speeds"])})
+        support = Support.of(content["support"])
         grids = range_grid(support), speed_grid(support)
         ranges, body = (
             SmoothHazard(grid, np.array(content[name]["log_hazard"]))
