@@ -1,4 +1,4 @@
-"""A table of cut-ins as on a motorway: lead speeds of 20 to 45 m/s, ranges up to 150 m, twice as calm as in towns."""
+"""Cut-ins as on a motorway: lead speeds of 20 to 45 m/s and ranges up to 150 m."""
 
 import numpy as np
 import pandas as pd
@@ -22,6 +22,6 @@ def motorway_table(size: int = 12_000, seed: int = 7) -> pd.DataFrame:
     generator = np.random.default_rng(seed)
     lead_speed = 20 + 25 * generator.beta(2.5, 2.5, size)
     range_ = 150 * generator.beta(2, 1.2, size).clip(0.02)
-    closing_speed = generator.exponential(0.6 + 0.035 * range_)
+    closing_speed = generator.exponential(0.5 + 0.022 * range_)
     columns = {"v_lead": 3.6 * lead_speed, "gap": range_, "range_rate": -closing_speed}
     return pd.DataFrame(columns).round(4)

@@ -30,6 +30,7 @@ SUPPORT = {  # of the smooth laws: where the records lie
     ],
     "range_max": float(config["filters"]["range_max"]),
     "closing_top": float(ceil(config["models"]["closing_speed_max"])),
+    "segment_edges": [float(edge) for edge in config["segments"]["lead_speed_edges"][1:-1]],
 }
 LAW_TABLES = {  # by job, so that they can run beside each other
     "answer": [

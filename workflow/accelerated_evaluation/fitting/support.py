@@ -25,20 +25,26 @@ class Support:
         Largest range [m].
     closing_top
         Closing speed above which the hazard of the body is constant [m/s].
+    segment_edges
+        Lead speeds between the segments [m/s], of which only the paper's law knows.
     """
 
     lead_speeds: tuple[float, float] = (5.0, 35.0)
     range_max: float = 75.0
     closing_top: float = 24.0
+    segment_edges: tuple[float, ...] = (15.0, 25.0)
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> "Support":
         """Make it from what `content` returned."""
-        return cls(**content | {"lead_speeds": tuple(content["lead_speeds"])})
+        tuples = {name: tuple(value) for name, value in content.items() if isinstance(value, list)}
+        return cls(**content | tuples)
 
     def content(self) -> dict[str, Any]:
         """Return what a file holds of it."""
-        return asdict(self) | {"lead_speeds": list(self.lead_speeds)}
+        return {
+            name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()
+        }
 
     @cached_property
     def bases(self) -> tuple[Basis, Basis]:

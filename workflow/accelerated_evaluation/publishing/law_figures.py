@@ -130,13 +130,8 @@ def _draw_places(axes: Axes, crash_places: pd.DataFrame, encounters: pd.DataFram
         few = rows.head(DRAWN_CRASHES)
         look = {"linestyle": "none", "marker": marker, "markersize": 2, "markerfacecolor": "none"}
         axes.plot(few["range"], few["closing_speed"], color=color, markeredgewidth=0.5, label=name, **look)
-    farthest, fastest = (
-        round(encounters["range"].max()),
-        max(36, crash_places["closing_speed"].quantile(0.98)),
-    )
-    if crash_places.empty:
-        fastest = 36
-    axes.set(xlabel="range [m]", ylabel="closing speed [m/s]", xlim=(0, farthest), ylim=(0, fastest))
+    ends = round(encounters["range"].max()), max(36, 1.6 * encounters["closing_speed"].max())
+    axes.set(xlabel="range [m]", ylabel="closing speed [m/s]", xlim=(0, ends[0]), ylim=(0, ends[1]))
     axes.legend(
         loc="lower center",
         bbox_to_anchor=(0.5, 1.0),
