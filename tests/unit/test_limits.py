@@ -73,9 +73,7 @@ def test_a_value_that_does_not_fit_the_records_is_told(motorway):
         resolved(with_values(motorway, {"segments.lead_speed_edges": [5, 15, 25, 35]}))
 
 
-@pytest.mark.parametrize(
-    "stated", [{}, {"data": {"source": "spmd"}}, {"data": None}, {"data": {"sample": 500}}]
-)
+@pytest.mark.parametrize("data", [{"source": "spmd"}, None, {"sample": 500}, "table"])
 def test_only_another_source_has_automatic_limits(data):
     assert completed({"data": data})["filters"]["range_max"] == 75
 

@@ -1,7 +1,7 @@
 # Answer: laws of cut-ins that fit where crashes happen, and one crash probability with its interval (beyond the paper).
 #
 # In: encounters.parquet, the vehicle under test and those that it is compared with. Out: crash maps up to closing speeds
-# where nothing changes any more, the answer with its budget, the calibration and the scores of all laws on records that
+# where nothing changes any more, the answer with its budget and as rates per kilometre and hour, the calibration and the scores of all laws on records that
 # they have not seen, and what the quality of the data does to the answer.
 
 from math import ceil
@@ -30,11 +30,14 @@ SUPPORT = {  # of the smooth laws: where the records lie
     ],
     "range_max": float(config["filters"]["range_max"]),
     "closing_top": float(ceil(config["models"]["closing_speed_max"])),
-    "segment_edges": [float(edge) for edge in config["segments"]["lead_speed_edges"][1:-1]],
+    "segment_edges": [
+        float(edge) for edge in config["segments"]["lead_speed_edges"][1:-1]
+    ],
 }
 LAW_TABLES = {  # by job, so that they can run beside each other
     "answer": [
         "answer",
+        "exposure",
         "vehicles",
         "answer_budget",
         "answer_draws",
@@ -81,6 +84,7 @@ for _job, _tables in LAW_TABLES.items():
             f"study_laws_{_job}"
         input:
             encounters=rules.ingest_encounters.output.encounters,
+            exposure=rules.ingest_encounters.output.exposure,
             maps=[
                 map_of(description, "crash_map/full.npz")
                 for description in ANSWERED.values()
@@ -107,7 +111,6 @@ for _job, _tables in LAW_TABLES.items():
             },
             vehicle_content=VEHICLE_CONTENT,
             answer=part(config["answer"], "draws", "quality_draws"),
-            distance=config["exposure"]["distance"],
             support=SUPPORT,
             outlier_rows=SOURCE["outlier_rows"],
             half_width=config["importance_sampling"]["beta"],

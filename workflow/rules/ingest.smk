@@ -1,7 +1,8 @@
 # Ingest: from a source of lane changes to the encounter table (paper, section II).
 #
 # In: the records that the configuration names (data). Out: the report on the records, encounters.parquet, the
-# account of every row that was left out, the counts of the segments and the test of their independence.
+# account of every row that was left out, in how many kilometres and hours the records were made, the counts of the
+# segments and the test of their independence.
 
 
 rule inspect_records:
@@ -42,6 +43,7 @@ rule ingest_encounters:
     output:
         encounters=result("encounters.parquet"),
         account=result("encounters_account.csv"),
+        exposure=result("exposure.json"),
     log:
         messages=log_of("ingest_encounters.log"),
         account=log_of("ingest_encounters_account.csv"),

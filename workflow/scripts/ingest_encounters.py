@@ -6,7 +6,7 @@ from accelerated_evaluation.encounters.ingest import ingest
 from accelerated_evaluation.encounters.segments import require_rows
 from accelerated_evaluation.encounters.sources import describe, read_source
 from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.files import write_csv
+from accelerated_evaluation.files import write_csv, write_json
 from accelerated_evaluation.jobs import job
 from accelerated_evaluation.randomness import child_generator
 
@@ -22,6 +22,7 @@ def main(config: dict, outputs: dict[str, str], kept_account: str) -> None:
         write_csv(kept_account, account.table())
         raise
     write_csv(outputs["account"], account.table())
+    write_json(outputs["exposure"], raw.attrs["exposure"])
     write_encounters(outputs["encounters"], encounters, describe(config["data"]))
 
 

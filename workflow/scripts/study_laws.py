@@ -1,7 +1,7 @@
 """Weigh laws with dependence, and write the tables that the rule asks for: answer, scores or data quality."""
 
 from accelerated_evaluation.encounters.contract import read_encounters
-from accelerated_evaluation.files import write_csv
+from accelerated_evaluation.files import read_json, write_csv
 from accelerated_evaluation.fitting.support import Support
 from accelerated_evaluation.jobs import job
 from accelerated_evaluation.randomness import child_generator
@@ -21,9 +21,10 @@ if __name__ == "__main__":
             child_generator(params.seed, "laws", "weigh"),
             Support.of(params.support),
         )
-        generator, tables = child_generator(params.seed, "laws", *outputs), {}
+        drawn = (name for name in outputs if name != "exposure")  # which is computed, and draws nothing
+        generator, tables = child_generator(params.seed, "laws", *drawn), {}
         if "answer" in outputs:
-            tables = study.answers(params.distance, params.half_width, generator)
+            tables = study.answers(read_json(files.exposure), params.half_width, generator)
         if "laws" in outputs:
             tables["laws"] = study.laws()
         if "data_quality" in outputs:

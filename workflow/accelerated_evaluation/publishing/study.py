@@ -294,6 +294,11 @@ class Study:
         return self._table("laws/answer.csv")
 
     @cached_property
+    def exposure(self) -> pd.DataFrame:
+        """Rates of cut-ins, crashes and near misses per kilometre and hour, as far as these are known."""
+        return self._table("laws/exposure.csv")
+
+    @cached_property
     def vehicles(self) -> pd.DataFrame:
         """Crash probabilities of vehicles, and their ratios to the careful human's."""
         return self._table("laws/vehicles.csv")

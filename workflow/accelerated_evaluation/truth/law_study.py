@@ -23,6 +23,7 @@ from accelerated_evaluation.truth.answer import (
 )
 from accelerated_evaluation.truth.calibration import cell_counts, near_miss_counts, with_limits
 from accelerated_evaluation.truth.crash_map import CrashMap
+from accelerated_evaluation.truth.exposure import exposure_table
 from accelerated_evaluation.truth.law_scores import KNOT, PAPER, TOGETHER, law_table, score_laws
 from accelerated_evaluation.truth.lines import Lines, crash_places
 from accelerated_evaluation.truth.posterior import Posterior, budget
@@ -191,14 +192,14 @@ class LawStudy:
         return DependentLaw(member.name, counts, self.family.ranges, law, lead_speeds, support=support)
 
     def answers(
-        self, distance: float | None, half_width: float, generator: np.random.Generator
+        self, exposure: Mapping[str, float | None], half_width: float, generator: np.random.Generator
     ) -> dict[str, pd.DataFrame]:
         """Return the answer, and the tables that tell where it comes from.
 
         Parameters
         ----------
-        distance
-            That the records were collected over [km]; None where it is not known.
+        exposure
+            ``kilometres`` and ``hours`` in which the records were made; None where it is not known.
         half_width
             Relative half-width of the 80 % interval with which an estimator finds a probability.
         generator
@@ -207,11 +208,13 @@ class LawStudy:
         Returns
         -------
         dict
-            ``answer`` by event, ``vehicles`` compared with each other, ``answer_draws``, ``answer_budget``,
-            ``answer_thresholds``, ``calibration`` and ``crash_places``.
+            ``answer`` by event, ``exposure`` as rates per kilometre and hour, ``vehicles`` compared with each
+            other, ``answer_draws``, ``answer_budget``, ``answer_thresholds``, ``calibration`` and
+            ``crash_places``.
         """
         posteriors = self.weighed.draw(self.thinned, generator)
-        per_km = None if distance is None else self.weighed.events.size / distance
+        cut_ins, kilometres = self.weighed.events.size, exposure["kilometres"]
+        per_km = None if kilometres is None else cut_ins / kilometres
         own = {name: posteriors[name] for name in self.events}
         crashes = {
             name.removeprefix("crash of "): posterior
@@ -220,6 +223,7 @@ class LawStudy:
         }
         return {
             "answer": answer_table(own, per_km),
+            "exposure": exposure_table(own, cut_ins, exposure),
             "vehicles": self.compared({UNDER_TEST: own["crash"]} | crashes),
             "answer_draws": answer_draws(own["crash"], self.weighed),
             "answer_budget": budget(own["crash"], half_width / norm.isf(0.1)),

@@ -3,7 +3,7 @@
 A source is a function ``read(settings)``. It takes its section of the configuration, ``data.<name>``, and
 returns the records as they are: three columns as `contract.complete` takes them, and an index ``row`` that
 counts from 1. Its section has the keys ``description``, ``path`` and ``outlier_rows``, and any other that the
-source needs.
+source needs, such as ``exposure``.
 """
 
 from collections.abc import Callable, Mapping
@@ -15,6 +15,7 @@ import pandas as pd
 from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.registry import Registry
 
+UNKNOWN: Mapping[str, float | None] = {"kilometres": None, "hours": None}
 SOURCES: Registry[Callable[[Mapping[str, Any]], pd.DataFrame]] = Registry("source", __name__, __path__)
 
 
@@ -32,14 +33,17 @@ def read_source(data: Mapping[str, Any], generator: np.random.Generator) -> pd.D
     -------
     pandas.DataFrame
         Three columns as `contract.complete` takes them; the index ``row`` counts the rows of the source from
-        1. A sample keeps the order of the source.
+        1. A sample keeps the order of the source. ``attrs["exposure"]`` has the kilometres and hours in which
+        all records were made, where the source or the configuration tells; of a sample it is not known.
 
     Raises
     ------
     InputError
         If the source has fewer records than the sample asks for, or cannot be read.
     """
-    raw = SOURCES[data["source"]](data[data["source"]])
+    settings = data[data["source"]]
+    raw = SOURCES[data["source"]](settings)
+    raw.attrs.setdefault("exposure", settings.get("exposure", UNKNOWN))
     size = data["sample"]
     if size is None:
         return raw
@@ -50,7 +54,9 @@ def read_source(data: Mapping[str, Any], generator: np.random.Generator) -> pd.D
             expected="at most as many as there are records",
             change="Lower data.sample, or set it to null to take all records.",
         )
-    return raw.iloc[np.sort(generator.choice(len(raw), size, replace=False))]
+    sample = raw.iloc[np.sort(generator.choice(len(raw), size, replace=False))]
+    sample.attrs["exposure"] = UNKNOWN
+    return sample
 
 
 def describe(data: Mapping[str, Any]) -> str:
