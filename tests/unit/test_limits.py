@@ -109,9 +109,14 @@ def test_impossible_rows_do_not_stretch_the_limits(motorway):
     assert limits_of(raw, motorway)["filters.lead_speed_max"] <= 45
 
 
-def test_without_a_closing_row_the_study_ends_with_one_message(motorway):
-    with pytest.raises(InputError, match="none a closing cut-in"):
-        limits_of(motorway_raw().assign(range_rate=1.0), motorway)
+def test_records_with_the_wrong_sign_get_limits_so_that_the_report_can_tell(motorway):
+    limits = limits_of(motorway_raw(), motorway)
+    assert limits_of(motorway_raw().assign(range_rate=lambda rows: -rows["range_rate"]), motorway) == limits
+
+
+def test_without_a_number_the_study_ends_with_one_message(motorway):
+    with pytest.raises(InputError, match="none of them with three valid numbers"):
+        limits_of(motorway_raw().assign(range_rate=np.nan), motorway)
 
 
 def test_thin_segments_are_joined():

@@ -184,15 +184,22 @@ def told_limits(config: Mapping[str, Any]) -> str:
 
 
 def _possible(raw: pd.DataFrame, config: Mapping[str, Any]) -> pd.DataFrame:
-    """Return the closing cut-ins with possible numbers."""
+    """Return the closing cut-ins with possible numbers.
+
+    If there are none, all rows are made to be such: then the ingest refuses the records, with an account of
+    why, and the report on the records tells the cause.
+    """
     rows = drop_invalid(raw, Account(len(raw)), policy="drop", where="the records")
-    rows = rows[(rows["closing_speed"] > 0) & (rows["lead_speed"] <= FASTEST) & (rows["range"] <= FARTHEST)]
     if rows.empty:
         source = config["data"]["source"]
         raise InputError(
             config["data"][source]["path"],
-            seen=f"{len(raw):,} rows, none a closing cut-in of up to {FASTEST:g} m/s and {FARTHEST:g} m",
+            seen=f"{len(raw):,} rows, none of them with three valid numbers",
             expected="cut-ins from which limits can be read",
-            change=f"Check the columns, units and the sign under data.{source}, or state limits (filters).",
+            change=f"Check the columns and units under data.{source}.",
         )
-    return rows
+    is_possible = (rows["lead_speed"] <= FASTEST) & (rows["range"] <= FARTHEST) & (rows["closing_speed"] > 0)
+    if is_possible.any():
+        return rows[is_possible]
+    top = pd.Series({"lead_speed": FASTEST, "range": FARTHEST, "closing_speed": FASTEST})
+    return rows[list(top.index)].abs().clip(upper=top, axis=1)
