@@ -18,7 +18,7 @@ AUTO = {"lead_speed_edges": "auto", "closing_speed_max": "auto"}  # which the sm
 
 @pytest.fixture
 def motorway(project):
-    """Return a project with the generated table, and its ten lines over the small sizes of the smoke study."""
+    """Return a project with the generated table, and its ten lines over the sizes of the smoke study."""
     motorway_table().to_csv(project.folder / "data" / "motorway.csv", index=False)
     config = yaml.safe_load((project.folder / "config" / "smoke.yaml").read_text())
     config["sensitivity"] |= AUTO
