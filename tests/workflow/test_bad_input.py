@@ -37,11 +37,18 @@ def table(project, name="events.csv", **columns):
         ({"range": [20.0] * 59 + [-1.0]}, "60"),
         ({"closing_speed": [1.0] * 30 + ["fast"] + [1.0] * 29}, "fast"),
         ({"lead_speed": [np.nan] + [10.0] * 59}, "missing"),
-        ({"lead_speed": [10.0] * 60}, "segment"),
     ],
 )
 def test_rows_that_cannot_be_used(project, columns, told):
     assert told in message(study(project, **table(project, **columns)))
+    assert not left_behind(project)
+
+
+def test_segments_without_rows(project):
+    edges = [5, 15, 25, 35]
+    limits = {"filters": {"lead_speed_min": 5, "lead_speed_max": 35}, "segments": {"lead_speed_edges": edges}}
+    output = message(study(project, **table(project), **limits, sensitivity={"lead_speed_edges": [edges]}))
+    assert "segment 15-25, 25-35 m/s" in output
     assert not left_behind(project)
 
 

@@ -1,9 +1,11 @@
 # Answer: laws of cut-ins that fit where crashes happen, and one crash probability with its interval (beyond the paper).
 #
 # In: encounters.parquet, the vehicle under test and those that it is compared with. Out: crash maps up to closing speeds
-# where nothing changes any more, the answer with its budget and its law, the calibration and the scores of all laws on
-# records that they have not seen, what the quality of the data does to the answer, and what happens in the likeliest
-# crashes and the nearest records.
+# where nothing changes any more, the answer with its budget, its law, and as rates per kilometre and hour, the
+# calibration and the scores of all laws on records that they have not seen, what the quality of the data does to the
+# answer, and what happens in the likeliest crashes and the nearest records.
+
+from math import ceil
 
 NO_EVENTS = {name: [] for name in config["answer"]["events"]}
 ANSWERED = {
@@ -23,9 +25,20 @@ ANSWERED = {
         ),
     ]
 }
+SUPPORT = {  # of the smooth laws: where the records lie
+    "lead_speeds": [
+        float(config["filters"][end]) for end in ("lead_speed_min", "lead_speed_max")
+    ],
+    "range_max": float(config["filters"]["range_max"]),
+    "closing_top": float(ceil(config["models"]["closing_speed_max"])),
+    "segment_edges": [
+        float(edge) for edge in config["segments"]["lead_speed_edges"][1:-1]
+    ],
+}
 LAW_TABLES = {  # by job, so that they can run beside each other
     "answer": [
         "answer",
+        "exposure",
         "vehicles",
         "answer_budget",
         "answer_draws",
@@ -72,6 +85,7 @@ for _job, _tables in LAW_TABLES.items():
             f"study_laws_{_job}"
         input:
             encounters=rules.ingest_encounters.output.encounters,
+            exposure=rules.ingest_encounters.output.exposure,
             maps=[
                 map_of(description, "crash_map/full.npz")
                 for description in ANSWERED.values()
@@ -99,7 +113,7 @@ for _job, _tables in LAW_TABLES.items():
             },
             vehicle_content=VEHICLE_CONTENT,
             answer=part(config["answer"], "draws", "quality_draws"),
-            distance=config["exposure"]["distance"],
+            support=SUPPORT,
             outlier_rows=SOURCE["outlier_rows"],
             half_width=config["importance_sampling"]["beta"],
         message:

@@ -14,6 +14,7 @@ from accelerated_evaluation.configuration import (
     WORKFLOW,
     completed,
     read_yaml,
+    resolved,
     validate,
 )
 from accelerated_evaluation.dependencies import (
@@ -38,6 +39,12 @@ try:
         read_yaml(Path(path))  # Snakemake takes the last of equal keys without a word
     config = completed(config)
     validate(config)
+    config = resolved(
+        config,
+        [config["data"][config["data"]["source"]]["path"]],
+        Path("results") / config["study"] / "limits.json",
+        trust=not workflow.is_main_process,
+    )
 except StudyError as error:
     raise WorkflowError(str(error)) from None
 

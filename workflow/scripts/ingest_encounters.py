@@ -3,7 +3,6 @@
 from accelerated_evaluation.encounters.contract import write_encounters
 from accelerated_evaluation.encounters.filters import Account
 from accelerated_evaluation.encounters.ingest import ingest
-from accelerated_evaluation.encounters.recordings.cut_ins import exposure_of
 from accelerated_evaluation.encounters.segments import require_rows
 from accelerated_evaluation.encounters.sources import describe, read_source
 from accelerated_evaluation.errors import InputError
@@ -23,7 +22,7 @@ def main(config: dict, outputs: dict[str, str], kept_account: str) -> None:
         write_csv(kept_account, account.table())
         raise
     write_csv(outputs["account"], account.table())
-    write_json(outputs["exposure"], exposure_of(raw))
+    write_json(outputs["exposure"], raw.attrs["exposure"])
     write_encounters(outputs["encounters"], encounters, describe(config["data"]))
 
 

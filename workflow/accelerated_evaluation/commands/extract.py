@@ -43,7 +43,6 @@ class Extract:
         import pandas as pd
 
         from accelerated_evaluation.configuration import load
-        from accelerated_evaluation.encounters.recordings.cut_ins import exposure_of
         from accelerated_evaluation.encounters.sources import SOURCES
         from accelerated_evaluation.errors import InputError
         from accelerated_evaluation.files import atomic_path, write_csv, write_json
@@ -65,7 +64,7 @@ class Extract:
                 expected="a source of recordings, such as spmd_raw or highd",
                 change="A source of finished cut-ins needs no extraction.",
             )
-        account, exposure = pd.DataFrame(cut_ins.attrs["account"]), exposure_of(cut_ins)
+        account, exposure = pd.DataFrame(cut_ins.attrs["account"]), cut_ins.attrs["exposure"]
         cut_ins.attrs = {}
         write_csv(target.with_name(f"{target.stem}_account.csv"), account)
         write_json(target.with_name(f"{target.stem}_exposure.json"), exposure)

@@ -16,7 +16,6 @@ from accelerated_evaluation.fitting.shapes import Shape
 from accelerated_evaluation.fitting.smooth_hazard import SmoothHazard
 from accelerated_evaluation.fitting.splines import Constant, Penalty
 
-SEGMENT_EDGES = (15.0, 25.0)  # [m/s], the paper's segments of the lead speed
 BODY_BINS = 200
 LATTICE = np.linspace(0, 30, 121)  # [m/s], excesses over which a conditional law of extremes is summed
 PLACES_AT_ONCE = 20_000
@@ -34,22 +33,23 @@ class IndependentTail:
         Probability of being below the knot.
     tails
         Excess of TTC^-1 over the knot, by segment.
+    between
+        Lead speeds between the segments [m/s].
     """
 
     edges: list[Array]
     densities: list[Array]
     level: float
     tails: list[Excess]
+    between: tuple[float, ...]
 
     @classmethod
     def fit(cls, events: Events, level: float, shape: Shape) -> "IndependentTail":
         """Fit each segment of the lead speed by itself, with its knot at a quantile."""
-        inverse_ttc, segment = (
-            events.closing_speed / events.range_,
-            np.digitize(events.lead_speed, SEGMENT_EDGES),
-        )
+        inverse_ttc, between = events.closing_speed / events.range_, events.support.segment_edges
+        segment = np.digitize(events.lead_speed, between)
         edges, densities, tails = [], [], []
-        for number in range(len(SEGMENT_EDGES) + 1):
+        for number in range(len(between) + 1):
             x = inverse_ttc[segment == number]
             knot = np.quantile(x, level)
             density, edge = np.histogram(x[x <= knot], BODY_BINS, range=(0, knot), density=True)
@@ -58,11 +58,11 @@ class IndependentTail:
             edges.append(edge)
             densities.append(level * np.maximum(density, 1e-12))
             tails.append(fit_excess(excess, ones, Penalty.of([Constant()]), shape))
-        return cls(edges, densities, level, tails)
+        return cls(edges, densities, level, tails, between)
 
     def given(self, places: Places) -> "GivenIndependent":
         """Return the law at places."""
-        return GivenIndependent(self, np.digitize(places.lead_speed, SEGMENT_EDGES), places.range_)
+        return GivenIndependent(self, np.digitize(places.lead_speed, self.between), places.range_)
 
 
 @dataclass(frozen=True)

@@ -121,6 +121,11 @@ class Study:
         return pd.read_csv(self.path("encounters_account.csv"), keep_default_na=False)
 
     @cached_property
+    def records_report(self) -> pd.DataFrame:
+        """What each check of the records says."""
+        return pd.read_csv(self.path("records_report.csv"), keep_default_na=False)
+
+    @cached_property
     def segment_counts(self) -> pd.DataFrame:
         """Number and share of the lane changes in each segment."""
         return self._table("segments.csv")
@@ -287,6 +292,11 @@ class Study:
     def answer(self) -> pd.DataFrame:
         """The probability of a crash and of near misses, all that is not known included."""
         return self._table("laws/answer.csv")
+
+    @cached_property
+    def exposure(self) -> pd.DataFrame:
+        """Rates of cut-ins, crashes and near misses per kilometre and hour, as far as these are known."""
+        return self._table("laws/exposure.csv")
 
     @cached_property
     def vehicles(self) -> pd.DataFrame:

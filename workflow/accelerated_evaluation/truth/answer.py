@@ -8,8 +8,8 @@ import pandas as pd
 from tqdm import tqdm
 
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.fitting.conditional import RANGE_MAX
 from accelerated_evaluation.fitting.family import Events
+from accelerated_evaluation.fitting.support import SUPPORT, Support
 from accelerated_evaluation.truth.calibration import mid_p
 from accelerated_evaluation.truth.lines import Lines
 from accelerated_evaluation.truth.posterior import LEVELS, Posterior
@@ -109,7 +109,9 @@ def threshold_table(weighed: Weighed, lines: Lines, generator: np.random.Generat
     return pd.DataFrame(rows)
 
 
-def readings(encounters: pd.DataFrame, crashed: Array, outlier_rows: list[int]) -> dict[str, Events]:
+def readings(
+    encounters: pd.DataFrame, crashed: Array, outlier_rows: list[int], support: Support = SUPPORT
+) -> dict[str, Events]:
     """Return the records as other choices of data quality leave them.
 
     Parameters
@@ -120,20 +122,27 @@ def readings(encounters: pd.DataFrame, crashed: Array, outlier_rows: list[int]) 
         Whether each row crashes when it is replayed with the study's car.
     outlier_rows
         Rows that the authors' later code leaves out, counted from 1.
+    support
+        Limits of the records.
     """
-    distinct, range_ = Events.of(encounters), encounters["range"].to_numpy()
+    distinct, range_ = Events.of(encounters, support), encounters["range"].to_numpy()
     outlier = np.isin(np.arange(1, len(encounters) + 1), outlier_rows)
-    rows = Events(*(encounters[name].to_numpy(float) for name in ("lead_speed", "range", "closing_speed")))
+    rows = Events(
+        *(encounters[name].to_numpy(float) for name in ("lead_speed", "range", "closing_speed")), support
+    )
     return {
         "as in the answer": distinct,
         "repeated rows kept": rows,
-        "without ranges under 3 m": Events.of(encounters[range_ >= 3]),
-        "without ranges under 5 m": Events.of(encounters[range_ >= 5]),
-        "without the record that crashes": Events.of(encounters[~crashed]),
-        "without the authors' outliers": Events.of(encounters[~outlier]),
-        "without the last half metre of range": Events.of(
-            encounters[range_ <= RANGE_MAX - RANGE_LIMIT_WIDTH]
-        ),
+        **{
+            reading: Events.of(encounters[kept], support)
+            for reading, kept in {
+                "without ranges under 3 m": range_ >= 3,
+                "without ranges under 5 m": range_ >= 5,
+                "without the record that crashes": ~crashed,
+                "without the authors' outliers": ~outlier,
+                "without the last half metre of range": range_ <= support.range_max - RANGE_LIMIT_WIDTH,
+            }.items()
+        },
     }
 
 

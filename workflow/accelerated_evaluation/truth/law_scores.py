@@ -19,7 +19,7 @@ from accelerated_evaluation.truth.scoring import (
     threshold_weighted_crps,
     time_to_collision_boundary,
 )
-from accelerated_evaluation.truth.weighed import REGION, Weighed
+from accelerated_evaluation.truth.weighed import Weighed, region
 from accelerated_evaluation.truth.weighing import mixture_scores, stacking_weights
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
@@ -37,7 +37,7 @@ def regions(events: Events, vehicle: Vehicle) -> dict[str, Array]:
     """Return the boundaries of all regions [m/s] by the name of their column."""
     inside = {f"inverse_ttc_{q:g}": q * events.range_ for q in INVERSE_TTC}
     for ttc in SIMULATED_TTC:
-        boundary = time_to_collision_boundary(vehicle, ttc)
+        boundary = time_to_collision_boundary(vehicle, ttc, events.support)
         inside[f"simulated_ttc_{ttc:g}"] = boundary(events.lead_speed, events.range_)
     return inside
 
@@ -116,7 +116,7 @@ def law_table(
         ``probability``; ``refused``.
     """
     mean_weights = weighed.weights.mean(axis=0)
-    inside = weighed.events.closing_speed > REGION * weighed.events.range_
+    inside = weighed.events.closing_speed > region(weighed.events) * weighed.events.range_
     stacked = stacking_weights(weighed.scores, inside)
     names = [member.name for member in weighed.members]
     own = pd.DataFrame({"weight": mean_weights, "stacking": stacked}, index=names)

@@ -11,6 +11,7 @@ from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.fitting.family import Events, Family, Member
 from accelerated_evaluation.fitting.rivals import IndependentTail
 from accelerated_evaluation.fitting.shapes import Exponential
+from accelerated_evaluation.fitting.support import SUPPORT, Support
 from accelerated_evaluation.laws.dependent import DependentLaw
 from accelerated_evaluation.laws.independent import recorded_lead_speeds
 from accelerated_evaluation.truth.answer import (
@@ -23,6 +24,7 @@ from accelerated_evaluation.truth.answer import (
 )
 from accelerated_evaluation.truth.calibration import cell_counts, near_miss_counts, with_limits
 from accelerated_evaluation.truth.crash_map import CrashMap
+from accelerated_evaluation.truth.exposure import exposure_table
 from accelerated_evaluation.truth.law_scores import KNOT, PAPER, TOGETHER, law_table, score_laws
 from accelerated_evaluation.truth.lines import Lines, crash_places
 from accelerated_evaluation.truth.posterior import Posterior, budget
@@ -82,6 +84,7 @@ class LawStudy:
         maps: Mapping[str, CrashMap],
         draws: int,
         generator: np.random.Generator,
+        support: Support = SUPPORT,
     ) -> "LawStudy":
         """Fit and weigh the family.
 
@@ -98,12 +101,14 @@ class LawStudy:
             Draws of the posterior.
         generator
             Draws everything.
+        support
+            Limits of the records.
         """
-        events = Events.of(encounters)
+        events = Events.of(encounters, support)
         (_, own), *others = maps.items()
-        named = {event_name(event): event for event in sorted(own.events)}
-        lines = {name: Lines.of(own, events.lead_speed, event) for name, event in named.items()}
-        lines |= {f"crash of {name}": Lines.of(mapped, events.lead_speed) for name, mapped in others}
+        speeds, named = events.lead_speed, {event_name(event): event for event in sorted(own.events)}
+        lines = {name: Lines.of(own, speeds, event, support) for name, event in named.items()}
+        lines |= {f"crash of {name}": Lines.of(mapped, speeds, support=support) for name, mapped in others}
         weighed = weigh(events, generator, draws=draws)
         thinned = {name: weighed.thinned(part, generator) for name, part in lines.items()}
         return cls(encounters, vehicles, weighed, lines, thinned, named)
@@ -210,17 +215,18 @@ class LawStudy:
         segments = self.encounters.groupby("segment")["lead_speed"].agg(["min", "size"]).sort_values("min")
         counts = {segment: int(size) for segment, size in segments["size"].items()}
         lead_speeds = recorded_lead_speeds(self.encounters, counts)
-        return DependentLaw(member.name, counts, self.family.ranges, self.family.law(member), lead_speeds)
+        law, support = self.family.law(member), self.weighed.events.support
+        return DependentLaw(member.name, counts, self.family.ranges, law, lead_speeds, support=support)
 
     def answers(
-        self, distance: float | None, half_width: float, generator: np.random.Generator
+        self, exposure: Mapping[str, float | None], half_width: float, generator: np.random.Generator
     ) -> dict[str, pd.DataFrame]:
         """Return the answer, and the tables that tell where it comes from.
 
         Parameters
         ----------
-        distance
-            That the records were collected over [km]; None where it is not known.
+        exposure
+            ``kilometres`` and ``hours`` in which the records were made; None where it is not known.
         half_width
             Relative half-width of the 80 % interval with which an estimator finds a probability.
         generator
@@ -229,11 +235,13 @@ class LawStudy:
         Returns
         -------
         dict
-            ``answer`` by event, ``vehicles`` compared with each other, ``answer_draws``, ``answer_budget``,
-            ``answer_thresholds``, ``calibration`` and ``crash_places``.
+            ``answer`` by event, ``exposure`` as rates per kilometre and hour, ``vehicles`` compared with each
+            other, ``answer_draws``, ``answer_budget``, ``answer_thresholds``, ``calibration`` and
+            ``crash_places``.
         """
         posteriors = self.weighed.draw(self.thinned, generator)
-        per_km = None if distance is None else self.weighed.events.size / distance
+        cut_ins, kilometres = self.weighed.events.size, exposure["kilometres"]
+        per_km = None if kilometres is None else cut_ins / kilometres
         own = {name: posteriors[name] for name in self.events}
         crashes = {
             name.removeprefix("crash of "): posterior
@@ -242,6 +250,7 @@ class LawStudy:
         }
         return {
             "answer": answer_table(own, per_km),
+            "exposure": exposure_table(own, cut_ins, exposure),
             "vehicles": self.compared({UNDER_TEST: own["crash"]} | crashes),
             "answer_draws": answer_draws(own["crash"], self.weighed),
             "answer_budget": budget(own["crash"], half_width / norm.isf(0.1)),
@@ -272,7 +281,7 @@ class LawStudy:
         """
         names = ("lead_speed", "range", "closing_speed")
         replayed = self.vehicle.simulate(*(self.encounters[name].to_numpy() for name in names))
-        choices = readings(self.encounters, replayed.crash, outlier_rows)
+        choices = readings(self.encounters, replayed.crash, outlier_rows, self.weighed.events.support)
         return quality_table(choices, self.weighed, self.thinned["crash"], draws, generator)
 
 

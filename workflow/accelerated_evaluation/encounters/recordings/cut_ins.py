@@ -123,8 +123,3 @@ def require_agreement(where: str, *, moved: float, told: float, what: str, key: 
             expected="a ratio near 1, as the same units and signs give",
             change=f"Correct {key}.",
         )
-
-
-def exposure_of(raw: pd.DataFrame) -> dict[str, float | None]:
-    """Return how long and far the hosts drove: ``hours`` and ``kilometres``, None if the source is silent."""
-    return raw.attrs.get("exposure", {"hours": None, "kilometres": None})
