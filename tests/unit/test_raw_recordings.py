@@ -12,7 +12,7 @@ import pytest
 from accelerated_evaluation.cli import main
 from accelerated_evaluation.configuration import load
 from accelerated_evaluation.encounters.filters import Account
-from accelerated_evaluation.encounters.sources import SOURCES, read_source, spmd_raw, table
+from accelerated_evaluation.encounters.sources import SOURCES, UNKNOWN, read_source, spmd_raw, table
 from accelerated_evaluation.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -398,7 +398,7 @@ def test_a_sample_has_no_exposure_of_its_own(recordings):
         "sample": 5,
         "spmd_raw": settings(recordings),
     }
-    assert "exposure" not in read_source(data, np.random.default_rng(1)).attrs
+    assert read_source(data, np.random.default_rng(1)).attrs["exposure"] == UNKNOWN
 
 
 # ---------------------------------------------------------------- the real files, units, bad input
