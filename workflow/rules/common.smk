@@ -26,6 +26,7 @@ from accelerated_evaluation.encounters.segments import segment_names
 from accelerated_evaluation.encounters.sources import SOURCES, describe
 from accelerated_evaluation.errors import StudyError
 from accelerated_evaluation.methods import METHODS
+from accelerated_evaluation.preflight import require_named
 from snakemake.exceptions import WorkflowError
 
 # A job of a cluster runs on a machine of its own, which cannot tell whether the run that sent it is alive.
@@ -36,6 +37,7 @@ try:
         read_yaml(Path(path))  # Snakemake takes the last of equal keys without a word
     config = completed(config)
     validate(config)
+    require_named(config)
 except StudyError as error:
     raise WorkflowError(str(error)) from None
 
