@@ -37,7 +37,6 @@ try:
         read_yaml(Path(path))  # Snakemake takes the last of equal keys without a word
     config = completed(config)
     validate(config)
-    require_named(config)
 except StudyError as error:
     raise WorkflowError(str(error)) from None
 
@@ -61,6 +60,11 @@ MODEL = config["models"]["inverse_range"]["variant"]
 SOURCE = config["data"][config["data"]["source"]]
 if not Path(SOURCE["path"]).exists() and (PROJECT / SOURCE["path"]).exists():
     SOURCE["path"] = str(PROJECT / SOURCE["path"])  # the records of this project
+if workflow.is_main_process:
+    try:
+        require_named(config)
+    except StudyError as error:
+        raise WorkflowError(str(error)) from None
 RECORDS = [SOURCE["path"]]
 DESCRIPTION = describe(config["data"])
 VEHICLE = config["vehicle"]["name"]

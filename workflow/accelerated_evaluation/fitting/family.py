@@ -22,6 +22,7 @@ from accelerated_evaluation.fitting.shapes import SHAPES
 from accelerated_evaluation.fitting.smooth_hazard import Binned, HazardGrid, SmoothHazard, fit_hazard
 
 LEVELS = (0.9, 0.925, 0.95, 0.97, 0.98, 0.99, 0.995)  # of the thresholds
+FEWEST = 10  # events above a threshold, without which it gets no tails
 
 
 @dataclass(frozen=True)
@@ -135,7 +136,7 @@ class Fitter:
         object.__setattr__(self, "binned", (ranges, self.count_speeds(self.events)))
 
     def fit(self, start: Family | None = None) -> Family:
-        """Fit all laws to all events.
+        """Fit all laws to all events, but for those above thresholds that fewer than ten events exceed.
 
         Parameters
         ----------
@@ -150,6 +151,7 @@ class Fitter:
         levels = sorted({member.level for member in self.members if member.level is not None})
         thresholds = {level: Threshold.of(body, level) for level in levels}
         above = {level: Exceedances.of(self.events, threshold) for level, threshold in thresholds.items()}
+        above = {level: those for level, those in above.items() if those.index.size >= FEWEST}
         tails = self._tails(above, np.ones(self.events.size, dtype=bool), start)
         return Family(ranges, body, thresholds, above, tails)
 

@@ -113,6 +113,11 @@ class LawStudy:
         """The fit to all records."""
         return self.weighed.family
 
+    @property
+    def shown(self) -> tuple[Member, ...]:
+        """The laws that tables show one by one, without those for which there were too few records."""
+        return tuple(member for member in SHOWN if member in self.weighed.members)
+
     def probabilities(self, event: str) -> dict[Member, float]:
         """Return the probability of an event under each law, by the whole map."""
         return {
@@ -147,7 +152,7 @@ class LawStudy:
                 near_miss_counts(recorded, {n: self.weighed.mean(p) for n, p in near.items()}, events.size),
             ]
         }
-        for member in SHOWN:
+        for member in self.shown:
             of_member = {name: values[member] for name, values in near.items()}
             tables[member.name] = [by_member[member], near_miss_counts(recorded, of_member, events.size)]
         independent = IndependentTail.fit(events, KNOT, Exponential())
@@ -163,7 +168,7 @@ class LawStudy:
         The last is how much faster the crash closes [m/s] than any record at like range.
         """
         parts = [pd.DataFrame(columns=["lead_speed", "range", "closing_speed", "law", "beyond_recorded"])]
-        for member in SHOWN if self.lines["crash"].row.size else ():
+        for member in self.shown if self.lines["crash"].row.size else ():
             drawn = crash_places(
                 self.lines["crash"], self.family.ranges, self.family.law(member), DRAWN, generator
             )
