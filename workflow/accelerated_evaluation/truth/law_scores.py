@@ -90,9 +90,7 @@ def score_laws(weighed: Weighed, vehicle: Vehicle) -> tuple[dict[str, dict[str, 
             of_rival = held_out(fit, fitter.events, inside)
             crps[name] = next(iter(held_out(fit, fitter.events, first, **weighted).values()))
         except (ConvergenceError, LinAlgError) as error:
-            warnings.warn(
-                f"{name} is left out of the scores, because it cannot be fitted: {error}", stacklevel=2
-            )
+            warnings.warn(f"{name} cannot be fitted, and has no scores: {error}", stacklevel=2)
         else:
             scores[name] = of_rival
     return scores, crps

@@ -180,7 +180,7 @@ class LawStudy:
 
     def _largest(self, range_: float) -> float:
         events = self.weighed.events
-        return float(events.closing_speed[np.abs(events.range_ - range_) < LIKE_RANGE].max())
+        return float(events.closing_speed[np.abs(events.range_ - range_) < LIKE_RANGE].max(initial=0.0))
 
     def representative(self) -> DependentLaw:
         """Return the law of the largest weight, from which methods that need one law draw."""
