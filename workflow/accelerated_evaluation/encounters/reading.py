@@ -41,11 +41,11 @@ def require_columns(path: str | os.PathLike, seen: Sequence[str], named: Mapping
     """
     for key, name in named.items():
         if name not in seen:
-            shown = [*get_close_matches(name, seen, n=1), *seen[:SHOWN]]
+            shown = dict.fromkeys([*get_close_matches(name, seen, n=1), *seen[:SHOWN]])
             more = f" and {len(seen) - SHOWN:,} more" if len(seen) > SHOWN else ""
             raise InputError(
                 f"{path}, column {name!r}",
-                seen=f"only the columns {', '.join(cut(each) for each in dict.fromkeys(shown))}{more}",
+                seen=f"only the columns {', '.join(map(cut, shown)) or 'without a name'}{more}",
                 expected=f"the column that {key} states",
                 change="Correct the name there, or the header of the table.",
             )
@@ -74,8 +74,9 @@ def read_csv(path: str | os.PathLike, named: Mapping[str, str]) -> pd.DataFrame:
         # The header is looked at first: pandas takes a minute for a very wide table, and would rename the
         # second of two equal columns.
         with open(path, encoding="utf-8-sig", newline="") as file:
-            header = [name for name in next(filter(None, csv.reader(file)), []) if name]
-        if header:
+            first = next(filter(None, csv.reader(file)), None)
+        header = [name for name in first or [] if name]
+        if first is not None:  # pandas tells what is wrong with an empty file
             require_columns(path, header, named)
         table = pd.read_csv(path, dtype=str, encoding="utf-8-sig")
     except (ValueError, csv.Error) as error:  # pandas' and Unicode errors derive from ValueError
