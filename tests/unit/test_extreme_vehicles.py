@@ -102,6 +102,17 @@ def test_a_search_that_uses_up_all_simulations_leaves_nothing_known():
     assert (estimate.low, estimate.high) == (0, 1)
 
 
+def test_the_surrogate_without_an_event_and_with_events_alone():
+    def estimate(vehicle):
+        sampler = METHODS["surrogate"](batch_size=10)
+        return sampler.estimate(before(vehicle), Stopping(maximum_simulations=60), np.random.default_rng(1))
+
+    never, always = estimate(From(math.inf)), estimate(From(0.0))
+    assert (never.probability, always.probability) == (0, 1)
+    assert never.low == 0 < never.high < 1
+    assert 0 < always.low < always.high == 1
+
+
 def test_the_bound_without_an_event_is_that_of_the_most_probable_set():
     """With f* equal to f it is the binomial limit; one that goes elsewhere says little, or nothing at all."""
     law, n = before(From(math.inf)).law, 1000
