@@ -54,7 +54,7 @@ test: lint ## lint and run the tests
 	pytest
 
 test-studies: $(ENVIRONMENT) ## whole small studies of odd data, vehicles and settings; half an hour
-	pytest tests/corpus
+	pytest tests/corpus --dist worksteal
 
 format: $(ENVIRONMENT) ## rewrite the sources as the linters want them
 	ruff check --fix .

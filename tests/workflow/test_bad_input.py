@@ -86,3 +86,22 @@ def test_when_no_row_is_left_the_account_is_kept_beside_the_log(project):
     assert "none is left (60 by closing" in output
     account = pd.read_csv(project.folder / "results/bad/logs/ingest_encounters_account.csv")
     assert account.set_index("step").loc["closing", "rows_dropped"] == 60
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (b"study: bad\nseed: [1\n", "line 2"),
+        (b"study: bad\nseed: 1\nseed: 2\n", "'seed' twice in line 3"),
+        (b"study: caf\xe9\n", "can't decode byte 0xe9"),
+        (b"- a\n- b\n", "expected keys and values"),
+        (None, "No such file"),
+    ],
+)
+def test_a_configuration_that_cannot_be_read_is_named(project, content, told):
+    if content is not None:
+        (project.folder / "bad.yaml").write_bytes(content)
+    last = message(project.run("--dry-run", config="bad.yaml")).strip().splitlines()[-1]
+    assert last.startswith("error: ")
+    assert "bad.yaml: seen" in last
+    assert told in last

@@ -186,7 +186,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
     try:
         config = yaml.load(path.read_text(encoding="utf-8"), Loader=_StrictLoader)  # a safe one
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        seen = " ".join(str(error).split())
+        seen = " ".join(str(error).replace('in "<unicode string>", ', "in ").split())
         raise InputError(
             str(path), seen=seen, expected="a YAML file", change="Correct the path or mend the file."
         ) from error

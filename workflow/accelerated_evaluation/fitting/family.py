@@ -21,6 +21,7 @@ from accelerated_evaluation.fitting.smooth_hazard import Binned, HazardGrid, Smo
 from accelerated_evaluation.fitting.support import SUPPORT, Support
 
 LEVELS = (0.9, 0.925, 0.95, 0.97, 0.98, 0.99, 0.995)  # of the thresholds
+FEWEST = 10  # events above a threshold, without which it gets no tails
 
 
 @dataclass(frozen=True)
@@ -141,7 +142,7 @@ class Fitter:
         object.__setattr__(self, "binned", (ranges, self.count_speeds(self.events)))
 
     def fit(self, start: Family | None = None) -> Family:
-        """Fit all laws to all events.
+        """Fit all laws to all events, but for those above thresholds that fewer than ten events exceed.
 
         Parameters
         ----------
@@ -156,6 +157,7 @@ class Fitter:
         levels = sorted({member.level for member in self.members if member.level is not None})
         thresholds = {level: Threshold.of(body, level, self.events.support) for level in levels}
         above = {level: Exceedances.of(self.events, threshold) for level, threshold in thresholds.items()}
+        above = {level: those for level, those in above.items() if those.index.size >= FEWEST}
         tails = self._tails(above, np.ones(self.events.size, dtype=bool), start)
         return Family(ranges, body, thresholds, above, tails)
 

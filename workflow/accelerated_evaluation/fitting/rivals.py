@@ -9,9 +9,12 @@ import numpy as np
 from scipy.special import logsumexp
 
 from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.encounters.segments import MINIMUM_ROWS
+from accelerated_evaluation.errors import ConvergenceError
 from accelerated_evaluation.fitting.conditional import Given, Places, SpeedLaw
 from accelerated_evaluation.fitting.excess import Excess, fit_excess
-from accelerated_evaluation.fitting.family import Events
+from accelerated_evaluation.fitting.family import FEWEST, Events
+from accelerated_evaluation.fitting.piecewise import usable_knots
 from accelerated_evaluation.fitting.shapes import Shape
 from accelerated_evaluation.fitting.smooth_hazard import SmoothHazard
 from accelerated_evaluation.fitting.splines import Constant, Penalty
@@ -45,13 +48,17 @@ class IndependentTail:
 
     @classmethod
     def fit(cls, events: Events, level: float, shape: Shape) -> "IndependentTail":
-        """Fit each segment of the lead speed by itself, with its knot at a quantile."""
+        """Fit each segment of the lead speed by itself, with its knot at a quantile.
+
+        A segment with few events takes the law of all, and a knot that nothing exceeds moves down.
+        """
         inverse_ttc, between = events.closing_speed / events.range_, events.support.segment_edges
         segment = np.digitize(events.lead_speed, between)
         edges, densities, tails = [], [], []
         for number in range(len(between) + 1):
             x = inverse_ttc[segment == number]
-            knot = np.quantile(x, level)
+            x = inverse_ttc if x.size < MINIMUM_ROWS else x
+            (knot,) = usable_knots(x, [float(np.quantile(x, level))])
             density, edge = np.histogram(x[x <= knot], BODY_BINS, range=(0, knot), density=True)
             excess = x[x > knot] - knot
             ones = np.ones((excess.size, 1))
@@ -123,9 +130,16 @@ class ConditionalExtremes:
 
     @classmethod
     def fit(cls, events: Events, body: SmoothHazard, level: float, shape: Shape) -> "ConditionalExtremes":
-        """Fit to what exceeds a quantile of all closing speeds."""
+        """Fit to what exceeds a quantile of all closing speeds; ConvergenceError if that is too little."""
         threshold = float(np.quantile(events.closing_speed, level))
         above = events.closing_speed > threshold
+        if above.sum() < FEWEST:
+            raise ConvergenceError(
+                "conditional extremes",
+                reached=f"{above.sum()} events above the threshold",
+                limit=f"{FEWEST}",
+                change="Add records.",
+            )
         excess = events.closing_speed[above] - threshold
         tail = fit_excess(excess, np.ones((excess.size, 1)), Penalty.of([Constant()]), shape)
         beside = np.column_stack([events.lead_speed, np.sqrt(events.range_)])[above]

@@ -8,6 +8,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.encounters.segments import MINIMUM_ROWS
 from accelerated_evaluation.fitting.family import Events
 from accelerated_evaluation.fitting.support import SUPPORT, Support
 from accelerated_evaluation.truth.calibration import mid_p
@@ -15,6 +16,7 @@ from accelerated_evaluation.truth.lines import Lines
 from accelerated_evaluation.truth.posterior import LEVELS, Posterior
 from accelerated_evaluation.truth.weighed import Weighed, weigh
 
+TOLD = ("probability", "median", *(f"{end}{100 * level:.0f}" for level in LEVELS for end in ("low", "high")))
 MISSED = 1e-4  # mid-p of the recorded crashes below which a map is refused
 RATIO = ("ratio", "ratio_low80", "ratio_high80")
 RANGE_LIMIT_WIDTH = 0.5  # [m], next to the largest range, where rounding could have put records
@@ -22,10 +24,9 @@ RANGE_LIMIT_WIDTH = 0.5  # [m], next to the largest range, where rounding could 
 
 def told(posterior: Posterior) -> dict[str, float]:
     """Return a posterior as columns: ``probability`` (mean), ``median``, and ends ``low50`` to ``high95``."""
-    row = {"probability": float(posterior.probabilities.mean()), "median": posterior.probability}
-    for level in LEVELS:
-        row[f"low{100 * level:.0f}"], row[f"high{100 * level:.0f}"] = posterior.interval(level)
-    return row
+    ends = (end for level in LEVELS for end in posterior.interval(level))
+    values = (float(posterior.probabilities.mean()), posterior.probability, *ends)
+    return dict(zip(TOLD, values, strict=True))
 
 
 def answer_table(posteriors: Mapping[str, Posterior], events_per_km: float | None) -> pd.DataFrame:
@@ -106,7 +107,7 @@ def threshold_table(weighed: Weighed, lines: Lines, generator: np.random.Generat
         # The same random numbers for every threshold, so that only the threshold makes a difference.
         posterior = weighed.draw({"crash": lines}, deepcopy(generator), weighed.weights_at(level))["crash"]
         rows.append({"level": level} | told(posterior))
-    return pd.DataFrame(rows)
+    return pd.DataFrame(rows, columns=["level", *TOLD])
 
 
 def readings(
@@ -171,10 +172,13 @@ def quality_table(
     Returns
     -------
     pandas.DataFrame
-        Columns ``reading``, ``events`` and those of `told`.
+        Columns ``reading``, ``events`` and those of `told`, which are missing where hardly any event is left.
     """
     rows = []
     for reading, events in tqdm(choices.items(), desc="data quality", unit=" readings"):
+        if events.size < MINIMUM_ROWS:
+            rows.append({"reading": reading, "events": events.size})
+            continue
         same = deepcopy(generator)  # the same random numbers for every reading
         weighed = weigh(events, same, draws=draws, members=start.members, start=start.family)
         posterior = weighed.draw({"crash": lines}, same)["crash"]

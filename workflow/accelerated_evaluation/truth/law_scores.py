@@ -1,12 +1,15 @@
 """The table of laws: how each scores on unseen records near the crash set, and which are refused."""
 
+import warnings
 from collections.abc import Callable, Mapping
 
 import numpy as np
 import pandas as pd
+from numpy.linalg import LinAlgError
 from tqdm import tqdm
 
 from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.errors import ConvergenceError
 from accelerated_evaluation.fitting.family import Events, Family, Fitter
 from accelerated_evaluation.fitting.regressions import REGRESSIONS, fit_regression
 from accelerated_evaluation.fitting.rivals import ConditionalExtremes, IndependentTail
@@ -83,8 +86,13 @@ def score_laws(weighed: Weighed, vehicle: Vehicle) -> tuple[dict[str, dict[str, 
         scores[member.name] = {region: values[place] for region, values in by_member.items()}
         crps[member.name] = next(iter(crps_by_member.values()))[place]
     for name, fit in tqdm(rivals(fitter, family).items(), desc="rivals", unit=" laws"):
-        scores[name] = held_out(fit, fitter.events, inside)
-        crps[name] = next(iter(held_out(fit, fitter.events, first, **weighted).values()))
+        try:
+            of_rival = held_out(fit, fitter.events, inside)
+            crps[name] = next(iter(held_out(fit, fitter.events, first, **weighted).values()))
+        except (ConvergenceError, LinAlgError) as error:
+            warnings.warn(f"{name} cannot be fitted, and has no scores: {error}", stacklevel=2)
+        else:
+            scores[name] = of_rival
     return scores, crps
 
 

@@ -145,6 +145,11 @@ class LawStudy:
         """The fit to all records."""
         return self.weighed.family
 
+    @property
+    def shown(self) -> tuple[Member, ...]:
+        """The laws that tables show one by one, without those for which there were too few records."""
+        return tuple(member for member in SHOWN if member in self.weighed.members)
+
     def probabilities(self, event: str) -> dict[Member, float]:
         """Return the probability of an event under each law, by the whole map."""
         return {
@@ -179,7 +184,7 @@ class LawStudy:
                 near_miss_counts(recorded, {n: self.weighed.mean(p) for n, p in near.items()}, events.size),
             ]
         }
-        for member in SHOWN:
+        for member in self.shown:
             of_member = {name: values[member] for name, values in near.items()}
             tables[member.name] = [by_member[member], near_miss_counts(recorded, of_member, events.size)]
         independent = IndependentTail.fit(events, KNOT, Exponential())
@@ -195,7 +200,7 @@ class LawStudy:
         The last is how much faster the crash closes [m/s] than any record at like range.
         """
         parts = [pd.DataFrame(columns=["lead_speed", "range", "closing_speed", "law", "beyond_recorded"])]
-        for member in SHOWN if self.lines["crash"].row.size else ():
+        for member in self.shown if self.lines["crash"].row.size else ():
             drawn = crash_places(
                 self.lines["crash"], self.family.ranges, self.family.law(member), DRAWN, generator
             )
@@ -207,7 +212,7 @@ class LawStudy:
 
     def _largest(self, range_: float) -> float:
         events = self.weighed.events
-        return float(events.closing_speed[np.abs(events.range_ - range_) < LIKE_RANGE].max())
+        return float(events.closing_speed[np.abs(events.range_ - range_) < LIKE_RANGE].max(initial=0.0))
 
     def representative(self) -> DependentLaw:
         """Return the law of the largest weight, from which methods that need one law draw."""

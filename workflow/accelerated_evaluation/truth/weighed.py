@@ -100,7 +100,7 @@ def weigh(
     draws
         Number of draws of the weights.
     members
-        The laws.
+        The laws; those above thresholds that hardly any event exceeds are left out.
     blocks
         Number of contiguous blocks that are held out in turn.
     start
@@ -108,6 +108,9 @@ def weigh(
     """
     fitter = Fitter(events, members)
     family, boundary = fitter.fit(start), region(events) * events.range_
+    fitted = tuple(member for member in members if member.level is None or member in family.tails)
+    if fitted != members:
+        fitter = Fitter(events, fitted)
     scores = held_out_scores(fitter, family, {"region": boundary}, blocks)["region"]
     weights = bootstrapped_weights(scores, events.closing_speed > boundary, draws, generator)
     return Weighed(fitter, family, scores, weights)

@@ -1,6 +1,8 @@
 """A user's vehicle, whose code is not ours: what it gives is checked, and what it raises is told."""
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -61,7 +63,8 @@ class CheckedVehicle:
     def _outcomes(self, encounters: Array) -> Outcomes:
         """Run the user's code on checked encounters, shape (3, n)."""
         try:
-            outcomes = self.vehicle.simulate(*encounters.copy())
+            with kept_alive():
+                outcomes = self.vehicle.simulate(*encounters.copy())
         except (StudyError, KeyboardInterrupt):
             raise
         except BaseException as error:  # a vehicle that calls sys.exit must not end the study without a word
@@ -111,6 +114,26 @@ def check_repetition(
                 change="Seed its random numbers anew in each call, keep no state between calls, and let "
                 "no encounter depend on the others in its batch.",
             )
+
+
+@contextmanager
+def kept_alive() -> Iterator[None]:
+    """Raise SystemExit where the block calls ``os._exit``, which would end the study without a word.
+
+    Processes that a vehicle forks may still end themselves so.
+    """
+    own, leave = os.getpid(), os._exit
+
+    def refuse(status: int) -> None:
+        if os.getpid() != own:
+            leave(status)
+        raise SystemExit(f"os._exit({status!r})")
+
+    os._exit = refuse
+    try:
+        yield
+    finally:
+        os._exit = leave
 
 
 def told(error: BaseException) -> str:

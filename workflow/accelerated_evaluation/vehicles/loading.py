@@ -11,7 +11,7 @@ from typing import Any
 
 from accelerated_evaluation.errors import InputError, StudyError
 from accelerated_evaluation.vehicles.built_in import VEHICLES
-from accelerated_evaluation.vehicles.checked import CheckedVehicle, told
+from accelerated_evaluation.vehicles.checked import CheckedVehicle, kept_alive, told
 from accelerated_evaluation.vehicles.foreign import ForeignVehicle
 from accelerated_evaluation.vehicles.parameters import parameter_names, required_names
 from accelerated_evaluation.vehicles.protocol import Vehicle
@@ -93,7 +93,8 @@ def _load_user_vehicle(name: str, parameters: dict[str, Any]) -> CheckedVehicle:
         signature = "a method simulate(lead_speed, range_, closing_speed)"
         raise _load_error(name, "no method simulate", signature, "Add it to the class.")
     try:
-        return CheckedVehicle(vehicle_class(**parameters), name)
+        with kept_alive():
+            return CheckedVehicle(vehicle_class(**parameters), name)
     except (StudyError, KeyboardInterrupt):
         raise
     except BaseException as error:  # a vehicle that calls sys.exit must not end the study without a word
@@ -112,7 +113,8 @@ def _load_module(name: str, path: Path) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[module_name] = module
     try:
-        spec.loader.exec_module(module)
+        with kept_alive():
+            spec.loader.exec_module(module)
     except BaseException as error:
         del sys.modules[module_name]
         if isinstance(error, KeyboardInterrupt):

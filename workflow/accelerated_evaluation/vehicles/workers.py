@@ -179,7 +179,7 @@ def _dask_client(kind: str, count: int, options: Mapping[str, Any], stack: ExitS
 
 
 def _try_submission(script: str) -> None:
-    """Let Slurm judge a job without running it: dask-jobqueue would wait for ever for a job that is refused."""
+    """Let Slurm judge a job without running it: dask-jobqueue would wait for ever for one that is refused."""
     done = subprocess.run(
         ["sbatch", "--test-only"], input=script, text=True, capture_output=True, check=False
     )
