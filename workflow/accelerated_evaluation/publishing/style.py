@@ -1,9 +1,11 @@
 """One look for all figures: IEEE column width, readable in print and in grey; and how they are saved."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
@@ -75,7 +77,13 @@ def say_no_crash(axes: Axes) -> None:
     axes.text(0.5, 0.5, "no crash", transform=axes.transAxes, ha="center", va="center", color="#555555")
 
 
-def save_figure(figure: Figure, data: pd.DataFrame, folder: str | os.PathLike, name: str) -> Figure:
+def save_figure(
+    figure: Figure,
+    data: pd.DataFrame,
+    folder: str | os.PathLike,
+    name: str,
+    metadata: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
+) -> Figure:
     """Save a figure as PDF, SVG and PNG, and its data as CSV beside it; return it for display.
 
     Parameters
@@ -84,11 +92,15 @@ def save_figure(figure: Figure, data: pd.DataFrame, folder: str | os.PathLike, n
         Tidy table of everything that is drawn, units in the column names.
     folder, name
         Files are called ``folder/name.pdf`` and so on.
+    metadata
+        What the files say of themselves, by format and key.
     """
     undated = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
     for extension in FORMATS:
         with paper_style(), atomic_path(Path(folder) / f"{name}.{extension}") as temporary:
-            figure.savefig(temporary, format=extension, metadata=undated[extension])
+            figure.savefig(
+                temporary, format=extension, metadata={**undated[extension], **metadata.get(extension, {})}
+            )
         # Finding the places of all parts takes longer than drawing them. The first format has found them in
         # inches, which serve all formats, so that the others need not search again.
         figure.set_layout_engine("none")
