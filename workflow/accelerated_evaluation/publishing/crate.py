@@ -1,8 +1,8 @@
 """A study as an RO-Crate: everything that it was made from and by, and everything that was made, in one file.
 
-The crate conforms to the profile Provenance Run Crate 0.5, which extends Workflow Run Crate. The workflow has a
-step for each rule; the tool of a step is the code of the rule, with a digest; and an action for each job says
-what the tool read and made, and when.
+The crate conforms to the profile Provenance Run Crate 0.5, which extends Workflow Run Crate. The workflow has
+a step for each rule; the tool of a step is the code of the rule, with a digest; and an action for each job
+says what the tool read and made, and when.
 """
 
 import hashlib
