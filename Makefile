@@ -10,7 +10,7 @@ SAMPLERS := snakemake --snakefile benchmarks/samplers/Snakefile --cores $(CORES)
 WORLDS := snakemake --snakefile benchmarks/worlds/Snakefile --cores $(CORES)
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
-.PHONY: study test test-slurm test-studies crate lint format report smoke bench benchmark-samplers worlds lock clean help
+.PHONY: study test test-slurm test-studies crate paper-figures lint format report smoke bench benchmark-samplers worlds lock clean help
 .DEFAULT_GOAL := help
 
 help: ## list the targets
@@ -32,6 +32,9 @@ report: study ## run the study, then write its self-contained HTML report to res
 
 smoke: ## a miniature of the whole study in under two minutes
 	$(MAKE) study CONFIG=config/smoke.yaml
+
+paper-figures: $(ENVIRONMENT) ## figures, tables and numbers of a finished study for a LaTeX paper: make paper-figures [STUDY=spmd]
+	accelerated-evaluation paper $(STUDY)
 
 crate: study ## run the study, then pack it with where it came from: results/STUDY.crate.zip
 	accelerated-evaluation crate $(STUDY)

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -52,10 +53,33 @@ _RC = {
 }
 
 
+@dataclass(frozen=True)
+class Print:
+    """How figures are printed in a paper: the font of its text, and the folder for each width [in]."""
+
+    font: str
+    folders: Mapping[float, Path]
+
+
+_print: Print | None = None
+
+
+@contextmanager
+def printed(settings: Print) -> Iterator[None]:
+    """Draw in the font of a paper within the block, and save each figure at the widths of its columns."""
+    global _print
+    _print = settings
+    try:
+        yield
+    finally:
+        _print = None
+
+
 @contextmanager
 def paper_style() -> Iterator[None]:
     """Draw in the style of the paper within the block."""
-    with mpl.rc_context(_RC):
+    font = {} if _print is None else {"font.serif": [_print.font], "mathtext.fontset": "stix"}
+    with mpl.rc_context({**_RC, **font}):
         yield
 
 
@@ -96,7 +120,9 @@ def save_figure(
         What the files say of themselves, by format and key.
     """
     undated = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
-    for extension in FORMATS:
+    if _print is not None:
+        _save_widths(figure, _print, name, {**undated["pdf"], **metadata.get("pdf", {})})
+    for extension in FORMATS if _print is None else FORMATS[:1]:
         with paper_style(), atomic_path(Path(folder) / f"{name}.{extension}") as temporary:
             figure.savefig(
                 temporary, format=extension, metadata={**undated[extension], **metadata.get(extension, {})}
@@ -107,3 +133,13 @@ def save_figure(
     write_csv(Path(folder) / f"{name}.csv", reproducible(data))
     plt.close(figure)
     return figure
+
+
+def _save_widths(figure: Figure, settings: Print, name: str, metadata: Mapping[str, Any]) -> None:
+    """Save a figure at the widths of a paper: letters keep their size, and parts are placed anew."""
+    own = figure.get_size_inches()
+    for width, folder in settings.folders.items():
+        figure.set_size_inches(width, own[1])
+        with paper_style(), atomic_path(folder / f"{name}.pdf") as temporary:
+            figure.savefig(temporary, format="pdf", metadata=metadata)
+    figure.set_size_inches(own)
