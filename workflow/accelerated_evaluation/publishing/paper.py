@@ -3,6 +3,7 @@
 import re
 import shutil
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -46,7 +47,8 @@ def write_paper(study: Study, target: Path, font: str) -> None:
     _require_font(font)
     study.path("config.json")
     folders = {width: target / "figures" / name for name, width in WIDTHS.items()}
-    _draw(study, Print(font, folders))
+    notebooks = sorted((PROJECT / "notebooks").glob("*.ipynb"))
+    draw(study, Print(font, folders), [path for path in notebooks if read_contents(path).figures])
     tables = study.figures / "tables"
     for path in sorted(tables.glob("*.tex")):
         write_text(target / "tables" / path.name, path.read_text(encoding="utf-8"))
@@ -90,10 +92,8 @@ def macro(claim: str) -> str:
     return "".join(DIGITS[int(word)] if word.isdigit() else word[0].upper() + word[1:] for word in words)
 
 
-def _draw(study: Study, settings: Print) -> None:
-    """Run the notebooks that show figures once more, in the style of the paper."""
-    notebooks = sorted((PROJECT / "notebooks").glob("*.ipynb"))
-    notebooks = [notebook for notebook in notebooks if read_contents(notebook).figures]
+def draw(study: Study, settings: Print, notebooks: Sequence[Path]) -> None:
+    """Run notebooks that show figures once more, in the style of the paper."""
     with tempfile.TemporaryDirectory() as folder, printed(settings):
         parameters = {"results": str(study.results.resolve()), "figures": f"{folder}/figures/{study.name}"}
         for notebook in tqdm(notebooks, desc="Drawing", unit=" notebooks"):
@@ -103,7 +103,7 @@ def _draw(study: Study, settings: Print) -> None:
 def _short(claims: pd.DataFrame) -> str:
     """Return the claims with the paper's number, ours and the verdict, as a table for one column of text."""
     shown = claims[list(SHORT)].map(readable)
-    return as_latex(shown.to_latex(index=False, escape=True, column_format="p{3.4cm}rrp{1.6cm}"))
+    return as_latex(shown.to_latex(index=False, escape=True, column_format="p{2.9cm}rrl"))
 
 
 def _require_font(font: str) -> None:
