@@ -2,6 +2,7 @@
 CONFIG ?= config/config.yaml
 CORES ?= 2
 PYTHON ?= python3
+STUDY ?= spmd
 ENVIRONMENT := .venv/.installed
 SNAKEMAKE := snakemake --cores $(CORES) --configfile $(CONFIG)
 RULES := Snakefile workflow benchmarks/samplers/Snakefile benchmarks/worlds/Snakefile
@@ -9,7 +10,8 @@ SAMPLERS := snakemake --snakefile benchmarks/samplers/Snakefile --cores $(CORES)
 WORLDS := snakemake --snakefile benchmarks/worlds/Snakefile --cores $(CORES)
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
-.PHONY: study test test-studies lint format report smoke bench benchmark-samplers benchmark-recordings worlds lock clean help
+.PHONY: study test test-slurm test-studies crate paper-figures lint format report smoke bench benchmark-samplers \
+  benchmark-recordings worlds lock clean help
 .DEFAULT_GOAL := help
 
 help: ## list the targets
@@ -32,6 +34,12 @@ report: study ## run the study, then write its self-contained HTML report to res
 smoke: ## a miniature of the whole study in under two minutes
 	$(MAKE) study CONFIG=config/smoke.yaml
 
+paper-figures: $(ENVIRONMENT) ## figures, tables and numbers of a finished study for a LaTeX paper: make paper-figures [STUDY=spmd]
+	accelerated-evaluation paper $(STUDY)
+
+crate: study ## run the study, then pack it with where it came from: results/STUDY.crate.zip
+	accelerated-evaluation crate $(STUDY)
+
 bench: $(ENVIRONMENT) ## encounters per second of the simulator, and ratios to NumPy and plain Python
 	python benchmarks/simulator.py
 
@@ -53,6 +61,10 @@ lint: $(ENVIRONMENT) ## ruff and snakefmt
 test: lint ## lint and run the tests
 	pytest
 
+test-slurm: $(ENVIRONMENT) ## run the smoke study through a Slurm on this machine; skipped where it cannot be installed
+	tests/slurm/install.sh
+	pytest -n 0 -rs -s tests/slurm
+
 test-studies: $(ENVIRONMENT) ## whole small studies of odd data, vehicles and settings; half an hour
 	pytest tests/corpus --dist worksteal
 
@@ -62,7 +74,7 @@ format: $(ENVIRONMENT) ## rewrite the sources as the linters want them
 	snakefmt $(RULES)
 
 lock: $(ENVIRONMENT) ## resolve environment.txt anew from pyproject.toml
-	uv pip compile pyproject.toml --extra study --extra dev --universal --python-version 3.11 \
+	uv pip compile pyproject.toml --extra study --extra cluster --extra provenance --extra dev --universal --python-version 3.11 \
 	  --generate-hashes --no-header --quiet --output-file environment.txt
 	uv pip compile pyproject.toml --extra peers --constraint environment.txt --universal --python-version 3.11 \
 	  --generate-hashes --no-header --quiet --output-file benchmarks/environment.txt

@@ -35,7 +35,11 @@ def test_the_library_draws_only_from_generators_handed_down(path):
 
 
 @pytest.mark.parametrize(
-    ("lock", "extras"), [("environment.txt", ("study", "dev")), ("benchmarks/environment.txt", ("peers",))]
+    ("lock", "extras"),
+    [
+        ("environment.txt", ("study", "cluster", "provenance", "dev")),
+        ("benchmarks/environment.txt", ("peers",)),
+    ],
 )
 def test_locks_pin_what_the_project_asks_for(lock, extras):
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]

@@ -26,6 +26,7 @@ from snakemake_logger_plugin_study.words import (
 
 TICK = 1.0  # seconds between two looks at the running jobs
 SILENCE = 30.0  # seconds after which a console that is no terminal says what is running
+MOST = 4  # running jobs that are named; a cluster runs more
 EARLY = 0.1  # share of the jobs before which the time left cannot be told
 
 
@@ -144,7 +145,8 @@ class LogHandler(LogHandlerBase):
                     f"{job.message} {progress_of(job.logs)}({duration(time.time() - job.since)})"
                     for job in self.running.values()
                 ]
-                line = f"running: {'; '.join(parts)}"
+                more = [f"{len(parts) - MOST} more"] if len(parts) > MOST else []
+                line = f"running: {'; '.join([*parts[:MOST], *more])}"
                 if self.is_terminal:
                     self._status(line if parts else "")
                 elif parts and time.time() - self.spoken > SILENCE:
