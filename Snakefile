@@ -47,9 +47,9 @@ rule tables:
 
 
 rule all:
-    """Everything: figures, tables and rendered notebooks."""
+    """Everything: figures, tables, executed notebooks and the book of them."""
     default_target: True
     input:
-        [result("notebooks", f"{notebook}.html") for notebook in NOTEBOOKS],
+        rules.book.output,
         rules.figures.input,
         rules.tables.input,

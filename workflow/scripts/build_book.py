@@ -13,8 +13,9 @@ if __name__ == "__main__":
         parts = Parts(
             study,
             notebooks=[Path(path) for path in snakemake.input.notebooks],
+            tables=snakemake.params.tables,
             guides=[Path(path) for path in snakemake.input.guides],
             captions=Path(snakemake.input.captions[0]).parent,
             pages=Path(snakemake.input.pages[0]).parent,
         )
-        build_book(parts, Path(snakemake.output.site), known_to_pages(study))
+        build_book(parts, Path(snakemake.output.site), known_to_pages(study, snakemake.params.records))

@@ -20,6 +20,7 @@ from typing import Any
 import nbformat
 from nbformat import NotebookNode
 from sphinx.application import Sphinx
+from sphinx.util.console import nocolor
 
 from accelerated_evaluation.errors import StudyError
 from accelerated_evaluation.publishing.study import Study
@@ -154,7 +155,7 @@ def _published(output: NotebookNode) -> str | None:
 
 
 def _links(folder: str, name: str, endings: dict[str, str]) -> str:
-    return " · ".join(f"[{shown}]({folder}/{name}.{ending})" for shown, ending in endings.items())
+    return " · ".join(f"[{shown}](path:{folder}/{name}.{ending})" for shown, ending in endings.items())
 
 
 def _plain(text: str) -> str:
@@ -167,6 +168,7 @@ def _run_sphinx(sources: Path, made: Path, doctrees: Path, study: str) -> None:
         "project": f"Cut-ins: {study}",
         "html_title": f"How often does it crash? Study {study}",
         "extensions": ["myst_nb"],
+        "exclude_patterns": ["figures/**"],
         "html_theme": "sphinx_book_theme",
         "html_theme_options": {
             "use_download_button": False,
@@ -177,6 +179,7 @@ def _run_sphinx(sources: Path, made: Path, doctrees: Path, study: str) -> None:
         "html_static_path": [MATHJAX, STYLE],
         "html_css_files": [STYLE],
         "html_copy_source": False,
+        "html_use_index": False,
         "html_show_copyright": False,
         "html_show_sphinx": False,
         "html_permalinks_icon": "#",
@@ -188,8 +191,9 @@ def _run_sphinx(sources: Path, made: Path, doctrees: Path, study: str) -> None:
         "nb_code_prompt_show": "Show the code",
         "nb_code_prompt_hide": "Hide the code",
     }
+    nocolor()  # what Sphinx warns of goes to a log
     try:
-        app = Sphinx(sources, None, made, doctrees, "html", confoverrides=settings, freshenv=True)
+        app = Sphinx(sources, None, made, doctrees, "html", settings, status=None, freshenv=True)
         app.build(force_all=True)
     except Exception as error:
         raise StudyError(f"Sphinx cannot make the book: {type(error).__name__}: {error}") from error

@@ -3,6 +3,7 @@
 import hashlib
 import platform
 import subprocess
+from collections.abc import Iterable
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -28,25 +29,32 @@ CLAIM_COLUMNS = {
 }
 
 
-def known_to_pages(study: Study) -> dict[str, Any]:
-    """Return the names that the templates of the first and the last page use."""
+def known_to_pages(study: Study, records: Iterable[str]) -> dict[str, Any]:
+    """Return the names that the templates of the first and the last page use.
+
+    Parameters
+    ----------
+    study
+        The finished results.
+    records
+        Files of the records, whose checksums the last page tells.
+    """
     claims = pd.read_csv(study.figures / "tables" / "claims.csv")
     claims = claims[list(CLAIM_COLUMNS)].rename(columns=CLAIM_COLUMNS).map(readable)
-    data = study.config["data"]
-    records = Path(data[data["source"]]["path"])
     return {
         "crash": study.answer.set_index("event").loc["crash"],
         "vehicle": study.config["vehicle"],
         "paper_probability": PAPER_PROBABILITY,
         "claims": to_markdown(claims),
-        "made_from": {
-            "commit": _commit(),
-            "records": str(records),
-            "their SHA-256": hashlib.sha256(records.read_bytes()).hexdigest(),
-        },
+        "made_from": {"commit": _commit()} | {f"SHA-256 of {path}": _checksum(Path(path)) for path in records},
         "versions": {"Python": platform.python_version()} | {name: version(name) for name in PACKAGES},
         "configuration": yaml.safe_dump(study.config, allow_unicode=True, sort_keys=False).strip(),
     }
+
+
+def _checksum(path: Path) -> str:
+    """Return the SHA-256 of a file of the records, which may be gone when the study is finished."""
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else "no such file"
 
 
 def _commit() -> str:
