@@ -9,7 +9,7 @@ SAMPLERS := snakemake --snakefile benchmarks/samplers/Snakefile --cores $(CORES)
 WORLDS := snakemake --snakefile benchmarks/worlds/Snakefile --cores $(CORES)
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
-.PHONY: study test test-studies lint format report smoke bench benchmark-samplers worlds lock clean help
+.PHONY: study book test test-studies lint format report smoke bench benchmark-samplers worlds lock clean help
 .DEFAULT_GOAL := help
 
 help: ## list the targets
@@ -25,6 +25,9 @@ $(ENVIRONMENT): environment.txt pyproject.toml
 
 study: $(ENVIRONMENT) ## run the study: make study [CONFIG=my_study.yaml] [CORES=2]
 	$(SNAKEMAKE)
+
+book: $(ENVIRONMENT) ## the book alone, and what it needs: results/<study>/book/index.html
+	$(SNAKEMAKE) book
 
 report: study ## run the study, then write its self-contained HTML report to results/report.html
 	$(SNAKEMAKE) --report results/report.html

@@ -1,4 +1,4 @@
-"""Placeholders in the text of notebooks: what they insert, how they fail, and what the catalogue sees of them."""
+"""Placeholders in the texts of notebooks: what they insert, how they fail, what the catalogue sees."""
 
 import math
 
@@ -18,7 +18,7 @@ from accelerated_evaluation.publishing.texts import attributes, fill
         ("share | percent", "12%"),
         ("share | percent(1, '+')", "+12.3%"),
         ("-share | percent(1)", "-12.3%"),
-        ("tiny | readable(2)", "7.4 × 10⁻⁷"),
+        ("tiny | readable(2)", "7.4\N{NO-BREAK SPACE}×\N{NO-BREAK SPACE}10⁻⁷"),
         ("table['a', 'b'] | number", "3"),
         ("table.max()", "3"),
         ("np_count", "7"),
@@ -41,7 +41,7 @@ def test_numbers_keep_their_format(placeholder, written):
 
 
 def test_conditions_and_lists_leave_no_empty_lines():
-    text = "{% for name, n in runs.items() %}\n- {{ name }}: {{ n }}\n{% endfor %}\n{% if not runs %}\nnone\n{% endif %}"
+    text = "{% for name, n in runs.items() %}\n- {{ name }}: {{ n }}\n{% else %}\nnone\n{% endfor %}\n"
     assert fill(text, {"runs": {"a": 1, "b": 2}}) == "- a: 1\n- b: 2\n"
     assert fill(text, {"runs": {}}) == "none\n"
 

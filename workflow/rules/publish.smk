@@ -60,7 +60,9 @@ rule book:
         notebooks=[result("notebooks", f"{notebook}.ipynb") for notebook in NOTEBOOKS],
         published=[file for name in NOTEBOOKS for file in figures_of(name)]
         + [file for name in NOTEBOOKS for file in tables_of(name)],
-        results=[result(name) for name in ("config.json", "laws/answer.csv", "exact.csv")],
+        results=[
+            result(name) for name in ("config.json", "laws/answer.csv", "exact.csv")
+        ],
         guides=sorted(map(str, Path("docs").glob("*.md"))),
         captions=sorted(map(str, CAPTIONS.glob("*.rst"))),
         pages=sorted(map(str, Path("workflow/book").iterdir())),

@@ -1,8 +1,8 @@
 """The book: the executed notebooks and the guides as one site, made by Sphinx and complete without a network.
 
-A folder of sources is put together first. Every notebook is a chapter; a figure that it shows becomes one with
-number, caption, alternative text and files; and its tables are listed at its end. Every guide is a chapter too.
-The first and the last page are templates in ``workflow/book``, filled in from the results as notebooks are
+A folder of sources is put together first. Every notebook is a chapter: a figure that it shows gets number,
+caption, alternative text and files, and its tables are listed at its end. Every guide is a chapter too. The
+first and the last page are templates in ``workflow/book``, filled in as the texts of notebooks are
 (`publishing.texts`). Sphinx then makes the site, without a date in it, so that the same study is the same
 site byte by byte.
 """
@@ -119,7 +119,7 @@ def build_book(parts: Parts, site: Path, names: dict[str, Any]) -> None:
 def _write_sources(parts: Parts, sources: Path, names: dict[str, Any]) -> None:
     shutil.copytree(parts.study.figures, sources / "figures")
     shutil.copytree(parts.pages, sources, dirs_exist_ok=True)
-    (sources / MATHJAX).write_bytes(files("sphinx-mathjax-offline").joinpath("static/mathjax", MATHJAX).read_bytes())
+    shutil.copy(files("sphinx-mathjax-offline") / "static" / "mathjax" / MATHJAX, sources)
     for guide in parts.guides:
         shutil.copy(guide, sources)
     for path in parts.notebooks:
@@ -135,15 +135,22 @@ def _write_sources(parts: Parts, sources: Path, names: dict[str, Any]) -> None:
 
 def _chapter(parts: Parts, name: str, notebook: NotebookNode) -> Iterator[NotebookNode]:
     """Yield the cells of a chapter: code folded away, figures as text with a caption, tables listed last."""
+    silent = ""  # code that shows nothing is folded away together with the code after it
     for cell in notebook.cells:
-        if cell.cell_type != "code":
-            yield cell
-        elif not PARAMETERS & set(cell.metadata.get("tags", [])):
+        if cell.cell_type == "code" and not PARAMETERS & set(cell.metadata.get("tags", [])):
             figures = [shown for output in cell.outputs if (shown := _published(output))]
             cell.outputs = [output for output in cell.outputs if not _published(output)]
+            cell.source, silent = silent + cell.source, ""
             cell.metadata["tags"] = ["hide-input"]
-            yield cell
+            if cell.outputs or figures:
+                yield cell
+            else:
+                silent = f"{cell.source}\n\n"
             yield from (nbformat.v4.new_markdown_cell(parts.figure(shown), id=shown) for shown in figures)
+        elif cell.cell_type != "code":
+            yield cell
+    if silent:
+        yield nbformat.v4.new_code_cell(silent.strip(), id="code", metadata={"tags": ["hide-input"]})
     if tables := parts.tables[name]:
         listed = "\n".join(map(parts.table, tables))
         yield nbformat.v4.new_markdown_cell(f"## Tables of this chapter\n\n{listed}", id="tables")
@@ -173,6 +180,9 @@ def _run_sphinx(sources: Path, made: Path, doctrees: Path, study: str) -> None:
         "html_theme_options": {
             "use_download_button": False,
             "use_fullscreen_button": False,
+            "navbar_start": [],
+            "navbar_persistent": [],
+            "navbar_end": [],
             "show_toc_level": 2,
             "search_bar_text": "Search the book",
         },

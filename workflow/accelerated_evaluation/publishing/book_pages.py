@@ -1,4 +1,4 @@
-"""What the first and the last page of the book tell: the answer, the claims, and what the book was made from."""
+"""What the first and the last page of the book tell: the answer, the claims, what the book was made from."""
 
 import hashlib
 import platform
@@ -46,7 +46,8 @@ def known_to_pages(study: Study, records: Iterable[str]) -> dict[str, Any]:
         "vehicle": study.config["vehicle"],
         "paper_probability": PAPER_PROBABILITY,
         "claims": to_markdown(claims),
-        "made_from": {"commit": _commit()} | {f"SHA-256 of {path}": _checksum(Path(path)) for path in records},
+        "commit": _commit(),
+        "checksums": {str(path): _checksum(Path(path)) for path in records},
         "versions": {"Python": platform.python_version()} | {name: version(name) for name in PACKAGES},
         "configuration": yaml.safe_dump(study.config, allow_unicode=True, sort_keys=False).strip(),
     }

@@ -84,9 +84,7 @@ def run_notebook(notebook: str, parameters: dict[str, str], executed: str) -> No
     """
     with atomic_path(executed) as temporary:
         try:
-            papermill.execute_notebook(
-                notebook, temporary, parameters, engine_name=ENGINE, progress_bar=True
-            )
+            papermill.execute_notebook(notebook, temporary, parameters, engine_name=ENGINE, progress_bar=True)
         except PapermillExecutionError as error:
             raise StudyError(f"{notebook}, cell {error.exec_count}: {error.ename}: {error.evalue}") from error
         except StudyError as error:

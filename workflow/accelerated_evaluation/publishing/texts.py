@@ -39,6 +39,12 @@ def percent(value: float, decimals: int = 0, sign: str = "") -> str:
     return f"{number(100 * value, decimals, sign)}%" if math.isfinite(value) else readable(float(value))
 
 
+def unbroken(value: Any, digits: int = 3) -> Any:  # noqa: ANN401
+    """Write a number as `readable` does, and keep it on one line."""
+    written = readable(value, digits)
+    return written.replace(" ", "\N{NO-BREAK SPACE}") if isinstance(written, str) else written
+
+
 def fill(text: str, names: Mapping[str, Any]) -> str:
     """Return a Markdown text with its placeholders filled in.
 
@@ -79,4 +85,4 @@ def _escaped(value: Any) -> Any:  # noqa: ANN401
 _ENVIRONMENT = Environment(
     undefined=StrictUndefined, finalize=_escaped, trim_blocks=True, lstrip_blocks=True, autoescape=False
 )
-_ENVIRONMENT.filters |= {"number": number, "percent": percent, "readable": readable}
+_ENVIRONMENT.filters |= {"number": number, "percent": percent, "readable": unbroken}
