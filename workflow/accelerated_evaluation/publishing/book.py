@@ -31,6 +31,7 @@ TABLE_FILES = {"CSV": "csv", "Markdown": "md", "LaTeX": "tex"}
 PARAMETERS = {"parameters", "injected-parameters"}  # tags of the cells that only say where the results are
 MATHJAX = "tex-svg.js"  # one file that draws formulas and adds MathML for screen readers; it needs no fonts
 STYLE = "book.css"
+PIXELS = 2  # of a PNG file for one on the page, so that figures have one size, and are sharp when enlarged
 
 
 @dataclass(frozen=True)
@@ -79,9 +80,11 @@ class Parts:
         caption, *rest = self.caption(name)
         sentence = " ".join(re.split(r"(?<=[.:]) ", " ".join(caption.split()), maxsplit=1)[0].split())
         number = int(re.search(r"\d+", name)[0])
+        width = int.from_bytes((self.study.figures / f"{name}.png").read_bytes()[16:20], "big") // PIXELS
         # A click on the picture opens it alone, where a browser can enlarge it.
         return (
             f"````{{figure}} figures/{name}.png\n:name: {label or name}\n:alt: {_plain(sentence)}\n"
+            f":width: {width}px\n"
             f":target: _images/{name}.png\n\n**Figure {number}.** {' '.join(caption.split())}\n\n"
             f"{' '.join(' '.join(rest).split())}\n\n{_links('figures', name, FIGURE_FILES)}\n````\n"
         )
