@@ -16,7 +16,7 @@ from accelerated_evaluation.laws import CutIns, Factors, Law, Stratum
 LOWER, POWER = 1 / 75, 1.5
 UNIT = BoundedExponential(1.0)
 FACTORS = Factors(UNIT, UNIT)
-# The same distribution in two pieces, as the method `piecewise` wants it.
+# The same distribution in two pieces, which the paper's methods tilt apart.
 PIECES = PiecewiseMixture(
     [-np.expm1(-2), np.exp(-2)], [BoundedExponential(1.0, 0.0, 2.0), BoundedExponential(1.0, 2.0)]
 )
@@ -41,6 +41,7 @@ class DependentStratum(Stratum):
     factors: Factors = FACTORS
 
     inverse_range_min = LOWER
+    pieces = Factors(PIECES, PIECES)
 
     def cut_ins(self, lead_speed, first, second):
         inverse_range = LOWER + first / rate(lead_speed)

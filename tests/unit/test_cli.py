@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import cli
+from accelerated_evaluation.commands import simulate as simulate_command
 from accelerated_evaluation.vehicles import AccAeb
 from accelerated_evaluation.vehicles.checks import INPUTS, OUTCOMES
 
@@ -57,7 +58,7 @@ def test_every_published_verdict(tmp_path):
 
 
 def test_carries_columns_and_round_trips_outcomes(table, monkeypatch):
-    monkeypatch.setattr(cli, "CHUNK", 2)
+    monkeypatch.setattr(simulate_command, "CHUNK", 2)
     text = "\ufeffid,range, lead_speed ,crash,closing_speed,note\n" + "".join(
         f'00{i},{range_},20,old,{closing},"a, ""b"""\n'
         for i, (range_, closing) in enumerate(((1, 15), (50, 1e-3), (9, 0)))
@@ -128,7 +129,7 @@ def test_only_a_header(table):
     ],
 )
 def test_bad_tables(table, capsys, monkeypatch, text, message):
-    monkeypatch.setattr(cli, "CHUNK", 2)
+    monkeypatch.setattr(simulate_command, "CHUNK", 2)
     status, target = table(text)
     assert status == 2
     lines = capsys.readouterr().err.splitlines()

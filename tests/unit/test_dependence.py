@@ -31,10 +31,6 @@ def truths(edges=EDGES):
     return found | {ALL: sum(share * found[name] for name, share in LAW.shares.items())}
 
 
-def law_for(method):
-    return LAW if method == "single" else IN_PIECES
-
-
 def configured(method):
     return METHODS[method].configured(CONFIG | {"cross_entropy": CONFIG["cross_entropy"] | STEP})
 
@@ -57,7 +53,7 @@ def test_crude_monte_carlo_finds_the_probability():
 @pytest.mark.parametrize("method", PAPERS)
 @pytest.mark.parametrize("stratum", LAW.strata)
 def test_the_search_finds_the_probability_of_each_stratum(method, stratum):
-    problem, truth, size = Problem(law_for(method), CAR), truths()[stratum], 20_000
+    problem, truth, size = Problem(LAW, CAR), truths()[stratum], 20_000
     found = configured(method).search(problem, stratum, np.random.default_rng(1))
     sample = problem.sample(stratum, found.proposal, np.random.default_rng(2), size)
     error = sample.weight.std() / math.sqrt(size)
@@ -92,7 +88,7 @@ def test_likelihood_ratios_average_to_one(f_star, stratum):
 @pytest.mark.parametrize("method", PAPERS)
 def test_estimates_of_all_strata_cover(method):
     stopping = Stopping(alpha=0.01, beta=0.1, minimum_events=200, maximum_simulations=200_000)
-    estimate = configured(method).estimate(Problem(law_for(method), CAR), stopping, np.random.default_rng(4))
+    estimate = configured(method).estimate(Problem(LAW, CAR), stopping, np.random.default_rng(4))
     assert estimate.converged
     assert estimate.covers(truths()[ALL])
     assert not estimate.covers(1.5 * truths()[ALL])

@@ -16,7 +16,6 @@ from accelerated_evaluation.truth.calibration import (
     cells,
     mid_p,
     near_miss_counts,
-    places_of,
     with_limits,
 )
 from accelerated_evaluation.truth.crash_map import Grid
@@ -323,7 +322,7 @@ def test_the_study_car_has_crashes_at_short_range_first(events, family):
     lines = Lines.of(crash_map, events.lead_speed)
     nearest = lines.start[np.argsort(lines.places.range_[lines.row])]
     assert nearest[:20].mean() < nearest[-20:].mean()
-    assert places_of(events).splines.shape == (SIZE, 72)
+    assert events.places.splines.shape == (SIZE, 72)
 
 
 def test_a_map_that_misses_crashes_of_the_records_is_refused():

@@ -1,60 +1,13 @@
-"""The command ``accelerated-evaluation``."""
+"""The command ``accelerated-evaluation``; its subcommands: modules of `accelerated_evaluation.commands`."""
 
 import argparse
-import csv
-import math
-import os
 import sys
-from collections.abc import Iterator, Sequence
-from itertools import islice
-from pathlib import Path
-from typing import NamedTuple, TextIO
+from collections.abc import Sequence
 
-import numpy as np
-from tqdm import tqdm
+from accelerated_evaluation.commands import COMMANDS
+from accelerated_evaluation.errors import StudyError
 
-from accelerated_evaluation.errors import InputError, StudyError
-from accelerated_evaluation.files import atomic_path
-from accelerated_evaluation.vehicles.built_in import VEHICLES
-from accelerated_evaluation.vehicles.checks import INPUTS, OUTCOMES, checked_encounters
-from accelerated_evaluation.vehicles.loading import load_vehicle
-from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
-from accelerated_evaluation.vehicles.replay import trace_encounter, write_trace
-
-CHUNK = 100_000  # rows in memory at a time
-SIMULATE = """\
-Simulate cut-ins, one a row of IN.csv, and write the table with their outcomes.
-
-columns read:
-  lead_speed      speed of the lead vehicle, constant [m/s], 0 or more
-  range           distance to it at the start [m], above 0
-  closing_speed   host speed minus lead speed at the start [m/s]
-
-columns added at the end (replacing any of the same name):
-  crash           1 if the range reached 0, else 0
-  min_range       smallest range [m]; 0 or less after a crash
-  min_ttc         smallest time to collision [s]; inf if the host never closed in
-  impact_speed    closing speed at the crash [m/s]; 0 without one
-
-All other columns are carried through unchanged."""
-REPLAY = """\
-Simulate one cut-in with a built-in vehicle, and write its states, one a row, to OUT.csv.
-
-columns:
-  time_s, lead_position_m (its rear), host_position_m (its front, 0 at the start), lateral_distance_m,
-  lead_speed_m_per_s, host_speed_m_per_s, host_acceleration_m_per_s2 (of the step before), range_m,
-  time_to_collision_s (inf if the host does not close in),
-  emergency (1 while the AEB is on, or while a reference driver sees danger)
-
-The trace ends in the outcomes that the command simulate gives for the same cut-in."""
-EXIT = "Bad input ends with one line on standard error, exit status 2, and no OUT.csv written."
-
-
-class Row(NamedTuple):
-    """One record of a CSV file, and the number of its last line."""
-
-    number: int
-    fields: list[str]
+EXIT = "Bad input ends with one line on standard error and exit status 2, and nothing half-written is left."
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -85,199 +38,17 @@ def _parser() -> argparse.ArgumentParser:
         description="Crash probability of automated vehicles in cut-ins by accelerated evaluation.",
     )
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    _add_simulate(commands)
-    _add_replay(commands)
-    return parser
-
-
-def _add_simulate(commands: argparse._SubParsersAction) -> None:
-    command = commands.add_parser(
-        "simulate",
-        help="simulate the cut-ins of a table",
-        description=SIMULATE,
-        epilog=EXIT,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    command.add_argument("source", metavar="IN.csv", type=Path, help="table of cut-ins, with a header")
-    command.add_argument("target", metavar="OUT.csv", type=Path, help="table to write, whole or not at all")
-    command.add_argument(
-        "--vehicle",
-        metavar="NAME",
-        default="acc_aeb",
-        help=f"{', '.join(VEHICLES)}, or path/to/file.py:ClassName for your own (default: %(default)s)",
-    )
-    command.add_argument(
-        "--closing-speed-max",
-        metavar="SPEED",
-        type=_speed,
-        help="simulate larger closing speeds as this one [m/s]; the study uses 23.49 (default: no limit)",
-    )
-    command.set_defaults(run=_run_simulate)
-
-
-def _add_replay(commands: argparse._SubParsersAction) -> None:
-    command = commands.add_parser(
-        "replay",
-        help="show what happens in one cut-in",
-        description=REPLAY,
-        epilog=EXIT,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    for name, meaning in (
-        ("lead_speed", "speed of the lead vehicle, constant [m/s]"),
-        ("range", "distance to it at the start [m]"),
-        ("closing_speed", "host speed minus lead speed at the start [m/s]"),
-    ):
-        command.add_argument(name, type=float, help=meaning)
-    command.add_argument("target", metavar="OUT.csv", type=Path, help="table of the states to write")
-    command.add_argument("--figure", metavar="FILE", type=Path, help="figure to write: .png, .pdf or .svg")
-    command.add_argument(
-        "--vehicle",
-        metavar="NAME",
-        default="acc_aeb",
-        help=f"{', '.join(VEHICLES)} (default: %(default)s)",
-    )
-    command.set_defaults(run=_run_replay)
-
-
-def _run_replay(arguments: argparse.Namespace) -> None:
-    encounter = arguments.lead_speed, arguments.range, arguments.closing_speed
-    trace = trace_encounter(arguments.vehicle, *encounter)
-    numbers = "lead speed {:g} m/s, range {:g} m, closing speed {:g} m/s".format(*encounter)
-    write_trace(trace, arguments.target, arguments.figure, f"{arguments.vehicle}: {numbers}")
-
-
-def _speed(text: str) -> float:
-    speed = float(text)
-    if not (math.isfinite(speed) and speed > 0):
-        raise ValueError
-    return speed
-
-
-_speed.__name__ = "positive speed"  # argparse names the type in its message
-
-
-def _run_simulate(arguments: argparse.Namespace) -> None:
-    vehicle = load_vehicle(arguments.vehicle)
-    limit = math.inf if arguments.closing_speed_max is None else arguments.closing_speed_max
-    simulate_table(arguments.source, arguments.target, vehicle, closing_speed_max=limit)
-
-
-def simulate_table(
-    source: Path, target: Path, vehicle: Vehicle, *, closing_speed_max: float = math.inf
-) -> None:
-    """Simulate the cut-ins of a CSV file and write them with their outcomes to another, a chunk at a time.
-
-    Parameters
-    ----------
-    source
-        CSV file with a header and the columns lead_speed [m/s], range [m] and closing_speed [m/s].
-    target
-        CSV file to write; crash (0 or 1), min_range [m], min_ttc [s], impact_speed [m/s] come last.
-    vehicle
-        The car under test.
-    closing_speed_max
-        Larger closing speeds are simulated as this one [m/s]; the table keeps them.
-
-    Raises
-    ------
-    InputError
-        If a column is missing or a value is none that can be simulated; names file, row and column.
-    """
-    with _opened(source) as file:
-        rows = _rows(file, source)
-        header = [name.strip() for name in next(rows, Row(0, [])).fields]
-        inputs = [_position(header, name, source) for name in INPUTS]
-        carried = [column for column, name in enumerate(header) if name not in OUTCOMES]
-        with atomic_path(target) as temporary, temporary.open("w", encoding="utf-8", newline="") as out:
-            writer = csv.writer(out, lineterminator="\n")
-            writer.writerow([header[column] for column in carried] + list(OUTCOMES))
-            while chunk := list(islice(rows, CHUNK)):
-                columns = [_numbers(chunk, column, header, source) for column in inputs]
-                numbers = [row.number for row in chunk]
-                lead_speed, range_, closing_speed = checked_encounters(
-                    *columns, source=str(source), rows=numbers
-                )
-                outcomes = vehicle.simulate(lead_speed, range_, np.minimum(closing_speed, closing_speed_max))
-                kept = ([row.fields[column] for column in carried] for row in chunk)
-                writer.writerows(old + list(new) for old, new in zip(kept, _records(outcomes), strict=True))
-
-
-def _opened(source: Path) -> TextIO:
-    try:
-        return source.open(encoding="utf-8-sig", newline="")
-    except OSError as error:
-        seen = (error.strerror or str(error)).lower()
-        raise InputError(str(source), seen=seen, expected="a CSV file", change="Correct its path.") from error
-
-
-def _rows(file: TextIO, source: Path) -> Iterator[Row]:
-    """Yield the records of a CSV file, the header first, blank lines left out."""
-    reader = csv.reader(_with_progress(file))
-    width = None
-    try:
-        for fields in reader:
-            if not fields:
-                continue
-            width = width or len(fields)
-            if len(fields) != width:
-                raise InputError(
-                    f"{source}, row {reader.line_num}",
-                    seen=f"{len(fields)} fields",
-                    expected=f"{width}, as in the header",
-                    change="Correct this row.",
-                )
-            yield Row(reader.line_num, fields)
-    except (csv.Error, UnicodeDecodeError) as error:
-        where = f"{source}, row {reader.line_num + 1}"
-        raise InputError(
-            where, seen=str(error), expected="CSV text in UTF-8", change="Export it anew."
-        ) from error
-
-
-def _with_progress(file: TextIO) -> Iterator[str]:
-    """Yield the lines of a file; a bar on a terminal shows how much is read, from one second on."""
-    size = os.fstat(file.fileno()).st_size or None
-    with tqdm(desc="simulate", total=size, unit="B", unit_scale=True, delay=1, disable=None) as progress:
-        for line in file:
-            progress.update(len(line))
-            yield line
-
-
-def _position(header: list[str], name: str, source: Path) -> int:
-    """Return where the header has the column ``name``, which must be there once."""
-    if header.count(name) != 1:
-        times = "more than one" if name in header else "no"
-        raise InputError(
-            f"{source}, row 1",
-            seen=f"{times} column {name} among: {', '.join(header) or 'none'}",
-            expected=f"a header with {', '.join(INPUTS)}",
-            change="Correct the header.",
+    for name, command in COMMANDS.items():
+        subparser = commands.add_parser(
+            name,
+            help=command.help,
+            description=command.description,
+            epilog=EXIT,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
         )
-    return header.index(name)
-
-
-def _numbers(chunk: list[Row], column: int, header: list[str], source: Path) -> list[float]:
-    """Return one column of ``chunk`` as numbers."""
-    numbers = []
-    for row in chunk:
-        try:
-            numbers.append(float(row.fields[column]))
-        except ValueError as error:
-            raise InputError(
-                f"{source}, row {row.number}, column {header[column]}",
-                seen=repr(row.fields[column]),
-                expected="a number",
-                change="Correct or remove this row.",
-            ) from error
-    return numbers
-
-
-def _records(outcomes: Outcomes) -> Iterator[tuple[int, float, float, float]]:
-    """Iterate over the encounters' outcomes, in the order of OUTCOMES."""
-    crash = outcomes.crash.astype(int)
-    columns = (crash, outcomes.min_range, outcomes.min_ttc, outcomes.impact_speed)
-    return zip(*(column.tolist() for column in columns), strict=True)
+        command.add_arguments(subparser)
+        subparser.set_defaults(run=command.run)
+    return parser
 
 
 if __name__ == "__main__":

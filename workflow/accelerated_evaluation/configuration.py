@@ -72,10 +72,16 @@ def load(paths: Sequence[str | os.PathLike] = ()) -> dict[str, Any]:
         If the configuration is not valid.
     """
     config: dict[str, Any] = {}
-    for path in (DEFAULTS, *paths):
+    for path in paths:
         config = _merged(config, read_yaml(Path(path)))
+    config = completed(config)
     validate(config)
     return config
+
+
+def completed(config: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a configuration with the keys that it does not state as ``config/config.yaml`` states them."""
+    return _merged(read_yaml(DEFAULTS), config)
 
 
 def validate(config: Mapping[str, Any]) -> None:

@@ -9,11 +9,11 @@ from accelerated_evaluation.publishing.catalogue import (
 
 FIGURE_FORMATS = ["png", "pdf", "svg", "csv"]
 TABLE_FORMATS = ["csv", "md", "tex"]
-CAPTIONS = Path("workflow/report")
+CAPTIONS = PROJECT / "workflow/report"
 try:
     NOTEBOOKS = {
         path.stem: read_contents(path)
-        for path in sorted(Path("notebooks").glob("*.ipynb"))
+        for path in sorted((PROJECT / "notebooks").glob("*.ipynb"))
     }
     require_captions(
         [name for made in NOTEBOOKS.values() for name in [*made.figures, *made.tables]],
@@ -21,6 +21,11 @@ try:
     )
 except StudyError as error:
     raise WorkflowError(str(error)) from None
+
+
+def notebook_of(name):
+    """Path of a notebook."""
+    return str(PROJECT / "notebooks" / f"{name}.ipynb")
 
 
 def read_by(notebook):
@@ -37,7 +42,7 @@ def in_report(path, category, name, caption):
     """Show a file in the report, under its category and with a caption."""
     return report(
         path,
-        caption=f"{workflow.basedir}/{CAPTIONS}/{caption}.rst",
+        caption=str((CAPTIONS / f"{caption}.rst").resolve()),
         category=category,
         labels={"name": name},
     )

@@ -1,12 +1,21 @@
 # What the rules share: the validated configuration, names, path helpers, and what a rule depends on.
 #
 # In: config. Out: nothing; definitions only.
+#
+# Results are written below the working directory. What belongs to this project is found from where its library is,
+# because the two folders differ where another workflow uses this one as a module.
 
+import os
 from dataclasses import asdict
 from pathlib import Path
 
 from accelerated_evaluation.alive import release_dead_locks
-from accelerated_evaluation.configuration import read_yaml, validate
+from accelerated_evaluation.configuration import (
+    WORKFLOW,
+    completed,
+    read_yaml,
+    validate,
+)
 from accelerated_evaluation.dependencies import (
     content_digest,
     imported_modules,
@@ -19,11 +28,13 @@ from accelerated_evaluation.errors import StudyError
 from accelerated_evaluation.methods import METHODS
 from snakemake.exceptions import WorkflowError
 
-ALIVE = release_dead_locks()
+# A job of a cluster runs on a machine of its own, which cannot tell whether the run that sent it is alive.
+ALIVE = release_dead_locks() if workflow.is_main_process else None
 
 try:
     for path in workflow.configfiles:
         read_yaml(Path(path))  # Snakemake takes the last of equal keys without a word
+    config = completed(config)
     validate(config)
 except StudyError as error:
     raise WorkflowError(str(error)) from None
@@ -36,8 +47,9 @@ SEARCHING = [name for name in REPLICATED if METHODS[name].learns_apart]
 JUDGED = [*SEARCHING, "crude"]
 RESULTS = Path("results") / STUDY
 FIGURES = Path("figures") / STUDY
-LIBRARY = Path("workflow/accelerated_evaluation")
-SCRIPTS = Path("workflow/scripts")
+PROJECT = Path(os.path.relpath(WORKFLOW.parent))
+LIBRARY = PROJECT / "workflow/accelerated_evaluation"
+SCRIPTS = PROJECT / "workflow/scripts"
 SEGMENTS = segment_names(config["segments"]["lead_speed_edges"])
 SEEDS = range(config["cross_entropy"]["seeds"])
 MODELS = ["two_pieces", "three_pieces", "single"]
@@ -45,6 +57,8 @@ MODEL = config["models"]["inverse_range"]["variant"]
 
 # The user's own files count by their content, in the parameters of the rules, and not by their date.
 SOURCE = config["data"][config["data"]["source"]]
+if not Path(SOURCE["path"]).exists() and (PROJECT / SOURCE["path"]).exists():
+    SOURCE["path"] = str(PROJECT / SOURCE["path"])  # the records of this project
 RECORDS = [SOURCE["path"]]
 DESCRIPTION = describe(config["data"])
 VEHICLE = config["vehicle"]["name"]

@@ -33,8 +33,8 @@ for _notebook in NOTEBOOKS:
             f"run_{_notebook}"
         input:
             results=read_by(_notebook),
-            notebook=f"notebooks/{_notebook}.ipynb",
-            library=modules_of("run_notebook.py", f"notebooks/{_notebook}.ipynb"),
+            notebook=notebook_of(_notebook),
+            library=modules_of("run_notebook.py", notebook_of(_notebook)),
         output:
             figures=figures_of(_notebook),
             tables=tables_of(_notebook),
@@ -63,9 +63,9 @@ rule book:
         results=[
             result(name) for name in ("config.json", "laws/answer.csv", "exact.csv")
         ],
-        guides=sorted(map(str, Path("docs").glob("*.md"))),
+        guides=sorted(map(str, (PROJECT / "docs").glob("*.md"))),
         captions=sorted(map(str, CAPTIONS.glob("*.rst"))),
-        pages=sorted(map(str, Path("workflow/book").iterdir())),
+        pages=sorted(map(str, (PROJECT / "workflow/book").iterdir())),
         library=modules_of("build_book.py"),
     output:
         site=directory(result("book")),

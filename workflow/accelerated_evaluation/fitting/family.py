@@ -65,6 +65,11 @@ class Events:
         """Number of events."""
         return self.lead_speed.size
 
+    @property
+    def places(self) -> Places:
+        """Their lead speeds and ranges, where laws of the closing speed are given."""
+        return Places.of(self.lead_speed, self.range_)
+
     def only(self, chosen: Array) -> "Events":
         """Return the chosen ones, by index or mask."""
         return Events(self.lead_speed[chosen], self.range_[chosen], self.closing_speed[chosen])
@@ -83,8 +88,7 @@ class Exceedances:
         """Find them."""
         excess = events.closing_speed - threshold(events.lead_speed, events.range_)
         index = np.flatnonzero(excess > 0)
-        places = Places.of(events.lead_speed[index], events.range_[index])
-        return cls(index, excess[index], places.splines)
+        return cls(index, excess[index], events.only(index).places.splines)
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from accelerated_evaluation.distributions import Empirical
-from accelerated_evaluation.distributions.bounded_exponential import BoundedExponential
+from accelerated_evaluation.distributions import BoundedExponential, Empirical, PiecewiseMixture
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.fitting.conditional import (
     RANGE_MAX,
@@ -28,6 +27,10 @@ from accelerated_evaluation.laws.independent import recorded_lead_speeds
 from accelerated_evaluation.laws.protocol import CutIns, Factors, Law, Stratum
 
 SCORES = Factors(BoundedExponential(1.0), BoundedExponential(1.0))
+TAIL = 0.05  # share of the upper piece of a score: the paper's for the tail of TTC^-1
+KNOT = -math.log(TAIL)
+# An exponential has no memory: cut anywhere, it is two exponentials of the same rate.
+CUT = PiecewiseMixture((1 - TAIL, TAIL), (BoundedExponential(1.0, 0.0, KNOT), BoundedExponential(1.0, KNOT)))
 PLACES_AT_ONCE = 50_000  # bounds the memory: about 100 MB
 
 
@@ -43,6 +46,11 @@ class DependentStratum(Stratum):
     ranges: SmoothHazard
     speeds: SpeedLaw
     factors: Factors = SCORES
+
+    @property
+    def pieces(self) -> Factors:
+        """The unit exponentials of the scores, each cut at its 95 % quantile."""
+        return Factors(CUT, CUT)
 
     def cut_ins(self, lead_speed: Array, first: Array, second: Array) -> CutIns:
         """Return the cut-ins of given scores."""

@@ -85,6 +85,11 @@ class Stratum(ABC):
     lead_speed: Empirical
     factors: Factors
 
+    @property
+    def pieces(self) -> Factors:
+        """The same distributions as `factors`, in the pieces that the paper's methods tilt and weigh anew."""
+        return self.factors
+
     @abstractmethod
     def cut_ins(self, lead_speed: Array, first: Array, second: Array) -> CutIns:
         """Return the cut-ins that lie at given coordinates; all arrays have shape (n,)."""

@@ -15,6 +15,7 @@ from accelerated_evaluation.publishing.paper_numbers import PAPER_PROBABILITY
 from accelerated_evaluation.publishing.study import Study
 from accelerated_evaluation.publishing.tables import readable, to_markdown
 
+PROJECT = Path(__file__).resolve().parents[3]
 # Those that the numbers, the figures and the pages are made with; environment.txt pins all others too.
 PACKAGES = ("numpy", "scipy", "pandas", "pyarrow", "numba", "matplotlib")
 PACKAGES += ("snakemake", "papermill", "jinja2", "sphinx", "myst-nb", "sphinx-book-theme")
@@ -59,10 +60,10 @@ def _checksum(path: Path) -> str:
 
 
 def _commit() -> str:
-    """Return the commit of the repository in the working folder, and whether its files differ from it."""
+    """Return the commit of this project, and whether its files differ from it."""
     command = ["git", "describe", "--always", "--abbrev=40", "--dirty=, with changes"]
     try:
-        found = subprocess.run(command, capture_output=True, text=True, check=True)
+        found = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
         return "not known, as the folder is no git repository"
     return found.stdout.strip()

@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 from scipy.stats import poisson
 
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.fitting.conditional import Places
 from accelerated_evaluation.fitting.family import Events
 from accelerated_evaluation.truth.scoring import GivenLaw
 
@@ -116,8 +115,3 @@ def mid_p(recorded: ArrayLike, expected: ArrayLike) -> Array:
     half = poisson.pmf(recorded, expected) / 2
     below, above = poisson.cdf(recorded, expected) - half, poisson.sf(recorded, expected) + half
     return np.minimum(2 * np.minimum(below, above), 1.0)
-
-
-def places_of(events: Events) -> Places:
-    """Return the lead speeds and ranges of events as places."""
-    return Places.of(events.lead_speed, events.range_)

@@ -20,7 +20,7 @@ from accelerated_evaluation.truth.answer import (
     threshold_table,
     vehicle_table,
 )
-from accelerated_evaluation.truth.calibration import cell_counts, near_miss_counts, places_of, with_limits
+from accelerated_evaluation.truth.calibration import cell_counts, near_miss_counts, with_limits
 from accelerated_evaluation.truth.crash_map import CrashMap
 from accelerated_evaluation.truth.law_scores import KNOT, PAPER, TOGETHER, law_table, score_laws
 from accelerated_evaluation.truth.lines import Lines, crash_places
@@ -96,13 +96,12 @@ class LawStudy:
         """
         events = Events.of(encounters)
         (_, own), *others = maps.items()
-        lines = {event_name(event): Lines.of(own, events.lead_speed, event) for event in sorted(own.events)}
+        named = {event_name(event): event for event in sorted(own.events)}
+        lines = {name: Lines.of(own, events.lead_speed, event) for name, event in named.items()}
         lines |= {f"crash of {name}": Lines.of(mapped, events.lead_speed) for name, mapped in others}
         weighed = weigh(events, generator, draws=draws)
         thinned = {name: weighed.thinned(part, generator) for name, part in lines.items()}
-        return cls(
-            encounters, vehicles, weighed, lines, thinned, {event_name(e): e for e in sorted(own.events)}
-        )
+        return cls(encounters, vehicles, weighed, lines, thinned, named)
 
     @property
     def vehicle(self) -> Vehicle:
@@ -134,7 +133,7 @@ class LawStudy:
     def calibration(self) -> pd.DataFrame:
         """Table ``calibration``: ``law`` and the columns of `calibration.with_limits`."""
         events, family = self.weighed.events, self.family
-        places, outcomes = places_of(events), self.replayed(self.vehicle)
+        places, outcomes = events.places, self.replayed(self.vehicle)
         below = places.body(family.body)
         by_member = {m: cell_counts(events, family.law(m).given(places, below)) for m in self.weighed.members}
         near = {name: self.probabilities(name) for name in self.events}

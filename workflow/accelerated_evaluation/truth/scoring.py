@@ -162,8 +162,7 @@ def _score_blocks(
     scores = {name: np.zeros((laws, events.size)) for name in regions}
     for number in range(blocks):
         out = np.flatnonzero((block == number) & (times > 0))
-        places = Places.of(events.lead_speed[out], events.range_[out])
-        for place, given in enumerate(laws_without(np.flatnonzero(block == number), places)):
+        for place, given in enumerate(laws_without(np.flatnonzero(block == number), events.only(out).places)):
             for name, boundary in regions.items():
                 scores[name][place, out] = times[out] * score(given, events.closing_speed[out], boundary[out])
     return scores

@@ -71,7 +71,7 @@ class CrossEntropyMethod(Method):
     ) -> Search:
         """Search f* of one stratum; see `search.search` for the arguments and what is raised."""
         settings = Settings(**{name: self.cross_entropy[name] for name in Settings.__dataclass_fields__})
-        start = self.start(problem.law.strata[stratum].factors)
+        start = self.start(problem.law.strata[stratum].pieces)
         return search(
             problem, stratum, start, settings, generator, shift=self.shift(), on_iteration=on_iteration
         )
