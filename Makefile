@@ -27,7 +27,7 @@ study: $(ENVIRONMENT) ## run the study: make study [CONFIG=my_study.yaml] [CORES
 	$(SNAKEMAKE)
 
 book: $(ENVIRONMENT) ## the book alone, and what it needs: results/<study>/book/index.html
-	$(SNAKEMAKE) book
+	$(SNAKEMAKE) -- book
 
 report: study ## run the study, then write its self-contained HTML report to results/report.html
 	$(SNAKEMAKE) --report results/report.html
