@@ -195,6 +195,8 @@ def _run_sphinx(sources: Path, made: Path, doctrees: Path, study: str) -> None:
         "html_use_index": False,
         "html_show_copyright": False,
         "html_show_sphinx": False,
+        "html_show_search_summary": False,  # it fetches the pages, which browsers refuse for files on a disk
+        "html_context": {"default_mode": "auto"},
         "html_permalinks_icon": "#",
         "mathjax_path": MATHJAX,
         "myst_enable_extensions": ["dollarmath", "amsmath"],
