@@ -17,7 +17,7 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is install
 SCREENS = {"wide": (1400, 900), "narrow": (390, 800)}
 BROKEN = "() => [...document.images].filter(i => !i.complete || !i.naturalWidth).map(i => i.src)"
 SILENT = "() => [...document.images].filter(i => !i.alt.trim()).map(i => i.src)"
-FORMULAS = "() => ['.math', '.math mjx-container svg'].map(s => document.querySelectorAll(s).length)"
+FORMULAS = "() => ['.math', '.math:has(mjx-container svg)'].map(s => document.querySelectorAll(s).length)"
 WRONG = "() => document.querySelectorAll('mjx-merror, [data-mml-node=merror]').length"
 ANCHORS = "() => [...document.querySelectorAll('a[href]')].map(a => a.href)"
 NAMES = "() => [...document.querySelectorAll('[id]')].map(e => e.id)"
