@@ -50,7 +50,7 @@ def extract(recordings: Path, space: Path) -> tuple[pd.DataFrame, dict]:
     study.write_text(f"data:\n  source: spmd_raw\n  spmd_raw: {{path: {recordings}}}\n")
     temporary = space / "temporary"
     temporary.mkdir()
-    start, peak = time.perf_counter(), 0
+    peak = 0
     process = subprocess.Popen(
         [sys.executable, "-c", EXTRACT, str(study), str(found)],
         stdout=subprocess.PIPE,
@@ -63,7 +63,7 @@ def extract(recordings: Path, space: Path) -> tuple[pd.DataFrame, dict]:
     if process.returncode:
         raise SystemExit(process.returncode)
     taken = json.loads(process.stdout.read().splitlines()[-1])
-    taken |= {"wall_s": time.perf_counter() - start, "temporary_gb": peak / 1e9}
+    taken["temporary_gb"] = peak / 1e9
     return pd.read_parquet(found), taken
 
 
@@ -96,7 +96,7 @@ def main() -> None:
     for millions in parser.parse_args().millions:
         with tempfile.TemporaryDirectory(prefix="recordings-") as space:
             lines.append(measure(millions, Path(space)))
-        table = pd.DataFrame(lines).round({"gb": 2, "peak_gb": 2, "temporary_gb": 2, "cpu_s": 0, "wall_s": 0})
+        table = pd.DataFrame(lines).round({"gb": 2, "peak_gb": 2, "temporary_gb": 2, "cpu_s": 0})
         table.to_csv(RESULTS, index=False)
         print(table.to_string(index=False), flush=True)
 

@@ -15,7 +15,7 @@ from accelerated_evaluation.errors import InputError
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "benchmarks" / "recordings"))
 
-import motorway  # noqa: E402
+import trajectories  # noqa: E402
 
 RATE = 25
 MOMENT = 75  # frame of the change of lane
@@ -177,7 +177,7 @@ def test_exposure_is_the_driving_of_all_vehicles_of_the_host_classes(tmp_path):
 @pytest.fixture(scope="module")
 def generated(tmp_path_factory):
     folder = tmp_path_factory.mktemp("generated")
-    return folder, motorway.write_recordings(folder, 2, 80, np.random.default_rng(3))
+    return folder, trajectories.write_recordings(folder, 2, 80, np.random.default_rng(3))
 
 
 def agree(found, planted):
