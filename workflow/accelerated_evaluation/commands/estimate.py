@@ -1,6 +1,7 @@
 """The subcommand ``estimate``."""
 
 import argparse
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -81,8 +82,9 @@ def _told(found: "Alone", level: float) -> str:
     lines = []
     for row in found.tables["estimate"].to_dict("records"):
         verdict = "converged" if row["converged"] else "not converged"
+        probability = "not known yet" if math.isnan(row["probability"]) else f"{row['probability']:.3g}"
         lines.append(
-            f"crash probability of a cut-in: {row['probability']:.3g}, {level:.0%} interval "
+            f"crash probability of a cut-in: {probability}, {level:.0%} interval "
             f"{row['ci_low']:.2g} to {row['ci_high']:.2g}; {verdict} after "
             f"{row['learning'] + row['estimating']:,} encounters, {row['events']:,} of them crashes"
         )
