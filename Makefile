@@ -10,7 +10,8 @@ SAMPLERS := snakemake --snakefile benchmarks/samplers/Snakefile --cores $(CORES)
 WORLDS := snakemake --snakefile benchmarks/worlds/Snakefile --cores $(CORES)
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
-.PHONY: study test test-slurm test-studies crate paper-figures lint format report smoke bench benchmark-samplers worlds lock clean help
+.PHONY: study test test-slurm test-studies crate paper-figures lint format report smoke bench benchmark-samplers \
+  benchmark-recordings worlds lock clean help
 .DEFAULT_GOAL := help
 
 help: ## list the targets
@@ -46,6 +47,9 @@ benchmark-samplers: $(ENVIRONMENT) ## fewest simulations: our sampler beside pub
 	python -m pip install --quiet --require-hashes -r benchmarks/environment.txt
 	$(SAMPLERS)
 
+benchmark-recordings: $(ENVIRONMENT) ## cut-ins in 1, 10 and 100 million rows of recordings: time, memory, right or wrong; needs 12 GB of disk
+	python benchmarks/recordings/run.py
+
 worlds: $(ENVIRONMENT) ## does the interval cover? 5 kinds of 100 synthetic worlds; about an hour, resumable
 	$(WORLDS)
 
@@ -62,7 +66,7 @@ test-slurm: $(ENVIRONMENT) ## run the smoke study through a Slurm on this machin
 	pytest -n 0 -rs -s tests/slurm
 
 test-studies: $(ENVIRONMENT) ## whole small studies of odd data, vehicles and settings; half an hour
-	pytest tests/corpus
+	pytest tests/corpus --dist worksteal
 
 format: $(ENVIRONMENT) ## rewrite the sources as the linters want them
 	ruff check --fix .

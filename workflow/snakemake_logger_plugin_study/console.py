@@ -17,6 +17,7 @@ from snakemake_interface_logger_plugins.common import LogEvent
 from snakemake_logger_plugin_study.words import (
     duration,
     failure,
+    fault_of_configuration,
     is_noise,
     plain_error,
     progress_of,
@@ -86,6 +87,9 @@ class LogHandler(LogHandlerBase):
                 self._say(self.plan)
             elif self.total:
                 self._say(f"{done} of {self.total} done in {duration(time.time() - self.begun)}")
+            if self.errors and not self.total:
+                fault = fault_of_configuration(sys.argv[1:])
+                self.errors = [fault] if fault else self.errors
             for message in self.failures or dict.fromkeys(self.errors):
                 self._say(f"\n{message}")
         super().close()
