@@ -10,7 +10,7 @@ SAMPLERS := snakemake --snakefile benchmarks/samplers/Snakefile --cores $(CORES)
 WORLDS := snakemake --snakefile benchmarks/worlds/Snakefile --cores $(CORES)
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
-.PHONY: study test test-slurm test-studies crate paper-figures lint format report smoke bench benchmark-samplers \
+.PHONY: study book test test-slurm test-studies crate paper-figures lint format report smoke bench benchmark-samplers \
   benchmark-recordings worlds lock clean help
 .DEFAULT_GOAL := help
 
@@ -27,6 +27,9 @@ $(ENVIRONMENT): environment.txt pyproject.toml
 
 study: $(ENVIRONMENT) ## run the study: make study [CONFIG=my_study.yaml] [CORES=2]
 	$(SNAKEMAKE)
+
+book: $(ENVIRONMENT) ## the book alone, and what it needs: results/<study>/book/index.html
+	$(SNAKEMAKE) -- book
 
 report: study ## run the study, then write its self-contained HTML report to results/report.html
 	$(SNAKEMAKE) --report results/report.html

@@ -1,4 +1,4 @@
-"""Whole small studies of odd data, vehicles and settings: each ends with every figure, table and notebook.
+"""Whole small studies of odd data, vehicles and settings: each ends with every figure, table and chapter.
 
 They take minutes, so `make test-studies` runs them, and `make test` does not. Those that differ most run by
 `pytest tests/corpus -m "not rest"`.
@@ -157,8 +157,10 @@ def test_the_study_ends_whole(shared, name):
     assert "Traceback" not in output
     results, figures = (shared.folder / part / study for part in ("results", "figures"))
     for notebook in (shared.folder / "notebooks").glob("*.ipynb"):
-        page = (results / "notebooks" / f"{notebook.stem}.html").read_text()
+        page = (results / "book" / f"{notebook.stem}.html").read_text()
         assert "<script>alert(1)" not in page
+        words = re.sub(r"<(script|style).*?</\1>|<[^>]+>", " ", page, flags=re.DOTALL)
+        assert not re.search(r"\bnan\b", words), notebook
     assert len(list(figures.glob("fig*.svg"))) == len(list(figures.glob("fig*.csv"))) >= 20
     estimates = pd.read_csv(results / "estimates.csv")
     known = estimates.dropna(subset="probability")

@@ -3,6 +3,7 @@
 import json
 import re
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,14 +11,16 @@ import pandas as pd
 import pytest
 from accelerated_evaluation import cli
 from accelerated_evaluation.methods import METHODS, Stopping
+from accelerated_evaluation.methods.estimate import Estimate
 from accelerated_evaluation.methods.surrogate import state as sampler_state
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.randomness import child_generator
-from accelerated_evaluation.track.campaign_file import law_of, read_campaign, write_campaign
+from accelerated_evaluation.track.campaign_file import read_campaign, write_campaign
 from accelerated_evaluation.track.results import read_results
 from accelerated_evaluation.track.status import forecast, status_of
 from accelerated_evaluation.vehicles import load_vehicle
 from law_folder import LAW, write_law_folder
+from scipy.stats import t
 
 TUTORIAL = Path(__file__).resolve().parents[2] / "docs" / "campaign.md"
 GOAL = Stopping(alpha=0.2, beta=0.5, minimum_events=1)
@@ -98,23 +101,29 @@ def test_another_batch_size_holds_from_the_next_batch_on(begun):
     assert status_of(read_campaign("c.json")).may_stop
 
 
-def test_the_estimate_counts_whole_batches_and_the_rest_is_forecast(begun):
-    """Half-way, the runs that are said to be needed are about those that it then took."""
-    course = []
-    while not (now := status_of(read_campaign("c.json"))).may_stop:
-        course.append((now.told, now.needed))
+def test_the_estimate_counts_whole_batches_alone(begun):
+    assert status_of(read_campaign("c.json")).needed is None
+    for _ in range(2):
         begun("ask", "next", "--no-scenarios")
-        drive()
+        done = drive()
         begun("tell", "done.csv")
-    known = [(told, needed) for told, needed in course if needed is not None]
-    assert course[0] == (0, None)
-    assert known
-    assert 0.3 < known[0][1] / (now.told - known[0][0]) < 3
-    campaign = read_campaign("c.json")
-    campaign.ask(law_of(campaign))
-    assert status_of(campaign).used == now.used
-    finer, same = (forecast(now.estimate, 10, goal) for goal in (Stopping(0.2, 0.05), GOAL))
-    assert finer > 5 * same
+    begun("ask", "next", "--no-scenarios")
+    drive().head(7).to_csv("part.csv", index=False)
+    begun("tell", "part.csv")
+    now = status_of(read_campaign("c.json"))
+    assert (now.asked, now.told, now.used) == (30, 27, 20)
+    assert len(done) == 10
+
+
+def test_the_forecast_is_the_least_number_of_batches_that_meets_the_goal():
+    diagnostics = {"batches": 10, "observed_error": 0.5, "predicted_error": 0.1}
+    found = Estimate(1e-6, 0, 2e-6, 0.2, 100, 100, 20, False, diagnostics)
+    runs = forecast(found, 10, GOAL)
+    assert runs % 10 == 0
+    reach = [t.ppf(0.9, 9 + more) * 0.5 * (10 / (10 + more)) ** 0.5 for more in (runs // 10 - 1, runs // 10)]
+    assert reach[1] <= GOAL.beta < reach[0]
+    assert forecast(found, 10, Stopping(0.2, 0.05)) > 50 * runs
+    assert forecast(replace(found, probability=np.nan), 10, GOAL) is None
 
 
 WRONG = {

@@ -88,9 +88,12 @@ class ShownFigure:
     data: pd.DataFrame = field(repr=False)
     png: Path
 
-    def _repr_png_(self) -> tuple[bytes, dict[str, float]]:
-        """Return the published file itself, because drawing the figure once more takes time."""
-        return self.png.read_bytes(), {"width": WIDTH}
+    def _repr_png_(self) -> tuple[bytes, dict[str, float | str]]:
+        """Return the published file itself, because drawing the figure once more takes time.
+
+        Its name tells the book which figure an output shows.
+        """
+        return self.png.read_bytes(), {"width": WIDTH, "published": self.png.stem}
 
 
 @dataclass(frozen=True)

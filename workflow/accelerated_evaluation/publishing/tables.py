@@ -39,10 +39,14 @@ def save_table(
     shown = table if digest is None else digest
     shown = shown if digits is None else shown.map(lambda value: readable(value, digits))
     write_csv(Path(folder) / f"{name}.csv", reproducible(table))
-    escaped = shown.map(as_markdown)
-    write_text(Path(folder) / f"{name}.md", escaped.to_markdown(index=False, disable_numparse=True) + "\n")
+    write_text(Path(folder) / f"{name}.md", to_markdown(shown) + "\n")
     write_text(Path(folder) / f"{name}.tex", as_latex(shown.to_latex(index=False, escape=True)))
     return table
+
+
+def to_markdown(table: pd.DataFrame) -> str:
+    """Return a table as Markdown, in which texts are only texts."""
+    return table.map(as_markdown).to_markdown(index=False, disable_numparse=True)
 
 
 def reproducible(table: pd.DataFrame) -> pd.DataFrame:
