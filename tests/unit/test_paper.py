@@ -67,7 +67,7 @@ def test_the_example_compiles_to_two_pages(tmp_path, monkeypatch):
     target, figures = tmp_path / "paper", ROOT / "figures" / "spmd"
 
     def draw(study, settings, notebooks):
-        assert len(notebooks) == 8
+        assert len(notebooks) >= 8
         for folder in settings.folders.values():
             folder.mkdir(parents=True)
             for path in figures.glob("*.pdf"):

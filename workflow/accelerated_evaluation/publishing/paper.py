@@ -97,7 +97,7 @@ def draw(study: Study, settings: Print, notebooks: Sequence[Path]) -> None:
     with tempfile.TemporaryDirectory() as folder, printed(settings):
         parameters = {"results": str(study.results.resolve()), "figures": f"{folder}/figures/{study.name}"}
         for notebook in tqdm(notebooks, desc="Drawing", unit=" notebooks"):
-            run_notebook(str(notebook), parameters, f"{folder}/notebook.ipynb", f"{folder}/notebook.html")
+            run_notebook(str(notebook), parameters, f"{folder}/notebook.ipynb")
 
 
 def _short(claims: pd.DataFrame) -> str:
