@@ -40,7 +40,7 @@ def save_table(
     shown = shown if digits is None else shown.map(lambda value: readable(value, digits))
     write_csv(Path(folder) / f"{name}.csv", reproducible(table))
     write_text(Path(folder) / f"{name}.md", to_markdown(shown) + "\n")
-    write_text(Path(folder) / f"{name}.tex", _plain_latex(shown.to_latex(index=False, escape=True)))
+    write_text(Path(folder) / f"{name}.tex", as_latex(shown.to_latex(index=False, escape=True)))
     return table
 
 
@@ -86,7 +86,7 @@ def readable(value: Any, digits: int = 3) -> Any:  # noqa: ANN401
     return f"{mantissa.rstrip('0').rstrip('.')} × 10{str(int(exponent)).translate(_SUPERSCRIPT)}"
 
 
-def _plain_latex(text: str) -> str:
-    """Replace the characters that LaTeX's plain fonts lack."""
+def as_latex(text: str) -> str:
+    """Replace the characters of numbers that LaTeX's plain fonts lack; all else is left as it is."""
     text = re.sub("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda found: f"$^{{{found[0].translate(_PLAIN)}}}$", text)
     return text.replace("×", r"$\times$").replace("–", "--").replace("∞", r"$\infty$")
