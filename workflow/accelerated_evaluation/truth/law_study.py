@@ -131,7 +131,8 @@ class LawStudy:
             recorded = int(self.replayed(vehicle).crash.sum())
             if not bears_out(recorded, size * self.weighed.mean(of_laws)):
                 sampled = sample_crashes(vehicle, maps[name], generator)
-                self.lines[crash] = Lines.of(sampled, self.weighed.events.lead_speed)
+                events = self.weighed.events
+                self.lines[crash] = Lines.of(sampled, events.lead_speed, support=events.support)
                 self.thinned[crash] = self.weighed.thinned(self.lines[crash], generator)
                 self.sampled.add(crash)
 
