@@ -4,8 +4,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.encounters.contract import complete
-from accelerated_evaluation.fitting.conditional import RANGE_MAX, Places
+from accelerated_evaluation.fitting.conditional import Places
 from accelerated_evaluation.fitting.family import Events, Fitter, Member, members_at
+from accelerated_evaluation.fitting.support import SUPPORT
 from accelerated_evaluation.laws.dependent import DependentLaw
 from accelerated_evaluation.laws.independent import recorded_lead_speeds
 from accelerated_evaluation.publishing.happened_figures import fig28_ways_to_crash, fig29_nearest_records
@@ -64,7 +65,7 @@ class StripedCar:
 def events():
     generator = np.random.default_rng(1)
     lead_speed = generator.uniform(5, 34.9, SIZE)
-    range_ = RANGE_MAX * generator.uniform(0, 1, SIZE) ** 0.5
+    range_ = SUPPORT.range_max * generator.uniform(0, 1, SIZE) ** 0.5
     return Events(lead_speed, range_, MEAN * generator.standard_exponential(SIZE))
 
 

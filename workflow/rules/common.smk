@@ -42,7 +42,7 @@ try:
     validate(config)
     config = resolved(
         config,
-        [config["data"][config["data"]["source"]]["path"]],
+        record_files(config["data"][config["data"]["source"]]),
         Path("results") / config["study"] / "limits.json",
         trust=not workflow.is_main_process,
     )

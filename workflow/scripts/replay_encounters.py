@@ -17,10 +17,11 @@ if __name__ == "__main__":
     with job(snakemake.log[0]):
         files, params, outputs = snakemake.input, snakemake.params, snakemake.output
         encounters = read_encounters(files.encounters)
-        law, events = read_law(files.law, encounters), Events.of(encounters)
+        law = read_law(files.law, encounters)
+        events = Events.of(encounters, law.support)
         vehicles = {name: load_vehicle(kind, **own) for name, (kind, own) in params.vehicles.items()}
         vehicle = vehicles[params.tested]
-        lines = Lines.of(read_crash_map(files.map), events.lead_speed)
+        lines = Lines.of(read_crash_map(files.map), events.lead_speed, support=law.support)
         generator = child_generator(params.seed, "happened")
         shown = [ways_to_crash(lines, law, vehicle, generator), nearest_records(events, vehicle)]
         happened = pd.concat([table for table in shown if len(table)], ignore_index=True)

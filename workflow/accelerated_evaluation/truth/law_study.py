@@ -95,8 +95,7 @@ class LawStudy:
         vehicles
             By name, the car under test first.
         maps
-            Their crash maps, the first with all events. Their scan has to end where nothing changes any more,
-            because these laws have no cap.
+            Their crash maps, the first with all events, up to where nothing changes: the laws have no cap.
         draws
             Draws of the posterior.
         generator
@@ -123,15 +122,15 @@ class LawStudy:
         generator
             Draws the closing speeds.
         """
-        size, family = self.weighed.events.size, self.family
+        events, family = self.weighed.events, self.family
         for name, vehicle in self.vehicles.items():
             crash = "crash" if vehicle is self.vehicle else f"crash of {name}"
             lines = self.thinned[crash]
             of_laws = {m: lines.probability(family.ranges, family.law(m)) for m in self.weighed.members}
             recorded = int(self.replayed(vehicle).crash.sum())
-            if not bears_out(recorded, size * self.weighed.mean(of_laws)):
+            if not bears_out(recorded, events.size * self.weighed.mean(of_laws)):
                 sampled = sample_crashes(vehicle, maps[name], generator)
-                self.lines[crash] = Lines.of(sampled, self.weighed.events.lead_speed)
+                self.lines[crash] = Lines.of(sampled, events.lead_speed, support=events.support)
                 self.thinned[crash] = self.weighed.thinned(self.lines[crash], generator)
                 self.sampled.add(crash)
 
@@ -219,9 +218,9 @@ class LawStudy:
         member = self.weighed.members[int(np.argmax(self.weighed.weights.mean(axis=0)))]
         segments = self.encounters.groupby("segment")["lead_speed"].agg(["min", "size"]).sort_values("min")
         counts = {segment: int(size) for segment, size in segments["size"].items()}
-        lead_speeds = recorded_lead_speeds(self.encounters, counts)
-        law, support = self.family.law(member), self.weighed.events.support
-        return DependentLaw(member.name, counts, self.family.ranges, law, lead_speeds, support=support)
+        speeds = recorded_lead_speeds(self.encounters, counts)
+        parts = member.name, counts, self.family.ranges, self.family.law(member), speeds
+        return DependentLaw(*parts, support=self.weighed.events.support)
 
     def answers(
         self, exposure: Mapping[str, float | None], half_width: float, generator: np.random.Generator

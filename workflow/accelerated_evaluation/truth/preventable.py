@@ -51,7 +51,7 @@ def preventable(vehicles: Mapping[str, Vehicle], law: DependentLaw, lead_speeds:
         for name, vehicle in vehicles.items():
             first, always = _boundaries(vehicle, lead_speed)
             parts.append(_part(lead_speed, name, "vehicle", first, always))
-        places = Places.of(np.full(RANGES.size, lead_speed), RANGES)
+        places = Places.of(np.full(RANGES.size, lead_speed), RANGES, law.support)
         for share in FORESEEN:
             speed = law.speeds.given(places).inverse(np.full(RANGES.size, -np.log(share)))
             parts.append(_part(lead_speed, f"{share:g}", "law", speed, speed))
