@@ -10,8 +10,8 @@ gives.
 # Simulations of the wide law before a surrogate is fitted, because a handful of flags does not determine one.
 START = 20
 
-# Number of runs of smallest score that stand for the event as long as no event was seen.
-NEAREST = 5
+NEAREST, NEIGHBOURS = 0.2, 20
+SEARCH = 10
 
 # Growth of the number of runs after which lengths and amplitude are learnt again. Learning takes as long as
 # several batches without it, and a few more runs hardly move its result.
@@ -48,6 +48,7 @@ SMALLEST_SPREAD = 0.1
 
 # Share of the inclusion probabilities that is spread evenly over the pool, against a mistaken surrogate.
 DEFENCE = 0.2
+EVEN = 0.25
 
 # Runs are aimed at every point where the surrogate's probability is at least this, whatever the point weighs.
 CORE = 0.05
@@ -69,6 +70,11 @@ FLOOR = 0.1
 
 # Squared coefficient of variation of a run where the surrogate expects no event; JSON has no infinity.
 WORTHLESS = 1e100
+
+# ---- the certificate
+
+# The bound on what was not seen holds with confidence 1 - UNSEEN_ALPHA.
+UNSEEN_ALPHA = 0.05
 
 # ---- the Gaussian process
 

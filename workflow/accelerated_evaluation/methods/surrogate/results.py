@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
+from accelerated_evaluation.methods.surrogate.certificate import unseen_bound
 from accelerated_evaluation.methods.surrogate.state import Progress
 from accelerated_evaluation.methods.surrogate.two_phase import Combined, combine, since_usable
 from accelerated_evaluation.methods.surrogate.wide_laws import bound_without_event
@@ -47,7 +48,7 @@ def estimate(progress: Progress, batch_size: int, stopping: Stopping) -> Estimat
         estimating=estimating,
         events=events,
         converged=has_converged(progress, stopping),
-        diagnostics=_diagnostics(combined),
+        diagnostics=_diagnostics(combined)|dict(wide=progress.wide_runs,ub=unseen_bound(progress.wide_runs, progress.z.shape[1], math.inf),ub5=unseen_bound(progress.wide_runs, progress.z.shape[1], 5.)),
         tables={"runs": tabulate_runs(progress, batch_size)},
     )
 
@@ -57,7 +58,9 @@ def has_converged(progress: Progress, stopping: Stopping) -> bool:
     combined = combined_estimate(progress, stopping.alpha)
     if combined is None or np.count_nonzero(progress.happened) < stopping.minimum_events:
         return False
-    return combined.half_width(stopping.alpha) <= stopping.beta * combined.probability
+    if combined.half_width(stopping.alpha) > stopping.beta * combined.probability:
+        return False
+    return unseen_bound(progress.wide_runs, progress.z.shape[1], math.inf) <= combined.probability
 
 
 def combined_estimate(progress: Progress, alpha: float) -> Combined | None:

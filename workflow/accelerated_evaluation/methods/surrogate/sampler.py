@@ -27,11 +27,15 @@ from accelerated_evaluation.methods.surrogate import results
 from accelerated_evaluation.methods.surrogate.constants import (
     AGREEMENT,
     CORE,
+    EVEN,
     FRINGE_WEIGHT,
     KERNELS,
     NEAREST,
+    NEIGHBOURS,
     POOL,
+    REACH,
     RELEARN,
+    SEARCH,
     START,
     USABLE,
     WIDE_SHARE,
@@ -51,13 +55,16 @@ from accelerated_evaluation.methods.surrogate.two_phase import (
     draw_systematically,
     estimate_batch,
     expect,
+    is_surprising,
     inclusion_probabilities,
     predict,
 )
 from accelerated_evaluation.methods.surrogate.wide_laws import (
     KernelMixture,
+    draw_directions,
     draw_wide,
     log_normal_to_wide,
+    rarity,
 )
 
 # The matrices are small, so that several threads do not pay, and bytes must not depend on the number of
@@ -128,7 +135,16 @@ class Sampler:
         if isinstance(batch, WideBatch):
             progress.wide_runs += len(batch.z)
         if isinstance(batch, TwoPhaseBatch):
+            progress.wide_runs += batch.wide_runs
             progress.estimates.append(estimate_batch(batch, happened))
+            progress.counts = progress.counts and progress.estimates[-1].is_usable
+            if is_surprising(batch, happened): 
+                progress.predicted = 0.0
+        else:
+            nearest = rarity(batch.z[happened]).min(initial=REACH)
+            if isinstance(batch, ApproachBatch):
+                progress.searched = 0 if nearest < progress.nearest else progress.searched + len(batch.z)
+            progress.nearest = min(nearest, progress.nearest)
 
     @property
     def simulations(self) -> int:
@@ -184,37 +200,38 @@ class Sampler:
     def _design(self) -> Batch:
         """Choose the next batch, by what is known so far."""
         progress = self.progress
-        sought, level = self._sought()
-        if sought.all():
+        searching = not progress.happened.any() or (not progress.estimates and progress.searched < SEARCH)
+        sought = progress.happened | self._is_near() if searching else progress.happened
+        if self.simulations < START or not sought.any():
             return WideBatch(draw_wide(self.batch_size, self.dimension, self._generator))
-        is_other_event = level != progress.level or progress.learnt_at == 0
-        progress.level = level
-        learn = is_other_event or self.simulations >= RELEARN * progress.learnt_at
+        restart = searching or not progress.estimates
+        learn = restart or self.simulations >= RELEARN * progress.learnt_at
         if learn:
             progress.learnt_at = self.simulations
-        self._surrogate.fit(progress.z, sought, learn=learn, restart=is_other_event)
-        return ApproachBatch(self._approach()) if level is not None else self._two_phase_batch()
+        self._surrogate.fit(progress.z, sought, learn=learn, restart=restart)
+        return ApproachBatch(self._approach()) if searching else self._two_phase_batch()
 
-    def _sought(self) -> tuple[Flags, float | None]:
-        """Return the flags that the surrogate learns, shape (n,), and the score at which they begin.
-
-        They are the event's own flags, without a score, once an event was seen. Before, the runs of smallest
-        score stand for the event. If all flags are the same, there is nothing to learn: in the beginning, and
-        without an event where no score is known.
-        """
-        progress = self.progress
-        if self.simulations < START:
-            return np.ones(self.simulations, bool), None
-        if progress.happened.any():
-            return progress.happened, None
-        level = float(np.sort(progress.score)[NEAREST - 1])
-        return progress.score <= level, level
+    def _is_near(self) -> Flags:
+        """Return which runs came nearer to the event than most others of about the same rarity, shape (n,)."""
+        order = np.argsort(rarity(self.progress.z))
+        score = self.progress.score[order]
+        near = np.zeros(len(order), bool)
+        n, window = len(order), min(NEIGHBOURS, len(order))
+        for i in range(n):
+            first = min(max(i - window // 2, 0), n - window)
+            near[order[i]] = (score[first : first + window] <= score[i]).sum() <= NEAREST * window
+        return near
 
     def _approach(self) -> Array:
-        """Return points of the wide law where runs of small score are expected, shape (n, d)."""
-        z = draw_wide(POOL // 2, self.dimension, self._generator)
-        share = self._surrogate.probability(z) ** 2
-        return z[self._generator.choice(len(z), self.batch_size, replace=False, p=share / share.sum())]
+        """Return points where the event is expected, one in each of equal steps of rarity, shape (n, d)."""
+        n = self.batch_size
+        each = max(POOL // 2 // n, 10)
+        steps = np.repeat(np.arange(n), each) + self._generator.random(n * each)
+        z = draw_directions(steps / n * self.progress.nearest, self.dimension, self._generator)
+        share = self._surrogate.probability(z).reshape(n, each) ** 2
+        # The largest of share^(1/E) ... : a draw with probabilities in proportion to the share
+        pick = np.argmax(np.log(self._generator.random(share.shape)) / share, axis=1)
+        return z.reshape(n, each, -1)[np.arange(n), pick]
 
     def _pool(self, size: int) -> tuple[Array, Array, Array]:
         """Return points of the first phase, shape (m, d), their weights phi / h, and the surrogate there."""
@@ -225,7 +242,8 @@ class Sampler:
             law = KernelMixture.about(self.progress.centres, WIDE_SHARE)
             z = law.draw(size, self._generator)
             log_weight = law.log_normal_ratio(z)
-        return z, np.exp(log_weight), self._surrogate.probability(z)
+        guard = EVEN + (1 - EVEN) * np.exp(log_weight - log_normal_to_wide(z))
+        return z, np.exp(log_weight), self._surrogate.probability(z), guard
 
     def _look_ahead(self) -> tuple[Prediction, float]:
         """Return what the next batch will be worth, and the largest weight of a point of the fringe.
@@ -237,23 +255,28 @@ class Sampler:
         # The first pool of all is drawn from the wide law and finds few points that matter; a second one,
         # drawn about these, finds more.
         for _ in range(1 if self.progress.centres is not None else 2):
-            z, w, p = self._pool(POOL // 2)
+            z, w, p, guard = self._pool(POOL // 2)
             core = np.where(p >= CORE, p, 0.0)
             if not core.any():
                 break
             fringe_limit = FRINGE_WEIGHT * (w @ (w * core)) / (w * core).sum()
             share = w * np.sqrt(core)
             self.progress.centres = z[self._generator.choice(len(z), KERNELS, p=share / share.sum())]
-        return predict(w, expect(w, p, fringe_limit), self.batch_size, POOL), fringe_limit
+        return predict(w, expect(w, p, fringe_limit), guard, self.batch_size, POOL), fringe_limit
 
     def _two_phase_batch(self) -> TwoPhaseBatch:
         """Choose runs from a pool, as the module says in steps 2 and 3."""
         prediction, fringe_limit = self._look_ahead()
-        before, self.progress.predicted = self.progress.predicted, prediction.probability
+        progress, before = self.progress, self.progress.predicted
         agrees = before > 0 and 1 / AGREEMENT < prediction.probability / before < AGREEMENT
-        z, w, p = self._pool(POOL)
+        progress.counts = agrees and (progress.counts or prediction.variation < USABLE**2)
+        if not progress.counts:
+            progress.predicted = prediction.probability
+        z, w, p, guard = self._pool(POOL)
         expected = expect(w, p, fringe_limit)
-        inclusion = inclusion_probabilities(w * expected.spread, self.batch_size)
+        inclusion = inclusion_probabilities(w * expected.spread, guard, self.batch_size)
+        share = (guard - EVEN) / guard.sum()
+        wide_runs = float((inclusion[share > 0] / share[share > 0]).min() * (1 - EVEN))
         chosen = draw_systematically(z, w * np.sqrt(expected.probability), inclusion, self._generator)
         w = w / POOL
         return TwoPhaseBatch(
@@ -265,5 +288,8 @@ class Sampler:
             controlled_square=float(w * w @ expected.control),
             importance=self.batch_size / max(prediction.variation, USABLE**2),
             predicted_variation=prediction.variation / self.batch_size,
-            is_usable=prediction.variation < USABLE**2 and agrees,
+            is_usable=progress.counts,
+            wide_runs=wide_runs,
+            aimed=expected.probability[chosen] > 0,
+            predicted=prediction.probability,
         )

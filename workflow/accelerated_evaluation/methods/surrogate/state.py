@@ -17,6 +17,7 @@ import numpy as np
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.files import read_json, write_json
+from accelerated_evaluation.methods.surrogate.constants import REACH
 from accelerated_evaluation.methods.surrogate.two_phase import BatchEstimate, Flags, TwoPhaseBatch
 
 FORMAT, VERSION = "accelerated-evaluation sampler state", 2
@@ -66,13 +67,15 @@ class Progress:
     z: Array
     happened: Flags
     score: Array
-    wide_runs: int = 0
+    wide_runs: float = 0.0
     estimates: list[BatchEstimate] = field(default_factory=list)
     pending: Batch | None = None
     centres: Array | None = None
-    level: float | None = None
+    searched: int = 0
+    nearest: float = REACH
     learnt_at: int = 0
     predicted: float = 0.0
+    counts: bool = False
 
     @classmethod
     def start(cls, dimension: int) -> Self:

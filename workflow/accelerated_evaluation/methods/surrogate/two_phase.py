@@ -101,6 +101,9 @@ class TwoPhaseBatch:
     importance: float
     predicted_variation: float
     is_usable: bool
+    wide_runs: float
+    aimed: Flags
+    predicted: float
 
 
 @dataclass(frozen=True)
@@ -176,7 +179,7 @@ def expect(weight: Array, probability: Array, fringe_limit: float) -> Expectatio
     return Expectation(p, control, p * (1 - p) + (p - control) ** 2)
 
 
-def predict(weight: Array, expected: Expectation, runs: int, pool_size: int) -> Prediction:
+def predict(weight: Array, expected: Expectation, guard: Array, runs: int, pool_size: int) -> Prediction:
     """Predict P(event) and the variance of a batch from a pool that is not the batch's own.
 
     The pool must be another one because the prediction decides how much the batch counts, and that must not
@@ -195,21 +198,15 @@ def predict(weight: Array, expected: Expectation, runs: int, pool_size: int) -> 
     if probability == 0:
         return Prediction(0.0, WORTHLESS)
     runs_here = runs * size / pool_size  # as many of this pool as of the batch's own, in proportion
-    inclusion = inclusion_probabilities(weight * expected.spread, runs_here)
+    inclusion = inclusion_probabilities(weight * expected.spread, guard, runs_here)
     second_phase = (weight * weight * expected.error / inclusion).sum() / size**2
     first_phase = max((weight * weight * expected.probability).mean() - probability**2, 0.0) / size
     return Prediction(probability, float(runs_here * (second_phase + first_phase) / probability**2))
 
 
-def inclusion_probabilities(size: Array, n: float) -> Array:
-    """Return inclusion probabilities that sum to n and, below 1, are proportional to a size.
-
-    A share `DEFENCE` of the size is first spread evenly over all points, so that every probability is
-    positive. A point whose probability would exceed 1 is included for certain, and the others share what is
-    left; that may bring further points to 1, hence the loop.
-    """
-    size = size if size.any() else np.ones_like(size)
-    size = (1 - DEFENCE) * size / size.sum() + DEFENCE / len(size)
+def inclusion_probabilities(size: Array, guard: Array, n: float) -> Array:
+    size = size if size.any() else guard
+    size = (1 - DEFENCE) * size / size.sum() + DEFENCE * guard / guard.sum()
     certain = np.zeros(len(size), bool)
     while True:
         inclusion = np.where(certain, 1.0, (n - certain.sum()) * size / size[~certain].sum())
@@ -262,16 +259,20 @@ def estimate_batch(batch: TwoPhaseBatch, happened: Flags) -> BatchEstimate:
         observed_variance=float(first_phase + second_phase),
         importance=batch.importance,
         predicted_variation=batch.predicted_variation,
-        is_usable=batch.is_usable,
+        is_usable=batch.is_usable and not is_surprising(batch, happened),
     )
+
+
+def is_surprising(batch: TwoPhaseBatch, happened: Flags) -> bool:
+    """Whether an event where none was expected outweighs all that was expected of the batch."""
+    return bool((happened & ~batch.aimed & (batch.weight / batch.inclusion > batch.predicted)).any())
 
 
 def since_usable(batches: Sequence[BatchEstimate]) -> Sequence[BatchEstimate]:
     """Return the batches of which the estimate is made: those since the surrogate first was usable.
 
-    Later batches count even if the surrogate is unusable again, but then their importance is small.
     """
-    return batches[next((i for i, batch in enumerate(batches) if batch.is_usable), len(batches)) :]
+    return batches[max((i + 1 for i, batch in enumerate(batches) if not batch.is_usable), default=0) :]
 
 
 def combine(batches: Sequence[BatchEstimate]) -> Combined:

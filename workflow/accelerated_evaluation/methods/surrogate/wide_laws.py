@@ -18,9 +18,19 @@ def draw_wide(n: int, dimension: int, generator: np.random.Generator) -> Array:
     Their directions are uniform, and -log P(|Z| > radius) is uniform on [0, REACH], where Z is standard
     normal. So every decade of P(|Z| > radius) gets the same number of points, however rare it is.
     """
-    radius = np.sqrt(chdtri(dimension, np.exp(-generator.uniform(0, REACH, n))))
-    z = generator.normal(size=(n, dimension))
+    return draw_directions(generator.uniform(0, REACH, n), dimension, generator)
+
+
+def draw_directions(rarity: Array, dimension: int, generator: np.random.Generator) -> Array:
+    """Draw points of given rarity -log P(|Z| > radius), shape (n,), in uniform directions; shape (n, d)."""
+    radius = np.sqrt(chdtri(dimension, np.exp(-rarity)))
+    z = generator.normal(size=(len(rarity), dimension))
     return z * (radius / np.linalg.norm(z, axis=1))[:, None]
+
+
+def rarity(z: Array) -> Array:
+    """Return -log P(|Z| > |z|) of points z, shape (n, d): how rare it is to be as far out; shape (n,)."""
+    return -_log_tail((z * z).sum(1), z.shape[1])
 
 
 def log_normal_to_wide(z: Array) -> Array:
