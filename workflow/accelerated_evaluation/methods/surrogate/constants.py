@@ -10,7 +10,14 @@ gives.
 # Simulations of the wide law before a surrogate is fitted, because a handful of flags does not determine one.
 START = 20
 
-NEAREST, NEIGHBOURS = 0.2, 20
+# Without an event, runs whose score is among this smallest share of so many runs of about the same rarity
+# stand for it.
+NEAR_SHARE, NEIGHBOURS = 0.2, 20
+
+# Points of the wide law among which the runs of the search are chosen.
+CANDIDATES = 1000
+
+# The search ends when so many of its runs have found no event more probable than those known.
 SEARCH = 10
 
 # Growth of the number of runs after which lengths and amplitude are learnt again. Learning takes as long as
@@ -46,8 +53,11 @@ SMALLEST_SPREAD = 0.1
 
 # ---- the sample of the second phase
 
-# Share of the inclusion probabilities that is spread evenly over the pool, against a mistaken surrogate.
-DEFENCE = 0.2
+# Defensive share of the runs, against a mistaken surrogate; and where the certificate alone is wanting.
+DEFENCE, DEFENCE_ALONE = 0.2, 0.9
+
+# Share of the defence that is spread evenly over the pool, which surrounds the event; the rest follows the
+# wide law.
 EVEN = 0.25
 
 # Runs are aimed at every point where the surrogate's probability is at least this, whatever the point weighs.

@@ -6,13 +6,17 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
-from accelerated_evaluation.methods.surrogate.certificate import unseen_bound
+from accelerated_evaluation.methods.surrogate.certificate import (
+    Certificate,
+    bound_of_modes,
+)
+from accelerated_evaluation.methods.surrogate.combining import Combined, combine, that_count
+from accelerated_evaluation.methods.surrogate.constants import UNSEEN_ALPHA
 from accelerated_evaluation.methods.surrogate.state import Progress
-from accelerated_evaluation.methods.surrogate.two_phase import Combined, combine, since_usable
 from accelerated_evaluation.methods.surrogate.wide_laws import bound_without_event
 
 
-def estimate(progress: Progress, batch_size: int, stopping: Stopping) -> Estimate:
+def estimate(progress: Progress, batch_size: int, stopping: Stopping, certificate: Certificate) -> Estimate:
     """Estimate P(event) from the batches since the surrogate became usable.
 
     Without an event the probability is 0, and the interval ends at the bound that then holds for any event.
@@ -25,11 +29,14 @@ def estimate(progress: Progress, batch_size: int, stopping: Stopping) -> Estimat
         Of the sampler.
     batch_size, stopping
         Simulations in a batch; the confidence of the interval, and how narrow it should be.
+    certificate
+        What must be excluded besides.
 
     Returns
     -------
     Estimate
-        ``events`` are those of all simulations; ``tables["runs"]`` is as in `tabulate_runs`.
+        ``events`` are those of all simulations; ``tables["runs"]`` is as in `tabulate_runs`. The diagnostics
+        hold the bounds ``unseen_mode`` and ``unseen_any`` of `certificate`.
     """
     events, combined = int(np.count_nonzero(progress.happened)), combined_estimate(progress, stopping.alpha)
     if combined is not None:
@@ -39,7 +46,7 @@ def estimate(progress: Progress, batch_size: int, stopping: Stopping) -> Estimat
         probability, interval = math.nan, (0.0, 1.0)
     else:
         probability, interval = 0.0, (0.0, bound_without_event(progress.wide_runs, stopping.alpha))
-    estimating = len(since_usable(progress.estimates)) * batch_size
+    estimating = len(that_count(progress.estimates)) * batch_size
     return Estimate(
         probability,
         *interval,
@@ -47,25 +54,30 @@ def estimate(progress: Progress, batch_size: int, stopping: Stopping) -> Estimat
         learning=len(progress.z) - estimating,
         estimating=estimating,
         events=events,
-        converged=has_converged(progress, stopping),
-        diagnostics=_diagnostics(combined)|dict(wide=progress.wide_runs,ub=unseen_bound(progress.wide_runs, progress.z.shape[1], math.inf),ub5=unseen_bound(progress.wide_runs, progress.z.shape[1], 5.)),
+        converged=is_narrow(progress, stopping) and is_certified(progress, certificate),
+        diagnostics=_diagnostics(progress, combined, certificate),
         tables={"runs": tabulate_runs(progress, batch_size)},
     )
 
 
-def has_converged(progress: Progress, stopping: Stopping) -> bool:
+def is_narrow(progress: Progress, stopping: Stopping) -> bool:
     """Whether the interval is as narrow as asked, and enough events were seen."""
     combined = combined_estimate(progress, stopping.alpha)
     if combined is None or np.count_nonzero(progress.happened) < stopping.minimum_events:
         return False
-    if combined.half_width(stopping.alpha) > stopping.beta * combined.probability:
-        return False
-    return unseen_bound(progress.wide_runs, progress.z.shape[1], math.inf) <= combined.probability
+    return combined.half_width(stopping.alpha) <= stopping.beta * combined.probability
+
+
+def is_certified(progress: Progress, certificate: Certificate) -> bool:
+    """Whether an unseen mode can have at most the certificate's share of the estimate."""
+    batches = that_count(progress.estimates)
+    bound = bound_of_modes(progress.wide_runs, progress.z.shape[1], certificate.curvature)
+    return bool(batches) and bound <= certificate.share * combine(batches).probability
 
 
 def combined_estimate(progress: Progress, alpha: float) -> Combined | None:
     """Return the estimate of the batches that count; None while there is none that can be trusted."""
-    batches = since_usable(progress.estimates)
+    batches = that_count(progress.estimates)
     if not progress.happened.any() or len(batches) < 2:
         return None
     combined = combine(batches)
@@ -86,7 +98,7 @@ def tabulate_runs(progress: Progress, batch_size: int) -> pd.DataFrame:
     batch = (run - 1) // batch_size + 1
     batches = len(run) // batch_size
     seen = batch[progress.happened].min(initial=batches + 1)
-    learnt = batches - len(since_usable(progress.estimates))
+    learnt = batches - len(that_count(progress.estimates))
     columns = {
         "run": run,
         "batch": batch,
@@ -97,12 +109,17 @@ def tabulate_runs(progress: Progress, batch_size: int) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-def _diagnostics(combined: Combined | None) -> dict[str, float]:
-    """Return the relative standard errors of the estimate, NaN where there is no estimate."""
-    if combined is None:
-        return {"batches": 0, "observed_error": math.nan, "predicted_error": math.nan}
+def _diagnostics(progress: Progress, combined: Combined | None, certificate: Certificate) -> dict[str, float]:
+    """Return relative standard errors, NaN where there is no estimate, and bounds of what is unseen."""
+    errors = (math.nan, math.nan)
+    if combined is not None:
+        variances = np.array([combined.observed_variance, combined.predicted_variance])
+        errors = np.sqrt(variances) / combined.probability
     return {
-        "batches": combined.batches,
-        "observed_error": math.sqrt(combined.observed_variance) / combined.probability,
-        "predicted_error": math.sqrt(combined.predicted_variance) / combined.probability,
+        "batches": 0 if combined is None else combined.batches,
+        "observed_error": float(errors[0]),
+        "predicted_error": float(errors[1]),
+        "wide_runs": progress.wide_runs,
+        "unseen_mode": bound_of_modes(progress.wide_runs, progress.z.shape[1], certificate.curvature),
+        "unseen_any": bound_without_event(progress.wide_runs, UNSEEN_ALPHA),
     }

@@ -24,23 +24,23 @@ from threadpoolctl import ThreadpoolController
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
 from accelerated_evaluation.methods.surrogate import results
+from accelerated_evaluation.methods.surrogate.certificate import HALF_SPACES, Certificate
+from accelerated_evaluation.methods.surrogate.combining import estimate_batch
 from accelerated_evaluation.methods.surrogate.constants import (
-    AGREEMENT,
     CORE,
-    EVEN,
+    DEFENCE,
+    DEFENCE_ALONE,
     FRINGE_WEIGHT,
     KERNELS,
-    NEAREST,
-    NEIGHBOURS,
     POOL,
     REACH,
     RELEARN,
     SEARCH,
     START,
-    USABLE,
     WIDE_SHARE,
 )
 from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurrogate
+from accelerated_evaluation.methods.surrogate.search import came_near, draw_approach
 from accelerated_evaluation.methods.surrogate.state import (
     ApproachBatch,
     Batch,
@@ -49,19 +49,15 @@ from accelerated_evaluation.methods.surrogate.state import (
     WideBatch,
 )
 from accelerated_evaluation.methods.surrogate.two_phase import (
-    Flags,
+    Pool,
     Prediction,
     TwoPhaseBatch,
-    draw_systematically,
-    estimate_batch,
+    draw_batch,
     expect,
-    is_surprising,
-    inclusion_probabilities,
     predict,
 )
 from accelerated_evaluation.methods.surrogate.wide_laws import (
     KernelMixture,
-    draw_directions,
     draw_wide,
     log_normal_to_wide,
     rarity,
@@ -85,23 +81,36 @@ class Sampler:
         Number n of simulations asked for at once, up to a quarter of the pool.
     fingerprint
         Text that identifies the problem, so that a saved state is not taken up for another one.
+    certificate
+        What must be excluded before an estimate has converged.
     """
 
     def __init__(
-        self, dimension: int, generator: np.random.Generator, batch_size: int = 10, *, fingerprint: str
+        self,
+        dimension: int,
+        generator: np.random.Generator,
+        batch_size: int = 10,
+        *,
+        fingerprint: str,
+        certificate: Certificate = HALF_SPACES,
     ) -> None:
         if not 1 <= batch_size <= POOL // 4:
             raise ValueError(f"batch_size must be from 1 to {POOL // 4}, got {batch_size}")
         self.dimension, self.batch_size, self.fingerprint = dimension, batch_size, fingerprint
+        self.certificate = certificate
         self.progress = Progress.start(dimension)
         self._generator = generator
         self._surrogate = EventSurrogate(dimension)
 
     # ---- simulations
 
-    def ask(self) -> Array:
-        """Return the normal scores to simulate next, shape (n, d); the same until `tell`."""
-        return self._pending_batch().z
+    def ask(self, *, certify: bool = False) -> Array:
+        """Return the normal scores to simulate next, shape (n, d); the same until `tell`.
+
+        With ``certify`` most of the runs look for unseen parts of the event; for when the interval is narrow
+        already, and the certificate is not yet met.
+        """
+        return self._pending_batch(certify=certify).z
 
     def tell(self, happened: ArrayLike, score: ArrayLike | None = None) -> None:
         """Take the outcomes of the batch that was asked for last.
@@ -132,19 +141,16 @@ class Sampler:
         progress.happened = np.append(progress.happened, happened)
         progress.score = np.append(progress.score, np.clip(score, -largest, largest))
         progress.pending = None
-        if isinstance(batch, WideBatch):
-            progress.wide_runs += len(batch.z)
         if isinstance(batch, TwoPhaseBatch):
             progress.wide_runs += batch.wide_runs
             progress.estimates.append(estimate_batch(batch, happened))
-            progress.counts = progress.counts and progress.estimates[-1].is_usable
-            if is_surprising(batch, happened): 
-                progress.predicted = 0.0
+            return
+        rarest = min(rarity(batch.z[happened]).min(initial=REACH), progress.rarest)
+        if isinstance(batch, WideBatch):
+            progress.wide_runs += len(batch.z)
         else:
-            nearest = rarity(batch.z[happened]).min(initial=REACH)
-            if isinstance(batch, ApproachBatch):
-                progress.searched = 0 if nearest < progress.nearest else progress.searched + len(batch.z)
-            progress.nearest = min(nearest, progress.nearest)
+            progress.searched = 0 if rarest < progress.rarest else progress.searched + len(batch.z)
+        progress.rarest = rarest
 
     @property
     def simulations(self) -> int:
@@ -152,12 +158,16 @@ class Sampler:
         return len(self.progress.z)
 
     def has_converged(self, stopping: Stopping) -> bool:
+        """Whether the interval is narrow, enough events were seen, and the certificate is met."""
+        return self.is_narrow(stopping) and results.is_certified(self.progress, self.certificate)
+
+    def is_narrow(self, stopping: Stopping) -> bool:
         """Whether the interval is as narrow as asked, and enough events were seen."""
-        return results.has_converged(self.progress, stopping)
+        return results.is_narrow(self.progress, stopping)
 
     def estimate(self, stopping: Stopping) -> Estimate:
         """Return what the runs so far say; see `results.estimate`."""
-        return results.estimate(self.progress, self.batch_size, stopping)
+        return results.estimate(self.progress, self.batch_size, stopping, self.certificate)
 
     # ---- saved state
 
@@ -178,12 +188,16 @@ class Sampler:
         )
 
     @classmethod
-    def resume(cls, state: State) -> Self:
+    def resume(cls, state: State, certificate: Certificate = HALF_SPACES) -> Self:
         """Return the sampler of a state; it goes on as if it had never stopped."""
         bits = getattr(np.random, state.generator["bit_generator"])()
         bits.state = state.generator
         sampler = cls(
-            state.dimension, np.random.Generator(bits), state.batch_size, fingerprint=state.fingerprint
+            state.dimension,
+            np.random.Generator(bits),
+            state.batch_size,
+            fingerprint=state.fingerprint,
+            certificate=certificate,
         )
         sampler.progress = state.progress
         sampler._surrogate.theta, sampler._surrogate.sites = state.theta, state.sites
@@ -191,50 +205,39 @@ class Sampler:
 
     # ---- design of a batch
 
-    def _pending_batch(self) -> Batch:
+    def _pending_batch(self, *, certify: bool = False) -> Batch:
         if self.progress.pending is None:
             with BLAS.limit(limits=1):
-                self.progress.pending = self._design()
+                self.progress.pending = self._design(DEFENCE_ALONE if certify else DEFENCE)
         return self.progress.pending
 
-    def _design(self) -> Batch:
+    def _design(self, defence: float) -> Batch:
         """Choose the next batch, by what is known so far."""
-        progress = self.progress
-        searching = not progress.happened.any() or (not progress.estimates and progress.searched < SEARCH)
-        sought = progress.happened | self._is_near() if searching else progress.happened
+        progress, searching = self.progress, self._is_searching()
+        sought = progress.happened
+        if searching:
+            sought = sought | came_near(rarity(progress.z), progress.score)
         if self.simulations < START or not sought.any():
             return WideBatch(draw_wide(self.batch_size, self.dimension, self._generator))
-        restart = searching or not progress.estimates
+        restart = searching or not progress.estimates  # the flags are others than those of the last fit
         learn = restart or self.simulations >= RELEARN * progress.learnt_at
         if learn:
             progress.learnt_at = self.simulations
         self._surrogate.fit(progress.z, sought, learn=learn, restart=restart)
-        return ApproachBatch(self._approach()) if searching else self._two_phase_batch()
+        if not searching:
+            return self._two_phase_batch(defence)
+        z = draw_approach(
+            self.batch_size, progress.rarest, self.dimension, self._surrogate.probability, self._generator
+        )
+        return ApproachBatch(z)
 
-    def _is_near(self) -> Flags:
-        """Return which runs came nearer to the event than most others of about the same rarity, shape (n,)."""
-        order = np.argsort(rarity(self.progress.z))
-        score = self.progress.score[order]
-        near = np.zeros(len(order), bool)
-        n, window = len(order), min(NEIGHBOURS, len(order))
-        for i in range(n):
-            first = min(max(i - window // 2, 0), n - window)
-            near[order[i]] = (score[first : first + window] <= score[i]).sum() <= NEAREST * window
-        return near
+    def _is_searching(self) -> bool:
+        """Whether the search goes on: until a while after it found an event more probable than all before."""
+        progress = self.progress
+        return not progress.happened.any() or (not progress.estimates and progress.searched < SEARCH)
 
-    def _approach(self) -> Array:
-        """Return points where the event is expected, one in each of equal steps of rarity, shape (n, d)."""
-        n = self.batch_size
-        each = max(POOL // 2 // n, 10)
-        steps = np.repeat(np.arange(n), each) + self._generator.random(n * each)
-        z = draw_directions(steps / n * self.progress.nearest, self.dimension, self._generator)
-        share = self._surrogate.probability(z).reshape(n, each) ** 2
-        # The largest of share^(1/E) ... : a draw with probabilities in proportion to the share
-        pick = np.argmax(np.log(self._generator.random(share.shape)) / share, axis=1)
-        return z.reshape(n, each, -1)[np.arange(n), pick]
-
-    def _pool(self, size: int) -> tuple[Array, Array, Array]:
-        """Return points of the first phase, shape (m, d), their weights phi / h, and the surrogate there."""
+    def _pool(self, size: int) -> Pool:
+        """Return points of the first phase with their weights, the surrogate there, and the defensive law."""
         if self.progress.centres is None:
             z = draw_wide(size, self.dimension, self._generator)
             log_weight = log_normal_to_wide(z)
@@ -242,10 +245,10 @@ class Sampler:
             law = KernelMixture.about(self.progress.centres, WIDE_SHARE)
             z = law.draw(size, self._generator)
             log_weight = law.log_normal_ratio(z)
-        guard = EVEN + (1 - EVEN) * np.exp(log_weight - log_normal_to_wide(z))
-        return z, np.exp(log_weight), self._surrogate.probability(z), guard
+        wide = np.exp(log_weight - log_normal_to_wide(z))
+        return Pool(z, np.exp(log_weight), self._surrogate.probability(z), wide)
 
-    def _look_ahead(self) -> tuple[Prediction, float]:
+    def _look_ahead(self, defence: float) -> tuple[Prediction, float]:
         """Return what the next batch will be worth, and the largest weight of a point of the fringe.
 
         Also moves the centres of the next pool to where w sqrt(p) is large. All this comes from a pool of its
@@ -255,41 +258,19 @@ class Sampler:
         # The first pool of all is drawn from the wide law and finds few points that matter; a second one,
         # drawn about these, finds more.
         for _ in range(1 if self.progress.centres is not None else 2):
-            z, w, p, guard = self._pool(POOL // 2)
-            core = np.where(p >= CORE, p, 0.0)
+            pool = self._pool(POOL // 2)
+            core = np.where(pool.probability >= CORE, pool.probability, 0.0)
             if not core.any():
                 break
+            w = pool.weight
             fringe_limit = FRINGE_WEIGHT * (w @ (w * core)) / (w * core).sum()
             share = w * np.sqrt(core)
-            self.progress.centres = z[self._generator.choice(len(z), KERNELS, p=share / share.sum())]
-        return predict(w, expect(w, p, fringe_limit), guard, self.batch_size, POOL), fringe_limit
+            self.progress.centres = pool.z[self._generator.choice(len(w), KERNELS, p=share / share.sum())]
+        return predict(pool, expect(pool, fringe_limit), self.batch_size, POOL, defence), fringe_limit
 
-    def _two_phase_batch(self) -> TwoPhaseBatch:
+    def _two_phase_batch(self, defence: float) -> TwoPhaseBatch:
         """Choose runs from a pool, as the module says in steps 2 and 3."""
-        prediction, fringe_limit = self._look_ahead()
-        progress, before = self.progress, self.progress.predicted
-        agrees = before > 0 and 1 / AGREEMENT < prediction.probability / before < AGREEMENT
-        progress.counts = agrees and (progress.counts or prediction.variation < USABLE**2)
-        if not progress.counts:
-            progress.predicted = prediction.probability
-        z, w, p, guard = self._pool(POOL)
-        expected = expect(w, p, fringe_limit)
-        inclusion = inclusion_probabilities(w * expected.spread, guard, self.batch_size)
-        share = (guard - EVEN) / guard.sum()
-        wide_runs = float((inclusion[share > 0] / share[share > 0]).min() * (1 - EVEN))
-        chosen = draw_systematically(z, w * np.sqrt(expected.probability), inclusion, self._generator)
-        w = w / POOL
-        return TwoPhaseBatch(
-            z=z[chosen],
-            weight=w[chosen],
-            control=expected.control[chosen],
-            inclusion=inclusion[chosen],
-            controlled=float(w @ expected.control),
-            controlled_square=float(w * w @ expected.control),
-            importance=self.batch_size / max(prediction.variation, USABLE**2),
-            predicted_variation=prediction.variation / self.batch_size,
-            is_usable=progress.counts,
-            wide_runs=wide_runs,
-            aimed=expected.probability[chosen] > 0,
-            predicted=prediction.probability,
-        )
+        prediction, fringe_limit = self._look_ahead(defence)
+        pool = self._pool(POOL)
+        expected = expect(pool, fringe_limit)
+        return draw_batch(pool, expected, prediction, self.batch_size, defence, self._generator)

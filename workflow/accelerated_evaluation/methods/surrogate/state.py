@@ -17,10 +17,11 @@ import numpy as np
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.files import read_json, write_json
+from accelerated_evaluation.methods.surrogate.combining import BatchEstimate
 from accelerated_evaluation.methods.surrogate.constants import REACH
-from accelerated_evaluation.methods.surrogate.two_phase import BatchEstimate, Flags, TwoPhaseBatch
+from accelerated_evaluation.methods.surrogate.two_phase import Flags, TwoPhaseBatch
 
-FORMAT, VERSION = "accelerated-evaluation sampler state", 2
+FORMAT, VERSION = "accelerated-evaluation sampler state", 3
 
 
 @dataclass(frozen=True)
@@ -49,19 +50,19 @@ class Progress:
     z, happened, score
         Normal scores of all runs, shape (n, d), whether the event happened, and their scores, shape (n,).
     wide_runs
-        How many of the runs were drawn from the wide law whatever was known.
+        Number of draws of the wide law, whatever was known, that the runs are worth.
     estimates
         Of all batches of the second phase.
     pending
         The batch that was asked for and whose outcomes were not told yet.
     centres
         Points about which the next pool is drawn, shape (k, d); None before the first pool.
-    level
-        The score that stood for the event when the surrogate was fitted last; None if the event itself did.
+    searched
+        Number of runs of the search since it found an event more probable than all before.
+    rarest
+        Rarity up to which the search goes: that of the most probable event that it knows.
     learnt_at
         Number of runs when the lengths and the amplitude were learnt last.
-    predicted
-        P(event) as the surrogate had it before the last batch; 0 before the first.
     """
 
     z: Array
@@ -72,10 +73,8 @@ class Progress:
     pending: Batch | None = None
     centres: Array | None = None
     searched: int = 0
-    nearest: float = REACH
+    rarest: float = REACH
     learnt_at: int = 0
-    predicted: float = 0.0
-    counts: bool = False
 
     @classmethod
     def start(cls, dimension: int) -> Self:
