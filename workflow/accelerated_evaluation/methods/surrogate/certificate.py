@@ -1,18 +1,20 @@
 """What a sampler can have missed: a bound on the probability of a part of the event that no run has met.
 
-Some runs are draws of the wide law, whatever the surrogate believes. If N of them meet a part A of the event
-with probability W(A) each, none of them meets it with probability at most exp(-N W(A)). So with confidence
-1 - alpha, an unseen part has W(A) < m = log(1 / alpha) / N. What probability such a part can have depends on
-its shape, which nobody knows, so the bound is stated for a kind of parts: modes of limited curvature.
+Some runs are draws of the wide law, cut at some rarity, whatever the surrogate believes. If Q(A) is the
+number of them that is expected in a part A of the event, none is there with probability at most exp(-Q(A)).
+So with confidence 1 - alpha, an unseen part has Q(A) < log(1 / alpha). What probability such a part can have
+depends on its shape, which nobody knows, so the bound is stated for a kind of parts, and for any set.
 
 A mode lies beyond the plane through its point nearest to the origin, and holds the ball of radius 1 /
-curvature that touches this plane there. Curvature 0 is that of half-spaces. `wide_laws.bound_without_event`
-bounds any set at all. docs/sampler.md derives both.
+curvature that touches this plane there; curvature 0 is that of a half-space. It is unseen if none of its
+points up to the rarity of the event was met: farther out it may run together with what is known.
+docs/sampler.md derives both bounds.
 """
 
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Self
 
 import numpy as np
 from scipy.special import betaincc, chdtri, ndtr
@@ -20,7 +22,8 @@ from scipy.special import betaincc, chdtri, ndtr
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.methods.surrogate.constants import REACH, UNSEEN_ALPHA
 
-STEPS = 600  # of the integral over the rarity, and of the distances that are tried
+STEPS = 600  # of the integrals over the rarity, and of the distances that are tried
+RARITIES = (np.arange(STEPS) + 0.5) / STEPS * REACH
 
 
 @dataclass(frozen=True)
@@ -43,44 +46,67 @@ class Certificate:
             raise ValueError(f"share must be positive and curvature finite and not negative, got {self}")
 
 
-# By default an estimate has not converged while an unseen half-space can have more probability.
-HALF_SPACES = Certificate()
+@dataclass(frozen=True)
+class Unseen:
+    """Bounds, with confidence 1 - `UNSEEN_ALPHA`, on the probability of what no run has met.
 
-
-def bound_of_modes(runs: float, dimension: int, curvature: float) -> float:
-    """Return what P(A) cannot exceed, with confidence 1 - `UNSEEN_ALPHA`, for a mode A that no run met.
-
-    Parameters
+    Attributes
     ----------
     runs
-        Number N of draws of the wide law, none of which met the mode.
-    dimension
-        Number of normal scores.
-    curvature
-        Largest curvature of the mode, one over a length in normal scores.
-
-    Returns
-    -------
-    float
-        Phi(-b), where b is the smallest distance at which a mode has less than the mass m.
+        Number of draws of the wide law that looked for it.
+    mode, anything
+        Bounds on the probability of a mode, and of any set.
     """
-    distances, masses = _masses_of_modes(dimension, curvature)
-    missed = np.flatnonzero(masses <= _largest_mass(runs))
-    return float(ndtr(-distances[missed[0] if len(missed) else -1]))
+
+    runs: float
+    mode: float
+    anything: float
+
+    @classmethod
+    def after(cls, looks: Array, dimension: int, reach: float, curvature: float) -> Self:
+        """Return what may be unseen after some draws of the wide law.
+
+        Parameters
+        ----------
+        looks
+            Number of draws, and the rarity at which the law was cut, shape (k, 2).
+        dimension
+            Number of normal scores.
+        reach
+            Rarity up to which a mode is unseen.
+        curvature
+            Largest curvature of the mode, one over a length in normal scores.
+        """
+        distances, caps = _caps(dimension, curvature)
+        expected = caps @ np.where(reach >= RARITIES, _draws_at(looks, RARITIES), 0.0) * REACH / STEPS
+        likely = np.flatnonzero(expected <= -math.log(UNSEEN_ALPHA))
+        nearest = distances[likely[0] if len(likely) else -1]
+        return cls(float(looks[:, 0].sum()), float(ndtr(-nearest)), _bound_of_any_set(looks))
 
 
-def _largest_mass(runs: float) -> float:
-    """Return the largest mass m under the wide law that none of N draws may have met."""
-    return min(-math.log(UNSEEN_ALPHA) / max(runs, 1.0), 1.0)
+def _draws_at(looks: Array, rarity: Array) -> Array:
+    """Return the expected number of draws in all directions for a unit of rarity, shape (k,)."""
+    runs, reach = looks.T
+    return (runs / reach) @ (rarity <= reach[:, None])
+
+
+def _bound_of_any_set(looks: Array) -> float:
+    """Return what P(A) cannot exceed for any set A.
+
+    The worst set is a ball about the origin, because a unit of probability gets the fewest draws there. With
+    a surface of rarity u it has the probability 1 - exp(-u).
+    """
+    expected = np.concatenate([[0.0], np.cumsum(_draws_at(looks, RARITIES)) * REACH / STEPS])
+    surface = np.interp(-math.log(UNSEEN_ALPHA), expected, np.arange(STEPS + 1) / STEPS * REACH)
+    return -math.expm1(-surface)
 
 
 @lru_cache
-def _masses_of_modes(dimension: int, curvature: float) -> tuple[Array, Array]:
-    """Return distances of modes from the origin, and their masses under the wide law, shapes (k,)."""
-    rarity = (np.arange(STEPS) + 0.5) / STEPS * REACH
-    radius = np.sqrt(chdtri(dimension, np.exp(-rarity)))
+def _caps(dimension: int, curvature: float) -> tuple[Array, Array]:
+    """Return distances of modes, shape (k,), and which share of the directions they cover at each rarity."""
+    radius = np.sqrt(chdtri(dimension, np.exp(-RARITIES)))
     distances = np.linspace(0, radius[-1], STEPS)
-    return distances, np.array([_cap(radius, b, dimension, curvature).mean() for b in distances])
+    return distances, np.array([_cap(radius, distance, dimension, curvature) for distance in distances])
 
 
 def _cap(radius: Array, distance: float, dimension: int, curvature: float) -> Array:

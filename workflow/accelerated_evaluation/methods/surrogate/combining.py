@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtrit
 
-from accelerated_evaluation.methods.surrogate.constants import AGREEMENT, USABLE
+from accelerated_evaluation.methods.surrogate.constants import AGREEMENT, BEST, USABLE
 from accelerated_evaluation.methods.surrogate.two_phase import Flags, Prediction, TwoPhaseBatch
 
 
@@ -42,7 +42,7 @@ class BatchEstimate:
     @property
     def importance(self) -> float:
         """Weight k_b of the batch in the estimate."""
-        return self.runs / max(self.prediction.variation, USABLE**2)
+        return self.runs / max(self.prediction.variation, BEST**2)
 
 
 @dataclass(frozen=True)

@@ -17,19 +17,23 @@ NEAR_SHARE, NEIGHBOURS = 0.2, 20
 # Points of the wide law among which the runs of the search are chosen.
 CANDIDATES = 1000
 
-# The search ends when so many of its runs have found no event more probable than those known.
-SEARCH = 10
+# The search ends when a run for every such step of rarity, a factor e of the probability, has found no event
+# more probable than those known.
+STEP = 1.0
 
 # Growth of the number of runs after which lengths and amplitude are learnt again. Learning takes as long as
 # several batches without it, and a few more runs hardly move its result.
 RELEARN = 1.3
 
 # A surrogate is usable once it predicts a coefficient of variation per run below this.
-USABLE = 1.5
+USABLE = 2.5
+
+# Predicted coefficients of variation below this make no difference between batches.
+BEST = 1.5
 
 # A usable surrogate must also give a probability within this factor of what it gave a batch before. One that
 # still changes its mind is sure of something that it does not know.
-AGREEMENT = 1.5
+AGREEMENT = 2.0
 
 # ---- the pool of the first phase
 
@@ -55,6 +59,10 @@ SMALLEST_SPREAD = 0.1
 
 # Defensive share of the runs, against a mistaken surrogate; and where the certificate alone is wanting.
 DEFENCE, DEFENCE_ALONE = 0.2, 0.9
+
+# The defence reaches as far out as this beyond the rarity -log P of the event: all that lies farther out has
+# less than 5 % of the probability.
+BEYOND = 3.0
 
 # Share of the defence that is spread evenly over the pool, which surrounds the event; the rest follows the
 # wide law.

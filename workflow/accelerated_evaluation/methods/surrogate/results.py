@@ -8,11 +8,11 @@ import pandas as pd
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
 from accelerated_evaluation.methods.surrogate.certificate import (
     Certificate,
-    bound_of_modes,
+    Unseen,
 )
 from accelerated_evaluation.methods.surrogate.combining import Combined, combine, that_count
-from accelerated_evaluation.methods.surrogate.constants import UNSEEN_ALPHA
 from accelerated_evaluation.methods.surrogate.state import Progress
+from accelerated_evaluation.methods.surrogate.two_phase import reach_of
 from accelerated_evaluation.methods.surrogate.wide_laws import bound_without_event
 
 
@@ -45,7 +45,7 @@ def estimate(progress: Progress, batch_size: int, stopping: Stopping, certificat
     elif events:
         probability, interval = math.nan, (0.0, 1.0)
     else:
-        probability, interval = 0.0, (0.0, bound_without_event(progress.wide_runs, stopping.alpha))
+        probability, interval = 0.0, (0.0, bound_without_event(progress.looks[:, 0].sum(), stopping.alpha))
     estimating = len(that_count(progress.estimates)) * batch_size
     return Estimate(
         probability,
@@ -68,11 +68,19 @@ def is_narrow(progress: Progress, stopping: Stopping) -> bool:
     return combined.half_width(stopping.alpha) <= stopping.beta * combined.probability
 
 
-def is_certified(progress: Progress, certificate: Certificate) -> bool:
+def is_certified(progress: Progress, certificate: Certificate | None) -> bool:
     """Whether an unseen mode can have at most the certificate's share of the estimate."""
     batches = that_count(progress.estimates)
-    bound = bound_of_modes(progress.wide_runs, progress.z.shape[1], certificate.curvature)
-    return bool(batches) and bound <= certificate.share * combine(batches).probability
+    if certificate is None or not batches:
+        return certificate is None
+    probability = combine(batches).probability
+    return _unseen(progress, probability, certificate).mode <= certificate.share * probability
+
+
+def _unseen(progress: Progress, probability: float, certificate: Certificate | None) -> Unseen:
+    """Return the bounds on what is unseen beside an event of a probability."""
+    curvature = certificate.curvature if certificate else 0.0
+    return Unseen.after(progress.looks, progress.z.shape[1], reach_of(probability), curvature)
 
 
 def combined_estimate(progress: Progress, alpha: float) -> Combined | None:
@@ -109,17 +117,20 @@ def tabulate_runs(progress: Progress, batch_size: int) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-def _diagnostics(progress: Progress, combined: Combined | None, certificate: Certificate) -> dict[str, float]:
+def _diagnostics(
+    progress: Progress, combined: Combined | None, certificate: Certificate | None
+) -> dict[str, float]:
     """Return relative standard errors, NaN where there is no estimate, and bounds of what is unseen."""
-    errors = (math.nan, math.nan)
+    errors, probability = (math.nan, math.nan), 0.0
     if combined is not None:
-        variances = np.array([combined.observed_variance, combined.predicted_variance])
-        errors = np.sqrt(variances) / combined.probability
+        probability = combined.probability
+        errors = np.sqrt([combined.observed_variance, combined.predicted_variance]) / probability
+    unseen = _unseen(progress, probability, certificate)
     return {
         "batches": 0 if combined is None else combined.batches,
         "observed_error": float(errors[0]),
         "predicted_error": float(errors[1]),
-        "wide_runs": progress.wide_runs,
-        "unseen_mode": bound_of_modes(progress.wide_runs, progress.z.shape[1], certificate.curvature),
-        "unseen_any": bound_without_event(progress.wide_runs, UNSEEN_ALPHA),
+        "looks": unseen.runs,
+        "unseen_mode": unseen.mode,
+        "unseen_any": unseen.anything,
     }

@@ -24,7 +24,7 @@ from threadpoolctl import ThreadpoolController
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
 from accelerated_evaluation.methods.surrogate import results
-from accelerated_evaluation.methods.surrogate.certificate import HALF_SPACES, Certificate
+from accelerated_evaluation.methods.surrogate.certificate import Certificate
 from accelerated_evaluation.methods.surrogate.combining import estimate_batch
 from accelerated_evaluation.methods.surrogate.constants import (
     CORE,
@@ -35,8 +35,8 @@ from accelerated_evaluation.methods.surrogate.constants import (
     POOL,
     REACH,
     RELEARN,
-    SEARCH,
     START,
+    STEP,
     WIDE_SHARE,
 )
 from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurrogate
@@ -82,7 +82,7 @@ class Sampler:
     fingerprint
         Text that identifies the problem, so that a saved state is not taken up for another one.
     certificate
-        What must be excluded before an estimate has converged.
+        What must be excluded before an estimate has converged; nothing by default.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class Sampler:
         batch_size: int = 10,
         *,
         fingerprint: str,
-        certificate: Certificate = HALF_SPACES,
+        certificate: Certificate | None = None,
     ) -> None:
         if not 1 <= batch_size <= POOL // 4:
             raise ValueError(f"batch_size must be from 1 to {POOL // 4}, got {batch_size}")
@@ -142,15 +142,19 @@ class Sampler:
         progress.score = np.append(progress.score, np.clip(score, -largest, largest))
         progress.pending = None
         if isinstance(batch, TwoPhaseBatch):
-            progress.wide_runs += batch.wide_runs
+            self._looked(batch.wide_runs, batch.prediction.reach)
             progress.estimates.append(estimate_batch(batch, happened))
             return
         rarest = min(rarity(batch.z[happened]).min(initial=REACH), progress.rarest)
         if isinstance(batch, WideBatch):
-            progress.wide_runs += len(batch.z)
+            self._looked(len(batch.z), REACH)
         else:
             progress.searched = 0 if rarest < progress.rarest else progress.searched + len(batch.z)
         progress.rarest = rarest
+
+    def _looked(self, runs: float, reach: float) -> None:
+        """Remember that runs were drawn from the wide law, cut at a rarity, whatever was known."""
+        self.progress.looks = np.vstack([self.progress.looks, [runs, reach]])
 
     @property
     def simulations(self) -> int:
@@ -188,7 +192,7 @@ class Sampler:
         )
 
     @classmethod
-    def resume(cls, state: State, certificate: Certificate = HALF_SPACES) -> Self:
+    def resume(cls, state: State, certificate: Certificate | None = None) -> Self:
         """Return the sampler of a state; it goes on as if it had never stopped."""
         bits = getattr(np.random, state.generator["bit_generator"])()
         bits.state = state.generator
@@ -234,7 +238,9 @@ class Sampler:
     def _is_searching(self) -> bool:
         """Whether the search goes on: until a while after it found an event more probable than all before."""
         progress = self.progress
-        return not progress.happened.any() or (not progress.estimates and progress.searched < SEARCH)
+        return not progress.happened.any() or (
+            not progress.estimates and progress.searched < progress.rarest / STEP
+        )
 
     def _pool(self, size: int) -> Pool:
         """Return points of the first phase with their weights, the surrogate there, and the defensive law."""
@@ -246,7 +252,7 @@ class Sampler:
             z = law.draw(size, self._generator)
             log_weight = law.log_normal_ratio(z)
         wide = np.exp(log_weight - log_normal_to_wide(z))
-        return Pool(z, np.exp(log_weight), self._surrogate.probability(z), wide)
+        return Pool(z, np.exp(log_weight), self._surrogate.probability(z), wide, rarity(z))
 
     def _look_ahead(self, defence: float) -> tuple[Prediction, float]:
         """Return what the next batch will be worth, and the largest weight of a point of the fringe.

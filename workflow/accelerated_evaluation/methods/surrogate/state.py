@@ -49,8 +49,9 @@ class Progress:
     ----------
     z, happened, score
         Normal scores of all runs, shape (n, d), whether the event happened, and their scores, shape (n,).
-    wide_runs
-        Number of draws of the wide law, whatever was known, that the runs are worth.
+    looks
+        Draws of the wide law that the runs are worth, whatever was known: their number, and the rarity at
+        which the law was cut, shape (k, 2).
     estimates
         Of all batches of the second phase.
     pending
@@ -68,7 +69,7 @@ class Progress:
     z: Array
     happened: Flags
     score: Array
-    wide_runs: float = 0.0
+    looks: Array = field(default_factory=lambda: np.empty((0, 2)))
     estimates: list[BatchEstimate] = field(default_factory=list)
     pending: Batch | None = None
     centres: Array | None = None
@@ -137,6 +138,7 @@ class State:
         state = _decode(cls, content["state"])
         # The list of no runs at all has lost its second dimension.
         state.progress.z = state.progress.z.reshape(-1, state.dimension)
+        state.progress.looks = state.progress.looks.reshape(-1, 2)
         return state
 
     def check(self, *, fingerprint: str, dimension: int, batch_size: int, where: str) -> None:

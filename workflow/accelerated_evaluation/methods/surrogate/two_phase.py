@@ -9,6 +9,7 @@ has the mean P(event) (Sarndal, Swensson and Wretman 1992, chapter 6). Its varia
 proportional to w_j sqrt(E (1{event}_j - g_j)^2). Notebook 10 derives both.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,11 +17,13 @@ from numpy.typing import NDArray
 
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.methods.surrogate.constants import (
+    BEYOND,
     CONTROLLED,
     CORE,
     EVEN,
     FLOOR,
     FRINGE,
+    REACH,
     WORTHLESS,
 )
 
@@ -41,17 +44,23 @@ class Pool:
         Of the event, by the surrogate.
     wide
         Density of the wide law over h.
+    rarity
+        -log P(|Z| > |z|) of the points.
     """
 
     z: Array
     weight: Array
     probability: Array
     wide: Array
+    rarity: Array
 
-    @property
-    def guard(self) -> Array:
-        """How the defensive share is spread: as the wide law, and to the share `EVEN` evenly."""
-        return EVEN + (1 - EVEN) * self.wide
+    def within(self, reach: float) -> Array:
+        """Return the density over h of the wide law cut at a rarity, shape (m,)."""
+        return np.where(self.rarity <= reach, self.wide * REACH / reach, 0.0)
+
+    def guard(self, reach: float) -> Array:
+        """Return how the defensive share is spread: as the wide law, and to the share `EVEN` evenly."""
+        return EVEN + (1 - EVEN) * self.within(reach)
 
 
 @dataclass(frozen=True)
@@ -93,6 +102,11 @@ class Prediction:
     probability: float
     variation: float
 
+    @property
+    def reach(self) -> float:
+        """Rarity beyond which hardly any of the probability can be."""
+        return reach_of(self.probability)
+
 
 @dataclass(frozen=True)
 class TwoPhaseBatch:
@@ -111,7 +125,7 @@ class TwoPhaseBatch:
     aimed
         Whether the event was held possible at the runs, shape (n,), so that they were aimed at.
     wide_runs
-        Number of draws of the wide law that the defensive share stands for.
+        Number of draws of the wide law, cut at the prediction's reach, that the defence stands for.
     prediction
         What was expected of the batch before it was drawn.
     """
@@ -125,6 +139,11 @@ class TwoPhaseBatch:
     aimed: Flags
     wide_runs: float
     prediction: Prediction
+
+
+def reach_of(probability: float) -> float:
+    """Return the rarity beyond which hardly any of a probability can be."""
+    return min(BEYOND - math.log(probability), REACH) if probability > 0 else REACH
 
 
 def expect(pool: Pool, fringe_limit: float) -> Expectation:
@@ -164,7 +183,9 @@ def predict(pool: Pool, expected: Expectation, runs: int, pool_size: int, defenc
     if probability == 0:
         return Prediction(0.0, WORTHLESS)
     runs_here = runs * size / pool_size  # as many of this pool as of the batch's own, in proportion
-    inclusion = inclusion_probabilities(weight * expected.spread, pool.guard, runs_here, defence)
+    inclusion = inclusion_probabilities(
+        weight * expected.spread, pool.guard(reach_of(probability)), runs_here, defence
+    )
     second_phase = (weight * weight * expected.error / inclusion).sum() / size**2
     first_phase = max((weight * weight * expected.probability).mean() - probability**2, 0.0) / size
     return Prediction(probability, float(runs_here * (second_phase + first_phase) / probability**2))
@@ -197,14 +218,21 @@ def inclusion_probabilities(size: Array, guard: Array, n: float, defence: float)
         certain |= new
 
 
-def draws_of_the_wide_law(pool: Pool, inclusion: Array) -> float:
-    """Return how many draws of the wide law a sample of the pool is worth, wherever the event may be.
+def draws_of_the_wide_law(wide: Array, inclusion: Array) -> float:
+    """Return how many draws of a wide law a sample of the pool is worth, wherever the event may be.
 
-    N draws of the wide law would include a point with the probability N (wide / h) / m. This is the largest N
+    N draws of the law would include a point with the probability N (wide / h) / m. This is the largest N
     for which no point is included with less.
+
+    Parameters
+    ----------
+    wide
+        Density of the law over h, shape (m,).
+    inclusion
+        Inclusion probabilities of the points, shape (m,).
     """
-    within = pool.wide > 0
-    return float((inclusion[within] / pool.wide[within]).min() * len(inclusion)) if within.any() else 0.0
+    within = wide > 0
+    return float((inclusion[within] / wide[within]).min() * len(inclusion)) if within.any() else 0.0
 
 
 def draw_systematically(
@@ -260,7 +288,7 @@ def draw_batch(
         Source of all randomness.
     """
     w, control = pool.weight, expected.control
-    inclusion = inclusion_probabilities(w * expected.spread, pool.guard, runs, defence)
+    inclusion = inclusion_probabilities(w * expected.spread, pool.guard(prediction.reach), runs, defence)
     chosen = draw_systematically(pool.z, w * np.sqrt(expected.probability), inclusion, generator)
     w = w / len(w)
     return TwoPhaseBatch(
@@ -271,6 +299,6 @@ def draw_batch(
         controlled=float(w @ control),
         controlled_square=float(w * w @ control),
         aimed=expected.probability[chosen] > 0,
-        wide_runs=draws_of_the_wide_law(pool, inclusion),
+        wide_runs=draws_of_the_wide_law(pool.within(prediction.reach), inclusion),
         prediction=prediction,
     )
