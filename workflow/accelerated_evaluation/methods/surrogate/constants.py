@@ -107,6 +107,9 @@ AMPLITUDE, AMPLITUDE_SPREAD = 6.0, 0.8
 LOG_LENGTH_BOUNDS, LOG_AMPLITUDE_BOUNDS = (-2.0, 3.0), (-1.0, 4.0)
 LEARNING_STEPS = 5
 
+# Most runs that the surrogate is conditioned on: memory grows with their square, time with their cube.
+MOST_RUNS = 600
+
 # Share of the variance that is added to the diagonal of the covariance, so that repeated points do no harm.
 JITTER = 1e-6
 

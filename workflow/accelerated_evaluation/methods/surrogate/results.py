@@ -99,18 +99,18 @@ def tabulate_runs(progress: Progress, batch_size: int) -> pd.DataFrame:
     -------
     pandas.DataFrame
         run and batch, counted from 1; phase; the normal scores z_1, ..., z_d; event. The phase is ``search``
-        until the batch in which an event was seen first, then ``learn`` until the surrogate was usable, and
-        then ``estimate``: of these simulations the estimate is made.
+        until no event more probable than those seen is found, then ``learn`` until the batches that count,
+        and then ``estimate``: of these simulations the estimate is made.
     """
     run = np.arange(len(progress.z)) + 1
     batch = (run - 1) // batch_size + 1
     batches = len(run) // batch_size
-    seen = batch[progress.happened].min(initial=batches + 1)
+    searched = batches - len(progress.estimates)
     learnt = batches - len(that_count(progress.estimates))
     columns = {
         "run": run,
         "batch": batch,
-        "phase": np.select([batch <= seen, batch <= learnt], ["search", "learn"], "estimate"),
+        "phase": np.select([batch <= searched, batch <= learnt], ["search", "learn"], "estimate"),
         **{f"z_{k + 1}": values for k, values in enumerate(progress.z.T)},
         "event": progress.happened,
     }

@@ -221,7 +221,7 @@ class Sampler:
         sought = progress.happened
         if searching:
             sought = sought | came_near(rarity(progress.z), progress.score)
-        if self.simulations < START or not sought.any():
+        if self.simulations < START or sought.all() or not sought.any():
             return WideBatch(draw_wide(self.batch_size, self.dimension, self._generator))
         restart = searching or not progress.estimates  # the flags are others than those of the last fit
         learn = restart or self.simulations >= RELEARN * progress.learnt_at
