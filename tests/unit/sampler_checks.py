@@ -45,7 +45,7 @@ def drive(sampler, event, stopping=STOPPING):
     """Run a sampler to the end, as the method does."""
     flags, twice = [], []
     while not sampler.has_converged(stopping) and sampler.simulations < stopping.maximum_simulations:
-        z = sampler.ask()
+        z = sampler.ask(certify=sampler.is_narrow(stopping))
         assert z.shape == (sampler.batch_size, sampler.dimension)
         batch = sampler.progress.pending
         happened, score = event.evaluate(z)

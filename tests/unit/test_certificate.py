@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from accelerated_evaluation.methods.surrogate.certificate import Certificate, Unseen, _cap
+from accelerated_evaluation.methods.surrogate.certificate import BY_DEFAULT, Certificate, Unseen, _cap
 from accelerated_evaluation.methods.surrogate.constants import REACH, UNSEEN_ALPHA
 from accelerated_evaluation.methods.surrogate.two_phase import reach_of
 from accelerated_evaluation.methods.surrogate.wide_laws import draw_at, rarity
@@ -115,10 +115,18 @@ def test_a_region_that_is_met_late_is_not_averaged_away():
         assert abs(math.log(result.probability / (2 * norm.sf(3.5)))) < math.log(1.6)
 
 
-@pytest.mark.parametrize("wrong", [{"share": 0.0}, {"curvature": -1.0}, {"curvature": math.inf}])
+@pytest.mark.parametrize("wrong", [(0.0, 1.0), (1.0, -1.0), (1.0, math.inf)])
 def test_certificates_that_mean_nothing_are_refused(wrong):
     with pytest.raises(ValueError, match="share must be positive"):
-        Certificate(**wrong)
+        Certificate(*wrong)
+
+
+def test_an_event_found_at_its_far_end_has_not_converged():
+    """After 30 draws of the whole wide law an event of 1e-20 is not certified; one of 1e-4 is."""
+    looks = np.array([[30.0, REACH]])
+    for probability, certified in ((1e-20, False), (1e-4, True)):
+        unseen = Unseen.after(looks, 3, reach_of(probability), BY_DEFAULT.curvature)
+        assert (unseen.mode <= BY_DEFAULT.share * probability) == certified
 
 
 def test_reach_of_a_probability():

@@ -10,7 +10,7 @@ import numpy as np
 
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.estimate import Estimate, Method, Stopping
-from accelerated_evaluation.methods.surrogate.certificate import Certificate
+from accelerated_evaluation.methods.surrogate.certificate import BY_DEFAULT, Certificate
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.methods.surrogate.state import read_state, write_state
 from accelerated_evaluation.problem import ScoreProblem
@@ -31,8 +31,8 @@ class Surrogate(Method):
     on_batch
         Called with the estimate after every batch, for example to show progress.
     certificate
-        What must be excluded before an estimate has converged; nothing by default. With one, the sampler
-        goes on looking for unseen parts of the event after the interval is narrow.
+        What must be excluded before an estimate has converged. Until it is, the sampler goes on looking for
+        unseen parts of the event after the interval is narrow.
     """
 
     name: ClassVar[str] = "surrogate"
@@ -43,7 +43,7 @@ class Surrogate(Method):
     batch_size: int = 10
     state_file: str | os.PathLike | None = None
     on_batch: Callable[[Estimate], None] | None = None
-    certificate: Certificate | None = None
+    certificate: Certificate = BY_DEFAULT
 
     @classmethod
     def configured(cls, config: Mapping[str, Any]) -> Self:

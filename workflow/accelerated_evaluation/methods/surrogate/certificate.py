@@ -38,12 +38,18 @@ class Certificate:
         Largest curvature of the modes, one over a length in normal scores.
     """
 
-    share: float = 1.0
-    curvature: float = 0.0
+    share: float
+    curvature: float
 
     def __post_init__(self) -> None:
         if not (self.share > 0 and 0 <= self.curvature < math.inf):
             raise ValueError(f"share must be positive and curvature finite and not negative, got {self}")
+
+
+# By default half-spaces must be excluded that are a thousand times as probable as the estimate. Where the
+# event was found at its main part, the usual runs exclude them. Where it was found at a far end only, at a
+# billionth of its probability, they do not, and the sampler looks on.
+BY_DEFAULT = Certificate(share=1000.0, curvature=0.0)
 
 
 @dataclass(frozen=True)

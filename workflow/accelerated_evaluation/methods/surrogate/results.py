@@ -68,19 +68,19 @@ def is_narrow(progress: Progress, stopping: Stopping) -> bool:
     return combined.half_width(stopping.alpha) <= stopping.beta * combined.probability
 
 
-def is_certified(progress: Progress, certificate: Certificate | None) -> bool:
+def is_certified(progress: Progress, certificate: Certificate) -> bool:
     """Whether an unseen mode can have at most the certificate's share of the estimate."""
     batches = that_count(progress.estimates)
-    if certificate is None or not batches:
-        return certificate is None
+    if not batches:
+        return False
     probability = combine(batches).probability
     return _unseen(progress, probability, certificate).mode <= certificate.share * probability
 
 
-def _unseen(progress: Progress, probability: float, certificate: Certificate | None) -> Unseen:
+def _unseen(progress: Progress, probability: float, certificate: Certificate) -> Unseen:
     """Return the bounds on what is unseen beside an event of a probability."""
-    curvature = certificate.curvature if certificate else 0.0
-    return Unseen.after(progress.looks, progress.z.shape[1], reach_of(probability), curvature)
+    reach = reach_of(probability)
+    return Unseen.after(progress.looks, progress.z.shape[1], reach, certificate.curvature)
 
 
 def combined_estimate(progress: Progress, alpha: float) -> Combined | None:
@@ -117,9 +117,7 @@ def tabulate_runs(progress: Progress, batch_size: int) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-def _diagnostics(
-    progress: Progress, combined: Combined | None, certificate: Certificate | None
-) -> dict[str, float]:
+def _diagnostics(progress: Progress, combined: Combined | None, certificate: Certificate) -> dict[str, float]:
     """Return relative standard errors, NaN where there is no estimate, and bounds of what is unseen."""
     errors, probability = (math.nan, math.nan), 0.0
     if combined is not None:

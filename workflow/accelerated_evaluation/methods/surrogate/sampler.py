@@ -24,7 +24,7 @@ from threadpoolctl import ThreadpoolController
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
 from accelerated_evaluation.methods.surrogate import results
-from accelerated_evaluation.methods.surrogate.certificate import Certificate
+from accelerated_evaluation.methods.surrogate.certificate import BY_DEFAULT, Certificate
 from accelerated_evaluation.methods.surrogate.combining import estimate_batch
 from accelerated_evaluation.methods.surrogate.constants import (
     CORE,
@@ -82,7 +82,7 @@ class Sampler:
     fingerprint
         Text that identifies the problem, so that a saved state is not taken up for another one.
     certificate
-        What must be excluded before an estimate has converged; nothing by default.
+        What must be excluded before an estimate has converged.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class Sampler:
         batch_size: int = 10,
         *,
         fingerprint: str,
-        certificate: Certificate | None = None,
+        certificate: Certificate = BY_DEFAULT,
     ) -> None:
         if not 1 <= batch_size <= POOL // 4:
             raise ValueError(f"batch_size must be from 1 to {POOL // 4}, got {batch_size}")
@@ -192,7 +192,7 @@ class Sampler:
         )
 
     @classmethod
-    def resume(cls, state: State, certificate: Certificate | None = None) -> Self:
+    def resume(cls, state: State, certificate: Certificate = BY_DEFAULT) -> Self:
         """Return the sampler of a state; it goes on as if it had never stopped."""
         bits = getattr(np.random, state.generator["bit_generator"])()
         bits.state = state.generator
