@@ -9,9 +9,10 @@ The event is a set in the space of normal scores, z ~ N(0, I). Every batch takes
    large, and a defensive share anywhere. With p as control variate they give an estimate Y whose mean, given
    all earlier batches, is P(event); see `two_phase`.
 
-The estimate is the mean of Y over the batches, weighted by what was predicted before each batch was drawn.
-Until the first event is seen, the surrogate learns where the runs of smallest score are, and follows the wide
-law in place of phi, because nothing tells in advance which variable is rare. Notebook 10 derives the method.
+The estimate is the mean of Y over the last batches that share one view of the event, weighted by what was
+predicted before each was drawn; see `combining`. What it can have missed is bounded; see `certificate`.
+Before these batches a search finds the event and its most probable part; see `search`. docs/sampler.md and
+notebook 10 derive the method.
 """
 
 from dataclasses import replace
