@@ -122,8 +122,8 @@ def test_certificates_that_mean_nothing_are_refused(wrong):
 
 
 def test_an_event_found_at_its_far_end_has_not_converged():
-    """After 30 draws of the whole wide law an event of 1e-20 is not certified; one of 1e-4 is."""
-    looks = np.array([[30.0, REACH]])
+    """After 60 draws of the whole wide law an event of 1e-20 is not certified; one of 1e-4 is."""
+    looks = np.array([[60.0, REACH]])
     for probability, certified in ((1e-20, False), (1e-4, True)):
         unseen = Unseen.after(looks, 3, reach_of(probability), BY_DEFAULT.curvature)
         assert (unseen.mode <= BY_DEFAULT.share * probability) == certified
