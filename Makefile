@@ -2,6 +2,7 @@
 CONFIG ?= config/config.yaml
 CORES ?= 2
 PYTHON ?= python3
+STUDY ?= spmd
 ENVIRONMENT := .venv/.installed
 SNAKEMAKE := snakemake --cores $(CORES) --configfile $(CONFIG)
 RULES := Snakefile workflow benchmarks/samplers/Snakefile benchmarks/worlds/Snakefile
@@ -9,7 +10,8 @@ SAMPLERS := snakemake --snakefile benchmarks/samplers/Snakefile --cores $(CORES)
 WORLDS := snakemake --snakefile benchmarks/worlds/Snakefile --cores $(CORES)
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
-.PHONY: study test test-studies lint format report smoke bench benchmark-samplers worlds lock clean help
+.PHONY: study book test test-slurm test-studies crate paper-figures lint format report smoke bench benchmark-samplers \
+  benchmark-recordings worlds lock clean help
 .DEFAULT_GOAL := help
 
 help: ## list the targets
@@ -26,11 +28,20 @@ $(ENVIRONMENT): environment.txt pyproject.toml
 study: $(ENVIRONMENT) ## run the study: make study [CONFIG=my_study.yaml] [CORES=2]
 	$(SNAKEMAKE)
 
+book: $(ENVIRONMENT) ## the book alone, and what it needs: results/<study>/book/index.html
+	$(SNAKEMAKE) -- book
+
 report: study ## run the study, then write its self-contained HTML report to results/report.html
 	$(SNAKEMAKE) --report results/report.html
 
 smoke: ## a miniature of the whole study in under two minutes
 	$(MAKE) study CONFIG=config/smoke.yaml
+
+paper-figures: $(ENVIRONMENT) ## figures, tables and numbers of a finished study for a LaTeX paper: make paper-figures [STUDY=spmd]
+	accelerated-evaluation paper $(STUDY)
+
+crate: study ## run the study, then pack it with where it came from: results/STUDY.crate.zip
+	accelerated-evaluation crate $(STUDY)
 
 bench: $(ENVIRONMENT) ## encounters per second of the simulator, and ratios to NumPy and plain Python
 	python benchmarks/simulator.py
@@ -38,6 +49,9 @@ bench: $(ENVIRONMENT) ## encounters per second of the simulator, and ratios to N
 benchmark-samplers: $(ENVIRONMENT) ## fewest simulations: our sampler beside public ones; about 1.5 hours, resumable
 	python -m pip install --quiet --require-hashes -r benchmarks/environment.txt
 	$(SAMPLERS)
+
+benchmark-recordings: $(ENVIRONMENT) ## cut-ins in 1, 10 and 100 million rows of recordings: time, memory, right or wrong; needs 12 GB of disk
+	python benchmarks/recordings/run.py
 
 worlds: $(ENVIRONMENT) ## does the interval cover? 5 kinds of 100 synthetic worlds; about an hour, resumable
 	$(WORLDS)
@@ -50,8 +64,12 @@ lint: $(ENVIRONMENT) ## ruff and snakefmt
 test: lint ## lint and run the tests
 	pytest
 
+test-slurm: $(ENVIRONMENT) ## run the smoke study through a Slurm on this machine; skipped where it cannot be installed
+	tests/slurm/install.sh
+	pytest -n 0 -rs -s tests/slurm
+
 test-studies: $(ENVIRONMENT) ## whole small studies of odd data, vehicles and settings; half an hour
-	pytest tests/corpus
+	pytest tests/corpus --dist worksteal
 
 format: $(ENVIRONMENT) ## rewrite the sources as the linters want them
 	ruff check --fix .
@@ -59,7 +77,7 @@ format: $(ENVIRONMENT) ## rewrite the sources as the linters want them
 	snakefmt $(RULES)
 
 lock: $(ENVIRONMENT) ## resolve environment.txt anew from pyproject.toml
-	uv pip compile pyproject.toml --extra study --extra dev --universal --python-version 3.11 \
+	uv pip compile pyproject.toml --extra study --extra cluster --extra provenance --extra dev --universal --python-version 3.11 \
 	  --generate-hashes --no-header --quiet --output-file environment.txt
 	uv pip compile pyproject.toml --extra peers --constraint environment.txt --universal --python-version 3.11 \
 	  --generate-hashes --no-header --quiet --output-file benchmarks/environment.txt

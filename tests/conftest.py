@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-PARTS = ("Snakefile", "workflow", "notebooks", "config", "data", "profiles", "benchmarks/results/worlds.csv")
+PARTS = ("Snakefile", "workflow", "notebooks", "docs", "config", "data", "profiles", "environment.txt")
+PARTS += ("benchmarks/results/worlds.csv",)
 
 
 class Project:

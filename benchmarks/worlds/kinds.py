@@ -6,9 +6,10 @@ from typing import ClassVar, Protocol
 import numpy as np
 from accelerated_evaluation.distributions import Distribution
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.fitting.conditional import BASES, RANGE_MAX, Places, SpeedLaw
+from accelerated_evaluation.fitting.conditional import Places, SpeedLaw
 from accelerated_evaluation.fitting.family import Events, Family, Member
 from accelerated_evaluation.fitting.shapes import Generalised
+from accelerated_evaluation.fitting.support import SUPPORT
 from accelerated_evaluation.laws.independent import IndependentLaw
 from accelerated_evaluation.truth.lines import Lines
 
@@ -43,7 +44,7 @@ class Independent:
         for number, distribution in enumerate(by_rising_speed(self.law)):
             here = segment == number
             inverse_ttc[here] = distribution.rvs(generator, int(here.sum()))
-        range_ = np.minimum(1 / inverse_range, RANGE_MAX)
+        range_ = np.minimum(1 / inverse_range, SUPPORT.range_max)
         return Events(lead_speed, range_, inverse_ttc * range_)
 
     def masses(self, lines: Lines) -> Array:
@@ -60,7 +61,7 @@ def by_rising_speed(law: IndependentLaw) -> list[Distribution]:
 
 def independent_masses(lines: Lines, law: IndependentLaw, cap: float) -> Array:
     """Return the crash probability of each interval under a law of the paper's kind, with a cap [m/s]."""
-    cells = (law.inverse_range.sf(np.exp(edge) / RANGE_MAX) for edge in (lines.farther, lines.nearer))
+    cells = (law.inverse_range.sf(np.exp(edge) / SUPPORT.range_max) for edge in (lines.farther, lines.nearer))
     far, near = (
         np.where(np.isfinite(edge), value, 0)
         for edge, value in zip((lines.farther, lines.nearer), cells, strict=True)
@@ -110,8 +111,10 @@ def draw_smooth(
     # In small parts, so that the tables of cumulative hazards stay in the processor's cache.
     for first in range(0, lead_speed.size, PART):
         part = slice(first, first + PART)
-        along_speed = BASES[0](lead_speed[part])
-        range_[part] = RANGE_MAX * np.exp(-family.ranges.cumulative(along_speed).inverse(levels[0, part]))
+        along_speed = SUPPORT.bases[0](lead_speed[part])
+        range_[part] = SUPPORT.range_max * np.exp(
+            -family.ranges.cumulative(along_speed).inverse(levels[0, part])
+        )
         speed[part] = law.given(Places.of(lead_speed[part], range_[part])).inverse(levels[1, part])
     return Events(lead_speed, range_, faster * speed)
 

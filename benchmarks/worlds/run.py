@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pandas as pd
 from accelerated_evaluation.files import write_csv
-from accelerated_evaluation.fitting.conditional import RANGE_MAX
+from accelerated_evaluation.fitting.support import SUPPORT
 from accelerated_evaluation.randomness import child_generator
 from kinds import World, worlds
 from procedures import PROCEDURES
@@ -17,7 +17,7 @@ def simulate_records(world: World, setting: Setting, generator: np.random.Genera
     """Draw as many cut-ins as were recorded, and repeat rows as often as they repeat in the record."""
     size = setting.lead_speeds.size
     events = world.draw(generator.choice(setting.lead_speeds, size), generator)
-    inverse_range = 1 / np.minimum(events.range_, RANGE_MAX)
+    inverse_range = 1 / np.minimum(events.range_, SUPPORT.range_max)
     columns = events.lead_speed, inverse_range, events.closing_speed * inverse_range
     lengths = generator.permutation(setting.run_lengths)
     return pd.DataFrame(

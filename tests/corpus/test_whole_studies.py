@@ -1,9 +1,13 @@
-"""Whole small studies of odd data, vehicles and settings: each ends with every figure, table and notebook.
+"""Whole small studies of odd data, vehicles and settings: each ends with every figure, table and chapter.
 
-They take minutes, so `make test-studies` runs them, and `make test` does not.
+They take minutes, so `make test-studies` runs them, and `make test` does not. Those that differ most run by
+`pytest tests/corpus -m "not rest"`.
 """
 
+import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pandas as pd
@@ -91,10 +95,25 @@ STUDIES = {
     "alpha near zero": {"importance_sampling": {"alpha": 1e-6}},
     "one threshold of the impact speed": {"crash_map": {"events": {"impact_speed": [3]}}},
     "three pieces": {"models": {"inverse_range": {"variant": "three_pieces"}}},
+    "speed segments far from the default": {
+        "filters": {"lead_speed_min": 0, "lead_speed_max": 60},
+        "segments": {"lead_speed_edges": [0, 12.5, 60]},
+        "sensitivity": {"lead_speed_edges": [[0, 60], [0, 20, 60]]},
+    },
     "a cap that is not reached": {
         "models": {"closing_speed_max": 60},
         "crash_map": {"grid": {"closing_speed_max": 60}},
     },
+}
+SOME = {
+    "never crashes",
+    "crashes always",
+    "crashes in the slowest segment alone",
+    "fast cut-ins alone",
+    "200 records",
+    "many segments",
+    "a description with HTML",
+    "few of everything",
 }
 
 
@@ -105,19 +124,43 @@ def merged(base, change):
     return base | change | below
 
 
-@pytest.mark.parametrize("name", STUDIES)
-def test_the_study_ends_whole(project, name):
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory, project_in):
+    """Return one folder for all studies, which share the crash maps of the vehicles that are compared."""
+    project = project_in(tmp_path_factory.mktemp("studies"))
     shutil.copy(HERE / "vehicles.py", project.folder)
-    config = merged(TINY, STUDIES[name])
-    (project.folder / "tiny.yaml").write_text(yaml.safe_dump(config, allow_unicode=True))
-    run = project.run(config="tiny.yaml", cores=1)
+    return project
+
+
+def cases():
+    """Yield the studies; those that are not in `SOME` are marked as the rest."""
+    for name in STUDIES:
+        yield pytest.param(name, marks=[] if name in SOME else [pytest.mark.rest])
+
+
+@pytest.mark.parametrize("name", cases())
+def test_the_study_ends_whole(shared, name):
+    study = re.sub(r"\W", "-", name)
+    config = merged(TINY, STUDIES[name]) | {"study": study}
+    (shared.folder / f"{study}.yaml").write_text(yaml.safe_dump(config, allow_unicode=True))
+    command = [sys.executable, str(HERE / "quick_snakemake.py"), "--cores", "1"]
+    run = subprocess.run(
+        [*command, "--configfile", f"{study}.yaml"],
+        cwd=shared.folder,
+        env=shared.environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     output = run.stdout + run.stderr
     assert run.returncode == 0, output[-8000:]
     assert "Traceback" not in output
-    results, figures = (project.folder / part / "tiny" for part in ("results", "figures"))
-    for notebook in (project.folder / "notebooks").glob("*.ipynb"):
-        page = (results / "notebooks" / f"{notebook.stem}.html").read_text()
+    results, figures = (shared.folder / part / study for part in ("results", "figures"))
+    for notebook in (shared.folder / "notebooks").glob("*.ipynb"):
+        page = (results / "book" / f"{notebook.stem}.html").read_text()
         assert "<script>alert(1)" not in page
+        words = re.sub(r"<(script|style).*?</\1>|<[^>]+>", " ", page, flags=re.DOTALL)
+        assert not re.search(r"\bnan\b", words), notebook
     assert len(list(figures.glob("fig*.svg"))) == len(list(figures.glob("fig*.csv"))) >= 20
     estimates = pd.read_csv(results / "estimates.csv")
     known = estimates.dropna(subset="probability")

@@ -131,7 +131,12 @@ WRONG = {
         [0.5, 0.9],
         "seen [0.5, 0.9]; expected list of 1, each number > 0 and < 1",
     ),
-    "vehicle parameter": ("vehicle__parameters", {"kp": [1]}, "seen [1]; expected number or true or false"),
+    "vehicle parameter": (
+        "vehicle__parameters",
+        {"kp": float("nan")},
+        "seen NaN; expected number or true or false",
+    ),
+    "no text": ("vehicle__files", [1], "seen 1; expected non-empty text"),
 }
 
 
@@ -207,7 +212,7 @@ INCONSISTENT = {
     "tried edges too high": ({"sensitivity__lead_speed_edges": [[5, 35], [6, 35]]}, "from lead_speed_min or"),
     "tried edges too low": ({"sensitivity__lead_speed_edges": [[5, 34]]}, "to lead_speed_max or above"),
     "tried edges that fall": ({"sensitivity__lead_speed_edges": [[5, 25, 15, 35]]}, "increasing order"),
-    "unknown source": ({"data__source": "smpd"}, "a source of records: one of spmd, table"),
+    "unknown source": ({"data__source": "smpd"}, "a source of records: one of highd, spmd, spmd_raw, table"),
     "outliers of a sample": ({"data__sample": 1000}, "no outlier rows with a sample"),
     "no table": ({"data__source": "table"}, "the path of the table"),
     "unknown distribution": (

@@ -102,6 +102,20 @@ def test_the_checkpoint_of_another_work_is_not_used(tmp_path):
     assert again == run(tmp_path / "fresh", Toy())
 
 
+@pytest.mark.parametrize("damage", ["", "{}", "[1]", "null", "half", "digit", "bytes"])
+def test_a_damaged_checkpoint_is_told_and_not_used(tmp_path, damage):
+    whole = run(tmp_path, Toy())
+    path = tmp_path / "checkpoint.json"
+    text = path.read_text()
+    damaged = {
+        "half": text[: len(text) // 2],
+        "digit": text.replace(str(whole[0]["slow"][1]), str(whole[0]["slow"][1] + 1), 1),
+    }
+    path.write_bytes(b"\xff\xfe" if damage == "bytes" else damaged.get(damage, damage).encode())
+    with pytest.warns(UserWarning, match=r"checkpoint.json is damaged; starting anew"):
+        assert run(tmp_path, Toy()) == whole
+
+
 def test_the_fingerprint_changes_with_files_and_settings(tmp_path):
     path = tmp_path / "model.json"
     path.write_text("one")

@@ -15,6 +15,7 @@ from accelerated_evaluation.encounters.contract import (
 )
 from accelerated_evaluation.encounters.filters import Account
 from accelerated_evaluation.encounters.ingest import ingest
+from accelerated_evaluation.encounters.reading import read_csv
 from accelerated_evaluation.encounters.segments import (
     assign_segments,
     dependence,
@@ -382,12 +383,20 @@ def test_repeated_rows_are_counted_when_kept(csv_config):
     assert (repeated["rows_found"], repeated["rows_dropped"], len(encounters)) == (1, 0, 5)
 
 
+def test_a_very_wide_header_is_refused_in_few_words(tmp_path):
+    path = tmp_path / "wide.csv"
+    path.write_text(",".join(["x" * 1000, *(f"speed_{k}" for k in range(100_000))]) + "\n")
+    with pytest.raises(InputError, match=r"'speed_7', 'xxx.* and 99,996 more") as error:
+        read_csv(path, {"data.table.columns.range.name": "speed7"})
+    assert len(str(error.value)) < 500
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
         (
             {"lead_speed": {"name": "v", "unit": "m/s"}},
-            r"column 'v': seen only the columns lead_speed",
+            r"column 'v': seen only the columns 'lead_speed'",
         ),
         (
             {"range": {"name": "range", "unit": "furlong"}},

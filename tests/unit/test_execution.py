@@ -1,4 +1,6 @@
-"""Notebooks run in the process of their job: what they show is kept, and an error says where it happened."""
+"""Notebooks run in the process of their job: what they show is kept, their texts are filled in, and an error
+says where it happened.
+"""
 
 import subprocess
 import sys
@@ -9,20 +11,24 @@ import pytest
 RUN = """
 import sys
 from accelerated_evaluation.publishing.execution import run_notebook
-run_notebook(sys.argv[1], {"number": 2}, sys.argv[1] + ".executed.ipynb", sys.argv[1] + ".html")
+run_notebook(sys.argv[1], {"number": 2}, sys.argv[1] + ".executed.ipynb")
 """
 
 
 def run(path, *cells):
-    """Run a notebook of these cells in a process of its own, which its interactive shell takes over."""
+    """Run a notebook of these cells in a process of its own, which its interactive shell takes over.
+
+    A cell that begins with a star is text.
+    """
     parameters = nbformat.v4.new_code_cell("number = 1", metadata={"tags": ["parameters"]})
-    cells = [parameters, *map(nbformat.v4.new_code_cell, cells)]
+    new = {True: nbformat.v4.new_markdown_cell, False: nbformat.v4.new_code_cell}
+    cells = [parameters, *(new[cell.startswith("*")](cell) for cell in cells)]
     metadata = {"kernelspec": {"name": "python3", "language": "python", "display_name": "Python 3"}}
     nbformat.write(nbformat.v4.new_notebook(cells=cells, metadata=metadata), path)
     return subprocess.run([sys.executable, "-c", RUN, str(path)], capture_output=True, text=True, check=False)
 
 
-def test_outputs_of_all_kinds_are_kept_and_rendered(tmp_path):
+def test_outputs_of_all_kinds_are_kept(tmp_path):
     path = tmp_path / "n.ipynb"
     figure = "import matplotlib.pyplot as plt\nplt.plot([1, number])\nplt.show()"
     markdown = (
@@ -36,9 +42,22 @@ def test_outputs_of_all_kinds_are_kept_and_rendered(tmp_path):
     assert [output.text for output in printed] == ["2\n"]
     assert [output.data["image/png"][:5] for output in drawn] == ["iVBOR"]
     assert [output.data["text/markdown"] for output in written] == ["first", "**last**"]
-    html = (tmp_path / "n.ipynb.html").read_text()
-    assert "<strong>last</strong>" in html
-    assert "data:image/png;base64,iVBOR" in html
+
+
+def test_texts_are_filled_in_where_they_stand(tmp_path):
+    finished = run(tmp_path / "n.ipynb", "*First* {{ number }}.", "number = 3", "*Then* {{ number }}.")
+    assert finished.returncode == 0, finished.stderr
+    executed = nbformat.read(tmp_path / "n.ipynb.executed.ipynb", as_version=4)
+    texts = [cell.source for cell in executed.cells if cell.cell_type == "markdown"]
+    assert texts == ["*First* 2.", "*Then* 3."]
+
+
+def test_a_text_with_an_unknown_name_is_one_error_and_leaves_nothing_behind(tmp_path):
+    finished = run(tmp_path / "n.ipynb", "number", "*There are* {{ nummer }}.", "print('not reached')")
+    assert finished.returncode != 0
+    last = finished.stderr.strip().splitlines()[-1]
+    assert "n.ipynb, text after cell 3: UndefinedError: 'nummer' is undefined" in last
+    assert [path.name for path in tmp_path.iterdir()] == ["n.ipynb"]
 
 
 @pytest.mark.parametrize(

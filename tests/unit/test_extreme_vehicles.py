@@ -92,6 +92,27 @@ def test_searches_estimates_and_coverage_of_extreme_vehicles(name, vehicle):
     assert table["bias"].isna().all() == (truth == 0)
 
 
+def test_a_search_that_uses_up_all_simulations_leaves_nothing_known():
+    estimate = method_of("piecewise").estimate(
+        before(From(0.05)), Stopping(maximum_simulations=10), np.random.default_rng(1)
+    )
+    assert estimate.learning >= 10
+    assert (estimate.estimating, estimate.events, estimate.converged) == (0, 0, False)
+    assert math.isnan(estimate.probability)
+    assert (estimate.low, estimate.high) == (0, 1)
+
+
+def test_the_surrogate_without_an_event_and_with_events_alone():
+    def estimate(vehicle):
+        sampler = METHODS["surrogate"](batch_size=10)
+        return sampler.estimate(before(vehicle), Stopping(maximum_simulations=60), np.random.default_rng(1))
+
+    never, always = estimate(From(math.inf)), estimate(From(0.0))
+    assert (never.probability, always.probability) == (0, 1)
+    assert never.low == 0 < never.high < 1
+    assert 0 < always.low < always.high == 1
+
+
 def test_the_bound_without_an_event_is_that_of_the_most_probable_set():
     """With f* equal to f it is the binomial limit; one that goes elsewhere says little, or nothing at all."""
     law, n = before(From(math.inf)).law, 1000

@@ -7,6 +7,7 @@ import math
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pandas as pd
@@ -20,6 +21,25 @@ from accelerated_evaluation.randomness import child_generator
 
 class Interruption(BaseException):
     """Stands for a keyboard interrupt."""
+
+
+def test_links_devices_and_folders_stay_what_they_are(tmp_path):
+    (tmp_path / "real.txt").write_text("before")
+    link, pipe = tmp_path / "link.txt", tmp_path / "pipe"
+    link.symlink_to("real.txt")
+    write_text(link, "after")
+    assert link.is_symlink()
+    assert (tmp_path / "real.txt").read_text() == "after"
+    os.mkfifo(pipe)
+    with ThreadPoolExecutor(1) as reader:
+        read = reader.submit(pipe.read_text)
+        write_text(pipe, "through the pipe")
+        assert read.result() == "through the pipe"
+    assert pipe.is_fifo()
+    with pytest.raises(StudyError, match="is a folder; name a file"):
+        write_text(tmp_path, "")
+    with pytest.raises(StudyError, match="cannot be written"):
+        write_text(link / "below.txt", "")
 
 
 @pytest.mark.parametrize("error", [ValueError, Interruption])

@@ -3,10 +3,11 @@
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.fitting.conditional import RANGE_MAX, Places, SpeedLaw
+from accelerated_evaluation.fitting.conditional import Places, SpeedLaw
 from accelerated_evaluation.fitting.family import Events, Fitter, Member, members_at
 from accelerated_evaluation.fitting.rivals import ConditionalExtremes, IndependentTail
 from accelerated_evaluation.fitting.shapes import Exponential
+from accelerated_evaluation.fitting.support import SUPPORT
 from accelerated_evaluation.laws.dependent import DependentLaw
 from accelerated_evaluation.laws.files import read_law, write_law
 from accelerated_evaluation.laws.independent import recorded_lead_speeds
@@ -70,7 +71,7 @@ class ExponentialSpeeds:
 def events():
     generator = np.random.default_rng(1)
     lead_speed = generator.uniform(5, 34.9, SIZE)
-    range_ = RANGE_MAX * generator.uniform(0, 1, SIZE) ** 0.5  # P(R < r) = (r / 75)^2
+    range_ = SUPPORT.range_max * generator.uniform(0, 1, SIZE) ** 0.5  # P(R < r) = (r / 75)^2
     return Events(lead_speed, range_, MEAN * generator.standard_exponential(SIZE))
 
 
@@ -91,7 +92,7 @@ def crash_map():
 
 def crash_probability(mean=MEAN):
     """P(C > RATE R) for exponential C and P(R < r) = (r / 75)^2, in closed form."""
-    decay = RATE * RANGE_MAX / mean
+    decay = RATE * SUPPORT.range_max / mean
     return 2 * (1 - np.exp(-decay) * (1 + decay)) / decay**2
 
 

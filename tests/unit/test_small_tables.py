@@ -21,7 +21,9 @@ NORMALS = PieceFamily("bounded normal", 2)
 
 @pytest.fixture(scope="module")
 def recorded():
-    return assign_segments(pd.read_parquet(RECORDS), [5, 15, 25, 35])
+    rows = pd.read_parquet(RECORDS)
+    rows["closing_speed"] = rows["inverse_ttc"] / rows["inverse_range"]
+    return assign_segments(rows, [5, 15, 25, 35])
 
 
 @pytest.fixture
@@ -124,3 +126,18 @@ def test_a_segment_with_too_few_rows_is_refused_with_its_count(recorded):
     require_rows(enough)
     with pytest.raises(InputError, match=r"segment 25-35 m/s: seen 29 of .* expected at least 30"):
         require_rows(enough.iloc[:-1])
+
+
+@pytest.mark.parametrize(
+    ("column", "what"),
+    [
+        ("inverse_range", "the range in all segments"),
+        ("closing_speed", "the closing speed in all segments"),
+        ("inverse_ttc", r"TTC\^-1 in segment .* m/s"),
+    ],
+)
+def test_a_variable_that_hardly_varies_is_refused(recorded, column, what):
+    rows = recorded.iloc[:: len(recorded) // 600]
+    require_rows(rows)
+    with pytest.raises(InputError, match=rf"{what}: seen 5 different values; expected at least 6"):
+        require_rows(rows.assign(**{column: np.arange(len(rows)) % 5 + 1.0}))

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from accelerated_evaluation.errors import ConvergenceError
 from accelerated_evaluation.fitting import excess as excess_module
-from accelerated_evaluation.fitting.conditional import PENALTY, Places, Threshold, range_grid, speed_grid
+from accelerated_evaluation.fitting.conditional import Places, Threshold, range_grid, speed_grid
 from accelerated_evaluation.fitting.excess import fit_excess, unit_information
 from accelerated_evaluation.fitting.family import Events, Fitter, members_at
 from accelerated_evaluation.fitting.regressions import REGRESSIONS
 from accelerated_evaluation.fitting.shapes import SHAPES, Exponential, Generalised, TwoKinds
 from accelerated_evaluation.fitting.smooth_hazard import Binned, fit_hazard
 from accelerated_evaluation.fitting.splines import Basis, Constant, Penalty, Tensor
+from accelerated_evaluation.fitting.support import SUPPORT
 from scipy import stats
 
 SIZE = 12_000
@@ -149,11 +150,11 @@ def test_excesses_give_back_shape_and_scale(shape):
     places = Places.of(generator.uniform(5, 35, size), generator.uniform(1, 75, size))
     scale = np.exp(0.5 - 0.02 * places.lead_speed)
     excess = scale * Generalised().inverse(generator.standard_exponential(size), np.array([shape]))
-    fit = fit_excess(excess, places.splines, PENALTY, Generalised())
+    fit = fit_excess(excess, places.splines, SUPPORT.penalty, Generalised())
     deviation = np.sqrt(np.linalg.inv(fit.factor.T @ fit.factor)[-1, -1])
     assert abs(fit.parameters[0] - shape) < 4 * deviation
     assert abs(np.mean(np.log(fit.scale(places.splines) / scale))) < 4 * 1.5 / np.sqrt(size)
-    wrong = fit_excess(excess, places.splines, PENALTY, Exponential())
+    wrong = fit_excess(excess, places.splines, SUPPORT.penalty, Exponential())
     z = excess / wrong.scale(places.splines)
     assert abs(np.mean(z > 3) / np.exp(-3) - 1) > 0.15  # the exponential misses the tail by far
 

@@ -169,6 +169,17 @@ def test_without_crude_monte_carlo_and_without_crashes_there_is_a_figure(estimat
     assert figure.axes[0].get_xlim()[1] < 2e-6
 
 
+@pytest.mark.parametrize("name", ["fig14_estimates_against_truth", "fig16_uncertainty"])
+def test_where_the_truth_is_zero_the_figure_says_that_nothing_crashes(draw, exact, name):
+    def texts():
+        figure, _ = draw(name)
+        return [text.get_text() for text in figure.axes[0].texts]
+
+    assert "no crash" not in texts()
+    exact["probability"] = 0.0
+    assert "no crash" in texts()
+
+
 def test_choices_are_drawn_beside_the_study(draw, sensitivity):
     figure, data = draw("fig15_sensitivity")
     axes = figure.axes[0]

@@ -7,6 +7,7 @@ from accelerated_evaluation.vehicles import Vehicle, load_vehicle
 from accelerated_evaluation.vehicles.checked import REPEATED
 
 USER_FILE = """
+import os
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,12 +52,26 @@ class Inert:
 
 class Exits:
     def __init__(self, error="SystemExit", where="simulate"):
-        self.error = {"SystemExit": SystemExit(0), "GeneratorExit": GeneratorExit("gone")}[error]
+        self.error = {"SystemExit": SystemExit(0), "GeneratorExit": GeneratorExit("gone")}.get(error)
         if where == "init":
-            raise self.error
+            self.leave()
+
+    def leave(self):
+        if self.error is None:
+            os._exit(0)
+        raise self.error
 
     def simulate(self, lead_speed, range_, closing_speed):
-        raise self.error
+        self.leave()
+
+
+class Forks(Coasting):
+    # Starts a process of its own, which ends as such processes do.
+    def simulate(self, lead_speed, range_, closing_speed):
+        if (child := os.fork()) == 0:
+            os._exit(3)
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 3
+        return super().simulate(lead_speed, range_, closing_speed)
 
 
 class Reusing(Coasting):
@@ -115,14 +130,20 @@ def test_users_own_vehicle(user_file):
         (("crash", [False]), r"crash: seen shape \(1,\); expected shape \(2,\)"),
         (("crash", [1, 0]), "crash: seen an array of int64; expected an array of booleans"),
         (("min_ttc", ["a", "b"]), "min_ttc: seen an array of <U1; expected an array of real numbers"),
-        (("min_range", [-1, np.nan]), r"min_range\[1\]: seen nan"),
-        (("min_range", [-1, 11]), r"min_range\[1\]: seen 11.0; expected at most the initial range"),
-        (("min_range", [1, 1]), r"min_range\[0\]: seen 1.0; expected 0 m or less where crash is true"),
-        (("min_range", [-1, -1]), r"min_range\[1\]: seen -1.0; expected above 0 m where crash is false"),
-        (("min_ttc", [1, 0]), r"min_ttc\[1\]: seen 0.0"),
-        (("min_ttc", [1, np.nan]), r"min_ttc\[1\]: seen nan"),
-        (("impact_speed", [np.inf, 0]), r"impact_speed\[0\]: seen inf"),
-        (("impact_speed", [1, 2]), r"impact_speed\[1\]: seen 2.0; expected 0 m/s where crash is false"),
+        (
+            ("min_range", [-1, np.nan]),
+            r"min_range\[1\] of the encounter .*, range 10, closing_speed 1: seen nan",
+        ),
+        (("min_range", [-1, 11]), r"min_range\[1\] of .*: seen 11.0; expected at most the initial range"),
+        (("min_range", [1, 1]), r"min_range\[0\] of .*: seen 1.0; expected 0 m or less where crash is true"),
+        (
+            ("min_range", [-1, -1]),
+            r"min_range\[1\] of .*: seen -1.0; expected above 0 m where crash is",
+        ),
+        (("min_ttc", [1, 0]), r"min_ttc\[1\] of .*: seen 0.0"),
+        (("min_ttc", [1, np.nan]), r"min_ttc\[1\] of .*: seen nan"),
+        (("impact_speed", [np.inf, 0]), r"impact_speed\[0\] of .*: seen inf"),
+        (("impact_speed", [1, 2]), r"impact_speed\[1\] of .*: seen 2.0; expected 0 m/s where crash is false"),
     ],
 )
 def test_users_vehicle_that_breaks_the_protocol(user_file, change, message):
@@ -157,13 +178,24 @@ def test_the_repetition_costs_few_simulations_once(user_file, how):
     assert vehicle.vehicle.simulated == 3 * 50 + 2 * REPEATED
 
 
-@pytest.mark.parametrize("error", ["SystemExit", "GeneratorExit"])
-def test_users_vehicle_that_exits(user_file, error):
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        ("SystemExit", "SystemExit: 0"),
+        ("GeneratorExit", "GeneratorExit: gone"),
+        ("os._exit", r"SystemExit: os._exit\(0\)"),
+    ],
+)
+def test_users_vehicle_that_exits(user_file, error, told):
     vehicle = load_vehicle(f"{user_file}:Exits", error=error)
-    with pytest.raises(InputError, match=f"Exits, simulate: seen {error}: (0|gone); expected outcomes"):
+    with pytest.raises(InputError, match=f"Exits, simulate: seen {told}; expected outcomes"):
         vehicle.simulate([20], [10], [5])
-    with pytest.raises(InputError, match=f"Exits: seen {error}"):
+    with pytest.raises(InputError, match=f"Exits: seen {told}"):
         load_vehicle(f"{user_file}:Exits", error=error, where="init")
+
+
+def test_processes_that_a_vehicle_forks_end_as_they_like(user_file):
+    assert load_vehicle(f"{user_file}:Forks").simulate([20], [10], [5]).crash.all()
 
 
 def test_an_interruption_at_the_keyboard_is_not_the_vehicles(user_file):
@@ -194,12 +226,14 @@ def test_users_vehicle_that_fails(user_file, class_name, message):
         ("{file}:Coasting", {"minutes": 1}, "TypeError: .*minutes"),
         ("{folder}/wrong.py:Car", {}, "SyntaxError"),
         ("{folder}/leaves.py:Car", {}, "SystemExit: 0; expected a file that Python can import"),
+        ("{folder}/ends.py:Car", {}, r"SystemExit: os._exit\(0\); expected a file that Python can import"),
         ("{folder}/plain.txt:Car", {}, "ends in .py"),
     ],
 )
 def test_vehicles_that_cannot_be_loaded(user_file, name, parameters, message):
     user_file.with_name("wrong.py").write_text("def")
     user_file.with_name("leaves.py").write_text("import sys; sys.exit(0)")
+    user_file.with_name("ends.py").write_text("from os import _exit; _exit(0)")
     user_file.with_name("plain.txt").write_text("")
     with pytest.raises(InputError, match=message):
         load_vehicle(name.format(file=user_file, folder=user_file.parent), **parameters)

@@ -37,11 +37,18 @@ def table(project, name="events.csv", **columns):
         ({"range": [20.0] * 59 + [-1.0]}, "60"),
         ({"closing_speed": [1.0] * 30 + ["fast"] + [1.0] * 29}, "fast"),
         ({"lead_speed": [np.nan] + [10.0] * 59}, "missing"),
-        ({"lead_speed": [10.0] * 60}, "segment"),
     ],
 )
 def test_rows_that_cannot_be_used(project, columns, told):
     assert told in message(study(project, **table(project, **columns)))
+    assert not left_behind(project)
+
+
+def test_segments_without_rows(project):
+    edges = [5, 15, 25, 35]
+    limits = {"filters": {"lead_speed_min": 5, "lead_speed_max": 35}, "segments": {"lead_speed_edges": edges}}
+    output = message(study(project, **table(project), **limits, sensitivity={"lead_speed_edges": [edges]}))
+    assert "segment 15-25, 25-35 m/s" in output
     assert not left_behind(project)
 
 
@@ -79,3 +86,22 @@ def test_when_no_row_is_left_the_account_is_kept_beside_the_log(project):
     assert "none is left (60 by closing" in output
     account = pd.read_csv(project.folder / "results/bad/logs/ingest_encounters_account.csv")
     assert account.set_index("step").loc["closing", "rows_dropped"] == 60
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (b"study: bad\nseed: [1\n", "line 2"),
+        (b"study: bad\nseed: 1\nseed: 2\n", "'seed' twice in line 3"),
+        (b"study: caf\xe9\n", "can't decode byte 0xe9"),
+        (b"- a\n- b\n", "expected keys and values"),
+        (None, "No such file"),
+    ],
+)
+def test_a_configuration_that_cannot_be_read_is_named(project, content, told):
+    if content is not None:
+        (project.folder / "bad.yaml").write_bytes(content)
+    last = message(project.run("--dry-run", config="bad.yaml")).strip().splitlines()[-1]
+    assert last.startswith("error: ")
+    assert "bad.yaml: seen" in last
+    assert told in last

@@ -113,8 +113,8 @@ def test_a_new_distribution_is_fitted_stored_and_shown(extended):
     law = json.loads((extended.folder / "results/smoke/models/two_pieces.json").read_text())
     tail = law["inverse_ttc"]["distributions"]["5-15"]["components"][-1]
     assert tail["kind"] == "toy exponential"
-    notebook = (extended.folder / "results/smoke/notebooks/03_piecewise_mixture_models.html").read_text()
-    assert "toy exponential" in notebook
+    chapter = (extended.folder / "results/smoke/book/03_piecewise_mixture_models.html").read_text()
+    assert "toy exponential" in chapter
 
 
 def test_a_new_vehicle_is_mapped_and_simulated(extended):

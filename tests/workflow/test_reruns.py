@@ -4,6 +4,7 @@ import os
 import re
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 import yaml
@@ -142,7 +143,8 @@ def test_an_edited_setting_reruns_the_rules_that_name_it(smoke):
 
 def test_a_table_counts_by_its_content_and_not_by_its_date(project):
     table = project.folder / "mine.csv"
-    rows = pd.DataFrame({"lead_speed": [10.0, 20.0, 30.0] * 60, "range": 20.0, "closing_speed": 1.0})
+    rows = pd.DataFrame({"lead_speed": [10.0, 20.0, 30.0] * 60, "range": np.linspace(20, 60, 180)})
+    rows["closing_speed"] = np.linspace(1, 5, 180)
     rows.to_csv(table, index=False)
     config = {"study": "mine", "data": {"source": "table", "table": {"path": "mine.csv"}}}
     (project.folder / "mine.yaml").write_text(yaml.safe_dump(config))

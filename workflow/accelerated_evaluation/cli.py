@@ -21,7 +21,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        Exit status: 0, or 2 after bad input.
+        Exit status: 0, 2 after bad input, or 130 if it was stopped from the keyboard.
     """
     arguments = _parser().parse_args(argv)
     try:
@@ -29,6 +29,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (StudyError, OSError) as error:
         print("error:", *str(error).split(), file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        print("stopped from the keyboard", file=sys.stderr)
+        return 130
     return 0
 
 

@@ -16,6 +16,7 @@ from typing import Any
 import yaml
 
 from accelerated_evaluation.consistency import CHECKS
+from accelerated_evaluation.encounters.limits import AUTO, AUTOMATIC, with_limits, with_values
 from accelerated_evaluation.errors import InputError, StudyError
 from accelerated_evaluation.files import write_text
 from accelerated_evaluation.imports import without
@@ -51,13 +52,15 @@ class ConfigurationError(StudyError):
         return "\n  ".join(("The configuration cannot be used:", *self.args))
 
 
-def load(paths: Sequence[str | os.PathLike] = ()) -> dict[str, Any]:
+def load(paths: Sequence[str | os.PathLike] = (), given: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Load the configuration as Snakemake does with ``--configfile``, and validate it.
 
     Parameters
     ----------
     paths
         Files that state what differs from ``config/config.yaml``; a later one overrules an earlier one.
+    given
+        Further keys and values, which overrule all files.
 
     Returns
     -------
@@ -72,16 +75,52 @@ def load(paths: Sequence[str | os.PathLike] = ()) -> dict[str, Any]:
         If the configuration is not valid.
     """
     config: dict[str, Any] = {}
-    for path in paths:
-        config = _merged(config, read_yaml(Path(path)))
+    for part in (*map(read_yaml, map(Path, paths)), given or {}):
+        config = _merged(config, part)
     config = completed(config)
     validate(config)
     return config
 
 
 def completed(config: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a configuration with the keys that it does not state as ``config/config.yaml`` states them."""
-    return _merged(read_yaml(DEFAULTS), config)
+    """Return a configuration with the keys that it does not state as ``config/config.yaml`` states them.
+
+    The limits there are those of its source. For another source they are `limits.AUTO`, and are read off the
+    records (`limits.with_limits`).
+    """
+    defaults = read_yaml(DEFAULTS)
+    data = config.get("data")
+    if (
+        isinstance(data, Mapping)
+        and data.get("source", defaults["data"]["source"]) != defaults["data"]["source"]
+    ):
+        defaults = with_values(defaults, dict.fromkeys(AUTOMATIC, AUTO))
+    return _merged(defaults, config)
+
+
+def resolved(
+    config: Mapping[str, Any], files: Sequence[str] = (), kept: Path | None = None, *, trust: bool = False
+) -> dict[str, Any]:
+    """Return a complete configuration with the limits of its records in place of ``auto``, checked.
+
+    Parameters
+    ----------
+    config
+        As `completed` returns it.
+    files, kept, trust
+        As in `limits.with_limits`.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is not valid.
+    InputError
+        If the records cannot be read.
+    """
+    validate(config)
+    found = with_limits(config, files, kept, trust=trust)
+    validate(found)
+    return found
 
 
 def validate(config: Mapping[str, Any]) -> None:
@@ -100,6 +139,8 @@ def validate(config: Mapping[str, Any]) -> None:
         if any(all(map(eq, path, wrong)) for path in paths for wrong, _ in violations):
             continue
         values = [reduce(getitem, path, config) for path in paths]
+        if any(isinstance(value, str) and value == AUTO for value in values):
+            continue  # which is looked at again when the records have told the value
         if not check.holds(*values):
             lines.append(
                 f"{', '.join(check.keys)}: seen {', '.join(map(_shown, values))}; expected {check.expected}"
@@ -145,7 +186,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
     try:
         config = yaml.load(path.read_text(encoding="utf-8"), Loader=_StrictLoader)  # a safe one
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        seen = " ".join(str(error).split())
+        seen = " ".join(str(error).replace('in "<unicode string>", ', "in ").split())
         raise InputError(
             str(path), seen=seen, expected="a YAML file", change="Correct the path or mend the file."
         ) from error
@@ -216,7 +257,7 @@ def _expected(schema: Mapping[str, Any]) -> str:
     """Say in words what a part of the schema allows."""
     if "enum" in schema:
         return f"one of {', '.join(schema['enum'])}"
-    if "pattern" in schema:
+    if schema.get("type") == "string" and "pattern" in schema:
         return f"text matching `{schema['pattern']}`"
     types = [schema["type"]] if isinstance(schema["type"], str) else schema["type"]
     bounds = " and ".join(f"{sign} {schema[bound]:,}" for bound, sign in BOUNDS.items() if bound in schema)
@@ -230,6 +271,8 @@ def _expected_type(name: str, schema: Mapping[str, Any], bounds: str) -> str:
     if name in ("integer", "number"):
         return f"{name} {bounds}".rstrip()
     if name == "string":
+        if schema.get("pattern") == "^auto$":
+            return "auto"
         return "non-empty text" if "minLength" in schema else "text"
     return TYPES.get(name, name)
 

@@ -182,10 +182,13 @@ CHECKS = (
         )
         for name in SOURCES
     ),
-    Check(
-        ("data.source", "data.table.path"),
-        lambda source, path: source != "table" or path is not None,
-        "the path of the table, as the source is table",
+    *(
+        Check(
+            ("data.source", f"data.{name}.path"),
+            lambda source, path, name=name: source != name or path is not None,
+            f"the path of the {what}, as the source is {name}",
+        )
+        for name, what in (("table", "table"), ("spmd_raw", "folder"), ("highd", "folder"))
     ),
     Check(
         ("data.table.columns.closing.quantity", "data.table.columns.closing.unit"),

@@ -22,31 +22,48 @@ def atomic_path(path: str | os.PathLike) -> Iterator[Path]:
     """Yield a temporary path beside ``path`` that takes its name when the block ends without an error.
 
     A process that is killed in the block leaves its temporary file behind; the next one that writes the same
-    path removes it.
+    path removes it. A link stays a link; a device or a pipe stays what it is, and takes the content.
 
     Raises
     ------
     StudyError
-        If there is no space left on the disk.
+        If ``path`` is a folder, its folder cannot be written to, or there is no space left on the disk.
     """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    _remove_abandoned(path)
-    handle, name = tempfile.mkstemp(
-        prefix=f".{path.name}.{os.getpid()}.", suffix=path.suffix, dir=path.parent
-    )
+    if path.is_dir():
+        raise StudyError(f"{path} is a folder; name a file to write")
+    is_special = path.exists() and not path.is_file()
+    folder = Path(tempfile.gettempdir()) if is_special else path.resolve().parent
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        _remove_abandoned(path, folder)
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.{os.getpid()}.", suffix=path.suffix, dir=folder)
+    except OSError as error:
+        raise _unwritable(path, error) from error
     os.close(handle)
     temporary = Path(name)
     try:
         yield temporary
-        temporary.chmod(0o644)
-        temporary.replace(path)
+        if is_special:
+            path.write_bytes(temporary.read_bytes())
+        else:
+            temporary.chmod(0o644)
+            temporary.replace(path.resolve())
     except OSError as error:
         if is_disk_full(error):
-            raise StudyError(f"no space left on the disk to write {path}; free some and run again") from error
+            raise _unwritable(path, error) from error
         raise
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _unwritable(path: Path, error: OSError) -> StudyError:
+    """Say why a file cannot be written."""
+    if is_disk_full(error):
+        return StudyError(f"no space left on the disk to write {path}; free some and run again")
+    return StudyError(
+        f"{path} cannot be written ({error.strerror}); make its folder writable, or name another"
+    )
 
 
 def is_disk_full(error: BaseException | None) -> bool:
@@ -58,10 +75,10 @@ def is_disk_full(error: BaseException | None) -> bool:
     return False
 
 
-def _remove_abandoned(path: Path) -> None:
-    """Remove the temporary files of ``path`` whose processes are dead."""
+def _remove_abandoned(path: Path, folder: Path) -> None:
+    """Remove the temporary files of ``path`` in a folder whose processes are dead."""
     pattern = re.compile(rf"\.{re.escape(path.name)}\.(\d+)\.\w+{re.escape(path.suffix)}")
-    for other in path.parent.iterdir():
+    for other in folder.iterdir():
         match = pattern.fullmatch(other.name)
         if match and not is_alive(int(match[1])):
             other.unlink(missing_ok=True)

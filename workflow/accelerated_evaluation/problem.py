@@ -2,7 +2,8 @@
 
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from typing import Any, Protocol, Self
 
@@ -18,6 +19,7 @@ from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.vehicles.events import CRASH, Event
 from accelerated_evaluation.vehicles.loading import load_vehicle
 from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
+from accelerated_evaluation.vehicles.slow import loaded_for
 
 Response = tuple[NDArray[np.bool_], Array | None]
 
@@ -154,6 +156,8 @@ def load_problem(
 ) -> Problem:
     """Read a law and the encounters that it was fitted to, and put its cut-ins before a vehicle.
 
+    A slow vehicle is simulated as often as it is asked; `loaded_problem` keeps its outcomes.
+
     Parameters
     ----------
     law, encounters
@@ -163,6 +167,26 @@ def load_problem(
     """
     car = load_vehicle(vehicle["name"], **vehicle["parameters"])
     return Problem(read_law(law, read_encounters(encounters)), car)
+
+
+@contextmanager
+def loaded_problem(
+    law: str | os.PathLike,
+    encounters: str | os.PathLike,
+    vehicle: Mapping[str, Any],
+    simulations: Mapping[str, Any],
+) -> Iterator[Problem]:
+    """Read a law and the encounters as `load_problem` does; outcomes of a slow vehicle are kept in its store.
+
+    Parameters
+    ----------
+    law, encounters
+        Law file and encounter table.
+    vehicle, simulations
+        Sections of these names of the configuration.
+    """
+    with loaded_for(vehicle, simulations) as car:
+        yield Problem(read_law(law, read_encounters(encounters)), car)
 
 
 @dataclass(frozen=True)

@@ -21,13 +21,14 @@ rule search_proposals:
         log_of("search_proposals", "{method}_{seed}.log"),
     benchmark:
         benchmark_of("search_proposals", "{method}_{seed}.tsv")
-    threads: 1
+    threads: WORKERS
     resources:
         mem_mb=1000,
     params:
         seed=config["seed"],
         vehicle=config["vehicle"],
         vehicle_content=VEHICLE_CONTENT,
+        simulations=SIMULATIONS,
         settings=lambda wildcards: settings_of(wildcards.method),
     message:
         "Cross-Entropy search, method {wildcards.method}, seed {wildcards.seed}"

@@ -1,8 +1,11 @@
 # Answer: laws of cut-ins that fit where crashes happen, and one crash probability with its interval (beyond the paper).
 #
 # In: encounters.parquet, the vehicle under test and those that it is compared with. Out: crash maps up to closing speeds
-# where nothing changes any more, the answer with its budget, the calibration and the scores of all laws on records that
-# they have not seen, and what the quality of the data does to the answer.
+# where nothing changes any more, the answer with its budget, its law, and as rates per kilometre and hour, the
+# calibration and the scores of all laws on records that they have not seen, what the quality of the data does to the
+# answer, and what happens in the likeliest crashes and the nearest records.
+
+from math import ceil
 
 NO_EVENTS = {name: [] for name in config["answer"]["events"]}
 ANSWERED = {
@@ -22,9 +25,20 @@ ANSWERED = {
         ),
     ]
 }
+SUPPORT = {  # of the smooth laws: where the records lie
+    "lead_speeds": [
+        float(config["filters"][end]) for end in ("lead_speed_min", "lead_speed_max")
+    ],
+    "range_max": float(config["filters"]["range_max"]),
+    "closing_top": float(ceil(config["models"]["closing_speed_max"])),
+    "segment_edges": [
+        float(edge) for edge in config["segments"]["lead_speed_edges"][1:-1]
+    ],
+}
 LAW_TABLES = {  # by job, so that they can run beside each other
     "answer": [
         "answer",
+        "exposure",
         "vehicles",
         "answer_budget",
         "answer_draws",
@@ -71,6 +85,7 @@ for _job, _tables in LAW_TABLES.items():
             f"study_laws_{_job}"
         input:
             encounters=rules.ingest_encounters.output.encounters,
+            exposure=rules.ingest_encounters.output.exposure,
             maps=[
                 map_of(description, "crash_map/full.npz")
                 for description in ANSWERED.values()
@@ -82,6 +97,7 @@ for _job, _tables in LAW_TABLES.items():
             ),
         output:
             **{table: result("laws", f"{table}.csv") for table in _tables},
+            **({"law": result("laws", "answer.json")} if _job == "answer" else {}),
         log:
             log_of(f"study_laws_{_job}.log"),
         benchmark:
@@ -97,10 +113,52 @@ for _job, _tables in LAW_TABLES.items():
             },
             vehicle_content=VEHICLE_CONTENT,
             answer=part(config["answer"], "draws", "quality_draws"),
-            distance=config["exposure"]["distance"],
+            support=SUPPORT,
             outlier_rows=SOURCE["outlier_rows"],
             half_width=config["importance_sampling"]["beta"],
         message:
             f"Laws with dependence: {', '.join(_tables)}"
         script:
             "../scripts/study_laws.py"
+
+
+rule replay_encounters:
+    """Show what happens in the likeliest crashes and in the nearest records, and what each vehicle can prevent."""
+    input:
+        encounters=rules.ingest_encounters.output.encounters,
+        law=result("laws", "answer.json"),
+        map=map_of(ANSWERED["under_test"], "crash_map/full.npz"),
+        vehicle=ancient(VEHICLE_FILES),
+        library=modules_of(
+            "replay_encounters.py",
+            members={
+                "vehicles": [own["vehicle"] for own in ANSWERED.values()],
+                "laws": ["dependent"],
+            },
+        ),
+    output:
+        encounters=result("happened", "encounters.csv"),
+        traces=result("happened", "traces.csv"),
+        preventable=result("happened", "preventable.csv"),
+    log:
+        log_of("replay_encounters.log"),
+    benchmark:
+        benchmark_of("replay_encounters.tsv")
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        seed=config["seed"],
+        tested="under test",
+        vehicles={
+            name.replace("under_test", "under test"): [
+                description["vehicle"],
+                description["parameters"],
+            ]
+            for name, description in ANSWERED.items()
+        },
+        vehicle_content=VEHICLE_CONTENT,
+    message:
+        "Replaying the likeliest crashes and the nearest records"
+    script:
+        "../scripts/replay_encounters.py"

@@ -14,6 +14,7 @@ from accelerated_evaluation.configuration import (
     WORKFLOW,
     completed,
     read_yaml,
+    resolved,
     validate,
 )
 from accelerated_evaluation.dependencies import (
@@ -23,9 +24,12 @@ from accelerated_evaluation.dependencies import (
     without_unused,
 )
 from accelerated_evaluation.encounters.segments import segment_names
-from accelerated_evaluation.encounters.sources import SOURCES, describe
+from accelerated_evaluation.encounters.sources import SOURCES, describe, record_files
 from accelerated_evaluation.errors import StudyError
 from accelerated_evaluation.methods import METHODS
+from accelerated_evaluation.preflight import require_named
+from accelerated_evaluation.vehicles.loading import vehicle_files
+from accelerated_evaluation.vehicles.slow import is_slow
 from snakemake.exceptions import WorkflowError
 
 # A job of a cluster runs on a machine of its own, which cannot tell whether the run that sent it is alive.
@@ -36,6 +40,12 @@ try:
         read_yaml(Path(path))  # Snakemake takes the last of equal keys without a word
     config = completed(config)
     validate(config)
+    config = resolved(
+        config,
+        [config["data"][config["data"]["source"]]["path"]],
+        Path("results") / config["study"] / "limits.json",
+        trust=not workflow.is_main_process,
+    )
 except StudyError as error:
     raise WorkflowError(str(error)) from None
 
@@ -59,11 +69,30 @@ MODEL = config["models"]["inverse_range"]["variant"]
 SOURCE = config["data"][config["data"]["source"]]
 if not Path(SOURCE["path"]).exists() and (PROJECT / SOURCE["path"]).exists():
     SOURCE["path"] = str(PROJECT / SOURCE["path"])  # the records of this project
-RECORDS = [SOURCE["path"]]
+if workflow.is_main_process:
+    try:
+        require_named(config)
+    except StudyError as error:
+        raise WorkflowError(str(error)) from None
+RECORDS = record_files(SOURCE)
 DESCRIPTION = describe(config["data"])
 VEHICLE = config["vehicle"]["name"]
-VEHICLE_FILES = [VEHICLE.rsplit(":", 1)[0]] if ".py:" in VEHICLE else []
+try:
+    VEHICLE_FILES = [
+        *vehicle_files(VEHICLE, config["vehicle"]["parameters"]),
+        *config["vehicle"]["files"],
+    ]
+except StudyError as error:
+    raise WorkflowError(str(error)) from None
 VEHICLE_CONTENT = content_digest(VEHICLE_FILES)
+IS_SLOW = is_slow(VEHICLE, config["simulations"])
+# How many workers there are is the number of threads, an edit of which runs nothing again.
+WORKERS = config["simulations"]["workers"] if IS_SLOW else 1
+SIMULATIONS = {
+    key: value
+    for key, value in config["simulations"].items()
+    if key != "workers" and (IS_SLOW or key == "keep_class")
+}
 # The vehicle that most rules look up, for `modules_of`.
 OF_VEHICLE = {"vehicles": [VEHICLE]}
 SCOPES = ["all", SEGMENTS[0]]
@@ -111,7 +140,7 @@ def part(section: dict, *keys: str) -> dict:
 
 def mapped(vehicle: str, parameters: dict, crash_map: dict) -> dict:
     """Everything that a crash map depends on. It belongs to the vehicle, so that all studies of one share it."""
-    files = [vehicle.rsplit(":", 1)[0]] if ".py:" in vehicle else []
+    files = VEHICLE_FILES if vehicle == VEHICLE else vehicle_files(vehicle, parameters)
     limits = part(config["filters"], "lead_speed_min", "lead_speed_max", "range_max")
     return {
         "vehicle": vehicle,

@@ -33,7 +33,7 @@ for _method in REPLICATED:
             log_of(f"estimate_{_method}", "{scope}.log"),
         benchmark:
             benchmark_of(f"estimate_{_method}", "{scope}.tsv")
-        threads: 1
+        threads: WORKERS
         resources:
             mem_mb=1000,
         params:
@@ -41,6 +41,7 @@ for _method in REPLICATED:
             seed=config["seed"],
             vehicle=config["vehicle"],
             vehicle_content=VEHICLE_CONTENT,
+            simulations=SIMULATIONS,
             method=_method,
             settings=settings_of(_method),
             stopping=asdict(METHODS[_method].stopping(config)),

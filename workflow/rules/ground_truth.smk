@@ -40,6 +40,7 @@ rule compute_exact:
         half=rules.map_crashes.output.half,
         quarter=rules.map_crashes.output.quarter,
         encounters=rules.ingest_encounters.output.encounters,
+        exposure=rules.ingest_encounters.output.exposure,
         proposals=expand(
             rules.search_proposals.output.proposals, method=SEARCHING, seed=SEEDS
         ),
@@ -61,7 +62,6 @@ rule compute_exact:
         methods=[method for method in SEARCHING for _ in SEEDS],
         seeds=[seed for _ in SEARCHING for seed in SEEDS],
         variant=MODEL,
-        distance=config["exposure"]["distance"],
     message:
         "Computing exact probabilities"
     script:

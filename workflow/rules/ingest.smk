@@ -1,7 +1,38 @@
 # Ingest: from a source of lane changes to the encounter table (paper, section II).
 #
-# In: the records that the configuration names (data). Out: encounters.parquet, the account of every row
-# that was left out, the counts of the segments and the test of their independence.
+# In: the records that the configuration names (data). Out: the report on the records, encounters.parquet, the
+# account of every row that was left out, in how many kilometres and hours the records were made, the counts of the
+# segments and the test of their independence.
+
+
+rule inspect_records:
+    """Check the records before any result. A verdict never ends the study: it stands in log and notebook 12."""
+    input:
+        records=ancient(RECORDS),
+        vehicle=ancient(VEHICLE_FILES),
+        library=modules_of("inspect_records.py", members=OF_VEHICLE),
+    output:
+        report=result("records_report.csv"),
+    log:
+        log_of("inspect_records.log"),
+    benchmark:
+        benchmark_of("inspect_records.tsv")
+    priority: 100  # what is wrong with the records is known first
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        seed=config["seed"],
+        content=content_of_records,
+        data=config["data"],
+        filters=config["filters"],
+        segments=config["segments"],
+        vehicle=part(config["vehicle"], "name", "parameters"),
+        vehicle_content=VEHICLE_CONTENT,
+    message:
+        "Checking the records: {params.data[source]}"
+    script:
+        "../scripts/inspect_records.py"
 
 
 rule ingest_encounters:
@@ -12,6 +43,7 @@ rule ingest_encounters:
     output:
         encounters=result("encounters.parquet"),
         account=result("encounters_account.csv"),
+        exposure=result("exposure.json"),
     log:
         messages=log_of("ingest_encounters.log"),
         account=log_of("ingest_encounters_account.csv"),
@@ -19,7 +51,7 @@ rule ingest_encounters:
         benchmark_of("ingest_encounters.tsv")
     threads: 1
     resources:
-        mem_mb=1000,
+        mem_mb=2000,
     params:
         seed=config["seed"],
         content=content_of_records,

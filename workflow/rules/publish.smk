@@ -1,7 +1,8 @@
-# Publish: one notebook a section of the paper, each making its figures and tables from finished results.
+# Publish: one notebook a section of the paper, each making its figures and tables from finished results, and the
+# book of them all.
 #
 # In: everything under results/<study>/. Out: figures/<study>/*.{pdf,svg,png,csv}, figures/<study>/tables/*, the
-# executed notebooks and their HTML. What each notebook reads and makes is found out from its code.
+# executed notebooks and the book. What each notebook reads and makes is found out from its code.
 
 
 rule record_configuration:
@@ -38,12 +39,6 @@ for _notebook in NOTEBOOKS:
             figures=figures_of(_notebook),
             tables=tables_of(_notebook),
             executed=result("notebooks", f"{_notebook}.ipynb"),
-            html=in_report(
-                result("notebooks", f"{_notebook}.html"),
-                "Notebooks",
-                _notebook,
-                caption="notebook",
-            ),
         log:
             log_of("notebooks", f"{_notebook}.log"),
         benchmark:
@@ -57,3 +52,36 @@ for _notebook in NOTEBOOKS:
             f"Running the notebook {_notebook}"
         script:
             "../scripts/run_notebook.py"
+
+
+rule book:
+    """Make one site of the executed notebooks and the guides."""
+    input:
+        notebooks=[result("notebooks", f"{notebook}.ipynb") for notebook in NOTEBOOKS],
+        published=[file for name in NOTEBOOKS for file in figures_of(name)]
+        + [file for name in NOTEBOOKS for file in tables_of(name)],
+        results=[
+            result(name) for name in ("config.json", "laws/answer.csv", "exact.csv")
+        ],
+        guides=sorted(map(str, (PROJECT / "docs").glob("*.md"))),
+        captions=sorted(map(str, CAPTIONS.glob("*.rst"))),
+        pages=sorted(map(str, (PROJECT / "workflow/book").iterdir())),
+        library=modules_of("build_book.py"),
+    output:
+        site=directory(result("book")),
+    log:
+        log_of("book.log"),
+    benchmark:
+        benchmark_of("book.tsv")
+    threads: 1
+    resources:
+        mem_mb=1500,
+    params:
+        results=str(RESULTS),
+        figures=str(FIGURES),
+        tables={name: made.tables for name, made in NOTEBOOKS.items()},
+        records=RECORDS,
+    message:
+        "Making the book"
+    script:
+        "../scripts/build_book.py"

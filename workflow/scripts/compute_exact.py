@@ -1,7 +1,7 @@
 """Weigh the crash maps with the laws: exact probabilities, severity, and the variation of every f*."""
 
 from accelerated_evaluation.encounters.contract import read_encounters
-from accelerated_evaluation.files import write_csv
+from accelerated_evaluation.files import read_json, write_csv
 from accelerated_evaluation.jobs import job
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.methods.cross_entropy.proposals import read_proposals
@@ -22,7 +22,7 @@ if __name__ == "__main__":
                 for label, path in zip(labels, files.proposals, strict=True)
             },
             len(encounters),
-            params.distance,
+            read_json(files.exposure)["kilometres"],
         )
         for name, path in snakemake.output.items():
             write_csv(path, tables[name])

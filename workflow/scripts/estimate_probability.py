@@ -5,28 +5,27 @@ from accelerated_evaluation.jobs import job
 from accelerated_evaluation.methods import METHODS, Stopping
 from accelerated_evaluation.methods.cross_entropy.proposals import read_proposals
 from accelerated_evaluation.methods.study import in_scope, study_method
-from accelerated_evaluation.problem import load_problem
+from accelerated_evaluation.problem import loaded_problem
 from accelerated_evaluation.randomness import child_generator
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
         files, params, scope = snakemake.input, snakemake.params, snakemake.wildcards.scope
         method = METHODS[params.method].configured(params.settings)
-        problem, proposals = in_scope(
-            load_problem(files.model, files.encounters, params.vehicle),
-            [read_proposals(path) for path in files.get("proposals", [])],
-            scope,
-        )
-        tables = study_method(
-            method,
-            problem,
-            Stopping(**params.stopping),
-            [
-                child_generator(params.seed, *method.stream(scope, replicate))
-                for replicate in range(params.replicates)
-            ],
-            {"study": params.study, "scope": scope, "method": method.name},
-            proposals,
-        )
+        simulations = params.simulations | {"workers": snakemake.threads}
+        with loaded_problem(files.model, files.encounters, params.vehicle, simulations) as whole:
+            proposals = [read_proposals(path) for path in files.get("proposals", [])]
+            problem, proposals = in_scope(whole, proposals, scope)
+            tables = study_method(
+                method,
+                problem,
+                Stopping(**params.stopping),
+                [
+                    child_generator(params.seed, *method.stream(scope, replicate))
+                    for replicate in range(params.replicates)
+                ],
+                {"study": params.study, "scope": scope, "method": method.name},
+                proposals,
+            )
         for name, path in snakemake.output.items():
             write_csv(path, tables[name])

@@ -6,7 +6,7 @@ from accelerated_evaluation.encounters.ingest import ingest
 from accelerated_evaluation.encounters.segments import require_rows
 from accelerated_evaluation.encounters.sources import describe, read_source
 from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.files import write_csv
+from accelerated_evaluation.files import write_csv, write_json
 from accelerated_evaluation.jobs import job
 from accelerated_evaluation.randomness import child_generator
 
@@ -14,7 +14,7 @@ from accelerated_evaluation.randomness import child_generator
 def main(config: dict, outputs: dict[str, str], kept_account: str) -> None:
     """Write the encounter table and its account; if no table can be made, the account is kept as a log."""
     raw = read_source(config["data"], child_generator(config["seed"], "sample"))
-    account = Account(len(raw))
+    account = Account(len(raw), raw.attrs.get("account", ()))
     try:
         encounters = ingest(raw, config, account)
         require_rows(encounters)
@@ -22,6 +22,7 @@ def main(config: dict, outputs: dict[str, str], kept_account: str) -> None:
         write_csv(kept_account, account.table())
         raise
     write_csv(outputs["account"], account.table())
+    write_json(outputs["exposure"], raw.attrs["exposure"])
     write_encounters(outputs["encounters"], encounters, describe(config["data"]))
 
 

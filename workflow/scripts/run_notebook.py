@@ -1,4 +1,4 @@
-"""Run a parameterised notebook and render it as HTML."""
+"""Run a parameterised notebook."""
 
 from accelerated_evaluation.jobs import job
 from accelerated_evaluation.publishing.execution import run_notebook
@@ -9,5 +9,4 @@ if __name__ == "__main__":
             snakemake.input.notebook,
             dict(snakemake.params.parameters),
             snakemake.output.executed,
-            snakemake.output.html,
         )

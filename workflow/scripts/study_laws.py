@@ -1,8 +1,10 @@
-"""Weigh laws with dependence, and write the tables that the rule asks for: answer, scores or data quality."""
+"""Weigh laws with dependence, and write the tables that the rule asks for, and the law of largest weight."""
 
 from accelerated_evaluation.encounters.contract import read_encounters
-from accelerated_evaluation.files import write_csv
+from accelerated_evaluation.files import read_json, write_csv
+from accelerated_evaluation.fitting.support import Support
 from accelerated_evaluation.jobs import job
+from accelerated_evaluation.laws.files import write_law
 from accelerated_evaluation.randomness import child_generator
 from accelerated_evaluation.truth.crash_map import read_crash_map
 from accelerated_evaluation.truth.law_study import LawStudy
@@ -18,14 +20,20 @@ if __name__ == "__main__":
             maps,
             params.answer["draws"],
             child_generator(params.seed, "laws", "weigh"),
+            Support.of(params.support),
         )
-        generator, tables = child_generator(params.seed, "laws", *outputs), {}
+        law = outputs.pop("law", None)
+        drawn = (name for name in outputs if name != "exposure")  # which is computed, and draws nothing
+        generator, tables = child_generator(params.seed, "laws", *drawn), {}
         if "answer" in outputs:
-            tables = study.answers(params.distance, params.half_width, generator)
+            study.resolve(maps, child_generator(params.seed, "laws", "resolve"))
+            tables = study.answers(read_json(files.exposure), params.half_width, generator)
         if "laws" in outputs:
             tables["laws"] = study.laws()
         if "data_quality" in outputs:
             draws = params.answer["quality_draws"]
             tables["data_quality"] = study.quality(params.outlier_rows, draws, generator)
+        if law is not None:
+            write_law(law, study.representative())
         for name, path in outputs.items():
             write_csv(path, tables[name])

@@ -17,6 +17,7 @@ from snakemake_interface_logger_plugins.common import LogEvent
 from snakemake_logger_plugin_study.words import (
     duration,
     failure,
+    fault_of_configuration,
     is_noise,
     plain_error,
     progress_of,
@@ -25,6 +26,7 @@ from snakemake_logger_plugin_study.words import (
 
 TICK = 1.0  # seconds between two looks at the running jobs
 SILENCE = 30.0  # seconds after which a console that is no terminal says what is running
+MOST = 4  # running jobs that are named; a cluster runs more
 EARLY = 0.1  # share of the jobs before which the time left cannot be told
 
 
@@ -85,6 +87,9 @@ class LogHandler(LogHandlerBase):
                 self._say(self.plan)
             elif self.total:
                 self._say(f"{done} of {self.total} done in {duration(time.time() - self.begun)}")
+            if self.errors and not self.total:
+                fault = fault_of_configuration(sys.argv[1:])
+                self.errors = [fault] if fault else self.errors
             for message in self.failures or dict.fromkeys(self.errors):
                 self._say(f"\n{message}")
         super().close()
@@ -140,7 +145,8 @@ class LogHandler(LogHandlerBase):
                     f"{job.message} {progress_of(job.logs)}({duration(time.time() - job.since)})"
                     for job in self.running.values()
                 ]
-                line = f"running: {'; '.join(parts)}"
+                more = [f"{len(parts) - MOST} more"] if len(parts) > MOST else []
+                line = f"running: {'; '.join([*parts[:MOST], *more])}"
                 if self.is_terminal:
                     self._status(line if parts else "")
                 elif parts and time.time() - self.spoken > SILENCE:

@@ -1,9 +1,12 @@
 """The words of the console: durations, reasons, progress and errors."""
 
+import argparse
 import re
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
+
+from accelerated_evaluation.errors import StudyError
 
 # Beginnings of what Snakemake tells about itself, which the log under .snakemake/log keeps.
 NOISE = (
@@ -64,6 +67,31 @@ def plain_error(message: str) -> str:
     if lines and re.match(r"\w+(Error|Exception)( in file .*)?:$", lines[0]):
         lines = lines[1:]
     return "error: " + "\n".join(lines).strip()
+
+
+def fault_of_configuration(arguments: Sequence[str]) -> str:
+    """Say which configuration file cannot be read, and why; Snakemake tells neither file nor line.
+
+    Parameters
+    ----------
+    arguments
+        Those that Snakemake was called with.
+
+    Returns
+    -------
+    str
+        Empty if all files can be read.
+    """
+    from accelerated_evaluation.configuration import read_yaml  # takes time, which errors alone ask for
+
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument("--configfile", "--configfiles", nargs="+", default=[])
+    for path in parser.parse_known_args(arguments)[0].configfile:
+        try:
+            read_yaml(Path(path))
+        except StudyError as error:
+            return f"error: {error}"
+    return ""
 
 
 def failure(what: str, rule: str, logs: Sequence[str], errors: Sequence[str]) -> str:

@@ -4,12 +4,13 @@ import argparse
 import csv
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple, TextIO
+from typing import Any, NamedTuple, TextIO
 
 import numpy as np
+import yaml
 from tqdm import tqdm
 
 from accelerated_evaluation.commands import COMMANDS
@@ -76,6 +77,13 @@ class Simulate:
             help=f"{', '.join(VEHICLES)}, or path/to/file.py:ClassName for your own (default: %(default)s)",
         )
         command.add_argument(
+            "--parameter",
+            metavar="NAME=VALUE",
+            action="append",
+            default=[],
+            help="parameter of the vehicle, its value as in YAML, such as headway=1.5; for each another one",
+        )
+        command.add_argument(
             "--closing-speed-max",
             metavar="SPEED",
             type=_speed,
@@ -85,9 +93,29 @@ class Simulate:
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
         """Simulate the table."""
-        vehicle = load_vehicle(arguments.vehicle)
+        vehicle = load_vehicle(arguments.vehicle, **_parameters(arguments.parameter))
         limit = math.inf if arguments.closing_speed_max is None else arguments.closing_speed_max
         simulate_table(arguments.source, arguments.target, vehicle, closing_speed_max=limit)
+
+
+def _parameters(texts: Iterable[str]) -> dict[str, Any]:
+    """Return the vehicle's parameters of the command line."""
+    parameters = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not (name and equals):
+            change = "Write, for example, --parameter headway=1.5."
+            raise InputError("--parameter", seen=repr(text), expected="NAME=VALUE", change=change)
+        try:
+            parameters[name] = yaml.safe_load(value)
+        except yaml.YAMLError as error:
+            raise InputError(
+                f"--parameter {name}",
+                seen=repr(value),
+                expected="a value as in YAML",
+                change="Put a text with special characters in quotes.",
+            ) from error
+    return parameters
 
 
 def simulate_table(

@@ -10,6 +10,7 @@ from accelerated_evaluation.files import atomic_path
 
 NUMBERS = ("lead_speed", "range", "closing_speed", "inverse_range", "inverse_ttc")
 COLUMNS = (*NUMBERS, "segment")
+QUANTITIES = (*NUMBERS, "range_rate", "ttc")  # that a source may state
 
 
 def complete(raw: pd.DataFrame) -> pd.DataFrame:

@@ -1,11 +1,11 @@
 """Which records are kept, with an account of every one that is not."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import pandas as pd
 
-from accelerated_evaluation.encounters.contract import complete
+from accelerated_evaluation.encounters.contract import QUANTITIES, complete
 from accelerated_evaluation.errors import InputError
 
 NAMED_ROWS = 5
@@ -19,10 +19,12 @@ class Account:
     ----------
     rows
         Number of rows that were read.
+    earlier
+        Lines of the account of an extraction that found these rows in recordings, to go before its own.
     """
 
-    def __init__(self, rows: int) -> None:
-        self._lines: list[dict] = []
+    def __init__(self, rows: int, earlier: Iterable[dict] = ()) -> None:
+        self._lines: list[dict] = list(earlier)
         self._rows = rows
 
     def take(
@@ -41,7 +43,27 @@ class Account:
         drop
             False to count only.
         """
-        count = int(found.sum())
+        self.enter(
+            int(found.sum()), step=step, reason=reason, drop=drop, examples=table.index[found][:NAMED_ROWS]
+        )
+        return table[~found] if drop else table
+
+    def enter(
+        self, count: int, *, step: str, reason: str, drop: bool = True, examples: Iterable[object] = ()
+    ) -> None:
+        """Enter one line about rows that are counted elsewhere, such as in a database.
+
+        Parameters
+        ----------
+        count
+            Number of rows that were found.
+        step, reason
+            Name of the filter and why it drops a row.
+        drop
+            False to count only.
+        examples
+            Names of a few of these rows.
+        """
         dropped = count if drop else 0
         rows_in, self._rows = self._rows, self._rows - dropped
         self._lines.append(
@@ -52,10 +74,9 @@ class Account:
                 "rows_found": count,
                 "rows_dropped": dropped,
                 "rows_kept": self._rows,
-                "example_rows": "; ".join(map(str, table.index[found][:NAMED_ROWS])),
+                "example_rows": "; ".join(map(str, examples)),
             }
         )
-        return table[~found] if drop else table
 
     def summary(self) -> str:
         """Say in words how many rows each filter dropped."""
@@ -74,7 +95,8 @@ def drop_invalid(raw: pd.DataFrame, account: Account, *, policy: str, where: str
     Parameters
     ----------
     raw
-        Three columns as `contract.complete` takes them; cells may be missing or text.
+        Three columns as `contract.complete` takes them, of which cells may be missing or text; others do not
+        count.
     account
         Where the rows are entered, one line a reason.
     policy
@@ -92,6 +114,7 @@ def drop_invalid(raw: pd.DataFrame, account: Account, *, policy: str, where: str
     InputError
         If the policy is to refuse and there is such a row; names the first few, with what is in them.
     """
+    raw = raw[[name for name in raw if name in QUANTITIES]]
     numbers = raw.apply(pd.to_numeric, errors="coerce").astype(float)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         encounters = complete(numbers)

@@ -1,11 +1,19 @@
 """Read tables from files, with one clear error for what cannot be read."""
 
+import csv
 import os
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
+from types import MappingProxyType
 
 import pandas as pd
 
 from accelerated_evaluation.errors import InputError
+
+SHOWN = 5  # columns that a message shows of many
+LONGEST, LONGEST_REASON = 40, 300  # characters of a name, and of another library's message, that are shown
 
 
 def require_file(path: str | os.PathLike, change: str) -> None:
@@ -14,37 +22,78 @@ def require_file(path: str | os.PathLike, change: str) -> None:
         raise InputError(str(path), seen="no such file", expected="a file to read", change=change)
 
 
-def read_parquet(path: str | os.PathLike) -> pd.DataFrame:
-    """Read a Parquet file; InputError if it is damaged."""
+def require_columns(path: str | os.PathLike, seen: Sequence[str], named: Mapping[str, str]) -> None:
+    """Refuse a table that lacks a column.
+
+    Parameters
+    ----------
+    path
+        The table.
+    seen
+        Names of its columns, of which a message shows the first few and the nearest.
+    named
+        The columns that it should have, by the key of the configuration that names them.
+
+    Raises
+    ------
+    InputError
+        For the first column that is missing.
+    """
+    for key, name in named.items():
+        if name not in seen:
+            shown = dict.fromkeys([*get_close_matches(name, seen, n=1), *seen[:SHOWN]])
+            more = f" and {len(seen) - SHOWN:,} more" if len(seen) > SHOWN else ""
+            raise InputError(
+                f"{path}, column {name!r}",
+                seen=f"only the columns {', '.join(map(cut, shown)) or 'without a name'}{more}",
+                expected=f"the column that {key} states",
+                change="Correct the name there, or the header of the table.",
+            )
+
+
+def read_parquet(path: str | os.PathLike, named: Mapping[str, str] = MappingProxyType({})) -> pd.DataFrame:
+    """Read a Parquet file; InputError if it is damaged, or lacks one of the columns ``named``."""
     try:
-        return pd.read_parquet(path)
+        table = pd.read_parquet(path)
     except (OSError, ValueError) as error:  # pyarrow's own errors derive from these
         raise _unreadable(path, error, "a Parquet file") from error
+    require_columns(path, list(map(str, table.columns)), named)
+    return table
 
 
-def read_csv(path: str | os.PathLike) -> pd.DataFrame:
+def read_csv(path: str | os.PathLike, named: Mapping[str, str]) -> pd.DataFrame:
     """Read a CSV file, all cells as text, so that pandas guesses no types.
 
     Raises
     ------
     InputError
-        If it is damaged, or its header has a column twice.
+        If it is damaged, lacks one of the columns ``named`` (see `require_columns`), or has a column twice.
     """
     expected = "a comma-separated table in UTF-8 with a header"
     try:
-        # Without this look pandas would rename the second of two equal columns.
-        header = pd.read_csv(path, dtype=str, encoding="utf-8-sig", header=None, nrows=1).iloc[0].dropna()
+        # The header is looked at first: pandas takes a minute for a very wide table, and would rename the
+        # second of two equal columns.
+        with open(path, encoding="utf-8-sig", newline="") as file:
+            first = next(filter(None, csv.reader(file)), None)
+        header = [name for name in first or [] if name]
+        if first is not None:  # pandas tells what is wrong with an empty file
+            require_columns(path, header, named)
         table = pd.read_csv(path, dtype=str, encoding="utf-8-sig")
-    except ValueError as error:  # pandas' and Unicode errors derive from it
+    except (ValueError, csv.Error) as error:  # pandas' and Unicode errors derive from ValueError
         raise _unreadable(path, error, expected) from error
-    if header.duplicated().any():
-        twice = ", ".join(map(repr, header[header.duplicated()].unique()[:5]))
-        raise _unreadable(path, f"column {twice} twice", expected)
+    if twice := [name for name, count in Counter(header).items() if count > 1]:
+        raise _unreadable(path, f"column {', '.join(map(cut, twice[:SHOWN]))} twice", expected)
     if not isinstance(table.index, pd.RangeIndex):  # else pandas would shift the columns in silence
         raise _unreadable(path, "more cells in a row than in the header", expected)
     return table
 
 
+def cut(text: str) -> str:
+    """Return a text for a message: quoted, and its beginning alone if it is long."""
+    return repr(text if len(text) <= LONGEST else f"{text[:LONGEST]}...")
+
+
 def _unreadable(path: str | os.PathLike, reason: object, expected: str) -> InputError:
-    seen = f"content that cannot be read ({' '.join(str(reason).split())})"
+    told = " ".join(str(reason).split())[:LONGEST_REASON]
+    seen = f"content that cannot be read ({told})"
     return InputError(str(path), seen=seen, expected=expected, change="Mend the file or make it anew.")

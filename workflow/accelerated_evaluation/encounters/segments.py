@@ -12,6 +12,7 @@ VARIABLES = ("lead_speed", "inverse_range", "inverse_ttc")
 BLOCKS = 30
 # With fewer rows the tail of TTC^-1, above the 95 % quantile, rests on a single one as soon as two are equal.
 MINIMUM_ROWS = 30
+MINIMUM_VALUES = 6  # different ones of a variable: two for each of three pieces
 
 
 def segment_names(lead_speed_edges: Sequence[float]) -> list[str]:
@@ -62,7 +63,8 @@ def require_rows(encounters: pd.DataFrame) -> None:
     Raises
     ------
     InputError
-        If a segment has fewer than `MINIMUM_ROWS` rows.
+        If a segment has fewer than `MINIMUM_ROWS` rows, or range and closing speed in all rows, or TTC^-1 in
+        those of a segment, have fewer than `MINIMUM_VALUES` different values.
     """
     counts = segment_counts(encounters)
     few = counts[counts["rows"] < MINIMUM_ROWS]
@@ -73,6 +75,20 @@ def require_rows(encounters: pd.DataFrame) -> None:
             expected=f"at least {MINIMUM_ROWS} rows in each segment, to fit a law to",
             change="Add records (or raise data.sample), or join segments (segments.lead_speed_edges).",
         )
+    different = {
+        "the range in all segments": encounters["inverse_range"].nunique(),
+        "the closing speed in all segments": encounters["closing_speed"].nunique(),
+    }
+    of_segments = encounters.groupby("segment", sort=False)["inverse_ttc"].nunique()
+    different |= {f"TTC^-1 in segment {segment} m/s": count for segment, count in of_segments.items()}
+    for what, count in different.items():
+        if count < MINIMUM_VALUES:
+            raise InputError(
+                what,
+                seen=f"{count} different {'value' if count == 1 else 'values'}",
+                expected=f"at least {MINIMUM_VALUES}, to fit a law to",
+                change="Check the columns of the table, or join segments (segments.lead_speed_edges).",
+            )
 
 
 def segment_counts(encounters: pd.DataFrame) -> pd.DataFrame:

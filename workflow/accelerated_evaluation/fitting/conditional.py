@@ -19,25 +19,19 @@ from numpy.typing import ArrayLike
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.fitting.excess import Excess
 from accelerated_evaluation.fitting.smooth_hazard import Cumulative, HazardGrid, SmoothHazard
-from accelerated_evaluation.fitting.splines import Basis, Constant, Penalty
-
-SPEEDS = (5.0, 35.0)  # [m/s], of the lead vehicle
-RANGE_MAX = 75.0  # [m]
-ROOT_MIN = 0.5  # square root of the range below which it has no further effect
-CLOSING_TOP = 24.0  # [m/s], closing speed above which the hazard of the body is constant
-RANGE_BOTTOM = 2.5  # [m], range below which its distribution function is a power of the range
-BASES = (
-    Basis(*SPEEDS, 6),
-    Basis(ROOT_MIN, float(np.sqrt(RANGE_MAX)), 5),
-)  # of lead speed and root of the range
-PENALTY = Penalty.of(BASES)
+from accelerated_evaluation.fitting.splines import Basis, Constant
+from accelerated_evaluation.fitting.support import SUPPORT, Support
 
 
-def speed_grid(segments: int = 9, bins: tuple[int, int] = (30, 24), step: float = 0.5) -> HazardGrid:
+def speed_grid(
+    support: Support = SUPPORT, segments: int = 9, bins: tuple[int, int] = (30, 24), step: float = 0.5
+) -> HazardGrid:
     """Return the bins and bases of the closing speed given lead speed and square root of the range.
 
     Parameters
     ----------
+    support
+        Limits of the records.
     segments
         Of the splines of the closing speed.
     bins
@@ -45,16 +39,21 @@ def speed_grid(segments: int = 9, bins: tuple[int, int] = (30, 24), step: float 
     step
         Width of the bins of the closing speed [m/s].
     """
-    edges = [np.linspace(basis.low, basis.high, count + 1) for basis, count in zip(BASES, bins, strict=True)]
-    speeds = np.arange(0, CLOSING_TOP + step / 2, step)
-    return HazardGrid((*edges, speeds), (*BASES, Basis(0.0, CLOSING_TOP, segments)))
+    edges = [
+        np.linspace(basis.low, basis.high, count + 1)
+        for basis, count in zip(support.bases, bins, strict=True)
+    ]
+    speeds = np.arange(0, support.closing_top + step / 2, step)
+    return HazardGrid((*edges, speeds), (*support.bases, Basis(0.0, support.closing_top, segments)))
 
 
-def range_grid(segments: int = 12, bins: tuple[int, int] = (30, 100)) -> HazardGrid:
-    """Return the bins and bases of log(R_max / R) given the lead speed."""
-    top = float(np.log(RANGE_MAX / RANGE_BOTTOM))
-    edges = np.linspace(*SPEEDS, bins[0] + 1), np.array([0.0, 1.0]), np.linspace(0, top, bins[1] + 1)
-    return HazardGrid(edges, (BASES[0], Constant(), Basis(0.0, top, segments)))
+def range_grid(
+    support: Support = SUPPORT, segments: int = 12, bins: tuple[int, int] = (30, 100)
+) -> HazardGrid:
+    """Return the bins and bases of log(R_max / R) given the lead speed; parameters as of `speed_grid`."""
+    top, ends = support.log_range_top, support.lead_speeds
+    edges = np.linspace(*ends, bins[0] + 1), np.array([0.0, 1.0]), np.linspace(0, top, bins[1] + 1)
+    return HazardGrid(edges, (support.bases[0], Constant(), Basis(0.0, top, segments)))
 
 
 @dataclass(frozen=True)
@@ -77,10 +76,10 @@ class Places:
     splines: Array
 
     @classmethod
-    def of(cls, lead_speed: ArrayLike, range_: ArrayLike) -> "Places":
-        """Evaluate the splines."""
+    def of(cls, lead_speed: ArrayLike, range_: ArrayLike, support: Support = SUPPORT) -> "Places":
+        """Evaluate the splines of the support at lead speeds [m/s] and ranges [m], shape (n,)."""
         lead_speed, range_ = np.asarray(lead_speed, dtype=float), np.asarray(range_, dtype=float)
-        along_speed, along_range = BASES[0](lead_speed), BASES[1](np.sqrt(range_))
+        along_speed, along_range = support.bases[0](lead_speed), support.bases[1](np.sqrt(range_))
         splines = (along_speed[:, :, None] * along_range[:, None, :]).reshape(
             lead_speed.size, along_speed.shape[1] * along_range.shape[1]
         )
@@ -121,11 +120,11 @@ class Threshold:
     table: Array
 
     @classmethod
-    def of(cls, body: SmoothHazard, level: float) -> "Threshold":
-        """Read it off a body."""
+    def of(cls, body: SmoothHazard, level: float, support: Support = SUPPORT) -> "Threshold":
+        """Read it off a body that was fitted on the support."""
         nodes = body.grid.edges[:2]
         speeds, roots = (x.ravel() for x in np.meshgrid(*nodes, indexing="ij"))
-        table = Places.of(speeds, roots**2).body(body).inverse(-np.log1p(-level))
+        table = Places.of(speeds, roots**2, support).body(body).inverse(-np.log1p(-level))
         return cls(level, *nodes, table.reshape(nodes[0].size, nodes[1].size))
 
     def __call__(self, lead_speed: ArrayLike, range_: ArrayLike) -> Array:

@@ -84,7 +84,7 @@ def fit_excess(
     shape
         Law of an excess of scale 1.
     start
-        An earlier fit to start from, whose smoothing parameters are kept.
+        An earlier fit to start from, whose smoothing parameters are kept; it stands where there is no excess.
     gram
         Product of the covariates with themselves, (p, p), where it is known from another shape.
 
@@ -93,6 +93,8 @@ def fit_excess(
     ConvergenceError
         If the steps do not end.
     """
+    if start is not None and excess.size == 0:
+        return start
     gram = covariates.T @ covariates if gram is None else gram
     problem, p = _Problem(excess, covariates, shape, gram), covariates.shape[1]
     if start is not None:

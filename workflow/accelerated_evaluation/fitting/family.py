@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.fitting.conditional import (
-    PENALTY,
-    RANGE_MAX,
     Places,
     SpeedLaw,
     Threshold,
@@ -20,8 +18,10 @@ from accelerated_evaluation.fitting.conditional import (
 from accelerated_evaluation.fitting.excess import Excess, fit_excess
 from accelerated_evaluation.fitting.shapes import SHAPES
 from accelerated_evaluation.fitting.smooth_hazard import Binned, HazardGrid, SmoothHazard, fit_hazard
+from accelerated_evaluation.fitting.support import SUPPORT, Support
 
 LEVELS = (0.9, 0.925, 0.95, 0.97, 0.98, 0.99, 0.995)  # of the thresholds
+FEWEST = 10  # events above a threshold, without which it gets no tails
 
 
 @dataclass(frozen=True)
@@ -47,18 +47,22 @@ MEMBERS = members_at(LEVELS)
 
 @dataclass(frozen=True)
 class Events:
-    """Distinct cut-ins: lead speed [m/s], range [m] and closing speed [m/s], each of shape (n,)."""
+    """Distinct cut-ins: lead speed [m/s], range [m] and closing speed [m/s], each of shape (n,).
+
+    ``support`` has the limits within which they were kept.
+    """
 
     lead_speed: Array
     range_: Array
     closing_speed: Array
+    support: Support = SUPPORT
 
     @classmethod
-    def of(cls, encounters: pd.DataFrame) -> "Events":
+    def of(cls, encounters: pd.DataFrame, support: Support = SUPPORT) -> "Events":
         """Take the distinct cut-ins of an encounter table: a row that repeats the one before is no event."""
         rows = encounters[["lead_speed", "range", "closing_speed"]]
         distinct = rows[(rows != rows.shift()).any(axis=1)]
-        return cls(*(distinct[name].to_numpy(dtype=float) for name in rows))
+        return cls(*(distinct[name].to_numpy(dtype=float) for name in rows), support)
 
     @property
     def size(self) -> int:
@@ -68,11 +72,12 @@ class Events:
     @property
     def places(self) -> Places:
         """Their lead speeds and ranges, where laws of the closing speed are given."""
-        return Places.of(self.lead_speed, self.range_)
+        return Places.of(self.lead_speed, self.range_, self.support)
 
     def only(self, chosen: Array) -> "Events":
         """Return the chosen ones, by index or mask."""
-        return Events(self.lead_speed[chosen], self.range_[chosen], self.closing_speed[chosen])
+        parts = (getattr(self, name)[chosen] for name in ("lead_speed", "range_", "closing_speed"))
+        return Events(*parts, self.support)
 
 
 @dataclass(frozen=True)
@@ -126,16 +131,18 @@ class Fitter:
 
     events: Events
     members: tuple[Member, ...] = MEMBERS
-    grids: tuple[HazardGrid, HazardGrid] = field(default_factory=lambda: (range_grid(), speed_grid()))
+    grids: tuple[HazardGrid, HazardGrid] = field(init=False)
     binned: tuple[Binned, Binned] = field(init=False)
 
     def __post_init__(self) -> None:
-        logarithms = np.log(RANGE_MAX / self.events.range_)
+        support = self.events.support
+        object.__setattr__(self, "grids", (range_grid(support), speed_grid(support)))
+        logarithms = np.log(support.range_max / self.events.range_)
         ranges = self.grids[0].count(self.events.lead_speed, np.zeros(self.events.size), logarithms)
         object.__setattr__(self, "binned", (ranges, self.count_speeds(self.events)))
 
     def fit(self, start: Family | None = None) -> Family:
-        """Fit all laws to all events.
+        """Fit all laws to all events, but for those above thresholds that fewer than ten events exceed.
 
         Parameters
         ----------
@@ -148,8 +155,9 @@ class Fitter:
             for grid, data, fit in zip(self.grids, self.binned, before, strict=True)
         )
         levels = sorted({member.level for member in self.members if member.level is not None})
-        thresholds = {level: Threshold.of(body, level) for level in levels}
+        thresholds = {level: Threshold.of(body, level, self.events.support) for level in levels}
         above = {level: Exceedances.of(self.events, threshold) for level, threshold in thresholds.items()}
+        above = {level: those for level, those in above.items() if those.index.size >= FEWEST}
         tails = self._tails(above, np.ones(self.events.size, dtype=bool), start)
         return Family(ranges, body, thresholds, above, tails)
 
@@ -176,6 +184,11 @@ class Fitter:
             for member in (member for member in self.members if member.level == level):
                 before = start.tails[member] if start else None
                 tails[member] = fit_excess(
-                    excess, splines, PENALTY, SHAPES[member.shape], start=before, gram=gram
+                    excess,
+                    splines,
+                    self.events.support.penalty,
+                    SHAPES[member.shape],
+                    start=before,
+                    gram=gram,
                 )
         return tails

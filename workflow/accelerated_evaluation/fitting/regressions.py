@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 from scipy.special import digamma, expit, gammaincc, gammaln, log_ndtr, logit
 
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.fitting.conditional import BASES, PENALTY, Places, speed_grid
+from accelerated_evaluation.fitting.conditional import Places, speed_grid
 from accelerated_evaluation.fitting.family import Events
 
 SMOOTHING = (1.0, 1.0)  # of scale and shape, along lead speed and range
@@ -163,7 +163,7 @@ def fit_regression(
     """
     cell, splines = _cells(events)
     p, c = splines.shape[1], np.maximum(events.closing_speed, SLOWEST)
-    precision = PENALTY.total(SMOOTHING)
+    precision = events.support.penalty.total(SMOOTHING)
 
     def negative(values: Array) -> tuple[float, Array]:
         scale, shape = values[:p], values[p : 2 * p]
@@ -187,7 +187,7 @@ def fit_regression(
 
 def _cells(events: Events) -> tuple[NDArray[np.intp], Array]:
     """Return the cell of each event, and the splines at the middles of the cells."""
-    edges = speed_grid().edges[:2]
+    edges = speed_grid(events.support).edges[:2]
     values = events.lead_speed, np.sqrt(events.range_)
     places = [
         np.clip(np.searchsorted(edge, x, side="right") - 1, 0, edge.size - 2)
@@ -195,6 +195,6 @@ def _cells(events: Events) -> tuple[NDArray[np.intp], Array]:
     ]
     middles = np.meshgrid(*((edge[1:] + edge[:-1]) / 2 for edge in edges), indexing="ij")
     shape = middles[0].shape
-    along = [basis(middle.ravel()) for basis, middle in zip(BASES, middles, strict=True)]
+    along = [basis(middle.ravel()) for basis, middle in zip(events.support.bases, middles, strict=True)]
     splines = (along[0][:, :, None] * along[1][:, None, :]).reshape(middles[0].size, -1)
     return np.ravel_multi_index(places, shape), splines

@@ -9,14 +9,16 @@ import numpy as np
 from scipy.special import logsumexp
 
 from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.encounters.segments import MINIMUM_ROWS
+from accelerated_evaluation.errors import ConvergenceError
 from accelerated_evaluation.fitting.conditional import Given, Places, SpeedLaw
 from accelerated_evaluation.fitting.excess import Excess, fit_excess
-from accelerated_evaluation.fitting.family import Events
+from accelerated_evaluation.fitting.family import FEWEST, Events
+from accelerated_evaluation.fitting.piecewise import usable_knots
 from accelerated_evaluation.fitting.shapes import Shape
 from accelerated_evaluation.fitting.smooth_hazard import SmoothHazard
 from accelerated_evaluation.fitting.splines import Constant, Penalty
 
-SEGMENT_EDGES = (15.0, 25.0)  # [m/s], the paper's segments of the lead speed
 BODY_BINS = 200
 LATTICE = np.linspace(0, 30, 121)  # [m/s], excesses over which a conditional law of extremes is summed
 PLACES_AT_ONCE = 20_000
@@ -34,35 +36,40 @@ class IndependentTail:
         Probability of being below the knot.
     tails
         Excess of TTC^-1 over the knot, by segment.
+    between
+        Lead speeds between the segments [m/s].
     """
 
     edges: list[Array]
     densities: list[Array]
     level: float
     tails: list[Excess]
+    between: tuple[float, ...]
 
     @classmethod
     def fit(cls, events: Events, level: float, shape: Shape) -> "IndependentTail":
-        """Fit each segment of the lead speed by itself, with its knot at a quantile."""
-        inverse_ttc, segment = (
-            events.closing_speed / events.range_,
-            np.digitize(events.lead_speed, SEGMENT_EDGES),
-        )
+        """Fit each segment of the lead speed by itself, with its knot at a quantile.
+
+        A segment with few events takes the law of all, and a knot that nothing exceeds moves down.
+        """
+        inverse_ttc, between = events.closing_speed / events.range_, events.support.segment_edges
+        segment = np.digitize(events.lead_speed, between)
         edges, densities, tails = [], [], []
-        for number in range(len(SEGMENT_EDGES) + 1):
+        for number in range(len(between) + 1):
             x = inverse_ttc[segment == number]
-            knot = np.quantile(x, level)
+            x = inverse_ttc if x.size < MINIMUM_ROWS else x
+            (knot,) = usable_knots(x, [float(np.quantile(x, level))])
             density, edge = np.histogram(x[x <= knot], BODY_BINS, range=(0, knot), density=True)
             excess = x[x > knot] - knot
             ones = np.ones((excess.size, 1))
             edges.append(edge)
             densities.append(level * np.maximum(density, 1e-12))
             tails.append(fit_excess(excess, ones, Penalty.of([Constant()]), shape))
-        return cls(edges, densities, level, tails)
+        return cls(edges, densities, level, tails, between)
 
     def given(self, places: Places) -> "GivenIndependent":
         """Return the law at places."""
-        return GivenIndependent(self, np.digitize(places.lead_speed, SEGMENT_EDGES), places.range_)
+        return GivenIndependent(self, np.digitize(places.lead_speed, self.between), places.range_)
 
 
 @dataclass(frozen=True)
@@ -123,9 +130,16 @@ class ConditionalExtremes:
 
     @classmethod
     def fit(cls, events: Events, body: SmoothHazard, level: float, shape: Shape) -> "ConditionalExtremes":
-        """Fit to what exceeds a quantile of all closing speeds."""
+        """Fit to what exceeds a quantile of all closing speeds; ConvergenceError if that is too little."""
         threshold = float(np.quantile(events.closing_speed, level))
         above = events.closing_speed > threshold
+        if above.sum() < FEWEST:
+            raise ConvergenceError(
+                "conditional extremes",
+                reached=f"{above.sum()} events above the threshold",
+                limit=f"{FEWEST}",
+                change="Add records.",
+            )
         excess = events.closing_speed[above] - threshold
         tail = fit_excess(excess, np.ones((excess.size, 1)), Penalty.of([Constant()]), shape)
         beside = np.column_stack([events.lead_speed, np.sqrt(events.range_)])[above]

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 from accelerated_evaluation.distributions import BoundedExponential, Empirical, PiecewiseMixture
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.fitting.conditional import (
-    RANGE_MAX,
     Places,
     SpeedLaw,
     Threshold,
@@ -22,6 +21,7 @@ from accelerated_evaluation.fitting.conditional import (
 from accelerated_evaluation.fitting.excess import Excess
 from accelerated_evaluation.fitting.shapes import SHAPES
 from accelerated_evaluation.fitting.smooth_hazard import SmoothHazard
+from accelerated_evaluation.fitting.support import SUPPORT, Support
 from accelerated_evaluation.laws import LAWS
 from accelerated_evaluation.laws.independent import recorded_lead_speeds
 from accelerated_evaluation.laws.protocol import CutIns, Factors, Law, Stratum
@@ -45,6 +45,7 @@ class DependentStratum(Stratum):
     lead_speed: Empirical
     ranges: SmoothHazard
     speeds: SpeedLaw
+    support: Support = SUPPORT
     factors: Factors = SCORES
 
     @property
@@ -56,9 +57,10 @@ class DependentStratum(Stratum):
         """Return the cut-ins of given scores."""
         range_, speed = np.empty(first.size), np.empty(first.size)
         for part in _parts(first.size):
-            beside = Places.of(lead_speed[part], np.full(first[part].size, RANGE_MAX))
-            range_[part] = RANGE_MAX * np.exp(-beside.nearer(self.ranges).inverse(first[part]))
-            places = Places.of(lead_speed[part], range_[part])
+            farthest = self.support.range_max
+            beside = self._places(lead_speed[part], np.full(first[part].size, farthest))
+            range_[part] = farthest * np.exp(-beside.nearer(self.ranges).inverse(first[part]))
+            places = self._places(lead_speed[part], range_[part])
             speed[part] = self.speeds.given(places).inverse(second[part])
         return CutIns(lead_speed, 1 / range_, speed / range_)
 
@@ -67,8 +69,8 @@ class DependentStratum(Stratum):
         speed, inverse_range = np.broadcast_arrays(*_floats(lead_speed, inverse_range))
         score = np.full(speed.shape, math.inf)
         near = np.isfinite(inverse_range)
-        logarithm = np.maximum(np.log(RANGE_MAX * inverse_range[near]), 0.0)
-        score[near] = Places.of(speed[near], 1 / inverse_range[near]).nearer(self.ranges).at(logarithm)
+        logarithm = np.maximum(np.log(self.support.range_max * inverse_range[near]), 0.0)
+        score[near] = self._places(speed[near], 1 / inverse_range[near]).nearer(self.ranges).at(logarithm)
         return score
 
     def second(self, lead_speed: ArrayLike, inverse_range: ArrayLike, closing_speed: ArrayLike) -> Array:
@@ -77,21 +79,24 @@ class DependentStratum(Stratum):
         speed, inverse_range, closing = (array.ravel() for array in arrays)
         score = np.empty(speed.size)
         for part in _parts(speed.size):
-            given = self.speeds.given(Places.of(speed[part], 1 / inverse_range[part]))
+            given = self.speeds.given(self._places(speed[part], 1 / inverse_range[part]))
             score[part] = given.cumulative(closing[part])
         return score.reshape(arrays[0].shape)
 
     def log_first_slope(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
         """Return the log derivative of the first score by R^-1."""
         speed, inverse_range = np.broadcast_arrays(*_floats(lead_speed, inverse_range))
-        logarithm = np.maximum(np.log(RANGE_MAX * inverse_range), 0.0)
-        rate = Places.of(speed, 1 / inverse_range).nearer(self.ranges).rate(logarithm)
+        logarithm = np.maximum(np.log(self.support.range_max * inverse_range), 0.0)
+        rate = self._places(speed, 1 / inverse_range).nearer(self.ranges).rate(logarithm)
         return np.log(rate) - np.log(inverse_range)
 
     @property
     def inverse_range_min(self) -> float:
         """The smallest R^-1 [1/m]: that of the largest range that is recorded."""
-        return 1 / RANGE_MAX
+        return 1 / self.support.range_max
+
+    def _places(self, lead_speed: Array, range_: Array) -> Places:
+        return Places.of(lead_speed, range_, self.support)
 
 
 @LAWS.add("dependent")
@@ -114,6 +119,8 @@ class DependentLaw(Law):
         The recorded v_L [m/s] by segment; they are the encounter table's, not the law file's.
     closing_speed_max
         Cap on closing speeds [m/s]; there is none.
+    support
+        Limits of the records that it was fitted to.
     """
 
     kind: ClassVar[str] = "dependent"
@@ -124,6 +131,7 @@ class DependentLaw(Law):
     speeds: SpeedLaw = field(compare=False)
     lead_speeds: Mapping[str, Empirical] = field(compare=False)
     closing_speed_max: float = math.inf
+    support: Support = SUPPORT
 
     @property
     def shares(self) -> dict[str, float]:
@@ -135,21 +143,20 @@ class DependentLaw(Law):
     def strata(self) -> dict[str, DependentStratum]:
         """The law in each segment."""
         return {
-            segment: DependentStratum(self.lead_speeds[segment], self.ranges, self.speeds)
+            segment: DependentStratum(self.lead_speeds[segment], self.ranges, self.speeds, self.support)
             for segment in self.events
         }
 
     def only(self, stratum: str) -> Self:
         """Return the law of one segment alone, whose share is then one."""
-        parts = {stratum: self.events[stratum]}, {stratum: self.lead_speeds[stratum]}
-        return type(self)(
-            self.description, parts[0], self.ranges, self.speeds, parts[1], self.closing_speed_max
-        )
+        events, lead_speeds = {stratum: self.events[stratum]}, {stratum: self.lead_speeds[stratum]}
+        return replace(self, events=events, lead_speeds=lead_speeds)
 
     def content(self) -> dict[str, Any]:
         """Return what a law file holds of it: coefficients of the splines, thresholds and the excess."""
         content = {
             "events": dict(self.events),
+            "support": self.support.content(),
             "range": {"log_hazard": self.ranges.coefficients.tolist()},
             "closing_speed": {"log_hazard": self.speeds.body.coefficients.tolist()},
         }
@@ -171,7 +178,8 @@ class DependentLaw(Law):
         cls, content: Mapping[str, Any], encounters: pd.DataFrame, description: str, closing_speed_max: float
     ) -> Self:
         """Build the law that `content` described, with the lead speeds of an encounter table."""
-        grids = range_grid(), speed_grid()
+        support = Support.of(content["support"])
+        grids = range_grid(support), speed_grid(support)
         ranges, body = (
             SmoothHazard(grid, np.array(content[name]["log_hazard"]))
             for grid, name in zip(grids, ("range", "closing_speed"), strict=True)
@@ -184,7 +192,7 @@ class DependentLaw(Law):
             speeds = SpeedLaw(body, surface, excess)
         events = content["events"]
         lead_speeds = recorded_lead_speeds(encounters, events)
-        return cls(description, events, ranges, speeds, lead_speeds, closing_speed_max)
+        return cls(description, events, ranges, speeds, lead_speeds, closing_speed_max, support)
 
 
 def _floats(*arrays: ArrayLike) -> list[Array]:

@@ -5,7 +5,6 @@ So the same batches give the same results, whether the run was interrupted, shor
 """
 
 import hashlib
-import json
 import os
 import warnings
 from collections.abc import Iterable, Mapping
@@ -17,6 +16,7 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
+from accelerated_evaluation.dependencies import value_digest
 from accelerated_evaluation.files import read_json, write_json
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.estimate import Estimate, Method, Stopping
@@ -49,24 +49,32 @@ class Checkpoint:
     work: str
 
     def read(self) -> list[Counts]:
-        """Read the counts; none where there is no file, or, with a warning, that of another work."""
+        """Read the counts; none, with a warning, if the file is damaged or of another work."""
         if not Path(self.path).is_file():
             return []
-        content = read_json(self.path)
-        if content["work"] != self.work:
+        try:
+            content = read_json(self.path)
+            work, checksum, batches = (content[name] for name in ("work", "checksum", "batches"))
+        except (ValueError, TypeError, KeyError):  # no JSON, or none that `write` has written
+            work, checksum, batches = self.work, "", None
+        if checksum != value_digest([work, batches]):
+            warnings.warn(f"{self.path} is damaged; starting anew", stacklevel=2)
+            return []
+        if work != self.work:
             warnings.warn(f"{self.path} is of other inputs or settings; starting anew", stacklevel=2)
             return []
-        return content["batches"]
+        return batches
 
     def write(self, batches: list[Counts]) -> None:
-        """Write the counts, atomically."""
-        write_json(self.path, {"work": self.work, "batches": batches})
+        """Write the counts with a checksum, atomically."""
+        checksum = value_digest([self.work, batches])
+        write_json(self.path, {"work": self.work, "checksum": checksum, "batches": batches})
 
 
 def fingerprint(paths: Iterable[str | os.PathLike], settings: Mapping[str, Any]) -> str:
     """Return a digest of the files and settings that a work depends on; it changes with any of them."""
     files = {str(path): hashlib.sha256(Path(path).read_bytes()).hexdigest() for path in paths}
-    return hashlib.sha256(json.dumps([files, settings], sort_keys=True).encode()).hexdigest()
+    return value_digest([files, settings])
 
 
 def simulate_batch(problem: Problem, generator: np.random.Generator, size: int) -> Counts:

@@ -134,13 +134,13 @@ def estimate_from_weights(weights: Array, alpha: float, *, converged: bool, lear
     -------
     Estimate
         With fewer than two events, which have no spread, the interval is [0, 1]; a method that knows f and
-        f* can say more, see `bound_without_event`. Diagnostics:
+        f* can say more, see `bound_without_event`. Without a simulation the estimate is NaN. Diagnostics:
         ``relative_half_width``, the half-width of the interval over the estimate; ``effective_sample_size``,
         (sum w)^2 / sum w^2 over the events; ``largest_weight_share``, the largest weight over the sum of all,
         which is near one where a single event decides.
     """
     n, events = weights.size, int(np.count_nonzero(weights))
-    mean = float(weights.mean()) if events else 0.0
+    mean = float(weights.mean()) if n else math.nan
     low, high, relative, effective, largest = 0.0, 1.0, math.inf, float(events), (1.0 if events else math.nan)
     if events > 1:
         total = float(weights.sum())

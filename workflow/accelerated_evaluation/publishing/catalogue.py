@@ -1,4 +1,4 @@
-"""What each notebook reads and makes, found out from its code cells without running them.
+"""What each notebook reads and makes, found out from its code and its texts without running them.
 
 The workflow needs this before anything runs, and once more in every job. The code is therefore parsed and
 never imported. A notebook shows figures and tables by ``show(study, name)``; the parameters of the function
@@ -14,6 +14,7 @@ from functools import cache
 from pathlib import Path
 
 from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.publishing.texts import attributes
 
 PACKAGE = Path(__file__).resolve().parents[1]
 READERS = ("path", "_table", "_law")  # methods of Study that are called with the name of a file
@@ -46,9 +47,10 @@ def read_contents(notebook: Path) -> Contents:
     InputError
         If it shows what is not registered, or is not imported by ``from ... import ...``.
     """
-    code = ast.parse(_code(notebook), filename=str(notebook))
+    code = ast.parse(_source(notebook, "code"), filename=str(notebook))
     imported = dict(_imported_names(code))
-    reads, made = set(_attributes(code, "study")) - set(FOLDERS), []
+    in_text = attributes(_source(notebook, "markdown"), "study")
+    reads, made = {*_attributes(code, "study"), *in_text} - set(FOLDERS), []
     for call in _calls(code, "show"):
         shown = _registered(imported, call, notebook)
         reads |= {"source", *shown.parameters} - {keyword.arg for keyword in call.keywords}
@@ -96,10 +98,10 @@ def _require_known(names: Iterable[str], notebook: Path) -> None:
             )
 
 
-def _code(notebook: Path) -> str:
-    """Return all code of a notebook."""
+def _source(notebook: Path, kind: str) -> str:
+    """Return all cells of a kind of a notebook."""
     cells = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
-    return "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
+    return "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == kind)
 
 
 def _imported_names(code: ast.AST) -> Iterator[tuple[str, Path]]:

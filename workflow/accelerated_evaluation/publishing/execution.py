@@ -1,4 +1,4 @@
-"""Run a parameterised notebook with papermill, in this process instead of a kernel, and render it as HTML."""
+"""Run a parameterised notebook with papermill, in this process instead of a kernel."""
 
 import os
 from base64 import b64encode
@@ -11,13 +11,13 @@ from IPython.utils.capture import CapturedIO, capture_output
 from traitlets.config import Config
 
 from accelerated_evaluation.errors import StudyError
-from accelerated_evaluation.files import atomic_path, write_text
+from accelerated_evaluation.files import atomic_path
 from accelerated_evaluation.imports import without
+from accelerated_evaluation.publishing.texts import fill
 
 with without("rfc3987_syntax"):
     import nbformat
     import papermill
-    from nbconvert import HTMLExporter
     from nbformat import NotebookNode
     from papermill.engines import Engine, NotebookExecutionManager, papermill_engines
     from papermill.exceptions import PapermillExecutionError
@@ -35,7 +35,10 @@ class ThisProcess(Engine):
         kernel_name: str,
         **_: Any,  # noqa: ANN401
     ) -> None:
-        """Run the cells up to the first error, which papermill raises after it has saved the notebook."""
+        """Run the cells up to the first error, which papermill raises after it has saved the notebook.
+
+        The texts between them are filled in when they are reached (`publishing.texts`).
+        """
         # Figures that are shown without being saved are displayed in the notebook, as a kernel does it.
         os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
         shell = InteractiveShell.instance(config=Config({"HistoryManager": {"enabled": False}}))
@@ -54,14 +57,16 @@ class ThisProcess(Engine):
                 if not result.success:
                     nb_man.cell_exception(cell, number, exception=result.error_in_exec)
                     return
+            elif cell.cell_type == "markdown":
+                cell.source = _filled(cell.source, shell.user_ns, ran)
             nb_man.cell_complete(cell, number)
 
 
 papermill_engines.register(ENGINE, ThisProcess)
 
 
-def run_notebook(notebook: str, parameters: dict[str, str], executed: str, html: str) -> None:
-    """Execute a notebook, whose code makes figures and tables, and render it.
+def run_notebook(notebook: str, parameters: dict[str, str], executed: str) -> None:
+    """Execute a notebook, whose code makes figures and tables, and whose texts have placeholders.
 
     Parameters
     ----------
@@ -69,23 +74,29 @@ def run_notebook(notebook: str, parameters: dict[str, str], executed: str, html:
         Path of the notebook.
     parameters
         Values for the names in its cell of parameters.
-    executed, html
-        Paths for the notebook with all outputs, and for its rendering.
+    executed
+        Path for the notebook with all outputs, and with all texts filled in.
 
     Raises
     ------
     StudyError
-        With cell and message, if the notebook fails.
+        With cell and message, if the code or a text of the notebook fails.
     """
     with atomic_path(executed) as temporary:
         try:
-            content = papermill.execute_notebook(
-                notebook, temporary, parameters, engine_name=ENGINE, progress_bar=True
-            )
+            papermill.execute_notebook(notebook, temporary, parameters, engine_name=ENGINE, progress_bar=True)
         except PapermillExecutionError as error:
             raise StudyError(f"{notebook}, cell {error.exec_count}: {error.ename}: {error.evalue}") from error
-        exporter = HTMLExporter(embed_images=True, exclude_input_prompt=True, exclude_output_prompt=True)
-        write_text(html, exporter.from_notebook_node(content)[0])
+        except StudyError as error:
+            raise StudyError(f"{notebook}, {error}") from error
+
+
+def _filled(text: str, names: dict[str, Any], ran: int) -> str:
+    """Fill in the text that follows so many cells of code."""
+    try:
+        return fill(text, names)
+    except StudyError as error:
+        raise StudyError(f"text after cell {ran}: {error}") from error
 
 
 def _outputs(captured: CapturedIO) -> Iterator[NotebookNode]:

@@ -130,7 +130,8 @@ def _draw_places(axes: Axes, crash_places: pd.DataFrame, encounters: pd.DataFram
         few = rows.head(DRAWN_CRASHES)
         look = {"linestyle": "none", "marker": marker, "markersize": 2, "markerfacecolor": "none"}
         axes.plot(few["range"], few["closing_speed"], color=color, markeredgewidth=0.5, label=name, **look)
-    axes.set(xlabel="range [m]", ylabel="closing speed [m/s]", xlim=(0, 75), ylim=(0, 36))
+    ends = round(encounters["range"].max()), max(36, 1.6 * encounters["closing_speed"].max())
+    axes.set(xlabel="range [m]", ylabel="closing speed [m/s]", xlim=(0, ends[0]), ylim=(0, ends[1]))
     axes.legend(
         loc="lower center",
         bbox_to_anchor=(0.5, 1.0),

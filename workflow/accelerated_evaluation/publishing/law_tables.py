@@ -57,6 +57,25 @@ def answer_table(answer: pd.DataFrame) -> pd.DataFrame:
     return answer
 
 
+@table("exposure", digits=DIGITS, digest=with_intervals)
+def exposure_table(exposure: pd.DataFrame) -> pd.DataFrame:
+    """Return the rates per kilometre and hour as they are published."""
+    return exposure
+
+
+def rates_in_words(exposure: pd.DataFrame) -> str:
+    """Say how often a crash comes, per million kilometres and hours, as far as these are known."""
+    crashes = exposure[exposure["event"] == "crash"]
+    if crashes.empty:
+        return "In how many kilometres or hours the records were made is not known, so there is no rate."
+    told = [
+        f"{readable(1e6 * row.median, DIGITS)} (80 % interval {readable(1e6 * row.low80, DIGITS)} to "
+        f"{readable(1e6 * row.high80, DIGITS)}) per million {row.per}s"
+        for row in crashes.itertuples()
+    ]
+    return f"**Crashes of cut-ins, median: {' and '.join(told)}.**"
+
+
 @table("answer_budget", digits=3)
 def answer_budget_table(answer_budget: pd.DataFrame) -> pd.DataFrame:
     """Return where the uncertainty of the answer comes from as it is published."""

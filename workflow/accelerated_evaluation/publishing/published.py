@@ -21,6 +21,7 @@ from typing import Any, TypeVar
 import pandas as pd
 from matplotlib.figure import Figure
 
+from accelerated_evaluation.publishing.provenance import described, origin_of
 from accelerated_evaluation.publishing.study import Study
 from accelerated_evaluation.publishing.style import COLUMN_WIDTH, save_figure
 from accelerated_evaluation.publishing.tables import readable, save_table
@@ -35,7 +36,8 @@ def figure(make: Make) -> Make:
 
     def publish(study: Study, made: tuple[Figure, pd.DataFrame]) -> ShownFigure:
         drawn, data = made
-        save_figure(drawn, data, study.figures, make.__name__)
+        metadata = described(make.__name__, origin_of(study))
+        save_figure(drawn, data, study.figures, make.__name__, metadata)
         return ShownFigure(data, study.figures / f"{make.__name__}.png")
 
     make.publish = publish
@@ -86,9 +88,12 @@ class ShownFigure:
     data: pd.DataFrame = field(repr=False)
     png: Path
 
-    def _repr_png_(self) -> tuple[bytes, dict[str, float]]:
-        """Return the published file itself, because drawing the figure once more takes time."""
-        return self.png.read_bytes(), {"width": WIDTH}
+    def _repr_png_(self) -> tuple[bytes, dict[str, float | str]]:
+        """Return the published file itself, because drawing the figure once more takes time.
+
+        Its name tells the book which figure an output shows.
+        """
+        return self.png.read_bytes(), {"width": WIDTH, "published": self.png.stem}
 
 
 @dataclass(frozen=True)

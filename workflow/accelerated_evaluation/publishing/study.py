@@ -121,6 +121,11 @@ class Study:
         return pd.read_csv(self.path("encounters_account.csv"), keep_default_na=False)
 
     @cached_property
+    def records_report(self) -> pd.DataFrame:
+        """What each check of the records says."""
+        return pd.read_csv(self.path("records_report.csv"), keep_default_na=False)
+
+    @cached_property
     def segment_counts(self) -> pd.DataFrame:
         """Number and share of the lane changes in each segment."""
         return self._table("segments.csv")
@@ -289,6 +294,11 @@ class Study:
         return self._table("laws/answer.csv")
 
     @cached_property
+    def exposure(self) -> pd.DataFrame:
+        """Rates of cut-ins, crashes and near misses per kilometre and hour, as far as these are known."""
+        return self._table("laws/exposure.csv")
+
+    @cached_property
     def vehicles(self) -> pd.DataFrame:
         """Crash probabilities of vehicles, and their ratios to the careful human's."""
         return self._table("laws/vehicles.csv")
@@ -312,6 +322,23 @@ class Study:
     def data_quality(self) -> pd.DataFrame:
         """The answer under other readings of the records."""
         return self._table("laws/data_quality.csv")
+
+    # What happens.
+
+    @cached_property
+    def happened(self) -> pd.DataFrame:
+        """The likeliest ways to crash and the nearest records, with what they end in."""
+        return self._table("happened/encounters.csv")
+
+    @cached_property
+    def traces(self) -> pd.DataFrame:
+        """Every state of these encounters."""
+        return self._table("happened/traces.csv")
+
+    @cached_property
+    def preventable(self) -> pd.DataFrame:
+        """Where each vehicle can no longer avoid the crash, by lead speed and range."""
+        return self._table("happened/preventable.csv")
 
     @cached_property
     def coverage(self) -> pd.DataFrame:

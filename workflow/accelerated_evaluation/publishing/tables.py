@@ -39,10 +39,14 @@ def save_table(
     shown = table if digest is None else digest
     shown = shown if digits is None else shown.map(lambda value: readable(value, digits))
     write_csv(Path(folder) / f"{name}.csv", reproducible(table))
-    escaped = shown.map(as_markdown)
-    write_text(Path(folder) / f"{name}.md", escaped.to_markdown(index=False, disable_numparse=True) + "\n")
-    write_text(Path(folder) / f"{name}.tex", _plain_latex(shown.to_latex(index=False, escape=True)))
+    write_text(Path(folder) / f"{name}.md", to_markdown(shown) + "\n")
+    write_text(Path(folder) / f"{name}.tex", as_latex(shown.to_latex(index=False, escape=True)))
     return table
+
+
+def to_markdown(table: pd.DataFrame) -> str:
+    """Return a table as Markdown, in which texts are only texts."""
+    return table.map(as_markdown).to_markdown(index=False, disable_numparse=True)
 
 
 def reproducible(table: pd.DataFrame) -> pd.DataFrame:
@@ -82,7 +86,7 @@ def readable(value: Any, digits: int = 3) -> Any:  # noqa: ANN401
     return f"{mantissa.rstrip('0').rstrip('.')} × 10{str(int(exponent)).translate(_SUPERSCRIPT)}"
 
 
-def _plain_latex(text: str) -> str:
-    """Replace the characters that LaTeX's plain fonts lack."""
+def as_latex(text: str) -> str:
+    """Replace the characters of numbers that LaTeX's plain fonts lack; all else is left as it is."""
     text = re.sub("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda found: f"$^{{{found[0].translate(_PLAIN)}}}$", text)
     return text.replace("×", r"$\times$").replace("–", "--").replace("∞", r"$\infty$")

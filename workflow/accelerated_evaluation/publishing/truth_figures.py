@@ -85,6 +85,8 @@ def fig14_estimates_against_truth(
         # Without a crash an interval has no upper end worth drawing.
         seen = data.loc[data["probability"] > 0, "ci_high"]
         axes.set(xlabel="crash probability", xlim=(0, 1.05 * seen.max()))
+        if not data["probability"].iloc[0]:
+            say_no_crash(axes)
         axes.ticklabel_format(axis="x", style="sci", scilimits=(0, 0), useMathText=True)
         finish(drawn, axes, source)
     return drawn, data
@@ -167,6 +169,8 @@ def fig16_uncertainty(
         axes.set(xlabel="crash probability")
         axes.ticklabel_format(axis="x", style="sci", scilimits=(0, 0), useMathText=True)
         axes.set(xlim=(0, None), ylim=(-0.5, len(budget) - 0.4))
+        if not data["probability"].iloc[0]:
+            say_no_crash(axes)
         finish(drawn, axes, source)
     return drawn, data
 

@@ -8,13 +8,15 @@ import pandas as pd
 from tqdm import tqdm
 
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.fitting.conditional import RANGE_MAX
+from accelerated_evaluation.encounters.segments import MINIMUM_ROWS
 from accelerated_evaluation.fitting.family import Events
+from accelerated_evaluation.fitting.support import SUPPORT, Support
 from accelerated_evaluation.truth.calibration import mid_p
 from accelerated_evaluation.truth.lines import Lines
 from accelerated_evaluation.truth.posterior import LEVELS, Posterior
 from accelerated_evaluation.truth.weighed import Weighed, weigh
 
+TOLD = ("probability", "median", *(f"{end}{100 * level:.0f}" for level in LEVELS for end in ("low", "high")))
 MISSED = 1e-4  # mid-p of the recorded crashes below which a map is refused
 RATIO = ("ratio", "ratio_low80", "ratio_high80")
 RANGE_LIMIT_WIDTH = 0.5  # [m], next to the largest range, where rounding could have put records
@@ -22,10 +24,9 @@ RANGE_LIMIT_WIDTH = 0.5  # [m], next to the largest range, where rounding could 
 
 def told(posterior: Posterior) -> dict[str, float]:
     """Return a posterior as columns: ``probability`` (mean), ``median``, and ends ``low50`` to ``high95``."""
-    row = {"probability": float(posterior.probabilities.mean()), "median": posterior.probability}
-    for level in LEVELS:
-        row[f"low{100 * level:.0f}"], row[f"high{100 * level:.0f}"] = posterior.interval(level)
-    return row
+    ends = (end for level in LEVELS for end in posterior.interval(level))
+    values = (float(posterior.probabilities.mean()), posterior.probability, *ends)
+    return dict(zip(TOLD, values, strict=True))
 
 
 def answer_table(posteriors: Mapping[str, Posterior], events_per_km: float | None) -> pd.DataFrame:
@@ -45,6 +46,11 @@ def answer_table(posteriors: Mapping[str, Posterior], events_per_km: float | Non
     """
     table = pd.DataFrame([{"event": event} | told(posterior) for event, posterior in posteriors.items()])
     return table.assign(per_km=table["probability"] * (np.nan if events_per_km is None else events_per_km))
+
+
+def bears_out(recorded: int, expected: float) -> bool:
+    """Whether the number of recorded crashes is one that the expected number allows."""
+    return bool(mid_p(recorded, expected) > MISSED)
 
 
 def vehicle_table(
@@ -77,7 +83,7 @@ def vehicle_table(
         crashes; ``safer``, the share of the draws in which the vehicle crashes less often than the reference.
     """
     expected = {name: size * posterior.probabilities.mean() for name, posterior in posteriors.items()}
-    resolved = {name: bool(mid_p(recorded[name], expected[name]) > MISSED) for name in posteriors}
+    resolved = {name: bears_out(recorded[name], expected[name]) for name in posteriors}
     has_base = resolved.get(reference, False) and bool(np.all(posteriors[reference].probabilities > 0))
     rows = []
     for name, posterior in posteriors.items():
@@ -101,10 +107,12 @@ def threshold_table(weighed: Weighed, lines: Lines, generator: np.random.Generat
         # The same random numbers for every threshold, so that only the threshold makes a difference.
         posterior = weighed.draw({"crash": lines}, deepcopy(generator), weighed.weights_at(level))["crash"]
         rows.append({"level": level} | told(posterior))
-    return pd.DataFrame(rows)
+    return pd.DataFrame(rows, columns=["level", *TOLD])
 
 
-def readings(encounters: pd.DataFrame, crashed: Array, outlier_rows: list[int]) -> dict[str, Events]:
+def readings(
+    encounters: pd.DataFrame, crashed: Array, outlier_rows: list[int], support: Support = SUPPORT
+) -> dict[str, Events]:
     """Return the records as other choices of data quality leave them.
 
     Parameters
@@ -115,20 +123,27 @@ def readings(encounters: pd.DataFrame, crashed: Array, outlier_rows: list[int]) 
         Whether each row crashes when it is replayed with the study's car.
     outlier_rows
         Rows that the authors' later code leaves out, counted from 1.
+    support
+        Limits of the records.
     """
-    distinct, range_ = Events.of(encounters), encounters["range"].to_numpy()
+    distinct, range_ = Events.of(encounters, support), encounters["range"].to_numpy()
     outlier = np.isin(np.arange(1, len(encounters) + 1), outlier_rows)
-    rows = Events(*(encounters[name].to_numpy(float) for name in ("lead_speed", "range", "closing_speed")))
+    rows = Events(
+        *(encounters[name].to_numpy(float) for name in ("lead_speed", "range", "closing_speed")), support
+    )
     return {
         "as in the answer": distinct,
         "repeated rows kept": rows,
-        "without ranges under 3 m": Events.of(encounters[range_ >= 3]),
-        "without ranges under 5 m": Events.of(encounters[range_ >= 5]),
-        "without the record that crashes": Events.of(encounters[~crashed]),
-        "without the authors' outliers": Events.of(encounters[~outlier]),
-        "without the last half metre of range": Events.of(
-            encounters[range_ <= RANGE_MAX - RANGE_LIMIT_WIDTH]
-        ),
+        **{
+            reading: Events.of(encounters[kept], support)
+            for reading, kept in {
+                "without ranges under 3 m": range_ >= 3,
+                "without ranges under 5 m": range_ >= 5,
+                "without the record that crashes": ~crashed,
+                "without the authors' outliers": ~outlier,
+                "without the last half metre of range": range_ <= support.range_max - RANGE_LIMIT_WIDTH,
+            }.items()
+        },
     }
 
 
@@ -157,10 +172,13 @@ def quality_table(
     Returns
     -------
     pandas.DataFrame
-        Columns ``reading``, ``events`` and those of `told`.
+        Columns ``reading``, ``events`` and those of `told`, which are missing where hardly any event is left.
     """
     rows = []
     for reading, events in tqdm(choices.items(), desc="data quality", unit=" readings"):
+        if events.size < MINIMUM_ROWS:
+            rows.append({"reading": reading, "events": events.size})
+            continue
         same = deepcopy(generator)  # the same random numbers for every reading
         weighed = weigh(events, same, draws=draws, members=start.members, start=start.family)
         posterior = weighed.draw({"crash": lines}, same)["crash"]

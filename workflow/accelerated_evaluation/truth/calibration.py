@@ -10,6 +10,7 @@ from scipy.stats import poisson
 
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.fitting.family import Events
+from accelerated_evaluation.fitting.support import SUPPORT
 from accelerated_evaluation.truth.scoring import GivenLaw
 
 LIMITS = (0.05, 0.95)
@@ -47,11 +48,12 @@ class Cell:
         return (range_ >= self.range_[0]) & (range_ < np.nextafter(self.range_[1], np.inf))
 
 
-def cells() -> list[Cell]:
-    """Return the cells of the study."""
+def cells(range_max: float = SUPPORT.range_max) -> list[Cell]:
+    """Return the cells up to the largest range [m], at which the last of them end."""
+    within = [(ends, speeds) for ends, speeds in CELLS.items() if ends[0] < range_max]
     return [
-        Cell(range_, ends)
-        for range_, speeds in CELLS.items()
+        Cell((low, high if (low, high) != within[-1][0] else range_max), ends)
+        for (low, high), speeds in within
         for ends in zip(speeds, (*speeds[1:], np.inf), strict=True)
     ]
 
@@ -72,7 +74,7 @@ def cell_counts(events: Events, law: GivenLaw) -> pd.DataFrame:
         Columns ``where``, ``recorded`` and ``expected``.
     """
     rows = []
-    for cell in cells():
+    for cell in cells(events.support.range_max):
         beside = cell.beside(events.range_)
         low, high = (np.full(events.size, speed) for speed in cell.closing_speed)
         inside = beside & (events.closing_speed >= low) & (events.closing_speed < high)

@@ -1,12 +1,15 @@
 """The table of laws: how each scores on unseen records near the crash set, and which are refused."""
 
+import warnings
 from collections.abc import Callable, Mapping
 
 import numpy as np
 import pandas as pd
+from numpy.linalg import LinAlgError
 from tqdm import tqdm
 
 from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.errors import ConvergenceError
 from accelerated_evaluation.fitting.family import Events, Family, Fitter
 from accelerated_evaluation.fitting.regressions import REGRESSIONS, fit_regression
 from accelerated_evaluation.fitting.rivals import ConditionalExtremes, IndependentTail
@@ -19,7 +22,7 @@ from accelerated_evaluation.truth.scoring import (
     threshold_weighted_crps,
     time_to_collision_boundary,
 )
-from accelerated_evaluation.truth.weighed import REGION, Weighed
+from accelerated_evaluation.truth.weighed import Weighed, region
 from accelerated_evaluation.truth.weighing import mixture_scores, stacking_weights
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
@@ -37,7 +40,7 @@ def regions(events: Events, vehicle: Vehicle) -> dict[str, Array]:
     """Return the boundaries of all regions [m/s] by the name of their column."""
     inside = {f"inverse_ttc_{q:g}": q * events.range_ for q in INVERSE_TTC}
     for ttc in SIMULATED_TTC:
-        boundary = time_to_collision_boundary(vehicle, ttc)
+        boundary = time_to_collision_boundary(vehicle, ttc, events.support)
         inside[f"simulated_ttc_{ttc:g}"] = boundary(events.lead_speed, events.range_)
     return inside
 
@@ -83,8 +86,13 @@ def score_laws(weighed: Weighed, vehicle: Vehicle) -> tuple[dict[str, dict[str, 
         scores[member.name] = {region: values[place] for region, values in by_member.items()}
         crps[member.name] = next(iter(crps_by_member.values()))[place]
     for name, fit in tqdm(rivals(fitter, family).items(), desc="rivals", unit=" laws"):
-        scores[name] = held_out(fit, fitter.events, inside)
-        crps[name] = next(iter(held_out(fit, fitter.events, first, **weighted).values()))
+        try:
+            of_rival = held_out(fit, fitter.events, inside)
+            crps[name] = next(iter(held_out(fit, fitter.events, first, **weighted).values()))
+        except (ConvergenceError, LinAlgError) as error:
+            warnings.warn(f"{name} cannot be fitted, and has no scores: {error}", stacklevel=2)
+        else:
+            scores[name] = of_rival
     return scores, crps
 
 
@@ -116,7 +124,7 @@ def law_table(
         ``probability``; ``refused``.
     """
     mean_weights = weighed.weights.mean(axis=0)
-    inside = weighed.events.closing_speed > REGION * weighed.events.range_
+    inside = weighed.events.closing_speed > region(weighed.events) * weighed.events.range_
     stacked = stacking_weights(weighed.scores, inside)
     names = [member.name for member in weighed.members]
     own = pd.DataFrame({"weight": mean_weights, "stacking": stacked}, index=names)

@@ -1,7 +1,7 @@
 """The study of laws, in one go: which laws the records bear out, how well, and what they say together."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
@@ -11,10 +11,12 @@ from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.fitting.family import Events, Family, Member
 from accelerated_evaluation.fitting.rivals import IndependentTail
 from accelerated_evaluation.fitting.shapes import Exponential
+from accelerated_evaluation.fitting.support import SUPPORT, Support
 from accelerated_evaluation.laws.dependent import DependentLaw
 from accelerated_evaluation.laws.independent import recorded_lead_speeds
 from accelerated_evaluation.truth.answer import (
     answer_table,
+    bears_out,
     quality_table,
     readings,
     threshold_table,
@@ -22,9 +24,11 @@ from accelerated_evaluation.truth.answer import (
 )
 from accelerated_evaluation.truth.calibration import cell_counts, near_miss_counts, with_limits
 from accelerated_evaluation.truth.crash_map import CrashMap
+from accelerated_evaluation.truth.exposure import exposure_table
 from accelerated_evaluation.truth.law_scores import KNOT, PAPER, TOGETHER, law_table, score_laws
 from accelerated_evaluation.truth.lines import Lines, crash_places
 from accelerated_evaluation.truth.posterior import Posterior, budget
+from accelerated_evaluation.truth.sampled_map import sample_crashes
 from accelerated_evaluation.truth.weighed import Weighed, weigh
 from accelerated_evaluation.vehicles.events import Event
 from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
@@ -60,14 +64,17 @@ class LawStudy:
         The same, thinned.
     events
         The events of the car under test by name.
+    sampled
+        Names of the crashes whose maps are by random closing speeds.
     """
 
     encounters: pd.DataFrame
     vehicles: Mapping[str, Vehicle]
     weighed: Weighed
-    lines: Mapping[str, Lines]
-    thinned: Mapping[str, Lines]
+    lines: dict[str, Lines]
+    thinned: dict[str, Lines]
     events: Mapping[str, Event]
+    sampled: set[str] = field(default_factory=set)
 
     @classmethod
     def of(
@@ -77,6 +84,7 @@ class LawStudy:
         maps: Mapping[str, CrashMap],
         draws: int,
         generator: np.random.Generator,
+        support: Support = SUPPORT,
     ) -> "LawStudy":
         """Fit and weigh the family.
 
@@ -93,15 +101,39 @@ class LawStudy:
             Draws of the posterior.
         generator
             Draws everything.
+        support
+            Limits of the records.
         """
-        events = Events.of(encounters)
+        events = Events.of(encounters, support)
         (_, own), *others = maps.items()
-        named = {event_name(event): event for event in sorted(own.events)}
-        lines = {name: Lines.of(own, events.lead_speed, event) for name, event in named.items()}
-        lines |= {f"crash of {name}": Lines.of(mapped, events.lead_speed) for name, mapped in others}
+        speeds, named = events.lead_speed, {event_name(event): event for event in sorted(own.events)}
+        lines = {name: Lines.of(own, speeds, event, support) for name, event in named.items()}
+        lines |= {f"crash of {name}": Lines.of(mapped, speeds, support=support) for name, mapped in others}
         weighed = weigh(events, generator, draws=draws)
         thinned = {name: weighed.thinned(part, generator) for name, part in lines.items()}
         return cls(encounters, vehicles, weighed, lines, thinned, named)
+
+    def resolve(self, maps: Mapping[str, CrashMap], generator: np.random.Generator) -> None:
+        """Put maps by random closing speeds in the place of those that replayed records contradict.
+
+        Parameters
+        ----------
+        maps
+            Crash maps of the vehicles.
+        generator
+            Draws the closing speeds.
+        """
+        size, family = self.weighed.events.size, self.family
+        for name, vehicle in self.vehicles.items():
+            crash = "crash" if vehicle is self.vehicle else f"crash of {name}"
+            lines = self.thinned[crash]
+            of_laws = {m: lines.probability(family.ranges, family.law(m)) for m in self.weighed.members}
+            recorded = int(self.replayed(vehicle).crash.sum())
+            if not bears_out(recorded, size * self.weighed.mean(of_laws)):
+                sampled = sample_crashes(vehicle, maps[name], generator)
+                self.lines[crash] = Lines.of(sampled, self.weighed.events.lead_speed)
+                self.thinned[crash] = self.weighed.thinned(self.lines[crash], generator)
+                self.sampled.add(crash)
 
     @property
     def vehicle(self) -> Vehicle:
@@ -112,6 +144,11 @@ class LawStudy:
     def family(self) -> Family:
         """The fit to all records."""
         return self.weighed.family
+
+    @property
+    def shown(self) -> tuple[Member, ...]:
+        """The laws that tables show one by one, without those for which there were too few records."""
+        return tuple(member for member in SHOWN if member in self.weighed.members)
 
     def probabilities(self, event: str) -> dict[Member, float]:
         """Return the probability of an event under each law, by the whole map."""
@@ -147,7 +184,7 @@ class LawStudy:
                 near_miss_counts(recorded, {n: self.weighed.mean(p) for n, p in near.items()}, events.size),
             ]
         }
-        for member in SHOWN:
+        for member in self.shown:
             of_member = {name: values[member] for name, values in near.items()}
             tables[member.name] = [by_member[member], near_miss_counts(recorded, of_member, events.size)]
         independent = IndependentTail.fit(events, KNOT, Exponential())
@@ -163,7 +200,7 @@ class LawStudy:
         The last is how much faster the crash closes [m/s] than any record at like range.
         """
         parts = [pd.DataFrame(columns=["lead_speed", "range", "closing_speed", "law", "beyond_recorded"])]
-        for member in SHOWN if self.lines["crash"].row.size else ():
+        for member in self.shown if self.lines["crash"].row.size else ():
             drawn = crash_places(
                 self.lines["crash"], self.family.ranges, self.family.law(member), DRAWN, generator
             )
@@ -175,7 +212,7 @@ class LawStudy:
 
     def _largest(self, range_: float) -> float:
         events = self.weighed.events
-        return float(events.closing_speed[np.abs(events.range_ - range_) < LIKE_RANGE].max())
+        return float(events.closing_speed[np.abs(events.range_ - range_) < LIKE_RANGE].max(initial=0.0))
 
     def representative(self) -> DependentLaw:
         """Return the law of the largest weight, from which methods that need one law draw."""
@@ -183,17 +220,18 @@ class LawStudy:
         segments = self.encounters.groupby("segment")["lead_speed"].agg(["min", "size"]).sort_values("min")
         counts = {segment: int(size) for segment, size in segments["size"].items()}
         lead_speeds = recorded_lead_speeds(self.encounters, counts)
-        return DependentLaw(member.name, counts, self.family.ranges, self.family.law(member), lead_speeds)
+        law, support = self.family.law(member), self.weighed.events.support
+        return DependentLaw(member.name, counts, self.family.ranges, law, lead_speeds, support=support)
 
     def answers(
-        self, distance: float | None, half_width: float, generator: np.random.Generator
+        self, exposure: Mapping[str, float | None], half_width: float, generator: np.random.Generator
     ) -> dict[str, pd.DataFrame]:
         """Return the answer, and the tables that tell where it comes from.
 
         Parameters
         ----------
-        distance
-            That the records were collected over [km]; None where it is not known.
+        exposure
+            ``kilometres`` and ``hours`` in which the records were made; None where it is not known.
         half_width
             Relative half-width of the 80 % interval with which an estimator finds a probability.
         generator
@@ -202,11 +240,13 @@ class LawStudy:
         Returns
         -------
         dict
-            ``answer`` by event, ``vehicles`` compared with each other, ``answer_draws``, ``answer_budget``,
-            ``answer_thresholds``, ``calibration`` and ``crash_places``.
+            ``answer`` by event, ``exposure`` as rates per kilometre and hour, ``vehicles`` compared with each
+            other, ``answer_draws``, ``answer_budget``, ``answer_thresholds``, ``calibration`` and
+            ``crash_places``.
         """
         posteriors = self.weighed.draw(self.thinned, generator)
-        per_km = None if distance is None else self.weighed.events.size / distance
+        cut_ins, kilometres = self.weighed.events.size, exposure["kilometres"]
+        per_km = None if kilometres is None else cut_ins / kilometres
         own = {name: posteriors[name] for name in self.events}
         crashes = {
             name.removeprefix("crash of "): posterior
@@ -215,6 +255,7 @@ class LawStudy:
         }
         return {
             "answer": answer_table(own, per_km),
+            "exposure": exposure_table(own, cut_ins, exposure),
             "vehicles": self.compared({UNDER_TEST: own["crash"]} | crashes),
             "answer_draws": answer_draws(own["crash"], self.weighed),
             "answer_budget": budget(own["crash"], half_width / norm.isf(0.1)),
@@ -227,7 +268,9 @@ class LawStudy:
         """Return the table of vehicles, of which replayed records have to bear out the maps."""
         vehicles = zip(posteriors, self.vehicles.values(), strict=True)
         recorded = {name: int(self.replayed(vehicle).crash.sum()) for name, vehicle in vehicles}
-        return vehicle_table(posteriors, recorded, self.weighed.events.size, REFERENCE)
+        table = vehicle_table(posteriors, recorded, self.weighed.events.size, REFERENCE)
+        crashes = ["crash" if name == UNDER_TEST else f"crash of {name}" for name in table["vehicle"]]
+        return table.assign(scan=["random" if crash in self.sampled else "refined" for crash in crashes])
 
     def quality(self, outlier_rows: list[int], draws: int, generator: np.random.Generator) -> pd.DataFrame:
         """Return the table of what other readings of the records do to the answer.
@@ -243,7 +286,7 @@ class LawStudy:
         """
         names = ("lead_speed", "range", "closing_speed")
         replayed = self.vehicle.simulate(*(self.encounters[name].to_numpy() for name in names))
-        choices = readings(self.encounters, replayed.crash, outlier_rows)
+        choices = readings(self.encounters, replayed.crash, outlier_rows, self.weighed.events.support)
         return quality_table(choices, self.weighed, self.thinned["crash"], draws, generator)
 
 

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.fitting.conditional import RANGE_MAX, Places, SpeedLaw
+from accelerated_evaluation.fitting.conditional import Places, SpeedLaw
 from accelerated_evaluation.fitting.smooth_hazard import SmoothHazard
+from accelerated_evaluation.fitting.support import SUPPORT, Support
 from accelerated_evaluation.truth.crash_map import LINES_PER_CELL, CrashMap
 from accelerated_evaluation.vehicles.events import CRASH, Event
 
@@ -45,15 +46,29 @@ class Lines:
     end: Array
 
     @classmethod
-    def of(cls, crash_map: CrashMap, lead_speeds: Array, event: Event = CRASH) -> "Lines":
-        """Take from a map the lines on which an event happens and whose lead speeds were recorded."""
+    def of(
+        cls, crash_map: CrashMap, lead_speeds: Array, event: Event = CRASH, support: Support = SUPPORT
+    ) -> "Lines":
+        """Take from a map the lines on which an event happens and whose lead speeds were recorded.
+
+        Parameters
+        ----------
+        crash_map
+            Of a vehicle.
+        lead_speeds
+            The recorded ones [m/s], shape (n,).
+        event
+            One of the map's.
+        support
+            Limits of the records.
+        """
         intervals, shares = crash_map.intervals(event), lead_speed_shares(crash_map, lead_speeds)
         kept = shares[intervals.line // LINES_PER_CELL] > 0
         lines, row = np.unique(intervals.line[kept], return_inverse=True)
         cells = lines // LINES_PER_CELL
-        farther, nearer = np.log(RANGE_MAX * crash_map.cells.inverse_range[cells]).T
+        farther, nearer = np.log(support.range_max * crash_map.cells.inverse_range[cells]).T
         return cls(
-            Places.of(crash_map.lead_speed[lines], 1 / crash_map.inverse_range[lines]),
+            Places.of(crash_map.lead_speed[lines], 1 / crash_map.inverse_range[lines], support),
             shares[cells] / LINES_PER_CELL,
             np.maximum(farther, 0.0),
             nearer,

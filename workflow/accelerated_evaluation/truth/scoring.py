@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.fitting.conditional import RANGE_MAX, ROOT_MIN, SPEEDS, Places, Threshold
+from accelerated_evaluation.fitting.conditional import Places, Threshold
 from accelerated_evaluation.fitting.family import Events, Family, Fitter
+from accelerated_evaluation.fitting.support import ROOT_MIN, SUPPORT, Support
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 BLOCKS = 10
@@ -168,12 +169,13 @@ def _score_blocks(
     return scores
 
 
-def time_to_collision_boundary(vehicle: Vehicle, ttc: float) -> Threshold:
+def time_to_collision_boundary(vehicle: Vehicle, ttc: float, support: Support = SUPPORT) -> Threshold:
     """Return the closing speeds above which the smallest simulated time to collision is at most ``ttc`` [s].
 
     They are found by bisection at the nodes of a grid of lead speeds and roots of ranges.
     """
-    nodes = [np.linspace(low, high, NODES) for low, high in (SPEEDS, (ROOT_MIN, np.sqrt(RANGE_MAX)))]
+    ends = support.lead_speeds, (ROOT_MIN, np.sqrt(support.range_max))
+    nodes = [np.linspace(low, high, NODES) for low, high in ends]
     speeds, roots = (x.ravel() for x in np.meshgrid(*nodes, indexing="ij"))
     low, high = np.zeros(speeds.size), np.full(speeds.size, NEVER)
     for _ in range(HALVINGS):

@@ -13,6 +13,7 @@ from accelerated_evaluation.truth.scoring import BLOCKS, held_out_scores
 from accelerated_evaluation.truth.weighing import bootstrapped_weights
 
 REGION = 0.25  # [1/s], TTC^-1 above which the laws are weighed: it holds the crash set and some 600 records
+REGION_SHARE = 0.003  # of the records that the region holds at least, where traffic is calmer
 DRAWS = 500
 LINES = 2500  # of a thinned map
 GUIDE = 0.95  # level of the thresholds whose laws, with the body alone, say which lines to keep
@@ -27,7 +28,7 @@ class Weighed:
     fitter, family
         The events, and the fit to all of them.
     scores
-        Held-out log scores censored to TTC^-1 above ``REGION``, shape (members, events).
+        Held-out log scores censored to TTC^-1 above that of `region`, shape (members, events).
     weights
         Draws of the weights, shape (draws, members).
     """
@@ -74,6 +75,11 @@ class Weighed:
         return draw_posterior(lines, self.family, self.members, chosen, generator)
 
 
+def region(events: Events) -> float:
+    """Return the TTC^-1 [1/s] above which laws are weighed: `REGION`, or less if it holds few records."""
+    return min(REGION, float(np.quantile(events.closing_speed / events.range_, 1 - REGION_SHARE)))
+
+
 def weigh(
     events: Events,
     generator: np.random.Generator,
@@ -94,14 +100,17 @@ def weigh(
     draws
         Number of draws of the weights.
     members
-        The laws.
+        The laws; those above thresholds that hardly any event exceeds are left out.
     blocks
         Number of contiguous blocks that are held out in turn.
     start
         An earlier fit to like events, whose smoothing parameters are kept.
     """
     fitter = Fitter(events, members)
-    family, boundary = fitter.fit(start), REGION * events.range_
+    family, boundary = fitter.fit(start), region(events) * events.range_
+    fitted = tuple(member for member in members if member.level is None or member in family.tails)
+    if fitted != members:
+        fitter = Fitter(events, fitted)
     scores = held_out_scores(fitter, family, {"region": boundary}, blocks)["region"]
     weights = bootstrapped_weights(scores, events.closing_speed > boundary, draws, generator)
     return Weighed(fitter, family, scores, weights)

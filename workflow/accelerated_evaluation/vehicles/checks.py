@@ -90,17 +90,30 @@ def _first_fault(encounters: Array) -> tuple[int, int, str] | None:
     return min(faults, key=lambda fault: fault[0], default=None)
 
 
-def checked_outcomes(outcomes: object, count: int, range_: Array, *, vehicle: str) -> Outcomes:
-    """Return what a user's vehicle gave for ``count`` encounters with the protocol's types, or refuse it.
+def described(encounter: ArrayLike) -> str:
+    """Return one encounter in words, for messages."""
+    numbers = (f"{name} {value:g}" for name, value in zip(INPUTS, encounter, strict=True))
+    return f"the encounter {', '.join(numbers)}"
+
+
+def described_batch(encounters: Array) -> str:
+    """Return the encounters of a batch in words, for messages; of many the first three."""
+    count = encounters.shape[1]
+    if count == 1:
+        return described(encounters[:, 0])
+    first = [described(encounter).removeprefix("the encounter ") for encounter in encounters.T[:3]]
+    return f"a batch of {count} encounters ({'; '.join(first)}{'; ...' if count > 3 else ''})"
+
+
+def checked_outcomes(outcomes: object, encounters: Array, *, vehicle: str) -> Outcomes:
+    """Return what a user's vehicle gave for n encounters with the protocol's types, or refuse it.
 
     Parameters
     ----------
     outcomes
         What ``simulate`` returned.
-    count
-        Number n of encounters.
-    range_
-        Initial range of each [m], shape (n,).
+    encounters
+        Lead speed [m/s], range [m] and closing speed [m/s], shape (3, n).
     vehicle
         The vehicle's name in messages.
 
@@ -109,11 +122,11 @@ def checked_outcomes(outcomes: object, count: int, range_: Array, *, vehicle: st
     InputError
         If an outcome is missing, has another shape or type, or contradicts itself; names the first such row.
     """
-    columns = {name: _checked_column(outcomes, name, count, vehicle) for name in OUTCOMES}
+    columns = {name: _checked_column(outcomes, name, encounters.shape[1], vehicle) for name in OUTCOMES}
     crash, min_range, min_ttc, impact_speed = columns.values()
     rules = [
         ("min_range", ~np.isfinite(min_range), "a finite number"),
-        ("min_range", min_range > range_, "at most the initial range"),
+        ("min_range", min_range > encounters[1], "at most the initial range"),
         ("min_range", crash & (min_range > 0), "0 m or less where crash is true"),
         ("min_range", ~crash & (min_range <= 0), "above 0 m where crash is false"),
         ("min_ttc", ~(min_ttc > 0), "above 0 s, infinity if the host never closed in"),
@@ -127,7 +140,8 @@ def checked_outcomes(outcomes: object, count: int, range_: Array, *, vehicle: st
     for name, wrong, expected in rules:
         if wrong.any():
             row = int(np.argmax(wrong))
-            raise outcome_error(vehicle, f"{name}[{row}]", repr(columns[name][row].item()), expected)
+            what = f"{name}[{row}] of {described(encounters[:, row])}"
+            raise outcome_error(vehicle, what, repr(columns[name][row].item()), expected)
     return Outcomes(**columns)
 
 

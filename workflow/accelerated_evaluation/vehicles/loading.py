@@ -4,15 +4,16 @@ import difflib
 import importlib.util
 import inspect
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from accelerated_evaluation.errors import InputError, StudyError
 from accelerated_evaluation.vehicles.built_in import VEHICLES
-from accelerated_evaluation.vehicles.checked import CheckedVehicle, told
-from accelerated_evaluation.vehicles.parameters import parameter_names
+from accelerated_evaluation.vehicles.checked import CheckedVehicle, kept_alive, told
+from accelerated_evaluation.vehicles.foreign import ForeignVehicle
+from accelerated_evaluation.vehicles.parameters import parameter_names, required_names
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 
@@ -22,8 +23,8 @@ def load_vehicle(name: str, **parameters: Any) -> Vehicle:  # noqa: ANN401
     Parameters
     ----------
     name
-        A built-in one, by its name in `VEHICLES`; or ``path/to/file.py:ClassName``, a class of your own with
-        a method ``simulate`` as in `Vehicle`.
+        One of `VEHICLES`: a built-in one, or ``command`` or ``fmu`` for a program of your own; or
+        ``path/to/file.py:ClassName``, a class of your own with a method ``simulate`` as in `Vehicle`.
     **parameters
         Passed to the class: for the built-in ones the attributes that their classes document.
 
@@ -50,7 +51,27 @@ def load_vehicle(name: str, **parameters: Any) -> Vehicle:  # noqa: ANN401
                 expected=f"one of {', '.join(known)}",
                 change=_nearest(parameter, known) or "Remove it.",
             )
-    return VEHICLES[name](**parameters)
+    missing = [parameter for parameter in required_names(VEHICLES[name]) if parameter not in parameters]
+    if missing:
+        raise InputError(
+            f"vehicle {name}",
+            seen=f"no parameter {missing[0]!r}",
+            expected=f"its parameters {', '.join(missing)}",
+            change="State them in vehicle.parameters; docs/your_vehicle.md has examples.",
+        )
+    vehicle = VEHICLES[name](**parameters)
+    return CheckedVehicle(vehicle, vehicle.name) if isinstance(vehicle, ForeignVehicle) else vehicle
+
+
+def vehicle_files(name: str, parameters: Mapping[str, Any]) -> list[str]:
+    """Return the user's files that a vehicle is made of; none for a vehicle of this project.
+
+    A class's own file, an FMU, or the files that a command names. What these in turn load is not known here.
+    """
+    if ":" in name or name.endswith(".py"):
+        return [name.rpartition(":")[0] or name]
+    vehicle = load_vehicle(name, **parameters)
+    return [str(file) for file in vehicle.vehicle.files] if isinstance(vehicle, CheckedVehicle) else []
 
 
 def _load_user_vehicle(name: str, parameters: dict[str, Any]) -> CheckedVehicle:
@@ -72,7 +93,8 @@ def _load_user_vehicle(name: str, parameters: dict[str, Any]) -> CheckedVehicle:
         signature = "a method simulate(lead_speed, range_, closing_speed)"
         raise _load_error(name, "no method simulate", signature, "Add it to the class.")
     try:
-        return CheckedVehicle(vehicle_class(**parameters), name)
+        with kept_alive():
+            return CheckedVehicle(vehicle_class(**parameters), name)
     except (StudyError, KeyboardInterrupt):
         raise
     except BaseException as error:  # a vehicle that calls sys.exit must not end the study without a word
@@ -91,7 +113,8 @@ def _load_module(name: str, path: Path) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[module_name] = module
     try:
-        spec.loader.exec_module(module)
+        with kept_alive():
+            spec.loader.exec_module(module)
     except BaseException as error:
         del sys.modules[module_name]
         if isinstance(error, KeyboardInterrupt):

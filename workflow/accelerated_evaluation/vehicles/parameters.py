@@ -1,6 +1,6 @@
 """Checks of the parameters of built-in vehicles."""
 
-from dataclasses import field, fields
+from dataclasses import MISSING, field, fields
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,12 @@ from accelerated_evaluation.errors import InputError
 def parameter_names(vehicle_class: type) -> list[str]:
     """Return the parameters that a built-in vehicle takes: the fields of its dataclass that are not fixed."""
     return [each.name for each in fields(vehicle_class) if each.init]
+
+
+def required_names(vehicle_class: type) -> list[str]:
+    """Return those parameters of a built-in vehicle that have no default."""
+    required = (each for each in fields(vehicle_class) if each.init and each.default is MISSING)
+    return [each.name for each in required if each.default_factory is MISSING]
 
 
 def zero_or_more(default: float) -> Any:  # noqa: ANN401

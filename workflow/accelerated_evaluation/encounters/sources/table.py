@@ -84,15 +84,9 @@ def _read_cells(path: Path, names: Mapping[str, str]) -> pd.DataFrame:
             expected=f"a name ending in {' or '.join(readers)}",
             change="Convert the table.",
         )
-    table = readers[path.suffix.lower()](path)
-    for key, name in names.items():
-        if name not in table.columns:
-            raise InputError(
-                f"{path}, column {name!r}",
-                seen=f"only the columns {', '.join(map(str, table.columns))}",
-                expected=f"the column that data.table.columns.{key}.name states",
-                change="Correct the name there, or the header of the table.",
-            )
+    table = readers[path.suffix.lower()](
+        path, {f"data.table.columns.{key}.name": name for key, name in names.items()}
+    )
     return pd.DataFrame({key: table[name].reset_index(drop=True) for key, name in names.items()})
 
 

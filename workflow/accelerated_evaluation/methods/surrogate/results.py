@@ -20,6 +20,8 @@ def estimate(progress: Progress, batch_size: int, stopping: Stopping, certificat
     """Estimate P(event) from the batches since the surrogate became usable.
 
     Without an event the probability is 0, and the interval ends at the bound that then holds for any event.
+    If every simulation was an event the probability is 1, and the interval begins where the bound says so of
+    the event that did not happen.
     While the surrogate is not good enough for an estimate that can be trusted, the probability is NaN and
     the interval is [0, 1].
 
@@ -42,10 +44,11 @@ def estimate(progress: Progress, batch_size: int, stopping: Stopping, certificat
     if combined is not None:
         probability, half_width = combined.probability, combined.half_width(stopping.alpha)
         interval = max(probability - half_width, 0.0), min(probability + half_width, 1.0)
-    elif events:
+    elif 0 < events < progress.happened.size:
         probability, interval = math.nan, (0.0, 1.0)
     else:
-        probability, interval = 0.0, (0.0, bound_without_event(progress.looks[:, 0].sum(), stopping.alpha))
+        bound = bound_without_event(progress.looks[:, 0].sum(), stopping.alpha)
+        probability, interval = (1.0, (1 - bound, 1.0)) if events else (0.0, (0.0, bound))
     estimating = len(that_count(progress.estimates)) * batch_size
     return Estimate(
         probability,

@@ -1,0 +1,185 @@
+"""Made-up recordings in the format of highD, with cut-ins that are known.
+
+A recording is a piece of a motorway with two lanes in each direction. Pairs of vehicles pass one after the
+other: a host that keeps its lane, and a vehicle that comes over before it, or only seems to.
+Nothing here shares code with the extraction that it tests.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+RATE = 25  # frames a second
+LENGTH = 420.0  # [m], of the piece of road
+PAUSE = 60.0  # [s] from one pair to the next of its direction, so that pairs never meet
+LANES = {1: (2, 3), 2: (5, 6)}  # by direction; 1 drives to the left
+HEIGHTS = {2: 10.0, 3: 14.0, 5: 22.0, 6: 26.0}
+CUT_IN, OTHERS = (
+    "cut_in",
+    ("keeps_lane", "returns", "cuts_behind", "host_is_a_truck", "host_just_came", "overlaps"),
+)
+KINDS = (CUT_IN, *OTHERS)
+TRACKS = (
+    "frame,id,x,y,width,height,xVelocity,yVelocity,xAcceleration,yAcceleration,frontSightDistance,"
+    "backSightDistance,dhw,thw,ttc,precedingXVelocity,precedingId,followingId,leftPrecedingId,leftAlongsideId,"
+    "leftFollowingId,rightPrecedingId,rightAlongsideId,rightFollowingId,laneId"
+)
+TRACKS_META = (
+    "id,width,height,initialFrame,finalFrame,numFrames,class,drivingDirection,traveledDistance,minXVelocity,"
+    "maxXVelocity,meanXVelocity,minDHW,minTHW,minTTC,numLaneChanges"
+)
+RECORDING_META = (
+    "id,frameRate,locationId,speedLimit,month,weekDay,startTime,duration,totalDrivenDistance,totalDrivenTime,"
+    "numVehicles,numCars,numTrucks,upperLaneMarkings,lowerLaneMarkings"
+)
+
+
+def pair(kind: str, first: int, direction: int, start: float, generator: np.random.Generator) -> dict:
+    """Make two vehicles: their ``tracks`` and ``meta``, and what is ``planted``, None if nothing is."""
+    lane, other = generator.permutation(LANES[direction])
+    lengths = generator.uniform(4, 5.5), generator.uniform(4, 18)  # of the host, of the other
+    speeds, gap, moment = _draw(kind, generator)
+    # Positions of the fronts along the road, such that the gap is as drawn in the frame of the moment
+    time = np.round(np.arange(0, 2 * moment, 1 / RATE), 6)
+    change = int(np.searchsorted(time, moment - 1e-9))
+    host = 80 + speeds[0] * (time - time[change]) + 100
+    front = host[change] + gap + lengths[1] + speeds[1] * (time - time[change])
+    lanes = [np.full(len(time), lane), np.where(np.arange(len(time)) >= change, lane, other)]
+    if kind == "keeps_lane":
+        lanes[1][:] = lane
+    elif kind == "returns":
+        lanes[1] = np.where(
+            (np.arange(len(time)) >= change) & (np.arange(len(time)) < change + 8), lane, other
+        )
+    elif kind == "cuts_behind":
+        front = host - lengths[0] - gap
+    elif kind == "host_just_came":
+        lanes[0][: max(change - 10, 1)] = other
+    following = np.where((lanes[0] == lanes[1]) & (front > host), first, 0)
+    tracks, meta = [], []
+    for index, (position, speed, length, of) in enumerate(
+        zip((host, front), speeds, lengths, lanes, strict=True)
+    ):
+        number = first + index
+        behind = following if index else np.where((lanes[0] == lanes[1]) & (front < host), first + 1, 0)
+        truck = (kind == "host_is_a_truck" and index == 0) or length > 8
+        tracks.append(_track(number, time + start, position, length, speed, of, behind, direction))
+        meta.append((number, length, "Truck" if truck else "Car", direction))
+    planted = None
+    if kind == CUT_IN:
+        frame = round((start + time[change]) * RATE)
+        planted = (frame / RATE, speeds[1], gap, speeds[0] - speeds[1], first + 1, first)
+    return {"tracks": tracks, "meta": meta, "planted": planted}
+
+
+def _draw(kind: str, generator: np.random.Generator) -> tuple[tuple[float, float], float, float]:
+    """Return the speeds of host and other [m/s], the gap [m] and the moment [s]."""
+    other = generator.uniform(21, 44)
+    gap = 5 + generator.exponential(25)
+    closing = generator.exponential(0.045 * gap) if generator.random() < 0.7 else -generator.uniform(0, 3)
+    moment = round(generator.uniform(3, 5) * RATE) / RATE
+    return (other + min(closing, 12), other), -3.0 if kind == "overlaps" else gap, moment
+
+
+def _track(
+    number: int,
+    time: np.ndarray,
+    front: np.ndarray,
+    length: float,
+    speed: float,
+    lane: np.ndarray,
+    following: np.ndarray,
+    direction: int,
+) -> pd.DataFrame:
+    """Return what *_tracks.csv says of one vehicle; in direction 1 the road is walked from right to left."""
+    sign = 1 if direction == 2 else -1
+    return pd.DataFrame(
+        {
+            "frame": np.round(time * RATE).astype(int),
+            "id": number,
+            "x": front - length if direction == 2 else LENGTH - front,
+            "y": np.where(lane == lane.min(), HEIGHTS[lane.min()], HEIGHTS[lane.max()]),
+            "width": length,
+            "height": 2.0,
+            "xVelocity": sign * speed,
+            "followingId": following,
+            "laneId": lane,
+        }
+    )
+
+
+def write_recording(folder: Path, number: int, pairs: int, generator: np.random.Generator) -> pd.DataFrame:
+    """Write the three files of one recording, and return the cut-ins that are planted in it, units SI."""
+    folder.mkdir(parents=True, exist_ok=True)
+    made = [
+        pair(
+            KINDS[0] if generator.random() < 0.6 else generator.choice(OTHERS),
+            first=1 + 2 * index,
+            direction=1 + index % 2,
+            start=1 / RATE + PAUSE * (index // 2),
+            generator=generator,
+        )
+        for index in range(pairs)
+    ]
+    tracks = pd.concat([track for one in made for track in one["tracks"]])
+    tracks = tracks.reindex(columns=TRACKS.split(","), fill_value=0)  # the others are not needed
+    meta = pd.DataFrame(
+        [
+            _meta(track, *known)
+            for one in made
+            for track, known in zip(one["tracks"], one["meta"], strict=True)
+        ]
+    )
+    recording = {name: 0 for name in RECORDING_META.split(",")} | {
+        "id": number,
+        "frameRate": RATE,
+        "speedLimit": -1,
+    }
+    recording |= {"upperLaneMarkings": "8;12;16", "lowerLaneMarkings": "20;24;28", "numVehicles": 2 * pairs}
+    name = folder / f"{number:02d}"
+    tracks.round(4).to_csv(f"{name}_tracks.csv", index=False)
+    meta.round(4).to_csv(f"{name}_tracksMeta.csv", index=False)
+    pd.DataFrame([recording]).to_csv(f"{name}_recordingMeta.csv", index=False)
+    columns = ["time", "lead_speed", "range", "closing_speed", "vehicle", "host"]
+    planted = pd.DataFrame([one["planted"] for one in made if one["planted"]], columns=columns)
+    return planted.assign(recording=f"{number:02d}")
+
+
+def _meta(
+    track: pd.DataFrame, number: int, length: float, of_class: str, direction: int
+) -> dict[str, object]:
+    """Return the row of *_tracksMeta.csv of one vehicle."""
+    frames, speed = track["frame"], track["xVelocity"].abs()
+    known = {"id": number, "width": length, "height": 2.0, "class": of_class, "drivingDirection": direction}
+    known |= {"initialFrame": frames.min(), "finalFrame": frames.max(), "numFrames": len(frames)}
+    known |= {
+        "traveledDistance": track["x"].max() - track["x"].min(),
+        "numLaneChanges": (track["laneId"].diff() > 0).sum(),
+    }
+    known |= {"minXVelocity": speed.min(), "maxXVelocity": speed.max(), "meanXVelocity": speed.mean()}
+    return {name: known.get(name, -1) for name in TRACKS_META.split(",")}
+
+
+def write_recordings(
+    folder: Path, recordings: int, pairs: int, generator: np.random.Generator
+) -> pd.DataFrame:
+    """Write some recordings, numbered from 1, and return their planted cut-ins in the order of the files."""
+    made = [write_recording(folder, number, pairs, generator) for number in range(1, recordings + 1)]
+    return pd.concat(made, ignore_index=True)
+
+
+def main() -> None:
+    """Write recordings into a folder, with the cut-ins that are planted in them beside it."""
+    parser = argparse.ArgumentParser(description="Write recordings in the format of highD.")
+    parser.add_argument("folder", type=Path, help="to write; FOLDER_planted.csv gets what is planted")
+    parser.add_argument("--recordings", type=int, default=12, help="(default: %(default)s)")
+    parser.add_argument("--pairs", type=int, default=400, help="a recording (default: %(default)s)")
+    given = parser.parse_args()
+    planted = write_recordings(given.folder, given.recordings, given.pairs, np.random.default_rng(2016))
+    planted.to_csv(given.folder.with_name(f"{given.folder.name}_planted.csv"), index=False)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,28 @@
+"""A folder with a law file and the encounter table that it belongs to, as a study leaves them."""
+
+import numpy as np
+import pandas as pd
+from accelerated_evaluation.distributions import BoundedExponential, Empirical
+from accelerated_evaluation.encounters.contract import complete, write_encounters
+from accelerated_evaluation.laws.files import write_law
+from accelerated_evaluation.laws.independent import IndependentLaw
+
+SPEEDS = np.linspace(5, 15, 1000)
+LAW = IndependentLaw(
+    description="made up for tests",
+    events={"5-15": 1000},
+    inverse_range=BoundedExponential(rate=50, lower=1 / 75),
+    inverse_ttc={"5-15": BoundedExponential(rate=15)},
+    lead_speeds={"5-15": Empirical(SPEEDS)},
+    closing_speed_max=23.49,
+)
+
+
+def write_law_folder(folder):
+    """Write ``law.json`` and ``encounters.parquet``, and return their paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    raw = pd.DataFrame({"lead_speed": SPEEDS, "range": 30.0, "closing_speed": 2.0})
+    encounters = complete(raw).assign(segment="5-15")
+    write_encounters(folder / "encounters.parquet", encounters, "made up")
+    write_law(folder / "law.json", LAW)
+    return folder / "law.json", folder / "encounters.parquet"

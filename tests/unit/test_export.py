@@ -1,0 +1,175 @@
+"""A weighted set of scenarios: its recipe gives the exact probability, and its files are valid."""
+
+import csv
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation import cli
+from accelerated_evaluation.encounters.contract import read_encounters
+from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.laws.files import read_law
+from accelerated_evaluation.track.export import page, table_of
+from accelerated_evaluation.track.weighted_set import SHELLS, draw_weighted_set
+from accelerated_evaluation.truth.crash_map import Grid
+from accelerated_evaluation.truth.exact import ALL, exact_probabilities
+from accelerated_evaluation.truth.mapping import map_crashes
+from accelerated_evaluation.vehicles import load_vehicle
+from law_folder import LAW, write_law_folder
+
+SIZE = 300
+GRID = Grid(
+    lead_speed_min=5,
+    lead_speed_max=15.0001,
+    range_max=75,
+    lead_speed_cells=20,
+    range_cells=40,
+    refinement=4,
+    closing_speed_max=23.49,
+    closing_speed_points=160,
+)
+SETS = 60
+
+
+def exact(vehicle):
+    """The exact crash probability, by the crash map, and its standard error."""
+    crash_map = map_crashes(vehicle, GRID, [], np.random.default_rng(1))
+    found = exact_probabilities(crash_map, LAW)[ALL]
+    return found.probability, found.standard_error
+
+
+@pytest.fixture(scope="module")
+def sets():
+    return [draw_weighted_set(LAW, SIZE, 1.5, np.random.default_rng(seed)) for seed in range(SETS)]
+
+
+def follow(drawn, vehicle, folder):
+    """Do what the page says, with its own script; return what it computes."""
+    folder.mkdir(exist_ok=True)
+    names = [f"scenario_{number:03d}" for number in drawn.table["scenario"]]
+    table_of(drawn, names).to_csv(folder / "scenarios.csv", index=False)
+    rows = list(csv.DictReader((folder / "scenarios.csv").open()))
+    columns = ([float(row[name]) for row in rows] for name in ("lead_speed", "range", "closing_speed"))
+    crash = vehicle.simulate(*columns).crash
+    lines = [f"{row['scenario']},{int(flag)}\n" for row, flag in zip(rows, crash, strict=True)]
+    (folder / "outcomes.csv").write_text("scenario,crash\n" + "".join(lines))
+    script = re.search(r"```python\n(.*?)```", page(drawn, {}), re.DOTALL)[1]
+    assert len(script.splitlines()) <= 30
+    found = {}
+    exec(script.replace('open("', f'open("{folder}/'), found)
+    return found
+
+
+@pytest.mark.parametrize("name", ["acc_aeb", "acc_only"])
+def test_the_recipe_gives_the_exact_probability_within_its_error(sets, tmp_path, capsys, name):
+    vehicle = load_vehicle(name)
+    truth, error = exact(vehicle)
+    found = [follow(drawn, vehicle, tmp_path) for drawn in sets]
+    estimates = np.array([one["probability"] for one in found])
+    reach = 3.5 * np.hypot(np.sqrt(np.mean([one["variance"] for one in found]) / SETS), error)
+    assert abs(estimates.mean() - truth) < reach
+    assert reach < 0.3 * truth
+    covered = [one["low"] <= truth <= one["high"] for one in found]
+    assert np.mean(covered) > 0.5
+    assert "80% interval" in capsys.readouterr().out
+
+
+def test_a_wrong_weight_is_noticed(sets, tmp_path):
+    """With the weights of the next shell the same outcomes give another number."""
+    vehicle = load_vehicle("acc_aeb")
+    truth, _ = exact(vehicle)
+    found = []
+    for drawn in sets:
+        wrong = drawn.table.assign(weight=np.roll(drawn.table["weight"], SIZE // SHELLS))
+        found.append(follow(type(drawn)(wrong, drawn.edges, drawn.probabilities), vehicle, tmp_path))
+    mean = np.mean([one["probability"] for one in found])
+    assert abs(mean - truth) > 5 * np.sqrt(np.mean([one["variance"] for one in found]) / SETS)
+
+
+class Never:
+    def simulate(self, lead_speed, range_, closing_speed):
+        return load_vehicle("acc_aeb").simulate(lead_speed, 1000 + 0 * np.array(range_), closing_speed)
+
+
+def test_without_a_crash_there_is_an_upper_end_that_no_shell_exceeds(sets, tmp_path):
+    found = follow(sets[0], Never(), tmp_path)
+    assert found["probability"] == found["low"] == 0
+    assert found["high"] == pytest.approx(sets[0].probabilities.max() * (1 - 0.2 ** (1 / 20)))
+
+
+def test_shells_have_the_probabilities_of_the_law(sets):
+    """Against plain draws from the law, and each cut-in in its shell."""
+    drawn = sets[0]
+    cut_ins, _ = LAW.draw(np.random.default_rng(8), 2_000_000)
+    needed = cut_ins.closing_speed**2 / 2 * cut_ins.inverse_range
+    counts = np.histogram(needed, [*drawn.edges, np.inf])[0] / needed.size
+    deviation = np.sqrt(drawn.probabilities / needed.size)
+    assert np.all(np.abs(counts - drawn.probabilities) < 4.5 * deviation)
+    assert drawn.assumed_safe == pytest.approx(np.mean(needed < drawn.edges[0]), rel=1e-3)
+    rows = drawn.table[drawn.table["closing_speed"] < LAW.closing_speed_max]
+    needed = rows["closing_speed"] ** 2 / 2 / rows["range"]
+    assert np.array_equal(np.searchsorted(drawn.edges, needed * (1 + 1e-9), side="right"), rows["shell"])
+
+
+@pytest.mark.parametrize(("size", "safe"), [(29, 1.5), (301, 1.5), (300, 0.0), (300, 9.0), (300, np.nan)])
+def test_a_set_cannot_be_of_any_size(size, safe):
+    with pytest.raises(InputError, match="--s"):
+        draw_weighted_set(LAW, size, safe, np.random.default_rng(1))
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    pytest.importorskip("scenariogeneration", reason="the extra `scenarios` is not installed")
+    folder = tmp_path_factory.mktemp("export")
+    law, encounters = write_law_folder(folder)
+    command = ["export", str(folder / "set"), "--law", str(law), "--encounters", str(encounters)]
+    assert cli.main([*command, "--size", "45"]) == 0
+    return folder, command
+
+
+def test_the_folder_holds_all_that_the_page_names(exported):
+    folder, command = exported
+    table = pd.read_csv(folder / "set" / "scenarios.csv")
+    assert len(table) == 45
+    assert all((folder / "set" / name).is_file() for name in table["file"])
+    text = (folder / "set" / "README.md").read_text()
+    assert "of all cut-ins are assumed to be safe" in text
+    assert not re.search(r"[{}]", re.sub(r"```.*?```", "", text, flags=re.DOTALL))
+    first = (folder / "set" / "scenario_001.xosc").read_text()
+    assert f'<Property name="weight" value="{float(table["weight"][0])!r}"/>' in first
+    law = read_law(folder / "law.json", read_encounters(folder / "encounters.parquet"))
+    assert law.description in text
+    again = [part.replace(str(folder / "set"), str(folder / "again")) for part in command]
+    assert cli.main([*again, "--size", "45"]) == 0
+    same = {path.name: path.read_bytes() for path in (folder / "again").iterdir()}
+    assert same == {path.name: path.read_bytes() for path in (folder / "set").iterdir()}
+
+
+def test_every_exported_file_is_valid_for_asams_checker(exported):
+    pytest.importorskip("qc_openscenario", reason="ASAM's checker is not installed")
+    from asam_checker import verdict
+
+    files = sorted((exported[0] / "set").glob("*.xosc"))
+    assert len(files) == 45
+    for path in files:
+        completed, issues = verdict(path)
+        assert issues == []
+        assert len(completed) >= 15
+
+
+def test_export_refuses_what_it_cannot_do(exported, capsys, tmp_path):
+    folder, command = exported
+    assert cli.main(command) == 2
+    assert "seen something there; expected no folder yet" in capsys.readouterr().err
+    for arguments, message in (
+        (["--size", "1000"], "--size: seen 1000; expected 30 to 300 scenarios"),
+        (["--safe-deceleration", "99"], "--safe-deceleration: seen 99"),
+        (["--seed", "-3"], "--seed: seen -3"),
+        (["--law", "none.json"], "none.json: seen no such file"),
+        (["--encounters", str(folder / "law.json")], "content that cannot be read"),
+    ):
+        assert cli.main(["export", str(tmp_path / "other"), *command[2:], *arguments]) == 2
+        assert message in capsys.readouterr().err
+        assert list(Path(tmp_path).iterdir()) == []

@@ -1,0 +1,76 @@
+"""Placeholders in the texts of notebooks: what they insert, how they fail, what the catalogue sees."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation.errors import StudyError
+from accelerated_evaluation.publishing.texts import attributes, fill
+
+
+@pytest.mark.parametrize(
+    ("placeholder", "written"),
+    [
+        ("x | number", "1,235"),
+        ("x | number(1)", "1,234.6"),
+        ("x | number(1, '+')", "+1,234.6"),
+        ("share | percent", "12%"),
+        ("share | percent(1, '+')", "+12.3%"),
+        ("-share | percent(1)", "-12.3%"),
+        ("tiny | readable(2)", "7.4\N{NO-BREAK SPACE}×\N{NO-BREAK SPACE}10⁻⁷"),
+        ("table['a', 'b'] | number", "3"),
+        ("table.max()", "3"),
+        ("np_count", "7"),
+        ("missing | number(2)", "–"),
+        ("missing | percent", "–"),
+        ("infinite | number", "∞"),
+    ],
+)
+def test_numbers_keep_their_format(placeholder, written):
+    names = {
+        "x": 1234.56,
+        "share": 0.1234,
+        "tiny": 7.4e-7,
+        "table": pd.Series({("a", "b"): 3}),
+        "np_count": np.int64(7),
+        "missing": math.nan,
+        "infinite": math.inf,
+    }
+    assert fill(f"a {{{{ {placeholder} }}}} b", names) == f"a {written} b"
+
+
+def test_conditions_and_lists_leave_no_empty_lines():
+    text = "{% for name, n in runs.items() %}\n- {{ name }}: {{ n }}\n{% else %}\nnone\n{% endfor %}\n"
+    assert fill(text, {"runs": {"a": 1, "b": 2}}) == "- a: 1\n- b: 2\n"
+    assert fill(text, {"runs": {}}) == "none\n"
+
+
+def test_formulas_and_percent_signs_are_left_alone():
+    text = r"$\frac{z^2_{\alpha/2}}{\beta^{2}}$, a 95 % interval, $100(1-\alpha)\,\%$, {a} and 80 %}"
+    assert fill(text, {}) == text
+
+
+def test_texts_of_a_user_are_shown_as_they_are():
+    filled = fill("{{ data }} {{ headline | safe }}", {"data": "costs $5 <b>*x*</b>", "headline": "**ours**"})
+    assert filled == "costs <span>&#36;</span>5 &#60;b>&#42;x&#42;&#60;/b> **ours**"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{{ absent }}", "'absent' is undefined"),
+        ("{{ 1 / zero }}", "ZeroDivisionError"),
+        ("{{ known['no'] }}", "has no"),
+        ("{% if zero %}", "TemplateSyntaxError"),
+        ("{{ zero | unknown }}", "No filter named 'unknown'"),
+    ],
+)
+def test_a_placeholder_that_fails_is_one_error(text, message):
+    with pytest.raises(StudyError, match=message):
+        fill(text, {"zero": 0, "known": {}})
+
+
+def test_what_a_text_reads_of_the_study_is_found():
+    text = "{{ study.name }} {% if study.truth['probability'] %}{{ other.x + study.alpha }}{% endif %}"
+    assert set(attributes(text, "study")) == {"name", "truth", "alpha"}

@@ -1,0 +1,199 @@
+"""A vehicle that is an FMU, compiled here from C: the car of the study, and one that misbehaves."""
+
+import re
+import shutil
+import subprocess
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.vehicles import load_vehicle
+from accelerated_evaluation.vehicles.checks import OUTCOMES
+from accelerated_evaluation.vehicles.workers import Processes, simulate_batch
+
+fmpy = pytest.importorskip("fmpy", reason="FMPy, the extra 'fmu', is not installed")
+COMPILER = shutil.which("cc") or shutil.which("gcc")
+SOURCE = Path(__file__).with_name("car_fmu.c")
+NAMES = ["gap", "range_rate", "host_speed", "acceleration", "trouble", "kmh"]
+INPUTS = {"range": {"name": "gap"}, "range_rate": {}, "host_speed": {}}
+TROUBLES = {"hangs": 1, "aborts": 2, "refuses": 3, "no number": 4, "prints": 5, "ends": 6}
+
+FMI2 = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="car" guid="{{car}}">
+<CoSimulation modelIdentifier="car" canHandleVariableCommunicationStepSize="true"/>
+<UnitDefinitions><Unit name="m"/></UnitDefinitions>
+<ModelVariables>{variables}</ModelVariables>
+<ModelStructure><Outputs><Unknown index="4"/></Outputs></ModelStructure>
+</fmiModelDescription>"""
+FMI3 = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="3.0" modelName="car" instantiationToken="car">
+<CoSimulation modelIdentifier="car" canHandleVariableCommunicationStepSize="true"/>
+<UnitDefinitions><Unit name="m"/></UnitDefinitions>
+<ModelVariables>{variables}<Float64 name="time" valueReference="9" causality="independent"
+variability="continuous"/></ModelVariables>
+<ModelStructure><Output valueReference="3"/></ModelStructure>
+</fmiModelDescription>"""
+
+
+def described(version):
+    """Return the model description."""
+    variables = ""
+    for reference, name in enumerate(NAMES):
+        causality = "output" if name == "acceleration" else "input"
+        start = "" if causality == "output" else ' start="0"'
+        unit = ' unit="m"' if name == "gap" else ""
+        head = f'name="{name}" valueReference="{reference}" causality="{causality}"'
+        variables += (
+            f"<ScalarVariable {head}><Real{start}{unit}/></ScalarVariable>"
+            if version == 2
+            else f"<Float64 {head}{start}{unit}/>"
+        )
+    return (FMI2 if version == 2 else FMI3).format(variables=variables)
+
+
+def unused(version, headers):
+    """Return C code that defines the functions of FMI that the car has no use for."""
+    declared = re.findall(
+        rf"#define (fmi{version}\w+)\s+fmi{version}FullName",
+        (headers / f"fmi{version}Functions.h").read_text(),
+    )
+    used = SOURCE.read_text()
+    return "\n".join(f"int {name}(void) {{ return 3; }}" for name in declared if name not in used)
+
+
+@pytest.fixture(scope="module")
+def fmus(tmp_path_factory):
+    """Compile the car for both versions."""
+    if COMPILER is None:
+        pytest.skip("no C compiler is here to make the FMU")
+    folder = tmp_path_factory.mktemp("fmu")
+    headers = Path(fmpy.__file__).parent / "c-code"
+    paths = {}
+    for version, place in [(2, "linux64"), (3, "x86_64-linux")]:
+        library, paths[version] = folder / f"car{version}.so", folder / f"car{version}.fmu"
+        rest = folder / f"rest{version}.c"
+        rest.write_text(unused(version, headers))
+        flags = ["-shared", "-fPIC", "-O1", "-ffp-contract=off", f"-I{headers}", f"-DFMI{version}"]
+        subprocess.run([COMPILER, *flags, SOURCE, rest, "-o", library, "-lm"], check=True)
+        with zipfile.ZipFile(paths[version], "w") as archive:
+            archive.writestr("modelDescription.xml", described(version))
+            archive.write(library, f"binaries/{place}/car.so")
+    return paths
+
+
+def cut_ins(n=100):
+    generator = np.random.default_rng(5)
+    return generator.uniform(5, 15, n), generator.uniform(1, 25, n), generator.uniform(-4, 18, n)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_the_study_s_car_as_an_fmu_has_its_outcomes(fmus, version):
+    fmu, own = load_vehicle("fmu", file=str(fmus[version]), inputs=INPUTS), load_vehicle("acc_aeb")
+    got, wanted = fmu.simulate(*cut_ins()), own.simulate(*cut_ins())
+    assert 0.1 < wanted.crash.mean() < 0.9
+    for name in OUTCOMES:
+        np.testing.assert_allclose(getattr(got, name), getattr(wanted, name), rtol=1e-9, atol=1e-9)
+    weak = load_vehicle("acc_only").simulate(*cut_ins())
+    assert not np.allclose(got.min_range, weak.min_range, rtol=1e-3, atol=1e-3)
+
+
+def test_units_are_those_of_the_configuration(fmus):
+    inputs = INPUTS | {"host_speed": {"unit": "km/h"}}
+    fmu = load_vehicle("fmu", file=str(fmus[2]), inputs=inputs, start={"kmh": 1})
+    own = load_vehicle("acc_aeb").simulate(*cut_ins())
+    np.testing.assert_allclose(fmu.simulate(*cut_ins()).min_range, own.min_range, rtol=1e-9, atol=1e-9)
+    wrong = load_vehicle("fmu", file=str(fmus[2]), inputs=inputs)
+    assert not np.allclose(wrong.simulate(*cut_ins()).min_range, own.min_range, rtol=1e-3, atol=1e-3)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize(
+    ("trouble", "message"),
+    [
+        ("refuses", "its step at 0.4 s: seen .*rror"),
+        ("no number", "its step at 0.4 s: seen an acceleration of nan"),
+        ("ends", "its step at 0.4 s: seen that it asks to end the simulation"),
+    ],
+)
+def test_an_fmu_that_fails_names_encounter_and_time(fmus, version, trouble, message):
+    if version == 2 and trouble == "ends":
+        return  # FMI 2.0 has no such thing
+    fmu = load_vehicle("fmu", file=str(fmus[version]), inputs=INPUTS, start={"trouble": TROUBLES[trouble]})
+    place = r"car\d\.fmu, the encounter lead_speed 10, range 70, closing_speed 2, "
+    with pytest.raises(InputError, match=place + message):
+        fmu.simulate([10.0], [70.0], [2.0])
+
+
+def test_an_fmu_that_prints_or_ends_its_process_leaves_the_others_alone(fmus, capfd):
+    encounters = np.array([[10.0], [70.0], [2.0]])
+    with Processes(2) as processes:
+        futures = {
+            trouble: processes.submit(
+                simulate_batch,
+                "fmu",
+                {"file": str(fmus[2]), "inputs": INPUTS, "start": {"trouble": TROUBLES[trouble]}},
+                encounters,
+                60.0,
+            )
+            for trouble in ("aborts", "prints")
+        }
+        assert futures["prints"].result().shape == (4, 1)
+        with pytest.raises(Exception, match="terminated abruptly"):
+            futures["aborts"].result()
+    assert "a line that nobody asked for" not in capfd.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"file": "nowhere.fmu"}, "vehicle nowhere.fmu: seen no such file; expected an FMU"),
+        ({"file": str(SOURCE)}, "seen a file that is no ZIP archive"),
+        ({"inputs": {"range": {"name": "gapp"}}}, r"inputs.range.name: seen 'gapp'; .* Did you mean gap\?"),
+        ({"inputs": {"rang": {}}}, r"inputs: seen 'rang'; .* Did you mean range\?"),
+        (
+            {"inputs": {"range": {"name": "gap", "unit": "miles"}}},
+            "inputs.range.unit: seen 'miles'; .* m, km,",
+        ),
+        (
+            {"inputs": {"range": {"name": "gap", "unit": "ft"}}},
+            "seen ft; expected m, as the FMU declares",
+        ),
+        ({"inputs": {"range": {"name": "gap", "units": "m"}}}, "inputs.range: seen 'units'"),
+        ({"inputs": {"range": "gap"}}, "inputs.range: seen 'gap'; expected a name and a unit"),
+        ({"inputs": "gap"}, "vehicle parameter inputs: seen 'gap'; expected a mapping"),
+        ({"acceleration": {"name": "brake"}}, "parameters.acceleration.name: seen 'brake'"),
+        ({"start": {"troubl": 1}}, r"start.troubl: seen 'troubl'; .* Did you mean trouble\?"),
+        ({"step": 0}, "vehicle parameter step: seen 0; expected a positive number"),
+        ({"duration": "long"}, "vehicle parameter duration: seen 'long'"),
+        ({"stepp": 0.1}, "parameter 'stepp'"),
+    ],
+)
+def test_fmus_that_cannot_be_used(fmus, parameters, message):
+    with pytest.raises(InputError, match=message):
+        load_vehicle("fmu", **{"file": str(fmus[2]), "inputs": INPUTS} | parameters)
+
+
+def test_files_that_are_no_fmu_for_here(tmp_path, fmus):
+    def packed(name, **contents):
+        with zipfile.ZipFile(tmp_path / name, "w") as archive:
+            for member, content in contents.items():
+                archive.writestr(member.replace("__", "/"), content)
+        return str(tmp_path / name)
+
+    with pytest.raises(InputError, match="vehicle fmu: seen no parameter 'file'"):
+        load_vehicle("fmu")
+    with pytest.raises(InputError, match=r"seen KeyError.*; expected a valid FMU"):
+        load_vehicle("fmu", file=packed("empty.fmu"))
+    with pytest.raises(InputError, match="expected a valid FMU"):
+        load_vehicle("fmu", file=packed("broken.fmu", **{"modelDescription.xml": "<a>"}))
+    with pytest.raises(InputError, match=r"seen binaries for no platform; expected one for \w+"):
+        load_vehicle("fmu", file=packed("nothing.fmu", **{"modelDescription.xml": described(2)}))
+    exchange = (
+        described(2)
+        .replace("CoSimulation", "ModelExchange")
+        .replace('canHandleVariableCommunicationStepSize="true"', "")
+    )
+    with pytest.raises(InputError, match=r"seen FMI 2\.0, not for co-simulation"):
+        load_vehicle("fmu", file=packed("exchange.fmu", **{"modelDescription.xml": exchange}))

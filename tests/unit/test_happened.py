@@ -1,0 +1,229 @@
+"""What happens: ways to crash, nearest records, their figures; random closing speeds for narrow stripes."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation.encounters.contract import complete
+from accelerated_evaluation.fitting.conditional import RANGE_MAX, Places
+from accelerated_evaluation.fitting.family import Events, Fitter, Member, members_at
+from accelerated_evaluation.laws.dependent import DependentLaw
+from accelerated_evaluation.laws.independent import recorded_lead_speeds
+from accelerated_evaluation.publishing.happened_figures import fig28_ways_to_crash, fig29_nearest_records
+from accelerated_evaluation.publishing.preventable_figure import fig30_preventable
+from accelerated_evaluation.truth.crash_map import Grid
+from accelerated_evaluation.truth.happened import (
+    PLACE,
+    WAYS,
+    nearest_records,
+    normal_scores,
+    traces_of,
+    ways_to_crash,
+)
+from accelerated_evaluation.truth.law_study import LawStudy
+from accelerated_evaluation.truth.lines import Lines
+from accelerated_evaluation.truth.mapping import map_crashes
+from accelerated_evaluation.truth.preventable import CLOSING_SPEEDS, FORESEEN, preventable
+from accelerated_evaluation.truth.sampled_map import sample_crashes
+from accelerated_evaluation.truth.weighed import Weighed
+from accelerated_evaluation.vehicles import AccAeb, Outcomes
+from figure_checks import check_bytes_and_legend
+
+SIZE, MEAN, RATE = 6000, 2.0, 0.3
+GRID = Grid(5, 35, 75, 6, 20, 2, 45.0, 120)
+SLOWEST, WIDTH, SHARE = 2.0, 0.013, 0.25
+
+
+def outcomes(crash, range_, closing_speed):
+    near = np.where(closing_speed > 0, range_ / np.maximum(closing_speed, 1e-9), np.inf)
+    return Outcomes(crash, np.where(crash, 0.0, range_), near, np.where(crash, closing_speed, 0.0))
+
+
+class RateCar:
+    """Crashes where the closing speed exceeds a share of the range a second, whatever the lead speed."""
+
+    def simulate(self, lead_speed, range_, closing_speed):
+        return outcomes(closing_speed > RATE * range_, range_, closing_speed)
+
+
+class FastCar:
+    """Crashes at all closing speeds above one."""
+
+    def simulate(self, lead_speed, range_, closing_speed):
+        return outcomes(closing_speed > SLOWEST, range_, closing_speed)
+
+
+class StripedCar:
+    """Crashes in a quarter of what `FastCar` crashes in, in stripes far narrower than the steps of a scan."""
+
+    def simulate(self, lead_speed, range_, closing_speed):
+        crash = (closing_speed > SLOWEST) & (closing_speed % WIDTH < SHARE * WIDTH)
+        return outcomes(crash, range_, closing_speed)
+
+
+@pytest.fixture(scope="module")
+def events():
+    generator = np.random.default_rng(1)
+    lead_speed = generator.uniform(5, 34.9, SIZE)
+    range_ = RANGE_MAX * generator.uniform(0, 1, SIZE) ** 0.5
+    return Events(lead_speed, range_, MEAN * generator.standard_exponential(SIZE))
+
+
+@pytest.fixture(scope="module")
+def weighed(events):
+    fitter = Fitter(events, members_at((0.9,)))
+    members = len(fitter.members)
+    return Weighed(fitter, fitter.fit(), np.zeros((SIZE, members)), np.full((20, members), 1 / members))
+
+
+@pytest.fixture(scope="module")
+def law(events, weighed):
+    table = pd.DataFrame({"lead_speed": events.lead_speed, "segment": "all"})
+    speeds = recorded_lead_speeds(table, ["all"])
+    family = weighed.family
+    return DependentLaw("made up", {"all": SIZE}, family.ranges, family.law(Member()), speeds)
+
+
+def lines_of(crash_map, events):
+    return Lines.of(crash_map, events.lead_speed)
+
+
+def test_random_closing_speeds_find_stripes_that_a_scan_does_not(events, law):
+    """A quarter of the probability of the whole; the scan is wrong by far more than the tolerance."""
+    generator = np.random.default_rng(3)
+    whole = lines_of(map_crashes(FastCar(), GRID, [], generator), events)
+    truth = SHARE * whole.probability(law.ranges, law.speeds)
+    scanned = map_crashes(StripedCar(), GRID, [], generator)
+    found = lines_of(sample_crashes(StripedCar(), scanned, generator), events)
+    assert found.probability(law.ranges, law.speeds) == pytest.approx(truth, rel=0.06)
+    assert lines_of(scanned, events).probability(law.ranges, law.speeds) != pytest.approx(truth, rel=0.18)
+
+
+def test_random_closing_speeds_agree_with_a_scan_that_is_right(events, law):
+    generator = np.random.default_rng(4)
+    scanned = map_crashes(RateCar(), GRID, [], generator)
+    sampled = sample_crashes(RateCar(), scanned, generator)
+    one, two = (lines_of(part, events).probability(law.ranges, law.speeds) for part in (scanned, sampled))
+    assert two == pytest.approx(one, rel=0.05)
+
+
+def test_a_contradicted_map_is_resolved_and_the_others_stay(events, weighed):
+    """The vehicle with stripes gets a number, and it agrees with the replayed records then."""
+    generator = np.random.default_rng(5)
+    vehicles = {"under_test": RateCar(), "striped": StripedCar()}
+    maps = {name: map_crashes(vehicle, GRID, [], generator) for name, vehicle in vehicles.items()}
+    names = {"under_test": "crash", "striped": "crash of striped"}
+    lines = {names[name]: lines_of(crash_map, events) for name, crash_map in maps.items()}
+    thinned = {name: weighed.thinned(part, generator) for name, part in lines.items()}
+    study = LawStudy(pd.DataFrame(), vehicles, weighed, dict(lines), thinned, {})
+    before = weighed.draw(study.thinned, np.random.default_rng(6))
+    assert study.compared({"under test": before["crash"], "striped": before["crash of striped"]})[
+        "resolved"
+    ].tolist() == [True, False]
+    study.resolve(maps, np.random.default_rng(7))
+    assert study.sampled == {"crash of striped"}
+    assert study.lines["crash"] is lines["crash"]
+    after = weighed.draw(study.thinned, np.random.default_rng(6))
+    assert np.array_equal(after["crash"].probabilities, before["crash"].probabilities)
+    table = study.compared({"under test": after["crash"], "striped": after["crash of striped"]})
+    assert table["resolved"].tolist() == [True, True]
+    assert table["scan"].tolist() == ["refined", "random"]
+
+
+@pytest.fixture(scope="module")
+def shown(events, law):
+    crash_map = map_crashes(RateCar(), GRID, [], np.random.default_rng(8))
+    lines = lines_of(crash_map, events)
+    ways = ways_to_crash(lines, law, RateCar(), np.random.default_rng(9))
+    return ways, lines.probability(law.ranges, law.speeds)
+
+
+def test_ways_to_crash_share_the_whole_probability_and_are_not_copies(shown, law):
+    ways, probability = shown
+    assert len(ways) == WAYS
+    assert ways["crash"].all()
+    assert ways["probability"].sum() == pytest.approx(probability)
+    assert ways["probability"].is_monotonic_decreasing
+    z = normal_scores(law, *(ways[name].to_numpy() for name in PLACE))
+    distance = np.linalg.norm(z[:, None] - z, axis=2)[~np.eye(WAYS, dtype=bool)]
+    assert distance.min() > 0.2
+
+
+def test_normal_scores_of_drawn_cut_ins_are_standard_normal(law):
+    cut_ins, _ = law.draw(np.random.default_rng(10), 4000)
+    z = normal_scores(law, cut_ins.lead_speed, cut_ins.range_, cut_ins.closing_speed)
+    np.testing.assert_allclose(z.mean(axis=0), 0, atol=4 / 4000**0.5)
+    np.testing.assert_allclose(np.cov(z.T), np.eye(3), atol=6 / 4000**0.5)
+
+
+def test_a_vehicle_that_never_crashes_has_no_ways(events, law):
+    class Safe(RateCar):
+        def simulate(self, lead_speed, range_, closing_speed):
+            return outcomes(closing_speed > np.inf, range_, closing_speed)
+
+    lines = lines_of(map_crashes(Safe(), GRID, [], np.random.default_rng(1)), events)
+    assert ways_to_crash(lines, law, Safe(), np.random.default_rng(1)).empty
+
+
+def test_the_nearest_records_are_crashes_and_then_the_smallest_times(events):
+    some = events.only(np.arange(1000))
+    near = nearest_records(some, AccAeb())
+    result = AccAeb().simulate(some.lead_speed, some.range_, some.closing_speed)
+    assert near["crash"].sum() == min(result.crash.sum(), WAYS)
+    calm = np.sort(result.min_ttc[~result.crash])[: WAYS - near["crash"].sum()]
+    assert near.loc[~near["crash"], "min_ttc"].tolist() == calm.tolist()
+
+
+def test_lines_of_what_can_be_prevented(law, events):
+    table = preventable({"rate": RateCar(), "striped": StripedCar()}, law, events.lead_speed)
+    rate = table[table["name"] == "rate"]
+    step = np.diff(CLOSING_SPEEDS)[0]
+    assert np.all(rate["first"] == rate["always"])
+    assert np.all(np.abs(rate["first"] - RATE * rate["range"] - step / 2) <= step / 2 + 1e-9)
+    striped = table[table["name"] == "striped"]
+    assert np.all(striped["first"] < SLOWEST + 0.2)
+    assert not np.any(striped["always"] < 39)
+    foreseen = table[(table["name"] == f"{FORESEEN[0]:g}") & (table["kind"] == "law")]
+    given = law.speeds.given(Places.of(foreseen["lead_speed"].to_numpy(), foreseen["range"].to_numpy()))
+    np.testing.assert_allclose(
+        np.exp(-given.cumulative(foreseen["first"].to_numpy())), FORESEEN[0], rtol=1e-6
+    )
+
+
+def happened(kinds=("crash", "record")):
+    """A made-up table of encounters with the study's car, half of them crashes."""
+    rows = [(8.0, 30.0 - number, 22.0, kind, number + 1) for kind in kinds for number in range(WAYS)]
+    table = pd.DataFrame(rows, columns=[*PLACE, "kind", "number"])
+    result = AccAeb().simulate(*(table[name].to_numpy() for name in PLACE))
+    return table.assign(probability=1e-7, **vars(result))
+
+
+def test_figures_of_what_happens(tmp_path):
+    table = happened()
+    traces = traces_of(table, AccAeb())
+    draw = fig28_ways_to_crash
+    check_bytes_and_legend(lambda name: draw(table, traces, "made up"), draw.__name__, tmp_path)
+    _, data = fig29_nearest_records(table, traces, "made up")
+    assert data["number"].nunique() == WAYS
+    ends = data.groupby("number")["range_m"].min()
+    np.testing.assert_allclose(ends, table.groupby("number")["min_range"].first(), atol=1e-12)
+
+
+def test_figures_say_what_they_cannot_show():
+    table, none = happened(("record",)), pd.DataFrame(columns=["kind", "number", "time_s", "range_m"])
+    drawn, data = fig28_ways_to_crash(table, none, "made up")
+    assert [text.get_text() for text in drawn.axes[0].texts] == ["no crash"]
+    assert data.empty
+    drawn, data = fig29_nearest_records(table, none, "made up")
+    assert "not known" in drawn.axes[0].texts[0].get_text()
+    assert traces_of(table, RateCar()).empty
+
+
+def test_the_figure_of_what_can_be_prevented(law, events, tmp_path):
+    table = preventable({"under test": RateCar(), "striped": StripedCar()}, law, events.lead_speed)
+    raw = pd.DataFrame(
+        dict(zip(PLACE, (events.lead_speed, events.range_, events.closing_speed), strict=True))
+    )
+    encounters = complete(raw)
+    check_bytes_and_legend(
+        lambda name: fig30_preventable(table, encounters, "made up"), "fig30_preventable", tmp_path
+    )

@@ -1,0 +1,37 @@
+"""Files and vehicles that a configuration names are looked up before any job."""
+
+import copy
+from pathlib import Path
+
+import pytest
+from accelerated_evaluation.configuration import load
+from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.preflight import require_named
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def config(monkeypatch):
+    monkeypatch.chdir(ROOT)  # paths of a configuration begin at the project
+    return copy.deepcopy(load())
+
+
+def test_the_shipped_configuration_names_what_there_is(config):
+    require_named(config)
+
+
+@pytest.mark.parametrize(
+    ("section", "change", "told"),
+    [
+        ("data", {"source": "table", "table": {"path": "no.csv"}}, r"data.table.path: seen no.csv, where"),
+        ("vehicle", {"name": "acc_abe"}, "vehicle.name .* seen 'acc_abe'.* Did you mean acc_aeb"),
+        ("vehicle", {"name": "no.py:Car"}, "vehicle.name .* no file no.py"),
+        ("vehicle", {"parameters": {"aeb_jrk": 1}}, "vehicle.parameters.* Did you mean aeb_jerk"),
+        ("compared_vehicles", {"rss": {"aeb": True}}, "compared_vehicles, vehicle rss: seen parameter 'aeb'"),
+    ],
+)
+def test_what_is_not_there_is_told_with_its_key(config, section, change, told):
+    config[section] |= change
+    with pytest.raises(InputError, match=told):
+        require_named(config)

@@ -1,0 +1,278 @@
+"""Slow vehicles: nothing is simulated twice, and what was simulated before a fault is kept."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.vehicles import load_vehicle
+from accelerated_evaluation.vehicles.checked import CheckedVehicle
+from accelerated_evaluation.vehicles.checks import OUTCOMES
+from accelerated_evaluation.vehicles.slow import SlowVehicle, loaded_for
+from accelerated_evaluation.vehicles.store import Store, store_of
+from accelerated_evaluation.vehicles.workers import Processes, Workers, workers_of
+
+CAR = """
+import os
+import time
+
+import numpy as np
+from accelerated_evaluation.vehicles import Outcomes
+
+
+class Car:
+    # Keeps its speed for 8 s, notes what it simulates, and misbehaves where told.
+    def __init__(self, log, trouble="none", at=0.0, seconds=0.0):
+        self.log, self.trouble, self.at, self.seconds = log, trouble, at, seconds
+
+    def simulate(self, lead_speed, range_, closing_speed):
+        print("a line that nobody asked for")
+        with open(self.log, "a") as log:
+            for encounter in range_:
+                time.sleep(self.seconds)
+                log.write(f"{encounter}\\n")
+                log.flush()
+        if self.at in range_ and self.trouble == "fails":
+            raise RuntimeError("no licence")
+        if self.at in range_ and self.trouble == "exits":
+            os._exit(0)
+        if self.at in range_ and self.trouble == "hangs":
+            time.sleep(600)
+        last = range_ - np.maximum(closing_speed, 0) * 8
+        noise = np.random.default_rng().random(len(range_)) if self.trouble == "random" else 0
+        ttc = np.maximum(last, 0.01) / closing_speed + noise
+        return Outcomes(last <= 0, last, ttc, np.where(last <= 0, closing_speed, 0))
+"""
+SIMULATIONS = {
+    "keep_class": True,
+    "batch_size": 100,
+    "time_limit": 60.0,
+    "executor": "processes",
+    "workers": 2,
+    "options": {},
+}
+RANGES = np.arange(10.0, 22.0)
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("car.py").write_text(CAR)
+    return tmp_path
+
+
+def vehicle_section(**parameters):
+    return {"name": "car.py:Car", "parameters": {"log": "log", **parameters}, "files": []}
+
+
+def slow(workers, batch_size=3, time_limit=60.0, **parameters):
+    """Return the car with its store, on given workers."""
+    section = vehicle_section(**parameters)
+    store = store_of("car.py:Car", section["parameters"], ["car.py"])
+    limits = {"batch_size": batch_size, "time_limit": time_limit}
+    return SlowVehicle("car.py:Car", section["parameters"], "car.py:Car", store, workers, **limits)
+
+
+@pytest.fixture
+def threads():
+    with ThreadPoolExecutor(2) as pool:
+        yield Workers(pool, 2)
+
+
+def run(vehicle, ranges=RANGES):
+    return vehicle.simulate(np.full(len(ranges), 20.0), ranges, np.full(len(ranges), 2.0))
+
+
+def logged():
+    return [float(line) for line in Path("log").read_text().split()] if Path("log").exists() else []
+
+
+def columns(outcomes):
+    return [getattr(outcomes, name).tolist() for name in OUTCOMES]
+
+
+def test_nothing_is_simulated_twice(here, threads, capfd):
+    first = slow(threads)
+    outcomes = run(first)
+    assert "a line that nobody asked for" not in capfd.readouterr().out
+    assert columns(outcomes) == columns(run(load_vehicle("car.py:Car", log="other")))
+    # Eight of them are simulated again, to see whether the car is deterministic.
+    assert first.simulated == len(logged()) == 12 + 8
+    assert columns(run(first)) == columns(outcomes)
+    again = slow(threads)
+    twice = np.concatenate([RANGES[::-1], RANGES[:2], [30.0, 30.0]])
+    assert run(again, twice).min_range.tolist() == (twice - 16).tolist()
+    assert (again.simulated, again.found, len(again.store)) == (1, 12, 13)
+    assert logged()[20:] == [30.0]
+    assert run(again, np.empty(0)).crash.shape == (0,)
+
+
+def test_a_fault_keeps_what_other_batches_gave(here, threads):
+    broken = slow(threads, trouble="fails", at=15.0)
+    message = (
+        r"vehicle car.py:Car, simulate, a batch of 3 encounters \(lead_speed 20, range 13, .*\): "
+        r"seen RuntimeError: no licence; .* [3-9] outcomes are kept in results/vehicles/.*outcomes.sqlite"
+    )
+    with pytest.raises(InputError, match=message):
+        run(broken)
+    kept = len(broken.store)
+    with pytest.raises(InputError, match="no licence"):
+        run(slow(threads, batch_size=1, trouble="fails", at=15.0))
+    assert kept < len(broken.store) < 12
+
+
+def test_a_car_that_is_not_deterministic_is_refused_in_every_run(here, threads):
+    for _ in range(2):
+        with pytest.raises(InputError, match=r"min_ttc of the encounter .* when simulated again"):
+            run(slow(threads, trouble="random"))
+
+
+def test_the_repetition_is_of_all_kept_outcomes_once(here, threads):
+    car = slow(threads)
+    assert not car.store.is_deterministic
+    run(car)
+    assert slow(threads).store.is_deterministic
+
+
+@pytest.mark.parametrize(("trouble", "limit"), [("exits", 60.0), ("hangs", 2.0)])
+def test_a_car_that_hangs_or_ends_its_process(here, trouble, limit):
+    seen = {
+        "exits": "seen the end of the process that simulated it; expected outcomes",
+        "hangs": "seen no end after 2 s; expected outcomes within this time limit of a batch",
+    }[trouble]
+    with Processes(2) as processes:
+        car = slow(Workers(processes, 2), 1, 30.0 if trouble == "exits" else limit, trouble=trouble, at=11.0)
+        # A process needs its time to start, which counts; so the first run only starts them.
+        car.time_limit = 60.0
+        run(car, RANGES[2:4])
+        car.time_limit = limit
+        place = "the encounter lead_speed 20, range 11, closing_speed 2: "
+        with pytest.raises(InputError, match=f"vehicle car.py:Car, {place}{seen}.* 3 outcomes are kept"):
+            run(car, RANGES[:2])
+
+
+def test_a_killed_run_goes_on_where_it_stopped(here):
+    code = (
+        "import numpy as np, test_slow_vehicles as t\n"
+        "if __name__ == '__main__':\n"
+        "    with t.loaded_for(t.vehicle_section(seconds=0.2), t.SIMULATIONS | {'batch_size': 1}) as car:\n"
+        "        print(t.run(car).min_range.tolist(), car.simulated)\n"
+    )
+    Path("run.py").write_text(code)
+    places = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+    line = [sys.executable, "run.py"]
+    environment = os.environ | {"PYTHONPATH": places}
+    killed = subprocess.Popen(line, env=environment)
+    while len(logged()) < 4 and killed.poll() is None:
+        time.sleep(0.05)
+    killed.send_signal(signal.SIGKILL)
+    killed.wait()
+    time.sleep(1.0)  # by then the workers have ended too
+    before = logged()
+    kept = len(store_of("car.py:Car", vehicle_section(seconds=0.2)["parameters"], ["car.py"]))
+    assert 2 <= kept < 12
+    done = subprocess.run(line, env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.split("]")[0] == str((RANGES - 16).tolist())[:-1]
+    assert int(done.stdout.split("]")[1]) == 12 - kept + 8
+    assert len(logged()) == len(before) + 12 - kept + 8
+
+
+def test_what_a_vehicle_is_names_its_store(here):
+    def folder(name="car.py:Car", files=("car.py",), **parameters):
+        return store_of(name, parameters, files).path.parent
+
+    one = folder(a=1)
+    assert folder(a=1) == one
+    assert one.parent == Path("results/vehicles")
+    assert one.name.startswith("Car-")
+    assert folder(a=2) != one
+    assert folder("car.py:Other", a=1) != one
+    Path("more.csv").write_text("1")
+    more = folder(files=("car.py", "more.csv"), a=1)
+    assert more != one
+    Path("more.csv").write_text("2")
+    assert folder(files=("car.py", "more.csv"), a=1) not in (one, more)
+    Path("car.py").write_text(CAR + "\n")
+    assert folder(a=1) != one
+
+
+def test_a_store_gives_back_the_same_numbers(tmp_path):
+    encounters = [(0.1, 1 / 3, -5e-324), (1e308, 2.0, 0.0)]
+    outcomes = [(1.0, -1 / 3, np.inf, 1e-300), (0.0, 5.0, 0.1, 0.0)]
+    store = Store(tmp_path / "new" / "outcomes.sqlite")
+    store.add(encounters, outcomes)
+    store.add(encounters[:1], [(0.0, 0.0, 0.0, 0.0)])  # the first one stays
+    assert Store(store.path).known([*encounters, (1.0, 1.0, 1.0)]) == dict(
+        zip(encounters, outcomes, strict=True)
+    )
+    assert len(store) == 2
+
+
+def test_a_store_that_cannot_be_used(tmp_path):
+    path = tmp_path / "outcomes.sqlite"
+    path.write_bytes(b"no database at all" * 100)
+    with pytest.raises(InputError, match=r"outcomes.sqlite: seen file is not a database; expected a store"):
+        Store(path)
+
+
+def test_which_vehicles_are_slow(here):
+    with loaded_for({"name": "acc_aeb", "parameters": {}, "files": []}, SIMULATIONS) as car:
+        assert car == load_vehicle("acc_aeb")
+    with loaded_for(vehicle_section(), SIMULATIONS | {"keep_class": False}) as car:
+        assert isinstance(car, CheckedVehicle)
+    assert not Path("results").exists()
+    with loaded_for(vehicle_section(), SIMULATIONS) as car:
+        assert isinstance(car, SlowVehicle)
+    command = {"name": "command", "parameters": {"command": "python car.py"}, "files": []}
+    with loaded_for(command, SIMULATIONS | {"keep_class": False}) as car:
+        assert isinstance(car, SlowVehicle)
+        assert car.title == "python car.py"
+    with (
+        pytest.raises(InputError, match="unexpected keyword argument"),
+        loaded_for(vehicle_section(b=1), SIMULATIONS),
+    ):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("executor", "options", "message"),
+    [
+        (
+            "proceses",
+            {},
+            "executor: seen 'proceses'; expected processes, dask, slurm, or the address",
+        ),
+        (
+            "tcp://127.0.0.1:9",
+            {"timeout": 0.2},
+            "simulations, 'tcp://127.*9': seen .*expected a cluster",
+        ),
+        ("dask", {"processes": False, "no_such_option": 1}, "simulations, 'dask': seen TypeError"),
+        ("slurm", {}, "simulations, 'slurm': seen (no program sbatch|sbatch: )"),
+    ],
+)
+def test_executors_that_cannot_be_used(monkeypatch, executor, options, message):
+    if executor != "proceses":
+        pytest.importorskip("dask_jobqueue", reason="Dask, the extra 'cluster', is not installed")
+    monkeypatch.setenv("SLURM_CONF", "/nowhere/slurm.conf")  # where Slurm is installed, it does not answer
+    changed = SIMULATIONS | {"executor": executor, "options": options}
+    with pytest.raises(InputError, match=message), workers_of(changed):
+        pass
+
+
+def test_a_dask_cluster_gives_the_same(here):
+    pytest.importorskip("distributed", reason="Dask, the extra 'cluster', is not installed")
+    dask = SIMULATIONS | {"executor": "dask", "options": {"processes": False}, "batch_size": 2}
+    with loaded_for(vehicle_section(), dask) as car:
+        assert columns(run(car)) == columns(run(load_vehicle("car.py:Car", log="other")))
+        assert car.simulated == 20
+    with loaded_for(vehicle_section(trouble="fails", at=11.0), dask) as car:
+        with pytest.raises(InputError, match="no licence"):
+            run(car)
+        assert len(car.store) > 0

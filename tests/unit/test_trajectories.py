@@ -1,0 +1,259 @@
+"""Cut-ins in trajectories in the format of highD: each choice of the rule, planted cut-ins, bad input."""
+
+import copy
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation.configuration import load
+from accelerated_evaluation.encounters.sources import SOURCES
+from accelerated_evaluation.errors import InputError
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.append(str(ROOT / "benchmarks" / "recordings"))
+
+import motorway  # noqa: E402
+
+RATE = 25
+MOMENT = 75  # frame of the change of lane
+FRAMES = 150
+HOST, LEAD = 1, 2
+LENGTH = 4.0
+LANE, BESIDE = 3, 2
+
+
+def frames(of, *, front, speed, lane, follower=0, direction=2, kept=range(FRAMES)):
+    """The rows of one vehicle; `front` is how far along the road its front is at the moment."""
+    rows = []
+    for frame in kept:
+        along = front + speed * (frame - MOMENT) / RATE
+        x = along - LENGTH if direction == 2 else 420 - along
+        sign = 1 if direction == 2 else -1
+        rows.append((frame + 1, of, x, LENGTH, sign * speed, follower, lane(frame)))
+    return rows
+
+
+def pair(
+    gap=30.0, host_lane=lambda f: LANE, lane=lambda f: LANE if f >= MOMENT else BESIDE, host=HOST, **values
+):
+    """A host at 30 m/s, and a vehicle at 27 m/s that comes into its lane."""
+    return [
+        *frames(HOST, front=200.0, speed=30.0, lane=host_lane, **values),
+        *frames(LEAD, front=200.0 + gap + LENGTH, speed=27.0, lane=lane, follower=host, **values),
+    ]
+
+
+def stays(*lanes):
+    """Return the lane of each frame, from pairs of a first frame and a lane."""
+    return lambda frame: [lane for first, lane in lanes if frame >= first][-1]
+
+
+CARS = {HOST: "Car", LEAD: "Car"}
+# Rows and classes of a recording, and how many cut-ins it has with the settings of config.yaml
+CASES = {
+    "cut-in": (pair(), CARS, 1),
+    "to the left": (pair(direction=1), CARS, 1),
+    "keeps its lane": (pair(lane=lambda f: LANE), CARS, 0),
+    "stays 12 frames": (pair(lane=stays((0, BESIDE), (MOMENT, LANE), (MOMENT + 12, BESIDE))), CARS, 0),
+    "stays 14 frames": (pair(lane=stays((0, BESIDE), (MOMENT, LANE), (MOMENT + 14, BESIDE))), CARS, 1),
+    "out of view after 12 frames": (pair(kept=range(MOMENT + 12)), CARS, 0),
+    "back after 1 s": (pair(lane=stays((0, LANE), (MOMENT - 24, BESIDE), (MOMENT, LANE))), CARS, 0),
+    "back after 1.2 s": (pair(lane=stays((0, LANE), (MOMENT - 30, BESIDE), (MOMENT, LANE))), CARS, 1),
+    "nobody behind": (pair(host=0), CARS, 0),
+    "behind, but in another lane": (pair(host_lane=lambda f: BESIDE), CARS, 0),
+    "host came 0.96 s before": (pair(host_lane=stays((0, 4), (MOMENT - 24, LANE))), CARS, 0),
+    "host came 1 s before": (pair(host_lane=stays((0, 4), (MOMENT - 25, LANE))), CARS, 1),
+    "host came into view": (pair(kept=range(MOMENT - 10, FRAMES)), CARS, 1),
+    "truck before a car": (pair(), {HOST: "Car", LEAD: "Truck"}, 1),
+    "car before a truck": (pair(), {HOST: "Truck", LEAD: "Car"}, 0),
+    "beside each other": (pair(gap=-1.0), CARS, 0),
+    "every row twice": (2 * pair(), CARS, 1),
+}
+NAMES = {f"{number:02d}": name for number, name in enumerate(CASES, start=1)}
+
+
+def write(folder, cases=CASES, **tracks):
+    """Write one recording for each case; ``tracks`` replaces its columns."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for number, name in NAMES.items():
+        if name not in cases:
+            continue
+        rows, classes, _ = CASES[name]
+        columns = ["frame", "id", "x", "width", "xVelocity", "followingId", "laneId"]
+        table = pd.DataFrame(rows, columns=columns)
+        table.assign(y=0.0, **tracks).to_csv(folder / f"{number}_tracks.csv", index=False)
+        direction = 1 if name == "to the left" else 2
+        meta = [(of, kind, direction) for of, kind in classes.items()]
+        meta = pd.DataFrame(meta, columns=["id", "class", "drivingDirection"])
+        meta.to_csv(folder / f"{number}_tracksMeta.csv", index=False)
+        recording = pd.DataFrame({"id": [int(number)], "frameRate": [RATE]})
+        recording.to_csv(folder / f"{number}_recordingMeta.csv", index=False)
+    return folder
+
+
+def extract(folder, **changes):
+    section = copy.deepcopy(load()["data"]["highd"]) | {"path": str(folder)}
+    for key, value in changes.items():
+        if key.startswith("rule__"):
+            section["rule"][key.removeprefix("rule__")] = value
+        else:
+            section[key] = value
+    return SOURCES["highd"](section)
+
+
+def counts(cut_ins):
+    found = cut_ins["recording"].value_counts()
+    return {name: int(found.get(number, 0)) for number, name in NAMES.items()}
+
+
+@pytest.fixture(scope="module")
+def cut_ins(tmp_path_factory):
+    return extract(write(tmp_path_factory.mktemp("recordings")))
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_each_case_is_as_many_cut_ins_as_it_should_be(cut_ins, name):
+    assert counts(cut_ins)[name] == CASES[name][2]
+
+
+@pytest.mark.parametrize("name", ["cut-in", "to the left"])
+def test_a_cut_in_has_the_values_of_its_first_frame_in_the_lane(cut_ins, name):
+    number = {of: number for number, of in NAMES.items()}[name]
+    row = cut_ins[cut_ins["recording"] == number].iloc[0]
+    assert row[["vehicle", "host"]].tolist() == [LEAD, HOST]
+    expected = {
+        "lead_speed": 27,
+        "range": 30,
+        "closing_speed": 3,
+        "host_speed": 30,
+        "time": (MOMENT + 1) / RATE,
+    }
+    assert row[list(expected)].astype(float).to_dict() == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("changes", "differences"),
+    [
+        ({"rule__stay": 0.4}, {"stays 12 frames": 1, "out of view after 12 frames": 1}),
+        ({"rule__absence": 0.9}, {"back after 1 s": 1}),
+        ({"rule__absence": 1.3}, {"back after 1.2 s": 0}),
+        ({"settled": 0.9}, {"host came 0.96 s before": 1}),
+        ({"settled": 1.1}, {"host came 1 s before": 0}),
+        ({"lead_classes": ["Car"]}, {"truck before a car": 0}),
+        ({"host_classes": ["Car", "Truck"]}, {"car before a truck": 1}),
+    ],
+)
+def test_each_setting_changes_just_the_cases_that_it_is_about(tmp_path, changes, differences):
+    related = {"cut-in", *differences}
+    found = counts(extract(write(tmp_path, related), **changes))
+    expected = {name: CASES[name][2] for name in related} | differences
+    assert {name: found[name] for name in related} == expected
+
+
+def test_the_account_adds_up_from_rows_to_cut_ins(cut_ins):
+    lines = cut_ins.attrs["account"]
+    assert lines[0]["rows_in"] == sum(len(rows) for rows, _, _ in CASES.values())
+    for before, line in pairwise(lines):
+        assert line["rows_in"] == before["rows_kept"] == before["rows_in"] - before["rows_dropped"]
+    assert lines[-1]["rows_kept"] == len(cut_ins)
+    by_reason = {line["reason"]: line for line in lines}
+    number = {of: number for number, of in NAMES.items()}["beside each other"]
+    assert by_reason["range not above 0"]["example_rows"] == f"recording {number} vehicle 2 at 3.04 s"
+
+
+def test_exposure_is_the_driving_of_all_vehicles_of_the_host_classes(tmp_path):
+    exposure = extract(write(tmp_path, ["cut-in", "truck before a car"])).attrs["exposure"]
+    seconds = (FRAMES - 1) / RATE
+    assert exposure["hours"] == pytest.approx(3 * seconds / 3600, rel=1e-12)
+    assert exposure["kilometres"] == pytest.approx((30 + 27 + 30) * seconds / 1000, rel=1e-9)
+
+
+# ---------------------------------------------------------------- planted cut-ins
+
+
+@pytest.fixture(scope="module")
+def generated(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("generated")
+    return folder, motorway.write_recordings(folder, 2, 80, np.random.default_rng(3))
+
+
+def agree(found, planted):
+    """Whether the planted cut-ins were found, no others, and with their values."""
+    both = planted.merge(found, on=["recording", "vehicle", "host"], suffixes=("", "_found"))
+    values = ["time", "lead_speed", "range", "closing_speed"]
+    same = all(np.allclose(both[name], both[f"{name}_found"], atol=2e-4, rtol=0) for name in values)
+    return same and len(both) == len(planted) == len(found)
+
+
+def test_all_planted_cut_ins_are_found_in_both_directions_and_none_is_invented(generated):
+    folder, planted = generated
+    assert len(planted) > 60
+    assert set(planted["vehicle"] % 4) == {0, 2}  # of both directions
+    assert agree(extract(folder), planted)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"rule__stay": 0}, {"settled": 0}, {"host_classes": ["Car", "Truck"]}, {"lead_classes": ["Car"]}],
+    ids=str,
+)
+def test_a_rule_without_one_of_its_parts_misses_or_invents_cut_ins(generated, wrong):
+    folder, planted = generated
+    assert not agree(extract(folder, **wrong), planted)
+
+
+def test_the_order_of_rows_does_not_count(generated, tmp_path):
+    folder, _ = generated
+    for file in folder.iterdir():
+        pd.read_csv(file, dtype=str).sample(frac=1, random_state=1).to_csv(tmp_path / file.name, index=False)
+    again, first = extract(tmp_path), extract(folder)
+    pd.testing.assert_frame_equal(again, first, check_exact=True)
+    assert again.attrs == first.attrs
+
+
+# ---------------------------------------------------------------- bad input
+
+
+def test_a_missing_file_beside_the_tracks_is_told(tmp_path):
+    write(tmp_path, ["cut-in"])
+    (tmp_path / "01_recordingMeta.csv").unlink()
+    with pytest.raises(InputError, match=r"01_recordingMeta\.csv: seen no such file"):
+        extract(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "told"),
+    [
+        ("01_tracks.csv", "laneId", "laneletId", r"01_tracks\.csv, row 1: seen no column laneId"),
+        ("01_tracks.csv", "\n1,1,", "\n1,one,", r'01_tracks\.csv, row 2: .*"one"'),
+        ("01_tracksMeta.csv", "class", "kind", r"01_tracksMeta\.csv, row 1: seen no column class"),
+        ("01_tracksMeta.csv", "Car", "Car,1", r"01_tracksMeta\.csv, row 2: .*Columns"),
+        ("01_recordingMeta.csv", ",25", ",0", r"frameRate: seen 0\.0"),
+        ("01_recordingMeta.csv", "\n1,25", "", "frameRate: seen no row"),
+        ("01_recordingMeta.csv", ",25", ",5", r"ratio 0\.2;.*frameRate"),
+    ],
+)
+def test_damaged_files_are_refused_with_file_and_row(tmp_path, name, old, new, told):
+    write(tmp_path, ["cut-in"])
+    file = tmp_path / name
+    file.write_text(file.read_text().replace(old, new))
+    with pytest.raises(InputError, match=told):
+        extract(tmp_path)
+
+
+def test_speeds_in_kilometres_an_hour_are_refused(tmp_path):
+    with pytest.raises(InputError, match=r"ratio 0\.\d+;.*xVelocity"):
+        extract(write(tmp_path, ["cut-in"], xVelocity=100.0))
+
+
+def test_classes_may_have_any_name(tmp_path):
+    folder = write(tmp_path, ["cut-in"])
+    assert extract(folder, host_classes=['it\'s a "car"']).empty
+
+
+def test_a_folder_without_recordings_is_told(tmp_path):
+    with pytest.raises(InputError, match=r"no file called \*_tracks\.csv"):
+        extract(tmp_path)

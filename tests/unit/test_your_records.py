@@ -1,0 +1,89 @@
+"""The guide docs/your_records.md: its commands run, its settings are those of the configuration."""
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import yaml
+from accelerated_evaluation.configuration import load, validate
+
+ROOT = Path(__file__).resolve().parents[2]
+GUIDE = (ROOT / "docs" / "your_records.md").read_text(encoding="utf-8")
+COMMANDS = {
+    "python": [sys.executable],
+    "accelerated-evaluation": [sys.executable, "-m", "accelerated_evaluation.cli"],
+}
+COMMANDS["snakemake"] = [sys.executable, "-m", "snakemake"]
+
+
+def blocks(language):
+    return re.findall(rf"```{language}\n(.*?)```", GUIDE, re.DOTALL)
+
+
+def configurations():
+    """Return the configurations of the guide by the name in their first line."""
+    return {block.split("\n")[0].removeprefix("# "): block for block in blocks("yaml")}
+
+
+def test_the_commands_of_the_guide_run_as_they_stand(project):
+    folder = project.folder
+    (folder / "benchmarks" / "recordings").symlink_to(ROOT / "benchmarks" / "recordings")
+    for name, content in configurations().items():
+        (folder / name).write_text(content)
+    for line in "".join(blocks("sh")).splitlines():
+        program, *arguments = shlex.split(line)
+        run = subprocess.run(
+            [*COMMANDS[program], *arguments],
+            cwd=folder,
+            env=project.environment,
+            capture_output=True,
+            text=True,
+        )
+        assert run.returncode == 0, line + run.stdout + run.stderr
+    found = {path.name for path in (folder / "results" / "motorway").iterdir()}
+    assert {"encounters.parquet", "encounters_account.csv", "exposure.json"} <= found
+    account = pd.read_csv(folder / "results/motorway/encounters_account.csv")
+    assert account["rows_in"].tolist()[1:] == account["rows_kept"].tolist()[:-1]
+    encounters = pd.read_parquet(folder / "results/motorway/encounters.parquet")
+    planted = pd.read_csv(folder / "data/raw/motorway_planted.csv")
+    closing = planted[(planted["closing_speed"] > 1e-3) & (planted["range"] <= 100)]
+    assert len(encounters) == len(closing.query("20 <= lead_speed < 45")) == account["rows_kept"].iloc[-1]
+    cut_ins = pd.read_parquet(folder / "results/cut_ins.parquet")
+    assert len(cut_ins) == len(pd.read_csv(folder / "data/raw/safety_pilot_planted.csv"))
+
+
+def test_the_configuration_of_the_guide_has_ten_lines_and_is_valid(tmp_path):
+    content = configurations()["motorway.yaml"]
+    assert len(content.splitlines()) <= 10
+    (tmp_path / "motorway.yaml").write_text(content)
+    validate(load([tmp_path / "motorway.yaml"]))
+
+
+@pytest.mark.parametrize(
+    ("key", "default"),
+    [
+        ("spmd_raw.rule", {"gap": 0.5, "absence": 1, "stay": 0.5}),
+        ("highd.rule", {"gap": 0.5, "absence": 1, "stay": 0.5}),
+        ("spmd_raw.link", {"time": 0.5, "range": 3, "transversal": 1}),
+        ("spmd_raw.aside", {"time": 3, "transversal": 1}),
+        ("spmd_raw.host_gap", 0.2),
+        ("spmd_raw.turn_signal", 3),
+        ("highd.settled", 1),
+    ],
+)
+def test_the_defaults_that_the_guide_explains_are_those_of_the_configuration(key, default):
+    section, name = key.split(".")
+    assert load()["data"][section][name] == default
+
+
+def test_every_setting_of_the_rule_is_explained():
+    data = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())["data"]
+    for section in ("spmd_raw", "highd"):
+        names = set(data[section]) - {"description", "path", "outlier_rows", "rule"} | set(
+            data[section]["rule"]
+        )
+        assert all(f"| `{name}` |" in GUIDE for name in names)

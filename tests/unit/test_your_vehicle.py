@@ -1,0 +1,131 @@
+"""The guide docs/your_vehicle.md: each of its three examples is run as it stands, on fewer records."""
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation import cli
+from accelerated_evaluation.configuration import load, read_yaml
+from accelerated_evaluation.vehicles import load_vehicle
+from accelerated_evaluation.vehicles.checks import OUTCOMES
+
+ROOT = Path(__file__).resolve().parents[2]
+GUIDE = (ROOT / "docs" / "your_vehicle.md").read_text()
+BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```$", GUIDE, re.DOTALL | re.MULTILINE)
+COMMANDS = [content for language, content in BLOCKS if not language]
+FILES = dict(re.findall(r"^File `([^`]+)`:\n\n```\w+\n(.*?)^```$", GUIDE, re.DOTALL | re.MULTILINE))
+FEWER = "data: {sample: 3000, spmd: {outlier_rows: []}}\nsurrogate: {maximum_calls: 100}\n"
+
+
+@pytest.fixture
+def clone(tmp_path, monkeypatch):
+    """Write the files of the guide into a folder that has the records."""
+    monkeypatch.chdir(tmp_path)
+    for name, content in FILES.items():
+        Path(name).write_text(content)
+    Path("fewer.yaml").write_text(FEWER)
+    Path("data").symlink_to(ROOT / "data")
+    return tmp_path
+
+
+def require(kind):
+    if kind == "fmu":
+        pytest.importorskip("fmpy", reason="FMPy, the extra 'fmu', is not installed")
+        if shutil.which("cc") is None:
+            pytest.skip("no C compiler is here to make the FMU")
+        make = next(block for block in COMMANDS if block.startswith("mkdir -p binaries"))
+        python = f"PATH={Path(sys.executable).parent}:$PATH\n"
+        subprocess.run(["sh", "-e", "-c", python + make], check=True)
+    if kind == "command" and shutil.which("awk") is None:
+        pytest.skip("no awk is here")
+
+
+def loaded(kind):
+    section = read_yaml(Path(f"my_{kind}.yaml"))["vehicle"]
+    return load_vehicle(section["name"], **section["parameters"])
+
+
+@pytest.mark.parametrize("kind", ["command", "fmu"])
+def test_the_examples_are_the_same_car(clone, kind):
+    require(kind)
+    generator = np.random.default_rng(3)
+    numbers = generator.uniform(12, 20, 60), generator.uniform(1, 30, 60), generator.uniform(-2, 11, 60)
+    own, wanted = loaded(kind).simulate(*numbers), loaded("class").simulate(*numbers)
+    assert 0.1 < wanted.crash.mean() < 0.9
+    assert own.crash.tolist() == wanted.crash.tolist()
+    if kind == "command":
+        for name in OUTCOMES:
+            np.testing.assert_allclose(getattr(own, name), getattr(wanted, name), rtol=1e-12, atol=1e-12)
+    else:  # whose outcomes are those at steps of 0.01 s
+        safe = ~own.crash
+        np.testing.assert_allclose(own.min_range[safe], wanted.min_range[safe], atol=2e-3)
+        np.testing.assert_allclose(own.min_ttc[safe], wanted.min_ttc[safe], atol=0.02)
+        np.testing.assert_allclose(own.impact_speed, wanted.impact_speed, atol=0.07)
+
+
+@pytest.mark.parametrize("kind", ["class", "command", "fmu"])
+def test_an_example_gives_a_crash_probability(clone, capsys, kind):
+    require(kind)
+    block = next(block for block in COMMANDS if f"estimate --config my_{kind}.yaml" in block)
+    words = [*block.split()[1:], "--config", "fewer.yaml"]
+    tables, told = [], []
+    for _ in range(2):  # the second time the store is full
+        assert cli.main(words) == 0
+        told.append(capsys.readouterr().out)
+        folder = Path("results", f"my_{kind}", "estimate")
+        tables.append([(folder / f"{name}.csv").read_bytes() for name in ("estimate", "runs", "account")])
+        assert (folder / "law.json").is_file()
+    assert tables[0] == tables[1]
+    estimate = pd.read_csv(folder / "estimate.csv").iloc[0]
+    assert estimate.learning + estimate.estimating == len(pd.read_csv(folder / "runs.csv")) == 100
+    assert estimate.events > 0
+    if kind == "class":
+        assert "store" not in told[0]
+    else:
+        assert "simulated: 108; taken from the store: 0; kept: 100 in results/vehicles/" in told[0]
+        assert "simulated: 0; taken from the store: 100; kept: 100" in told[1]
+
+
+def test_the_command_can_be_tried_by_hand(clone):
+    require("command")
+    block = next(block for block in COMMANDS if block.startswith("printf"))
+    program = f'accelerated-evaluation() {{ {sys.executable} -m accelerated_evaluation.cli "$@"; }}\n'
+    done = subprocess.run(["bash", "-e", "-c", program + block], capture_output=True, text=True, check=True)
+    header, one, two = done.stdout.splitlines()
+    assert header == "lead_speed,range,closing_speed,crash,min_range,min_ttc,impact_speed"
+    assert [float(cell) for cell in one.split(",")[3:]] == pytest.approx([0, 10 - 3.75 - 25 / 12, 1.25, 0])
+    assert two.split(",")[3] == "1"
+
+
+def test_the_configuration_of_the_guide_is_valid(clone):
+    blocks = [content for language, content in BLOCKS if language == "yaml"]
+    assert len(blocks) == 5
+    for block in blocks:
+        Path("block.yaml").write_text(block)
+        load(["block.yaml"])
+
+
+def test_estimates_that_cannot_be_made(clone, capsys):
+    for text, message in [
+        ("vehicle: {name: command}", "vehicle command: seen no parameter 'command'"),
+        ("vehicle: {name: nowhere.py:Car}", "no file nowhere.py"),
+        ("simulations: {workers: 0}", "simulations.workers: seen 0; expected integer >= 1"),
+        ("simulations: {worker: 1}", "nearest known key: simulations.workers"),
+    ]:
+        Path("wrong.yaml").write_text(f"{text}\n")
+        assert cli.main(["estimate", "--config", "wrong.yaml"]) == 2
+        assert message in capsys.readouterr().err
+        assert not Path("results").exists()
+    with pytest.raises(SystemExit):
+        cli.main(["estimate", "--replicates", "0"])
+    assert "argument --replicates: invalid number from 1 on value: '0'" in capsys.readouterr().err
+
+
+def test_all_files_of_the_guide_are_tried():
+    example = {"my_vehicle.py", "my_class.yaml", "my_vehicle.awk", "my_command.yaml"}
+    assert set(FILES) == example | {"my_fmu.yaml", "my_vehicle.c", "unused.c", "modelDescription.xml"}

@@ -1,0 +1,204 @@
+"""The subcommand ``campaign``."""
+
+import argparse
+from pathlib import Path
+
+from accelerated_evaluation.commands import COMMANDS
+from accelerated_evaluation.errors import InputError
+
+DESCRIPTION = """\
+Estimate how often a real vehicle meets an event, from runs on a proving ground, by as few runs as possible.
+
+  campaign new     begin: which law of cut-ins, which event, how narrow the interval has to be
+  campaign ask     write the next runs to drive, as a table and as OpenSCENARIO XML files
+  campaign tell    read what happened in some of them, in any order
+  campaign status  say the estimate, its interval, how many runs are likely still needed, and whether to stop
+
+All that a campaign knows is in one file, CAMPAIGN.json, which a person can read. Keep a copy of it.
+docs/campaign.md drives a campaign from start to end."""
+
+TABLE = """\
+The table has one row a run, and empty columns to be filled in on the track:
+  crash           1 if the cars touched, else 0; empty while the run was not driven
+  min_range       smallest range [m]; 0 or less after a crash                     (may be empty)
+  min_ttc         smallest time to collision [s]; it helps to find the event      (may be empty)
+  impact_speed    closing speed at the crash [m/s]; 0 without one                  (may be empty)
+  note            anything to remember                                             (may be empty)"""
+
+NEW = """\
+Begin a campaign and write its file.
+
+A law of a study is results/STUDY/laws/answer.json (the law that the records bear out best) or
+results/STUDY/models/two_pieces.json (the paper's). Its encounter table: results/STUDY/encounters.parquet."""
+
+ASK = f"""\
+Write the runs to drive next into FOLDER: runs.csv, and run_0001.xosc and so on with their road. Asked again
+before all of them were told, it writes those that are left.
+
+{TABLE}"""
+
+TELL = f"""\
+Read what happened, from the table that `ask` wrote or from any table with the columns run and crash. Rows
+without a crash flag are left for later. Nothing is taken from a table that contradicts the runs or itself.
+
+{TABLE}"""
+
+
+@COMMANDS.add("campaign")
+class CampaignCommand:
+    """A campaign on the proving ground."""
+
+    help = "estimate from runs on a proving ground: new, ask, tell, status"
+    description = DESCRIPTION
+
+    @staticmethod
+    def add_arguments(command: argparse.ArgumentParser) -> None:
+        """Add the four steps, each with its arguments."""
+        steps = command.add_subparsers(title="steps", metavar="STEP", required=True)
+        for name, summary, text, add, step in (
+            ("new", "begin a campaign", NEW, _add_new, _new),
+            ("ask", "write the next runs to drive", ASK, _add_ask, _ask),
+            ("tell", "read what happened", TELL, _add_tell, _tell),
+            ("status", "say where the campaign stands", "Say where the campaign stands.", None, _status),
+        ):
+            own = steps.add_parser(
+                name, help=summary, description=text, formatter_class=argparse.RawDescriptionHelpFormatter
+            )
+            own.add_argument("campaign", metavar="CAMPAIGN.json", type=Path, help="file of the campaign")
+            if add is not None:
+                add(own)
+            own.set_defaults(step=step)
+
+    @staticmethod
+    def run(arguments: argparse.Namespace) -> None:
+        """Run one step."""
+        arguments.step(arguments)
+
+
+def _add_new(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--law", metavar="LAW.json", type=Path, required=True, help="law of the cut-ins")
+    command.add_argument(
+        "--encounters",
+        metavar="FILE",
+        type=Path,
+        required=True,
+        help="encounter table that the law was fitted to",
+    )
+    command.add_argument(
+        "--event",
+        default="crash",
+        metavar="EVENT",
+        help="crash; or impact_speed=5 [m/s], min_range=1 [m], min_ttc=1.5 [s] and the like (default: crash)",
+    )
+    command.add_argument(
+        "--half-width",
+        type=float,
+        default=0.2,
+        metavar="SHARE",
+        help="wanted, of the estimate (default: 0.2)",
+    )
+    command.add_argument(
+        "--confidence", type=float, default=0.8, metavar="LEVEL", help="of the interval (default: 0.8)"
+    )
+    command.add_argument(
+        "--batch-size", type=int, default=10, metavar="N", help="runs asked for at once (default: 10)"
+    )
+    command.add_argument("--seed", type=int, default=1, help="root of all randomness (default: 1)")
+
+
+def _add_ask(command: argparse.ArgumentParser) -> None:
+    command.add_argument("folder", metavar="FOLDER", type=Path, help="where to write the runs")
+    command.add_argument("--batch-size", type=int, metavar="N", help="of the next batch and those after it")
+    command.add_argument("--no-scenarios", action="store_true", help="write the table alone")
+
+
+def _add_tell(command: argparse.ArgumentParser) -> None:
+    command.add_argument("results", metavar="RESULTS.csv", type=Path, help="table of what happened")
+    command.add_argument(
+        "--correct", action="store_true", help="replace what was told before of runs of the open batch"
+    )
+
+
+def _new(arguments: argparse.Namespace) -> None:
+    from accelerated_evaluation.track.campaign import Campaign
+    from accelerated_evaluation.track.campaign_file import source_of, stopping, write_campaign
+
+    if arguments.campaign.exists():
+        change = "Name another file, or remove this one if its campaign is over."
+        raise InputError(str(arguments.campaign), seen="a file", expected="no file yet", change=change)
+    for name in ("half_width", "confidence"):
+        if not 0 < (value := getattr(arguments, name)) < 1:
+            where, expected = f"--{name.replace('_', '-')}", "a number between 0 and 1"
+            raise InputError(where, seen=f"{value:g}", expected=expected, change="Correct it.")
+    if arguments.seed < 0:
+        raise InputError("--seed", seen=str(arguments.seed), expected="0 or more", change="Correct it.")
+    campaign = Campaign.begin(
+        source_of(arguments.law),
+        source_of(arguments.encounters),
+        _event(arguments.event),
+        stopping(arguments.confidence, arguments.half_width),
+        batch_size=arguments.batch_size,
+        seed=arguments.seed,
+    )
+    write_campaign(arguments.campaign, campaign)
+    print(
+        f"began {arguments.campaign}; next: accelerated-evaluation campaign ask {arguments.campaign} FOLDER"
+    )
+
+
+def _ask(arguments: argparse.Namespace) -> None:
+    from accelerated_evaluation.track.campaign_file import law_of, read_campaign, write_campaign
+    from accelerated_evaluation.track.results import write_table
+    from accelerated_evaluation.track.scenarios import require_scenariogeneration, write_scenarios
+
+    if not arguments.no_scenarios:
+        require_scenariogeneration()
+    campaign = read_campaign(arguments.campaign)
+    if campaign.estimate().converged and not campaign.outstanding:
+        print("the goal is met, so no further run is needed; they are written all the same")
+    runs = campaign.ask(law_of(campaign), arguments.batch_size)
+    write_campaign(arguments.campaign, campaign)
+    write_table(arguments.folder / "runs.csv", runs)
+    if not arguments.no_scenarios:
+        write_scenarios(arguments.folder, [run.scenario for run in runs])
+    print(
+        f"{len(runs)} runs to drive, {runs[0].number} to {runs[-1].number}: {arguments.folder / 'runs.csv'}"
+    )
+
+
+def _tell(arguments: argparse.Namespace) -> None:
+    from accelerated_evaluation.track.campaign_file import read_campaign, write_campaign
+    from accelerated_evaluation.track.results import read_results
+
+    campaign = read_campaign(arguments.campaign)
+    results = read_results(arguments.results, campaign)
+    news = campaign.tell(results, correct=arguments.correct)
+    write_campaign(arguments.campaign, campaign)
+    print(f"{news} runs taken, {len(results) - news} known already, {len(campaign.outstanding)} outstanding")
+
+
+def _status(arguments: argparse.Namespace) -> None:
+    from accelerated_evaluation.track.campaign_file import read_campaign
+    from accelerated_evaluation.track.status import in_words, status_of
+
+    campaign = read_campaign(arguments.campaign)
+    print(in_words(campaign, status_of(campaign)))
+
+
+def _event(text: str):  # noqa: ANN202
+    """Return the event that an argument names."""
+    import math
+
+    from accelerated_evaluation.vehicles.events import CRASH, Event
+
+    quantity, _, threshold = text.partition("=")
+    try:
+        value = float(threshold or "nan")
+    except ValueError:
+        value = math.nan
+    if text == "crash":
+        return CRASH
+    if quantity in ("impact_speed", "min_range", "min_ttc") and math.isfinite(value) and value >= 0:
+        return Event(quantity, value)
+    expected = "crash, or impact_speed, min_range or min_ttc with a threshold, such as min_range=1"
+    raise InputError("--event", seen=repr(text), expected=expected, change="Correct it.")

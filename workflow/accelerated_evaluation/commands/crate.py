@@ -1,0 +1,58 @@
+"""The subcommand ``crate``."""
+
+import argparse
+from importlib.util import find_spec
+from pathlib import Path
+
+from accelerated_evaluation.commands import COMMANDS
+from accelerated_evaluation.errors import StudyError
+
+LICENCE = "https://spdx.org/licenses/MIT"
+DESCRIPTION = """\
+Pack a finished study into one file that tells where every part of it came from: an RO-Crate of the profile
+Provenance Run Crate 0.5, as a ZIP file.
+
+It holds
+  the records and, if it is yours, the vehicle, each with its checksum
+  the configuration, the lock of the environment, and what is installed here
+  the workflow, its library and its notebooks, with a digest of the code of every rule
+  all results, figures and tables, and which job made each of them from what, and when
+
+Run it in the folder in which the study ran, for example
+  accelerated-evaluation crate spmd
+
+The code and the data have to be what they were when the study ran. The records are copied into the file:
+think of that before you hand it on, and give the licence under which you do so."""
+
+
+@COMMANDS.add("crate")
+class Crate:
+    """Pack a study, with where it came from, into one file."""
+
+    help = "pack a study, with where it came from, into one file (RO-Crate)"
+    description = DESCRIPTION
+
+    @staticmethod
+    def add_arguments(command: argparse.ArgumentParser) -> None:
+        """Add the study, the file to write and the licence."""
+        command.add_argument("study", metavar="STUDY", help="name of the study, as in its configuration")
+        command.add_argument(
+            "--target", metavar="FILE.zip", type=Path, help="file to write (default: results/STUDY.crate.zip)"
+        )
+        command.add_argument(
+            "--licence", default=LICENCE, help="address or name of the licence (default: %(default)s)"
+        )
+
+    @staticmethod
+    def run(arguments: argparse.Namespace) -> None:
+        """Write the crate, and say where it is."""
+        if find_spec("rocrate") is None:
+            raise StudyError("the library rocrate is missing: pip install accelerated-evaluation[provenance]")
+        from accelerated_evaluation.publishing.crate import write_crate
+        from accelerated_evaluation.publishing.study import Study
+
+        name = arguments.study
+        study = Study(Path("results") / name, Path("figures") / name)
+        target = arguments.target or Path("results") / f"{name}.crate.zip"
+        files = write_crate(study, target, arguments.licence)
+        print(f"{target}: {files:,} files, {target.stat().st_size / 1e6:.1f} MB")

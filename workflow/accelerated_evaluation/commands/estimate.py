@@ -1,0 +1,94 @@
+"""The subcommand ``estimate``."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from accelerated_evaluation.commands import COMMANDS
+
+if TYPE_CHECKING:  # takes seconds, which --help can do without
+    from accelerated_evaluation.methods.alone import Alone
+
+DESCRIPTION = """\
+Estimate the crash probability of a cut-in by the surrogate-guided method alone, which takes some 300
+simulations: without crash maps and crude Monte Carlo, which take millions. For a slow vehicle: a command in
+any language, an FMU, or a Python class. docs/your_vehicle.md shows all three.
+
+The configuration is that of a study; it says which records, which law and which vehicle. Outcomes are kept in
+results/vehicles/, so that a run that was stopped, or is repeated, simulates no encounter twice.
+
+files written to results/STUDY/estimate/:
+  estimate.csv    probability, ci_low, ci_high, simulations; one row a replicate
+  runs.csv        every simulation: its cut-in, its phase, and whether it crashed
+  account.csv     what became of every record
+  law.json        the law of cut-ins that was fitted to the records"""
+
+
+def _count(text: str) -> int:
+    if (count := int(text)) < 1:
+        raise ValueError
+    return count
+
+
+_count.__name__ = "number from 1 on"  # argparse names the type in its message
+
+
+@COMMANDS.add("estimate")
+class EstimateAlone:
+    """Estimate the crash probability of a slow vehicle."""
+
+    help = "estimate the crash probability of a slow vehicle by some 300 simulations"
+    description = DESCRIPTION
+
+    @staticmethod
+    def add_arguments(command: argparse.ArgumentParser) -> None:
+        """Add the configuration and the number of replicates."""
+        command.add_argument(
+            "--config",
+            metavar="FILE",
+            type=Path,
+            action="append",
+            default=[],
+            help="what differs from config/config.yaml; a later file overrules an earlier one",
+        )
+        command.add_argument(
+            "--replicates",
+            metavar="N",
+            type=_count,
+            default=1,
+            help="independent repetitions, of some 300 simulations each (default: %(default)s)",
+        )
+
+    @staticmethod
+    def run(arguments: argparse.Namespace) -> None:
+        """Estimate, write the tables, and say in words what was found."""
+        from accelerated_evaluation.configuration import load
+        from accelerated_evaluation.files import write_csv
+        from accelerated_evaluation.laws.files import write_law
+        from accelerated_evaluation.methods.alone import estimate_alone
+
+        config = load(arguments.config)
+        found = estimate_alone(config, arguments.replicates)
+        folder = Path("results", config["study"], "estimate")
+        for name, table in found.tables.items():
+            write_csv(folder / f"{name}.csv", table)
+        write_law(folder / "law.json", found.law)
+        print(_told(found, 1 - config["importance_sampling"]["alpha"]), f"tables: {folder}", sep="\n")
+
+
+def _told(found: "Alone", level: float) -> str:
+    """Return the estimates, and what they took, in lines of text."""
+    lines = []
+    for row in found.tables["estimate"].to_dict("records"):
+        verdict = "converged" if row["converged"] else "not converged"
+        lines.append(
+            f"crash probability of a cut-in: {row['probability']:.3g}, {level:.0%} interval "
+            f"{row['ci_low']:.2g} to {row['ci_high']:.2g}; {verdict} after "
+            f"{row['learning'] + row['estimating']:,} encounters, {row['events']:,} of them crashes"
+        )
+    if (vehicle := found.vehicle) is not None:
+        lines.append(
+            f"simulated: {vehicle.simulated:,}; taken from the store: {vehicle.found:,}; "
+            f"kept: {len(vehicle.store):,} in {vehicle.store.path}"
+        )
+    return "\n".join(lines)

@@ -1,0 +1,71 @@
+"""The subcommand ``inspect``."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from accelerated_evaluation.commands import COMMANDS
+
+DESCRIPTION = """\
+Check records before any study: units, signs, repeats, stuck sensors, heaps, gaps, outliers, sample size,
+drift, and the records that crash when the vehicle replays them. Each check says fine, look or stop, and
+what to do.
+
+TABLE_OR_CONFIG is one of:
+  a table         .csv or .parquet, one cut-in a row, with the columns lead_speed [m/s], range [m] and
+                  closing_speed [m/s] (host speed minus lead speed)
+  a configuration .yaml of a study, whose data section says where the records are, and their columns and units
+
+Exit status 1 if a check says stop."""
+
+
+@COMMANDS.add("inspect")
+class Inspect:
+    """Check records before any study."""
+
+    help = "check records before any study: fine, look or stop"
+    description = DESCRIPTION
+
+    @staticmethod
+    def add_arguments(command: argparse.ArgumentParser) -> None:
+        """Add the records, the vehicle and the file to write."""
+        command.add_argument("records", metavar="TABLE_OR_CONFIG", type=Path, help="what to check")
+        command.add_argument(
+            "--vehicle",
+            metavar="NAME",
+            help="vehicle that replays the records: built in, or path/to/file.py:ClassName (default: that of "
+            "the configuration)",
+        )
+        command.add_argument("--report", metavar="OUT.csv", type=Path, help="write the report as a table too")
+
+    @staticmethod
+    def run(arguments: argparse.Namespace) -> None:
+        """Check the records and print the report."""
+        from accelerated_evaluation.configuration import load, resolved
+        from accelerated_evaluation.encounters.checks import STOP, Records, inspect_records
+        from accelerated_evaluation.encounters.limits import told_limits
+        from accelerated_evaluation.encounters.sources import read_source
+        from accelerated_evaluation.encounters.told import told
+        from accelerated_evaluation.files import write_csv
+        from accelerated_evaluation.randomness import child_generator
+        from accelerated_evaluation.vehicles.loading import load_vehicle
+
+        is_config = arguments.records.suffix.lower() in (".yaml", ".yml")
+        config = resolved(load([arguments.records]) if is_config else load(given=_table(arguments.records)))
+        vehicle = config["vehicle"]
+        if arguments.vehicle is not None:
+            vehicle = {"name": arguments.vehicle, "parameters": {}}
+        raw = read_source(config["data"], child_generator(config["seed"], "sample"))
+        simulate = load_vehicle(vehicle["name"], **vehicle["parameters"]).simulate
+        report = inspect_records(Records.of(raw, config, simulate))
+        print(told_limits(config), told(report), sep="\n")
+        if arguments.report is not None:
+            write_csv(arguments.report, report)
+        if STOP in set(report["verdict"]):
+            sys.exit(1)
+
+
+def _table(path: Path) -> dict[str, Any]:
+    """Return what a configuration says of a table in the form of the command."""
+    return {"data": {"source": "table", "table": {"path": str(path), "description": path.name}}}

@@ -1,0 +1,51 @@
+"""The subcommand ``paper``."""
+
+import argparse
+from pathlib import Path
+
+from accelerated_evaluation.commands import COMMANDS
+
+DESCRIPTION = """\
+Write what a LaTeX paper needs of a finished study into one folder:
+
+  figures/one_column     each figure as PDF, 3.48 in wide, with letters of the font of the text
+  figures/two_columns    the same, 7.14 in wide
+  tables                 each table, for the package booktabs; claims_short fits into a column
+  numbers.tex            a macro for each number of the table of claims, and for what made them
+  example.tex            two pages that use all of this; pdflatex example.tex
+
+Run it in the folder in which the study ran, for example
+  accelerated-evaluation paper spmd"""
+
+
+@COMMANDS.add("paper")
+class Paper:
+    """Write the figures, tables and numbers of a study for a LaTeX paper."""
+
+    help = "write figures, tables and numbers of a study for a LaTeX paper"
+    description = DESCRIPTION
+
+    @staticmethod
+    def add_arguments(command: argparse.ArgumentParser) -> None:
+        """Add the study, the folder and the font."""
+        command.add_argument("study", metavar="STUDY", help="name of the study, as in its configuration")
+        command.add_argument(
+            "--target", metavar="FOLDER", type=Path, help="folder to write (default: results/STUDY/paper)"
+        )
+        command.add_argument(
+            "--font",
+            metavar="FAMILY",
+            default="STIXGeneral",
+            help="font of the letters in the figures (default: %(default)s, which goes with Times)",
+        )
+
+    @staticmethod
+    def run(arguments: argparse.Namespace) -> None:
+        """Write the folder, and say where it is."""
+        from accelerated_evaluation.publishing.paper import write_paper
+        from accelerated_evaluation.publishing.study import Study
+
+        name = arguments.study
+        target = arguments.target or Path("results") / name / "paper"
+        write_paper(Study(Path("results") / name, Path("figures") / name), target, arguments.font)
+        print(f"{target}: {sum(path.is_file() for path in target.rglob('*'))} files")

@@ -1,0 +1,1 @@
+"""From recordings, frame by frame, to cut-ins: what the sources of raw data share."""

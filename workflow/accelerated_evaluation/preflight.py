@@ -1,0 +1,33 @@
+"""What a configuration names has to exist; it is looked up before the first job, as jobs may take minutes."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from accelerated_evaluation.errors import InputError, located
+
+
+def require_named(config: Mapping[str, Any]) -> None:
+    """Look up the records and the vehicles of a valid configuration, and make each vehicle once.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or a vehicle cannot be made with its parameters.
+    """
+    from accelerated_evaluation.vehicles.loading import load_vehicle  # imports the compiler: a second
+
+    source = config["data"]["source"]
+    path = config["data"][source]["path"]
+    if not Path(path).exists():
+        raise InputError(
+            f"data.{source}.path",
+            seen=f"{path}, where there is no file",
+            expected="the file of the records",
+            change=f"Correct the path, which begins at {Path.cwd()}.",
+        )
+    with located("vehicle.name or vehicle.parameters"):
+        load_vehicle(config["vehicle"]["name"], **config["vehicle"]["parameters"])
+    for name, parameters in config["compared_vehicles"].items():
+        with located("compared_vehicles"):
+            load_vehicle(name, **parameters)

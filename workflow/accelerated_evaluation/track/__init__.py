@@ -1,0 +1,1 @@
+"""From the computer to the test track: scenario files, campaigns of real runs, sets of scenarios."""

@@ -1,0 +1,189 @@
+"""The file of a campaign: JSON that a person can read, and that outlives versions of the sampler."""
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import numpy as np
+
+from accelerated_evaluation.encounters.contract import read_encounters
+from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.files import read_json, write_text
+from accelerated_evaluation.laws import Law
+from accelerated_evaluation.laws.files import read_law
+from accelerated_evaluation.methods.estimate import Stopping
+from accelerated_evaluation.methods.surrogate import state as sampler_state
+from accelerated_evaluation.methods.surrogate.sampler import Sampler
+from accelerated_evaluation.track.campaign import Campaign, Run, Source, Told
+from accelerated_evaluation.vehicles.events import Event
+
+FORMAT, VERSION = "accelerated-evaluation campaign", 1
+CUT_IN = {"range_": "range"}  # attributes of a run that have another name in the file
+
+
+def source_of(path: str | os.PathLike) -> Source:
+    """Return a file with its checksum; raise InputError if there is none."""
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(
+            str(path), seen="no such file", expected="a file to read", change="Correct its path."
+        )
+    return Source(str(path), hashlib.sha256(path.read_bytes()).hexdigest())
+
+
+def law_of(campaign: Campaign) -> Law:
+    """Read the law of a campaign.
+
+    Raises
+    ------
+    InputError
+        If the law file or the encounter table is missing, or is not what it was when the campaign began.
+    """
+    for source in (campaign.law, campaign.encounters):
+        if source_of(source.file) != source:
+            raise InputError(
+                source.file,
+                seen="another content than when the campaign began",
+                expected=f"the file with the SHA-256 checksum {source.sha256[:12]}...",
+                change="Restore the file: the runs were chosen for the law as it was. "
+                "For another law begin another campaign.",
+            )
+    return read_law(campaign.law.file, read_encounters(campaign.encounters.file))
+
+
+def write_campaign(path: str | os.PathLike, campaign: Campaign) -> None:
+    """Write a campaign, whole or not at all; `read_campaign` takes it up."""
+    content = {
+        "law": asdict(campaign.law),
+        "encounters": asdict(campaign.encounters),
+        "description": campaign.description,
+        "event": asdict(campaign.event),
+        "goal": {"confidence": 1 - campaign.goal.alpha, "relative_half_width": campaign.goal.beta},
+        "runs": [_plain(run) for run in campaign.runs],
+        "sampler": campaign.sampler.state().to_json(),
+    }
+    head = {"format": FORMAT, "version": VERSION, "checksum": _checksum(content)}
+    write_text(path, _laid_out(head | content) + "\n")
+
+
+def read_campaign(path: str | os.PathLike) -> Campaign:
+    """Read a campaign.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, is no campaign of this version, or was changed by hand or damaged.
+    """
+    change = "Name the file of a campaign, or begin one with `accelerated-evaluation campaign new`."
+    if not Path(path).is_file():
+        raise InputError(str(path), seen="no such file", expected="the file of a campaign", change=change)
+    try:
+        content = read_json(path)
+    except ValueError:
+        content = None
+    if not isinstance(content, Mapping) or content.get("format") != FORMAT:
+        raise InputError(str(path), seen="no campaign", expected=f"format {FORMAT!r}", change=change)
+    head = {name: content.pop(name, None) for name in ("format", "version", "checksum")}
+    if head["version"] != VERSION:
+        seen = f"version {head['version']}"
+        change = "Go on with the version of the program that wrote it, or a later one."
+        raise InputError(str(path), seen=seen, expected=f"version {VERSION}", change=change)
+    if head["checksum"] != _checksum(content):
+        raise InputError(
+            str(path),
+            seen="a checksum that does not belong to the content",
+            expected="a file as the program wrote it",
+            change="Restore a copy of the file; what happened on the track is told with `campaign tell`.",
+        )
+    goal = content["goal"]
+    return Campaign(
+        Source(**content["law"]),
+        Source(**content["encounters"]),
+        content["description"],
+        Event(**content["event"]),
+        stopping(goal["confidence"], goal["relative_half_width"]),
+        _sampler(content["sampler"], str(path)),
+        [_run(run) for run in content["runs"]],
+    )
+
+
+def stopping(confidence: float, relative_half_width: float) -> Stopping:
+    """Return the goal of a campaign as a stopping rule; the number of runs has no limit."""
+    return Stopping(round(1 - confidence, 12), relative_half_width, minimum_events=1)
+
+
+def _plain(run: Run) -> dict[str, Any]:
+    """Return a run as the file has it."""
+    plain = {CUT_IN.get(name, name): value for name, value in vars(run).items()}
+    plain["told"] = None
+    if run.told is not None:
+        plain["told"] = {name: value for name, value in vars(run.told).items() if value not in (None, "")}
+    return plain
+
+
+def _run(plain: Mapping[str, Any]) -> Run:
+    told = None if plain["told"] is None else Told(**plain["told"])
+    cut_in = (plain[name] for name in ("number", "batch", "lead_speed", "range", "closing_speed"))
+    return Run(*cut_in, told)
+
+
+def _laid_out(value: Any, margin: str = "") -> str:  # noqa: ANN401
+    """Return JSON with a line for each member of an object, and for each run, point and batch of a list."""
+    if isinstance(value, Mapping):
+        members = [f"{json.dumps(name)}: {_laid_out(item, margin + ' ')}" for name, item in value.items()]
+        return _on_lines("{}", members, margin)
+    if isinstance(value, list) and any(isinstance(item, list | Mapping) for item in value):
+        return _on_lines(
+            "[]", [json.dumps(item, ensure_ascii=False, allow_nan=False) for item in value], margin
+        )
+    return json.dumps(value, ensure_ascii=False, allow_nan=False)
+
+
+def _on_lines(brackets: str, items: list[str], margin: str) -> str:
+    if not items:
+        return brackets
+    return brackets[0] + ",".join(f"\n{margin} {item}" for item in items) + f"\n{margin}{brackets[1]}"
+
+
+def _checksum(content: Mapping[str, Any]) -> str:
+    """Return a digest that does not depend on how the file is laid out."""
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _sampler(content: Mapping[str, Any], where: str) -> Sampler:
+    """Return the sampler, which is made anew from its runs where another version of it wrote the state."""
+    if content.get("version") == sampler_state.VERSION:
+        return Sampler.resume(sampler_state.State.from_json(content, where))
+    old = content["state"]
+    progress = _carried_over(old["progress"], old["dimension"])
+    if (pending := old["progress"]["pending"]) is not None:
+        # These runs are on their way. They will teach the new version, which cannot weigh what it did not
+        # choose. To leave their batch out does no harm: that was decided before its outcomes were known.
+        progress.pending = sampler_state.ApproachBatch(np.array(pending["z"]))
+    bits = getattr(np.random, old["generator"]["bit_generator"])()
+    bits.state = old["generator"]
+    generator = np.random.Generator(bits)
+    sampler = Sampler(old["dimension"], generator, old["batch_size"], fingerprint=old["fingerprint"])
+    sampler.progress = progress
+    return sampler
+
+
+def _carried_over(old: Mapping[str, Any], dimension: int) -> sampler_state.Progress:
+    """Return the runs of another version, and of its batch estimates what this one understands.
+
+    What was concluded besides is left out: the surrogate is learnt anew from the runs.
+    """
+    types = get_type_hints(sampler_state.Progress)
+    try:
+        estimates = sampler_state._decode(types["estimates"], old["estimates"])
+    except (KeyError, TypeError):
+        estimates = []
+    progress = sampler_state.Progress.start(dimension)
+    z = np.array(old["z"], float).reshape(-1, dimension)
+    flags, scores = np.array(old["happened"], bool), np.array(old["score"], float)
+    return replace(progress, z=z, happened=flags, score=scores, estimates=estimates)

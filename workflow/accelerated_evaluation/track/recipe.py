@@ -1,0 +1,86 @@
+"""The page beside an exported set: how a third party computes a crash probability from its own outcomes."""
+
+RECIPE = """\
+# {size} cut-ins with weights
+
+In each scenario another car is in the lane of the host, at the given range, and keeps its speed; the
+host closes in. How often would your vehicle crash in such cut-ins, as often as they happen on the road?
+Run it in all {size} scenarios, note where it crashed, and follow this page. You need none of our
+programs.
+
+## Files
+
+- `scenario_001.xosc` and so on: OpenSCENARIO XML 1.2; `straight_road.xodr`: their road, OpenDRIVE. The
+  entity `host` is your vehicle. It has its speed at the start and no action, so that your controller
+  drives it from the first moment on. The range is that between the bumpers of two cars of 4.3 m. If
+  yours is longer or shorter, move its start so that the range stays.
+- `scenarios.csv`: a row for each scenario with `scenario` (its number), `shell`, `weight`, `lead_speed`
+  [m/s], `range` [m], `closing_speed` [m/s] (host minus lead), `host_speed` [m/s], `file`.
+
+## What to do
+
+1. Run every scenario once, until the cars touch or your vehicle is no longer faster than the other car.
+   None may be left out: a scenario that you cannot run has an outcome too, and without it the sum is too
+   small.
+2. Write `outcomes.csv` with two columns: `scenario`, and `crash`, which is 1 if the cars touched and 0
+   if not.
+3. Run this script beside the two tables. It needs Python and nothing else.
+
+```python
+import csv, math, statistics
+
+confidence = 0.80
+rows = list(csv.DictReader(open("scenarios.csv")))
+crash = {{int(row["scenario"]): int(row["crash"]) for row in csv.DictReader(open("outcomes.csv"))}}
+shells = {{}}  # by shell: weight of a scenario, number of scenarios, number of crashes
+for row in rows:
+    weight, count, crashes = shells.get(int(row["shell"]), (float(row["weight"]), 0, 0))
+    shells[int(row["shell"])] = weight, count + 1, crashes + crash[int(row["scenario"])]
+probability = sum(weight * crashes for weight, count, crashes in shells.values())
+if probability > 0:
+    first = min(shell for shell, (weight, count, crashes) in shells.items() if crashes)
+    variance = 0.0
+    for shell, (weight, count, crashes) in shells.items():
+        if shell >= first - 1:
+            share = (crashes + 0.5) / (count + 1)
+            variance += (weight * count) ** 2 * share * (1 - share) / count
+    reach = statistics.NormalDist().inv_cdf((1 + confidence) / 2) * math.sqrt(variance) / probability
+    low, high = probability * math.exp(-reach), probability * math.exp(reach)
+else:
+    low = 0.0
+    high = max(w * n * (1 - (1 - confidence) ** (1 / n)) for w, n, _ in shells.values())
+interval = f"{{confidence:.0%}} interval {{low:.3g}} to {{high:.3g}}"
+print(f"crash probability {{probability:.3g}} per cut-in, {{interval}}")
+```
+
+## Why this is right
+
+Cut-ins are sorted by the constant deceleration that just avoids the crash if it begins at once, a = C^2
+/ (2 R) with closing speed C and range R, and cut into shells. Each shell has a known probability under
+the law of cut-ins, and its scenarios were drawn from it by that law. The crashes of a shell, divided by
+its scenarios, estimate without bias how often your vehicle crashes in it. A weight is the shell's
+probability divided by its number of scenarios, so the sum of the weights of all crashes is the crash
+probability of a cut-in (stratified sampling; Cochran, Sampling Techniques, 1977, chapter 5). This holds
+for any vehicle, whoever drew the set and whatever for.
+
+The interval is that of the drawing. Half a crash is added to each shell, from the one before the first
+with a crash on, because a shell of a few scenarios without a crash is no proof that there are none.
+
+## What is assumed
+
+**{safe} of all cut-ins are assumed to be safe, and are not in this set**: those that a constant
+deceleration of {least} m/s^2 avoids. The set holds the other {harder}. Whatever your vehicle does wrong
+in the easy cut-ins adds to the number that you get. If it crashes in shell 1, that is a sign that it
+crashes in easier cut-ins too; then ask for a set with a smaller deceleration.
+
+The number is that of the law of cut-ins below. How well the records know that law is another question,
+whose uncertainty is not in the interval.
+
+| shell | deceleration needed [m/s^2] | probability | scenarios |
+| --- | --- | --- | --- |
+{shells}
+
+## Where it comes from
+
+{origin}
+"""

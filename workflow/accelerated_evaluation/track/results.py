@@ -1,0 +1,172 @@
+"""What was seen on the track, as a table: read, and refused where it contradicts the runs or itself."""
+
+import math
+import os
+from collections.abc import Iterable, Mapping
+
+import pandas as pd
+
+from accelerated_evaluation.encounters.reading import read_csv, require_file
+from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.files import write_csv
+from accelerated_evaluation.track.campaign import Campaign, Run, Told, told_in_words
+from accelerated_evaluation.vehicles.events import Event
+
+FLAGS = {
+    "1": True,
+    "0": False,
+    "1.0": True,
+    "0.0": False,
+    "true": True,
+    "false": False,
+    "yes": True,
+    "no": False,
+}
+MEASURED = ("min_range", "min_ttc", "impact_speed")
+# How far the cut-in that is written beside an outcome may be from what was asked for [m/s, m, m/s]; it is as
+# well as a spreadsheet rounds. A run that was driven otherwise was another run, and has to be driven again.
+TOLERANCES = {"lead_speed": 0.01, "range": 0.01, "closing_speed": 0.01}
+
+
+def read_results(path: str | os.PathLike, campaign: Campaign) -> dict[int, Told]:
+    """Read a table of results: columns ``run`` and ``crash``, and what else was measured.
+
+    Rows without a crash flag are runs that are still to be driven. The table that `ask` wrote, filled in, is
+    such a table; so is what ``accelerated-evaluation simulate`` makes of it.
+
+    Raises
+    ------
+    InputError
+        If a row cannot be understood, names a run that was never asked for, or contradicts itself, the run or
+        another row. The message names the row as a spreadsheet numbers it.
+    """
+    require_file(path, "Write the table, or correct its path.")
+    table = read_csv(path)
+    table.columns = [str(name).strip() for name in table.columns]
+    for name in ("run", "crash"):
+        if name not in table:
+            seen = f"columns {', '.join(table.columns)}"
+            change = "Fill in the table that `campaign ask` wrote."
+            raise InputError(str(path), seen=seen, expected=f"a column {name}", change=change)
+    results: dict[int, Told] = {}
+    for row, cells in enumerate(table.to_dict("records"), start=2):
+        given = {
+            name: str(cell).strip() for name, cell in cells.items() if not pd.isna(cell) and str(cell).strip()
+        }
+        if not given:
+            continue
+        where = f"{path}, row {row}"
+        run = _run_of(given, campaign, where)
+        told = _told(given, run, campaign.event, where)
+        if told is None:
+            continue
+        if results.setdefault(run.number, told) != told:
+            seen = f"run {run.number} a second time, with another outcome"
+            expected = f"{told_in_words(results[run.number])}, as in the row before"
+            raise InputError(where, seen=seen, expected=expected, change="Remove the wrong row.")
+    return results
+
+
+def _run_of(given: Mapping[str, str], campaign: Campaign, where: str) -> Run:
+    number = _number(given, "run", f"{where}, column run")
+    if number is None or number not in range(1, len(campaign.runs) + 1):
+        last = len(campaign.runs)
+        raise InputError(
+            f"{where}, column run",
+            seen=given.get("run", "nothing"),
+            expected=f"the number of a run that was asked for, 1 to {last}"
+            if last
+            else "no row: no run was asked for",
+            change="Correct the number, or ask for runs with `campaign ask` first.",
+        )
+    run = campaign.runs[int(number) - 1]
+    for name, tolerance in TOLERANCES.items():
+        asked = run.range_ if name == "range" else getattr(run, name)
+        driven = _number(given, name, f"{where}, column {name}")
+        if driven is not None and not abs(driven - asked) <= tolerance + 1e-6 * abs(asked):
+            raise InputError(
+                f"{where}, column {name}",
+                seen=f"{driven:g}",
+                expected=f"{asked:g}, as asked for in run {run.number}",
+                change="Correct the number of the run, or drive the run as it was asked for.",
+            )
+    return run
+
+
+def _told(given: Mapping[str, str], run: Run, event: Event, where: str) -> Told | None:
+    """Return what a row says of a run, None where it says nothing yet."""
+    measured = {name: _number(given, name, f"{where}, column {name}") for name in MEASURED}
+    if "crash" not in given:
+        filled = [name for name, value in measured.items() if value is not None]
+        if filled:
+            _refuse(where, "crash", "nothing", f"0 or 1, because {filled[0]} is filled in")
+        return None
+    if given["crash"].lower() not in FLAGS:
+        _refuse(
+            where, "crash", repr(given["crash"]), "1 if the cars touched, 0 if not, nothing if not driven"
+        )
+    crash = FLAGS[given["crash"].lower()]
+    _check(measured, crash=crash, run=run, where=where)
+    needed = event.quantity
+    if needed in MEASURED and measured[needed] is None and (crash or needed != "impact_speed"):
+        _refuse(where, needed, "nothing", "a number: the event of this campaign is defined by it")
+    if measured["min_ttc"] == math.inf:
+        measured["min_ttc"] = None  # it never closed in; JSON has no infinity
+    return Told(crash, **measured, note=given.get("note", ""))
+
+
+def _check(measured: Mapping[str, float | None], *, crash: bool, run: Run, where: str) -> None:
+    """Refuse numbers that contradict the flag, the run or each other."""
+    kind = "with a crash" if crash else "without a crash"
+    rules = {
+        "min_range": (
+            (lambda value: value <= 0, f"0 or less {kind}")
+            if crash
+            else (
+                lambda value: 0 < value <= run.range_ + TOLERANCES["range"],
+                f"above 0 {kind}, and at most {run.range_:g}",
+            )
+        ),
+        "min_ttc": (lambda value: value >= 0, "0 or more"),
+        "impact_speed": (
+            (lambda value: 0 <= value < math.inf, f"0 or more {kind}")
+            if crash
+            else (lambda value: value == 0, f"0 {kind}")
+        ),
+    }
+    for name, (fits, expected) in rules.items():
+        if measured[name] is not None and not fits(measured[name]):
+            _refuse(where, name, f"{measured[name]:g}", expected)
+
+
+def _number(given: Mapping[str, str], name: str, where: str) -> float | None:
+    """Return a cell as a number, None where it is empty."""
+    if name not in given:
+        return None
+    try:
+        value = float(given[name])
+    except ValueError:
+        value = math.nan
+    if math.isnan(value):
+        change = "Correct the cell, or leave it empty."
+        raise InputError(where, seen=repr(given[name]), expected="a number", change=change)
+    return value
+
+
+def _refuse(where: str, column: str, seen: str, expected: str) -> None:
+    raise InputError(f"{where}, column {column}", seen=seen, expected=expected, change="Correct the row.")
+
+
+def write_table(path: str | os.PathLike, runs: Iterable[Run]) -> None:
+    """Write the runs to drive as a table with empty columns for what happens; speeds [m/s], range [m]."""
+    rows = [
+        {
+            "run": run.number,
+            "lead_speed": run.lead_speed,
+            "range": run.range_,
+            "closing_speed": run.closing_speed,
+            "host_speed": run.lead_speed + run.closing_speed,
+        }
+        for run in runs
+    ]
+    write_csv(path, pd.DataFrame(rows).reindex(columns=[*rows[0], "crash", *MEASURED, "note"]))

@@ -1,0 +1,203 @@
+"""Cut-ins as files of OpenSCENARIO XML 1.2, on one straight road of OpenDRIVE.
+
+A scenario begins where an encounter of the study begins: the other car is in the host's lane, with the given
+range between the bumpers, and keeps its speed. The host has its initial speed and no action: the vehicle
+under test drives it from the first moment on. The scenario ends with a collision, or after the time after
+which the study's encounters end.
+"""
+
+import datetime
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from accelerated_evaluation.errors import StudyError
+from accelerated_evaluation.files import atomic_path
+
+if TYPE_CHECKING:  # an optional extra
+    from scenariogeneration import xosc
+
+ROAD = "straight_road.xodr"
+ROAD_LENGTH, LANE_WIDTH, START = 6000.0, 3.5, 100.0  # [m]; where the host's reference point starts
+LENGTH, WIDTH, HEIGHT = 4.3, 1.9, 1.5  # [m], of both cars, as of the reference drivers
+DURATION = 35.0  # [s]
+FASTEST, STRONGEST = 150.0, 12.0  # [m/s], [m/s^2]: limits that the format asks for and no cut-in reaches
+MINOR_VERSION = 2  # of OpenSCENARIO XML 1
+# The format wants a date. With a fixed one the same scenario is the same file.
+DATE = datetime.datetime(2000, 1, 1)
+AUTHOR = "accelerated-evaluation"
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One cut-in with its name.
+
+    Attributes
+    ----------
+    name
+        Of the file, without its ending.
+    lead_speed, range_, closing_speed
+        v_L [m/s], distance between the bumpers at the start [m], and host speed minus v_L at the start [m/s].
+    notes
+        What else the head of the file says, by name, such as the weight of the scenario.
+    """
+
+    name: str
+    lead_speed: float
+    range_: float
+    closing_speed: float
+    notes: Mapping[str, str]
+
+
+def write_scenarios(folder: str | os.PathLike, scenarios: Iterable[Scenario]) -> list[Path]:
+    """Write scenarios and the road that they share into a folder.
+
+    Parameters
+    ----------
+    folder
+        Made if it is not there. Every file is written whole or not at all.
+    scenarios
+        With names that differ from each other.
+
+    Returns
+    -------
+    list
+        Paths of the scenario files, in the order of the scenarios.
+
+    Raises
+    ------
+    StudyError
+        If the library scenariogeneration is not installed.
+    """
+    require_scenariogeneration()
+    folder = Path(folder)
+    _write_road(folder / ROAD)
+    paths = []
+    for scenario in scenarios:
+        path = folder / f"{scenario.name}.xosc"
+        with atomic_path(path) as temporary:
+            _scenario(scenario).write_xml(str(temporary))
+        paths.append(path)
+    return paths
+
+
+def require_scenariogeneration() -> None:
+    """Raise StudyError if the library that writes the files is missing, before anything is done in vain."""
+    try:
+        import scenariogeneration  # noqa: F401
+    except ImportError as error:
+        raise StudyError(
+            "OpenSCENARIO files need the library scenariogeneration, which is not installed; "
+            "install it with `pip install 'accelerated-evaluation[scenarios]'`"
+        ) from error
+
+
+def _write_road(path: Path) -> None:
+    from scenariogeneration import xodr
+
+    road = xodr.create_road(xodr.Line(ROAD_LENGTH), id=1, left_lanes=0, right_lanes=2, lane_width=LANE_WIDTH)
+    network = xodr.OpenDrive("straight road with two lanes", revMinor="7")
+    network.add_road(road)
+    network.adjust_roads_and_lanes()
+    with atomic_path(path) as temporary:
+        network.write_xml(str(temporary))
+        # The library writes the time of day, which would make each file another one.
+        text = temporary.read_text(encoding="utf-8")
+        head = text.partition("date=")[2].split('"')[1]
+        temporary.write_text(text.replace(head, str(DATE)), encoding="utf-8")
+
+
+def _scenario(scenario: Scenario) -> "xosc.Scenario":
+    from scenariogeneration import xosc
+
+    entities = xosc.Entities()
+    entities.add_scenario_object("host", _car("host", xosc.Role.civil))
+    entities.add_scenario_object("lead", _car("lead", xosc.Role.civil))
+    notes = xosc.Properties()
+    numbers = {"lead_speed": scenario.lead_speed, "range": scenario.range_}
+    numbers |= {"closing_speed": scenario.closing_speed}
+    for name, value in {
+        **{name: repr(float(number)) for name, number in numbers.items()},
+        **scenario.notes,
+    }.items():
+        notes.add_property(name, value)
+    return xosc.Scenario(
+        f"Cut-in {scenario.name}: the lead car is in the lane of the host and keeps its speed",
+        AUTHOR,
+        xosc.ParameterDeclarations(),
+        entities=entities,
+        storyboard=_storyboard(scenario),
+        roadnetwork=xosc.RoadNetwork(roadfile=ROAD),
+        catalog=xosc.Catalog(),
+        osc_minor_version=MINOR_VERSION,
+        creation_date=DATE,
+        header_properties=notes,
+    )
+
+
+def _car(name: str, role: "xosc.Role") -> "xosc.Vehicle":
+    """Return a car whose reference point, at the middle of the rear axle, is 1.4 m behind its middle."""
+    from scenariogeneration import xosc
+
+    front, rear = xosc.Axle(0.5, 0.6, 1.6, 2.8, 0.3), xosc.Axle(0.0, 0.6, 1.6, 0.0, 0.3)
+    box = xosc.BoundingBox(WIDTH, LENGTH, HEIGHT, 1.4, 0.0, HEIGHT / 2)
+    limits = (FASTEST, STRONGEST, STRONGEST)
+    return xosc.Vehicle(name, xosc.VehicleCategory.car, box, front, rear, *limits, mass=1500.0, role=role)
+
+
+def _storyboard(scenario: Scenario) -> "xosc.StoryBoard":
+    from scenariogeneration import xosc
+
+    at_once = xosc.TransitionDynamics(xosc.DynamicsShapes.step, xosc.DynamicsDimension.time, 0.0)
+    lead_speed = float(scenario.lead_speed)
+    # Both cars have the same shape, so that the distance of their reference points is range and length.
+    places = {"host": START, "lead": START + float(scenario.range_) + LENGTH}
+    speeds = {"host": lead_speed + float(scenario.closing_speed), "lead": lead_speed}
+    init = xosc.Init()
+    for name, place in places.items():
+        init.add_init_action(name, xosc.TeleportAction(xosc.LanePosition(place, 0, "-1", "1")))
+        init.add_init_action(name, xosc.AbsoluteSpeedAction(speeds[name], at_once))
+    board = xosc.StoryBoard(init, _end())
+    keep = xosc.Event("keep_speed", xosc.Priority.override)
+    keep.add_action("keep_speed", xosc.AbsoluteSpeedAction(lead_speed, at_once))
+    keep.add_trigger(_after("start", 0.0))
+    maneuver = xosc.Maneuver("lead_maneuver")
+    maneuver.add_event(keep)
+    board.add_maneuver(maneuver, "lead")
+    return board
+
+
+def _after(name: str, time: float) -> "xosc.ValueTrigger":
+    from scenariogeneration import xosc
+
+    passed = xosc.SimulationTimeCondition(time, xosc.Rule.greaterOrEqual)
+    return xosc.ValueTrigger(name, 0.0, xosc.ConditionEdge.none, passed)
+
+
+def _end() -> "xosc.Trigger":
+    """Return the end of a scenario: a collision of the two cars, or that the time is over."""
+    from scenariogeneration import xosc
+
+    contact = xosc.EntityTrigger(
+        "collision",
+        0.0,
+        xosc.ConditionEdge.none,
+        xosc.CollisionCondition("lead"),
+        "host",
+        triggeringpoint="stop",
+    )
+    over = xosc.ValueTrigger(
+        "time_is_over",
+        0.0,
+        xosc.ConditionEdge.none,
+        xosc.SimulationTimeCondition(DURATION, xosc.Rule.greaterThan),
+        triggeringpoint="stop",
+    )
+    end = xosc.Trigger("stop")
+    for trigger in (contact, over):
+        group = xosc.ConditionGroup("stop")
+        group.add_condition(trigger)
+        end.add_conditiongroup(group)
+    return end

@@ -1,0 +1,118 @@
+"""Where a campaign stands: its estimate, what is still to be driven, and whether it may stop."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import stdtrit
+
+from accelerated_evaluation.methods.estimate import Estimate, Stopping
+from accelerated_evaluation.track.campaign import Campaign
+
+MOST_BATCHES = 10_000  # that a forecast looks ahead
+
+
+@dataclass(frozen=True)
+class Status:
+    """Where a campaign stands.
+
+    Attributes
+    ----------
+    asked, told
+        Runs that were asked for, and of how many the outcome is known.
+    used
+        Runs of whole batches, of which the estimate is made.
+    estimate
+        What these say.
+    needed
+        Runs that are likely still needed; 0 when the campaign may stop, None while that cannot be told.
+    """
+
+    asked: int
+    told: int
+    used: int
+    estimate: Estimate
+    needed: int | None
+
+    @property
+    def may_stop(self) -> bool:
+        """Whether the interval is as narrow as the goal asks."""
+        return self.estimate.converged
+
+
+def status_of(campaign: Campaign) -> Status:
+    """Say where a campaign stands; the open batch counts for nothing before it is whole."""
+    told = sum(run.told is not None for run in campaign.runs)
+    used, estimate = campaign.sampler.simulations, campaign.estimate()
+    needed: int | None = 0
+    if not estimate.converged:
+        needed = forecast(estimate, campaign.sampler.batch_size, campaign.goal)
+        needed = None if needed is None else max(needed - (told - used), 0)
+    return Status(len(campaign.runs), told, used, estimate, needed)
+
+
+def forecast(found: Estimate, batch_size: int, goal: Stopping) -> int | None:
+    """Return how many more runs the interval is likely to need, if further batches are like those so far.
+
+    The squared relative error of the mean of b batches falls as 1 / b, and Student's quantile with it. The
+    least number of further batches is sought for which the half-width meets the goal.
+
+    Parameters
+    ----------
+    found
+        The estimate so far.
+    batch_size
+        Runs of each further batch.
+    goal
+        How narrow the interval has to be.
+
+    Returns
+    -------
+    int or None
+        None while there is no estimate to start from.
+    """
+    batches = found.diagnostics["batches"]
+    if not (found.probability > 0 and batches >= 2):
+        return None
+    more = np.arange(1, MOST_BATCHES + 1)
+    error = max(found.diagnostics["observed_error"], found.diagnostics["predicted_error"])
+    reach = stdtrit(batches + more - 1, 1 - goal.alpha / 2)
+    enough = np.flatnonzero(reach * error * np.sqrt(batches / (batches + more)) <= goal.beta)
+    return int(more[enough[0]]) * batch_size if enough.size else None
+
+
+def in_words(campaign: Campaign, status: Status) -> str:
+    """Return the status as a text of some lines."""
+    found, goal = status.estimate, campaign.goal
+    event = campaign.event.quantity
+    if event != "crash":
+        event += f" {'above' if event == 'impact_speed' else 'at most'} {campaign.event.threshold:g}"
+    lines = [
+        f"event       {event}, under the law {campaign.description!r}",
+        f"runs        {status.asked} asked for, {status.told} told, "
+        f"{status.asked - status.told} outstanding; "
+        f"{found.events} with the event in the {status.used} runs of whole batches",
+        f"estimate    {_estimate(found)}",
+        f"goal        half-width at most {goal.beta:.0%} of the estimate, confidence {1 - goal.alpha:.0%}",
+        f"may stop    {_advice(status)}",
+    ]
+    return "\n".join(lines)
+
+
+def _estimate(found: Estimate) -> str:
+    confidence = f"{1 - found.alpha:.0%}"
+    if math.isnan(found.probability):
+        return "none yet: events were seen, but their region is not known well enough"
+    if found.events == 0:
+        return f"0, no event was seen; at most {found.high:.2g} with {confidence} confidence"
+    half = (found.high - found.low) / 2 / found.probability
+    interval = f"{confidence} interval {found.low:.3g} to {found.high:.3g}"
+    return f"{found.probability:.3g} per cut-in, {interval} (half-width {half:.0%} of the estimate)"
+
+
+def _advice(status: Status) -> str:
+    if status.may_stop:
+        return "yes"
+    if status.needed is None:
+        return "no; how many runs are still needed cannot be told before there is an estimate"
+    return f"no; about {status.needed} more runs are likely needed"

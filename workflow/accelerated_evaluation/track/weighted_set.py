@@ -1,0 +1,174 @@
+"""A weighted set of concrete cut-ins, from which anyone can compute a vehicle's crash probability.
+
+Cut-ins are sorted by how hard they are for any vehicle: by the constant deceleration that just avoids the
+crash if it begins at once, a = C^2 / (2 R) with closing speed C and range R. Cut-ins below a smallest
+deceleration are assumed to be safe. The others are cut into shells of a, each of which has a known
+probability P_k under the law. From each shell the same number n_k of cut-ins is drawn by the law, so that a
+crash in shell k counts for P_k / n_k. The sum of these weights over the crashes is unbiased for every vehicle
+that does not crash in what is assumed to be safe (stratified sampling: Cochran 1977, chapter 5).
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.laws import CutIns, Law
+
+PLACES = 20_000  # lead speeds and ranges that the shells are weighed at
+GOLDEN = (math.sqrt(5) - 1) / 2
+SHELLS = 15
+HARDEST = 15.0  # [m/s^2], where the last shell begins: beyond what tyres can do on a dry road
+LEAST = 2 * SHELLS  # cut-ins of a set; two of each shell give a variance
+MOST = 300
+EDGE = 1e-12  # numbers of the lattice stay that far from 0 and 1
+
+
+@dataclass(frozen=True)
+class WeightedSet:
+    """Cut-ins with the shells that they represent.
+
+    Attributes
+    ----------
+    table
+        A row for each cut-in: ``scenario`` (its number, from 1), ``shell`` (from 1), ``weight`` and
+        ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s].
+    edges
+        Deceleration [m/s^2] at which each shell begins; the last ends at infinity.
+    probabilities
+        Of the shells under the law.
+    """
+
+    table: pd.DataFrame
+    edges: Array
+    probabilities: Array
+
+    @property
+    def assumed_safe(self) -> float:
+        """Probability of the cut-ins that are assumed to be safe."""
+        return 1 - float(self.probabilities.sum())
+
+
+def draw_weighted_set(
+    law: Law, size: int, safe_deceleration: float, generator: np.random.Generator
+) -> WeightedSet:
+    """Draw a weighted set of cut-ins.
+
+    Parameters
+    ----------
+    law
+        Of the cut-ins.
+    size
+        Largest number of cut-ins; every shell gets the same number.
+    safe_deceleration
+        Cut-ins that a smaller constant deceleration [m/s^2] would avoid are assumed to be safe.
+    generator
+        Draws everything.
+
+    Raises
+    ------
+    InputError
+        If the size or the deceleration is out of its range, or the law never gets to a shell.
+    """
+    _check(size, safe_deceleration)
+    edges = np.geomspace(safe_deceleration, HARDEST, SHELLS)
+    places, stratum = _places(law, generator)
+    begin = _tails(law, places, stratum, edges)
+    end = np.column_stack([begin[:, 1:], np.zeros(PLACES)])
+    probabilities = (begin - end).mean(axis=0)
+    if not probabilities.all():
+        empty = f"{edges[np.argmin(probabilities > 0)]:.3g} m/s^2"
+        raise InputError(
+            "law",
+            seen=f"no cut-in that needs a deceleration of {empty}",
+            expected="cut-ins in every shell",
+            change="Choose a smaller --safe-deceleration, or a law with a tail.",
+        )
+    count = size // SHELLS
+    shells = (_Shell(law, places, stratum, *ends) for ends in zip(begin.T, end.T, strict=True))
+    drawn = np.hstack([shell.draw(count, generator) for shell in shells])
+    table = pd.DataFrame(
+        {
+            "scenario": np.arange(count * SHELLS) + 1,
+            "shell": np.repeat(np.arange(SHELLS) + 1, count),
+            "weight": np.repeat(probabilities / count, count),
+            **dict(zip(("lead_speed", "range", "closing_speed"), drawn, strict=True)),
+        }
+    )
+    return WeightedSet(table, edges, probabilities)
+
+
+def _check(size: int, safe_deceleration: float) -> None:
+    if not LEAST <= size <= MOST:
+        expected = f"{LEAST} to {MOST} scenarios"
+        raise InputError("--size", seen=str(size), expected=expected, change="Choose another size.")
+    if not 0.1 <= safe_deceleration <= HARDEST / 2:
+        raise InputError(
+            "--safe-deceleration",
+            seen=f"{safe_deceleration:g}",
+            expected=f"0.1 to {HARDEST / 2:g} m/s^2",
+            change="Choose another value.",
+        )
+
+
+def _places(law: Law, generator: np.random.Generator) -> tuple[CutIns, NDArray[np.intp]]:
+    """Return lead speeds and ranges that represent the law evenly, by rising lead speed, and their strata.
+
+    They are a lattice with the golden ratio, moved at random, so that every mean over them is unbiased. Their
+    closing speeds mean nothing.
+    """
+    place, shift = np.arange(PLACES), generator.random(2)
+    u = np.column_stack([(place + shift[0]) / PLACES, (place * GOLDEN + shift[1]) % 1])
+    z = np.column_stack([ndtri(np.clip(u, EDGE, 1 - EDGE)), np.zeros(PLACES)])
+    return law.from_scores(z), law.stratum_of_scores(z)
+
+
+def _tails(law: Law, places: CutIns, stratum: NDArray[np.intp], edges: Array) -> Array:
+    """Return the probability of each edge or more at each place, shape (places, edges)."""
+    tails = np.empty((len(places), edges.size))
+    for index, part in enumerate(law.strata.values()):
+        here = stratum == index
+        lead_speed, inverse_range = places.lead_speed[here], places.inverse_range[here]
+        for column, edge in enumerate(edges):
+            closing_speed = np.sqrt(2 * edge / inverse_range)
+            second = part.second(lead_speed, inverse_range, closing_speed)
+            tails[here, column] = part.factors.second.sf(second)
+    return tails
+
+
+@dataclass(frozen=True)
+class _Shell:
+    """Places of a shell with the probabilities at which its closing speeds begin and end, shape (places,)."""
+
+    law: Law
+    places: CutIns
+    stratum: NDArray[np.intp]
+    begin: Array
+    end: Array
+
+    def draw(self, count: int, generator: np.random.Generator) -> Array:
+        """Draw cut-ins by the law: lead speed, range and closing speed, shape (3, count).
+
+        They are spread evenly over the lead speeds and over the closing speeds (Latin hypercube), which keeps
+        the means and makes their errors smaller.
+        """
+        u = (
+            generator.permuted(np.tile(np.arange(count), (2, 1)), axis=1) + generator.random((2, count))
+        ) / count
+        mass = np.cumsum(self.begin - self.end)
+        chosen = np.searchsorted(mass / mass[-1], u[0])
+        tail = self.end[chosen] + (self.begin - self.end)[chosen] * u[1]
+        drawn = np.empty((3, count))
+        for index, part in enumerate(self.law.strata.values()):
+            here = self.stratum[chosen] == index
+            lead_speed = self.places.lead_speed[chosen][here]
+            first = part.first(lead_speed, self.places.inverse_range[chosen][here])
+            cut_ins = part.cut_ins(lead_speed, first, part.factors.second.isf(tail[here]))
+            closing_speed = self.law.capped(cut_ins.closing_speed)
+            drawn[:, here] = cut_ins.lead_speed, cut_ins.range_, closing_speed
+        return drawn

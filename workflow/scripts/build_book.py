@@ -1,0 +1,21 @@
+"""Make the book: one site of the executed notebooks, the guides, a first and a last page."""
+
+from pathlib import Path
+
+from accelerated_evaluation.jobs import job
+from accelerated_evaluation.publishing.book import Parts, build_book
+from accelerated_evaluation.publishing.book_pages import known_to_pages
+from accelerated_evaluation.publishing.study import Study
+
+if __name__ == "__main__":
+    with job(snakemake.log[0]):
+        study = Study(snakemake.params.results, snakemake.params.figures)
+        parts = Parts(
+            study,
+            notebooks=[Path(path) for path in snakemake.input.notebooks],
+            tables=snakemake.params.tables,
+            guides=[Path(path) for path in snakemake.input.guides],
+            captions=Path(snakemake.input.captions[0]).parent,
+            pages=Path(snakemake.input.pages[0]).parent,
+        )
+        build_book(parts, Path(snakemake.output.site), known_to_pages(study, snakemake.params.records))
