@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from accelerated_evaluation.methods.surrogate.constants import REACH
-from accelerated_evaluation.methods.surrogate.wide_laws import draw_wide
+from accelerated_evaluation.methods.surrogate.wide_laws import bound_without_event, draw_wide
 from sampler_checks import HALF_PLANE, STOPPING, courses, estimate, half_plane, standard_normal_event
 from scipy.stats import binom, norm, ttest_1samp
 
@@ -98,7 +98,8 @@ def test_event_everywhere():
     result = estimate(half_plane(-99.0), 1, replace(STOPPING, maximum_simulations=60))
     assert result.events > 0
     assert not result.converged
-    assert (result.low, result.high, result.simulations) == (0.0, 1.0, 60)
+    assert (result.probability, result.high, result.simulations) == (1.0, 1.0, 60)
+    assert result.low == pytest.approx(1 - bound_without_event(60, STOPPING.alpha))
 
 
 @pytest.mark.parametrize("maximum", [0, 9, 27, 60])
