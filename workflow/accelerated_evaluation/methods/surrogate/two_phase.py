@@ -222,14 +222,7 @@ def draws_of_the_wide_law(wide: Array, inclusion: Array) -> float:
     """Return how many draws of a wide law a sample of the pool is worth, wherever the event may be.
 
     N draws of the law would include a point with the probability N (wide / h) / m. This is the largest N
-    for which no point is included with less.
-
-    Parameters
-    ----------
-    wide
-        Density of the law over h, shape (m,).
-    inclusion
-        Inclusion probabilities of the points, shape (m,).
+    for which no point is included with less. ``wide`` is the density of the law over h, shape (m,).
     """
     within = wide > 0
     return float((inclusion[within] / wide[within]).min() * len(inclusion)) if within.any() else 0.0
