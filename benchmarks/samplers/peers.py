@@ -10,7 +10,7 @@ import math
 import numpy as np
 import openturns as ot
 from accelerated_evaluation.distributions.protocol import Array
-from methods import Counter, Estimate, Target, adapter
+from methods import NORMAL_95, Counter, Estimate, Target, adapter
 from problems import Problem
 
 # FORM: it starts from this normal score of the last variable, TTC^-1, and 0 of the others; a minimum of the
@@ -39,7 +39,8 @@ def finished(algorithm: ot.EventSimulation, target: Target) -> Estimate:
 def with_interval(probability: float, error: float, target: Target) -> Estimate:
     """Return an estimate with the normal interval of its standard error."""
     reach = target.reach * error
-    return probability, probability - reach, probability + reach, error <= target.cov * probability
+    converged = error <= target.cov * probability
+    return probability, probability - reach, probability + reach, NORMAL_95, converged
 
 
 def in_levels(algorithm: ot.EventSimulation, size: int, target: Target) -> Estimate:

@@ -15,7 +15,6 @@ from accelerated_evaluation import problem as library
 from accelerated_evaluation.distributions import (
     BoundedExponential,
     BoundedNormal,
-    Distribution,
     Empirical,
     Mixture,
     Pareto,
@@ -30,6 +29,8 @@ from accelerated_evaluation.problem import ScoreProblem, SystemProblem
 from accelerated_evaluation.vehicles import AccAeb, Outcomes, Vehicle, load_vehicle
 from accelerated_evaluation.vehicles.events import Event
 from scipy.special import ndtr
+from scipy.stats import chi2
+from tabulated import tabulated
 
 DATA = Path(__file__).resolve().parent / "data"
 CLOSING_SPEED_MAX = 23.49  # [m/s], the authors' cap
@@ -110,41 +111,6 @@ class Scored:
         return scores <= 0, scores
 
 
-class Tabulated:
-    """A bounded law whose quantiles come from a table of its cdf: a mixture's own have no closed form.
-
-    Between 20,001 points they are straight lines. A thousand times faster, which a benchmark of 10^9
-    simulations needs; probabilities of the events here change by less than 10^-6 of themselves.
-    """
-
-    def __init__(self, law: Distribution) -> None:
-        self.lower, self.upper = law.lower, law.upper
-        self.x = np.linspace(law.lower, law.upper, 20_001)
-        self.probability = law.cdf(self.x)
-
-    def ppf(self, q: Array) -> Array:
-        """Inverse of the cdf."""
-        return np.interp(q, self.probability, self.x)
-
-    def isf(self, q: Array) -> Array:
-        """Inverse of the survival function."""
-        return self.ppf(1 - q)
-
-
-def tabulated(problem: library.Problem) -> library.Problem:
-    """Return the problem with tables in place of the mixtures inside its law."""
-
-    def quick(law: Distribution) -> Distribution:
-        if not isinstance(law, PiecewiseMixture):
-            return law
-        pieces = [Tabulated(piece) if isinstance(piece, Mixture) else piece for piece in law.components]
-        return PiecewiseMixture(law.weights, pieces)
-
-    law = problem.law
-    inverse_ttc = {segment: quick(each) for segment, each in law.inverse_ttc.items()}
-    return replace(problem, law=replace(law, inverse_range=quick(law.inverse_range), inverse_ttc=inverse_ttc))
-
-
 @cache
 def law() -> IndependentLaw:
     """Return the law that the benchmark keeps, with its cap on closing speeds (data/README.md)."""
@@ -189,28 +155,54 @@ def crash(name: str, label: str, problem: library.Problem, *, tiltable: bool = T
     return Problem(name, label, event, smooth=smooth, cut_in=problem if tiltable else None)
 
 
+def other_event(name: str, label: str, event: Event, nearer: Callable[[Outcomes, CutIns], Array]) -> Problem:
+    """Return another event of the main problem, with its smooth score."""
+    problem = replace(segment_problem("5-15", AccAeb(), BENCHMARK), event=event)
+    quick = tabulated(problem)
+    # The score of a crash is less its impact speed where that is the event.
+    threshold = -event.threshold if event.quantity == "impact_speed" else event.threshold
+    return Problem(name, label, quick, threshold, Scored(quick, nearer), problem)
+
+
 def near_miss(name: str, label: str, ttc: float) -> Problem:
     """Return a time to collision of at most ``ttc`` [s]; its smooth score is the inverse of that time."""
-    problem = segment_problem("5-15", AccAeb(), BENCHMARK)
-    problem = replace(problem, event=Event("min_ttc", ttc))
 
     def nearer(outcomes: Outcomes, cut_ins: CutIns) -> Array:
         return 1 / ttc - 1 / outcomes.min_ttc
 
-    event = tabulated(problem)
-    return Problem(name, label, event, ttc, Scored(event, nearer), problem)
+    return other_event(name, label, Event("min_ttc", ttc), nearer)
+
+
+def short_range(metres: float) -> Problem:
+    """Return a smallest range of at most so many metres; its smooth score is what is left over the first."""
+
+    def nearer(outcomes: Outcomes, cut_ins: CutIns) -> Array:
+        return (outcomes.min_range - metres) * cut_ins.inverse_range
+
+    return other_event(f"range_{metres:g}", f"range ≤ {metres:g} m", Event("min_range", metres), nearer)
+
+
+def hard_impact(speed: float) -> Problem:
+    """Return an impact above a speed [m/s]; its smooth score goes on from the range left before a crash."""
+
+    def nearer(outcomes: Outcomes, cut_ins: CutIns) -> Array:
+        impact = np.nan_to_num(outcomes.impact_speed)
+        before = 1 + range_left(outcomes, cut_ins)
+        return np.where(outcomes.crash, 1 - impact / speed, before)
+
+    return other_event(f"impact_{speed:g}", f"impact > {speed:g} m/s", Event("impact_speed", speed), nearer)
 
 
 def limit_state(
-    name: str, label: str, g: Callable[[Array, Array], Array], exact: float | None = None
+    name: str, label: str, g: Callable[..., Array], exact: float | None = None, dimension: int = 2
 ) -> Problem:
-    """Return the event g(z_1, z_2) <= 0."""
+    """Return the event g(z_1, ..., z_d) <= 0."""
 
     def respond(z: Array) -> tuple[Array, Array]:
         score = g(*z.T)
         return score <= 0, score
 
-    return Problem(name, label, SystemProblem(respond, 2, fingerprint=name), exact=exact)
+    return Problem(name, label, SystemProblem(respond, dimension, fingerprint=name), exact=exact)
 
 
 def whole() -> Problem:
@@ -224,9 +216,14 @@ def two_regions(a: Array, b: Array) -> Array:
     return np.minimum(4.2 - (a + b) / np.sqrt(2), 4.5 + (a + b) / np.sqrt(2))
 
 
-def circle(a: Array, b: Array) -> Array:
-    """Everything outside a circle of radius 5: no direction is the most likely one."""
-    return 5 - np.hypot(a, b)
+def circle(*z: Array) -> Array:
+    """Everything outside a circle or ball of radius 5: no direction is the most likely one."""
+    return 5 - np.sqrt(sum(x * x for x in z))
+
+
+def plane(*z: Array) -> Array:
+    """Return the margin of a half-space at the distance 4.5, in which all variables are alike."""
+    return 4.5 - sum(z) / np.sqrt(len(z))
 
 
 def four_branches(a: Array, b: Array) -> Array:
@@ -258,6 +255,14 @@ def problems() -> dict[str, Problem]:
         limit_state("two_regions", "two regions", two_regions, both),
         limit_state("circle", "circle", circle, float(np.exp(-12.5))),
         limit_state("four_branches", "four branches", four_branches),
+        *(short_range(metres) for metres in (2.0, 1.0, 0.5)),
+        *(hard_impact(speed) for speed in (5.0, 10.0)),
+        *(
+            crash(f"driver_{name}", name, segment_problem("5-15", load_vehicle(name), BENCHMARK))
+            for name in ("cc_human", "reg157", "fsm", "rss")
+        ),
+        limit_state("ball_4", "ball, d = 4", circle, float(chi2.sf(25, 4)), 4),
+        *(limit_state(f"plane_{d}", f"half-space, d = {d}", plane, float(ndtr(-4.5)), d) for d in (6, 10)),
         whole(),
     ]
     return {problem.name: problem for problem in everything}

@@ -21,6 +21,8 @@ COLUMNS = [
     "bias",
     "failed",
     "coverage80",
+    "coverage95",
+    "claimed",
     "cov_se",
     "bias_se",
     "coverage80_se",
@@ -38,7 +40,8 @@ def summary(runs: pd.DataFrame, reference: float) -> dict[str, float]:
     Parameters
     ----------
     runs
-        A row a seed: ``probability``, ``ci_low``, ``ci_high``, ``calls``; NaN where the method broke down.
+        A row a seed: ``probability``, ``ci_low``, ``ci_high``, ``reach_95``, ``calls``, ``converged``; NaN
+        where the method broke down.
 
     Returns
     -------
@@ -46,7 +49,8 @@ def summary(runs: pd.DataFrame, reference: float) -> dict[str, float]:
         ``cov`` is the standard deviation over the seeds of estimate / reference, ``bias`` their mean less 1,
         and ``error`` the root of their mean squared difference from 1, all three of the seeds that gave a
         number. ``failed`` is the share of all seeds that gave none or zero, or one off by more than a factor
-        of 2; ``coverage80`` the share whose own interval holds the reference. ``effective_calls`` is what a
+        of 2, and ``claimed`` which share of these said that they had converged; ``coverage80`` and
+        ``coverage95`` the shares of all whose own interval holds the reference. ``effective_calls`` is what a
         method of this error needs for the target: calls (error / target)^2.
     """
     ratio = runs["probability"] / reference
@@ -55,15 +59,18 @@ def summary(runs: pd.DataFrame, reference: float) -> dict[str, float]:
     cov = known.std() if n > 1 else math.nan
     error = math.sqrt(np.square(known - 1).mean()) if n else math.nan
     covered = ((runs["ci_low"] <= reference) & (reference <= runs["ci_high"])).mean()
-    calls = runs["calls"].mean()
+    reach = runs["reach_95"] * (runs["ci_high"] - runs["ci_low"]) / 2
+    calls, failed = runs["calls"].mean(), ~ratio.between(0.5, 2)
     return {
         "seeds": seeds,
         "calls_mean": calls,
         "calls_p95": runs["calls"].quantile(0.95),
         "cov": cov,
         "bias": known.mean() - 1,
-        "failed": 1 - ((ratio >= 0.5) & (ratio <= 2)).mean(),
+        "failed": failed.mean(),
         "coverage80": covered,
+        "coverage95": (abs(runs["probability"] - reference) <= reach).mean(),
+        "claimed": runs.loc[failed, "converged"].mean(),
         "cov_se": _error_of_deviation(known),
         "bias_se": cov / math.sqrt(n) if n else math.nan,
         "coverage80_se": math.sqrt(covered * (1 - covered) / seeds),

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from accelerated_evaluation.methods import Stopping
-from accelerated_evaluation.methods.surrogate import Surrogate, two_phase
+from accelerated_evaluation.methods.surrogate import Surrogate, combining, two_phase
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.problem import SystemProblem
 from scipy.stats import norm
@@ -45,15 +45,16 @@ def drive(sampler, event, stopping=STOPPING):
     """Run a sampler to the end, as the method does."""
     flags, twice = [], []
     while not sampler.has_converged(stopping) and sampler.simulations < stopping.maximum_simulations:
-        z = sampler.ask()
+        z = sampler.ask(certify=sampler.is_narrow(stopping))
         assert z.shape == (sampler.batch_size, sampler.dimension)
         batch = sampler.progress.pending
         happened, score = event.evaluate(z)
         sampler.tell(happened, score)
-        if isinstance(batch, two_phase.TwoPhaseBatch) and batch.is_usable:
+        if isinstance(batch, two_phase.TwoPhaseBatch):
             flags.append(happened.mean())
             twice.append(batch.controlled + (batch.weight * happened / batch.inclusion).sum())
-    return Course(sampler.estimate(stopping), sampler, np.mean(flags), np.mean(twice))
+    counted = -len(combining.that_count(sampler.progress.estimates))
+    return Course(sampler.estimate(stopping), sampler, np.mean(flags[counted:]), np.mean(twice[counted:]))
 
 
 def estimate(event, seed, stopping=STOPPING, **settings):

@@ -3,6 +3,7 @@
 import math
 
 import matplotlib.pyplot as plt
+import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.publishing import surrogate_figures
@@ -38,7 +39,8 @@ def replicates():
     ]
     names = ["scope", "method", "replicate", "probability", "ci_low", "ci_high", "learning", "estimating"]
     table = pd.DataFrame(rows, columns=[*names, "events", "converged"])
-    return table.assign(together=table["learning"] + table["estimating"])
+    unseen = np.where(table["method"] == "surrogate", 1e-8 * (1 + table["replicate"]), np.nan)
+    return table.assign(together=table["learning"] + table["estimating"], unseen_mode=unseen)
 
 
 @pytest.fixture
@@ -84,6 +86,8 @@ def test_the_table_judges_by_the_exact_probability_of_its_scope(replicates, exac
     assert alone["to_exact"] == pytest.approx(0.7 * 3.2 / 3)
     assert alone["holding"] == 1
     assert whole["together"] == 100
+    assert whole["unseen_mode"] == pytest.approx(3e-8)
+    assert np.isnan(table.loc[("all", "single"), "unseen_mode"])
 
 
 def test_a_replicate_without_crash_has_a_row_and_a_figure(replicates, runs, exact):

@@ -4,8 +4,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from accelerated_evaluation.methods.surrogate import two_phase
-from accelerated_evaluation.methods.surrogate.constants import DEFENCE, FLOOR, WORTHLESS
+from accelerated_evaluation.methods.surrogate import combining, two_phase
+from accelerated_evaluation.methods.surrogate.constants import (
+    AGREEMENT,
+    BEST,
+    EVEN,
+    FLOOR,
+    REACH,
+    USABLE,
+    WORTHLESS,
+)
 
 
 @pytest.fixture
@@ -18,11 +26,26 @@ def pool():
     return z, w, p, g, flags
 
 
-def batch(weight, control, inclusion, controlled, controlled_square=0.0, importance=1.0):
+PREDICTION = two_phase.Prediction(0.3, 4.0)
+
+
+def points(weight, probability):
+    """Return a pool whose places do not matter, with a wide law that is h and rarities of 5."""
+    n = len(weight)
+    return two_phase.Pool(np.zeros((n, 2)), np.asarray(weight), probability, np.ones(n), np.full(n, 5.0))
+
+
+def batch(weight, control, inclusion, controlled, controlled_square=0.0, *, aimed=True):
     """Return a batch whose places do not matter."""
     drawn = (np.asarray(values) for values in (weight, control, inclusion))
     return two_phase.TwoPhaseBatch(
-        np.zeros((len(weight), 2)), *drawn, controlled, controlled_square, importance, 0.1, is_usable=True
+        np.zeros((len(weight), 2)),
+        *drawn,
+        controlled,
+        controlled_square,
+        np.full(len(weight), aimed),
+        1.0,
+        PREDICTION,
     )
 
 
@@ -36,29 +59,56 @@ class Start:
         return self.u
 
 
-@pytest.mark.parametrize(("points", "n", "spread"), [(12, 4, 1.0), (2000, 10, 3.0), (2000, 300, 2.0)])
-def test_inclusion_probabilities(points, n, spread):
-    generator = np.random.default_rng(points + n)
-    size = generator.lognormal(0, spread, points) * (generator.random(points) < 0.7)
-    pi = two_phase.inclusion_probabilities(size, n)
+@pytest.mark.parametrize(("count", "n", "spread"), [(12, 4, 1.0), (2000, 10, 3.0), (2000, 300, 2.0)])
+def test_inclusion_probabilities(count, n, spread):
+    generator = np.random.default_rng(count + n)
+    size = generator.lognormal(0, spread, count) * (generator.random(count) < 0.7)
+    guard = generator.lognormal(0, 0.3, count)
+    pi = two_phase.inclusion_probabilities(size, guard, n, 0.2)
     assert pi.sum() == pytest.approx(n, rel=1e-12)
     assert pi.max() <= 1
-    assert pi.min() >= DEFENCE * n / points * (1 - 1e-12)
-    defended = (1 - DEFENCE) * size / size.sum() + DEFENCE / points
+    certain = (pi == 1).sum()
+    assert (pi >= np.minimum(0.2 * (n - certain) * guard / guard.sum(), 1) * (1 - 1e-12)).all()
+    defended = 0.8 * size / size.sum() + 0.2 * guard / guard.sum()
     ratio = (pi / defended)[pi < 1]
     assert ratio == pytest.approx(ratio[0], rel=1e-12)
-    assert two_phase.inclusion_probabilities(np.zeros(points), n) == pytest.approx(n / points, rel=1e-12)
+    nothing = two_phase.inclusion_probabilities(np.zeros(count), guard, 1, 0.2)
+    assert nothing == pytest.approx(guard / guard.sum(), rel=1e-12)
 
 
 def test_some_points_are_certain():
-    pi = two_phase.inclusion_probabilities(np.array([100.0, 50.0, 1.0, 1.0, 1.0, 1.0]), 3)
+    pi = two_phase.inclusion_probabilities(np.array([100.0, 50.0, 1.0, 1.0, 1.0, 1.0]), np.ones(6), 3, 0.2)
     # without the defence: 1, 1 and a quarter of the third run for each
     assert pi == pytest.approx([1, 1, 0.25, 0.25, 0.25, 0.25], rel=1e-12)
 
 
+def test_the_defence_is_worth_draws_of_the_wide_law():
+    """No point is included less often than by as many draws, and more draws would break that."""
+    generator = np.random.default_rng(5)
+    wide = generator.lognormal(0, 1, 400) * (generator.random(400) < 0.5)
+    wide /= wide.mean()
+    guard = EVEN + (1 - EVEN) * wide
+    pi = two_phase.inclusion_probabilities(generator.lognormal(0, 3, 400), guard, 10, 0.2)
+    draws = two_phase.draws_of_the_wide_law(wide, pi)
+    assert 1 < draws < 3
+    assert (pi >= draws * wide / 400 * (1 - 1e-12)).all()
+    assert (pi < 1.001 * draws * wide / 400).any()
+    assert two_phase.draws_of_the_wide_law(0 * wide, pi) == 0
+
+
+def test_the_cut_wide_law_keeps_its_mass():
+    """The law of uniform rarity, cut at a third of its reach, is three times as dense there."""
+    rarity = (np.arange(600) + 0.5) / 600 * REACH
+    pool = two_phase.Pool(np.zeros((600, 2)), np.ones(600), np.zeros(600), np.ones(600), rarity)
+    within = pool.within(REACH / 3)
+    assert within.mean() == pytest.approx(1)
+    assert set(within.round(9)) == {0.0, 3.0}
+    assert (pool.guard(REACH / 3) > 0).all()
+
+
 def test_systematic_sample_includes_by_pi(pool):
     z, w, p, _, _ = pool
-    pi = two_phase.inclusion_probabilities(w * np.sqrt(p), 4)
+    pi = two_phase.inclusion_probabilities(w * np.sqrt(p), np.ones(12), 4, 0.2)
     generator, draws = np.random.default_rng(1), 4000
     taken = np.zeros(12)
     for _ in range(draws):
@@ -81,7 +131,7 @@ def test_systematic_sample_is_spread_along_the_principal_axis():
 def test_difference_estimator_is_exactly_unbiased(pool):
     """Over the starts the estimate is a step function with a jump a point: midpoints err by jumps / (2 K)."""
     z, w, p, g, flags = pool
-    pi = two_phase.inclusion_probabilities(w * np.sqrt(p), 4)
+    pi = two_phase.inclusion_probabilities(w * np.sqrt(p), np.ones(12), 4, 0.2)
     starts = 2000
 
     def mean_estimate(pi_used, g_used, controlled):
@@ -89,7 +139,7 @@ def test_difference_estimator_is_exactly_unbiased(pool):
         for k in range(starts):
             chosen = two_phase.draw_systematically(z, w * p, pi, Start((k + 0.5) / starts))
             drawn = batch(w[chosen] / 12, g_used[chosen], pi_used[chosen], controlled)
-            estimates.append(two_phase.estimate_batch(drawn, flags[chosen]).probability)
+            estimates.append(combining.estimate_batch(drawn, flags[chosen]).probability)
         return np.mean(estimates), 12 * np.ptp(estimates) / (2 * starts)
 
     truth = (w * flags).mean()
@@ -106,17 +156,25 @@ def test_difference_estimator_is_exactly_unbiased(pool):
 
 
 def test_observed_variance_by_hand():
-    drawn = batch([0.1, 0.2], [0.5, 0.0], [0.5, 0.25], 0.3, controlled_square=0.02, importance=2.0)
-    kept = two_phase.estimate_batch(drawn, np.array([True, False]))
+    drawn = batch([0.1, 0.2], [0.5, 0.0], [0.5, 0.25], 0.3, controlled_square=0.02)
+    kept = combining.estimate_batch(drawn, np.array([True, False]))
     # w (event - g) / pi: 0.1 * 0.5 / 0.5 = 0.1 and 0
     assert kept.probability == pytest.approx(0.3 + 0.1)
     assert kept.observed_variance == pytest.approx((0.02 + 0.1 * 0.1) + 0.1**2 * 0.5 * 2)
-    assert (kept.importance, kept.predicted_variation, kept.is_usable) == (2.0, 0.1, True)
+    assert (kept.importance, kept.runs, kept.prediction) == (2 / 4.0, 2, PREDICTION)
+    assert not kept.surprising
+
+
+def test_an_unforeseen_event_of_large_weight_is_a_surprise():
+    """A weight over inclusion of 0.1 / 0.2 exceeds the predicted 0.3; 0.1 / 0.5 does not."""
+    for inclusion, aimed, surprising in ((0.2, False, True), (0.5, False, False), (0.2, True, False)):
+        drawn = batch([0.1, 0.1], [0.0, 0.0], [inclusion, 0.2], 0.0, aimed=aimed)
+        assert combining.estimate_batch(drawn, np.array([True, False])).surprising == surprising
 
 
 def test_expectation_by_hand():
     w = np.array([9.0, 9.0, 9.0, 1.0, 1.0, 1.0])
-    expected = two_phase.expect(w, np.array([0.9, 0.1, 0.04, 0.04, 0.002, 0.0005]), 2.0)
+    expected = two_phase.expect(points(w, np.array([0.9, 0.1, 0.04, 0.04, 0.002, 0.0005])), 2.0)
     assert expected.probability.tolist() == [0.9, 0.1, 0.0, 0.04, 0.002, 0.0]
     assert expected.control.tolist() == [0.9, 0.0, 0.0, 0.0, 0.0, 0.0]
     # E (1 - g)^2 p + g^2 (1 - p); without a control variate that is p
@@ -125,35 +183,67 @@ def test_expectation_by_hand():
 
 def test_predicted_variance_by_hand(pool):
     _, w, p, _, _ = pool
-    expected = two_phase.expect(w, p, 0.0)
+    drawn = points(w, p)
+    expected = two_phase.expect(drawn, 0.0)
     p, error = expected.probability, expected.error
-    pi = two_phase.inclusion_probabilities(w * np.sqrt(error + FLOOR * p), 3)
+    pi = two_phase.inclusion_probabilities(w * np.sqrt(error + FLOOR * p), drawn.guard(5.0), 3, 0.2)
     mean = sum(w * p) / 12
     second = sum(w[i] ** 2 * error[i] / pi[i] for i in range(12)) / 12**2
     first = (sum(w**2 * p) / 12 - mean**2) / 12
-    prediction = two_phase.predict(w, expected, 3, 12)
+    prediction = two_phase.predict(drawn, expected, 3, 12, 0.2)
     assert prediction.probability == pytest.approx(mean)
     assert prediction.variation == pytest.approx(3 * (second + first) / mean**2)
     # Twice the runs out of a pool twice as large are worth the same each.
-    twice = two_phase.predict(w, expected, 6, 24)
+    twice = two_phase.predict(drawn, expected, 6, 24, 0.2)
     assert (twice.probability, twice.variation) == pytest.approx((mean, prediction.variation))
-    nothing = two_phase.expect(w, 0 * p, 0.0)
-    assert two_phase.predict(w, nothing, 3, 12) == two_phase.Prediction(0.0, WORTHLESS)
+    nothing = points(w, 0 * p)
+    assert two_phase.predict(nothing, two_phase.expect(nothing, 0.0), 3, 12, 0.2) == two_phase.Prediction(
+        0.0, WORTHLESS
+    )
 
 
-def test_batches_count_since_the_surrogate_was_usable():
-    estimates = [two_phase.BatchEstimate(float(k), 1.0, 1.0, 1.0, is_usable=k in (2, 4)) for k in range(6)]
-    assert [kept.probability for kept in two_phase.since_usable(estimates)] == [2.0, 3.0, 4.0, 5.0]
-    assert len(two_phase.since_usable(estimates[:2])) == 0
+def of_batches(*known):
+    """Return batches with the predictions (P, variation), and a surprise where there is a third entry."""
+    return [
+        combining.BatchEstimate(
+            float(k), 1.0, 10, two_phase.Prediction(*entry[:2]), surprising=len(entry) > 2
+        )
+        for k, entry in enumerate(known)
+    ]
+
+
+GOOD, POOR = 0.9 * USABLE**2, 1.1 * USABLE**2
+
+
+@pytest.mark.parametrize(
+    ("known", "first"),
+    [
+        ([(1.0, POOR), (1.0, POOR), (1.0, GOOD), (1.0, POOR)], 2),  # since the surrogate first was usable
+        ([(1.0, GOOD), (1.0, GOOD)], 1),  # the first has nothing to agree with
+        ([(1.0, GOOD), (1.0, GOOD), (3.0, GOOD), (3.0, GOOD)], 3),  # anew when the view of the event changes
+        ([(1.0, GOOD), (1.0, GOOD), (1.5, GOOD), (1.9, GOOD)], 1),  # within the agreement
+        ([(1.0, GOOD), (1.0, GOOD), (1.5, GOOD), (2.2, GOOD), (2.2, GOOD)], 4),  # slowly, but out of it
+        ([(1.0, GOOD), (1.0, GOOD), (1.0, GOOD, "!"), (1.0, GOOD), (1.0, GOOD)], 4),  # anew after a surprise
+        ([(1.0, GOOD), (1.0, GOOD), (1.0, GOOD, "!")], 3),  # nothing yet
+        ([(0.0, WORTHLESS), (0.0, WORTHLESS)], 2),
+        ([], 0),
+    ],
+)
+def test_batches_count_while_they_share_one_view_of_the_event(known, first):
+    assert 1.9 < AGREEMENT < 2.2
+    kept = combining.that_count(of_batches(*known))
+    assert [each.probability for each in kept] == list(range(first, len(known)))
 
 
 @pytest.mark.parametrize(("observed", "predicted", "larger"), [(4.0, 0.01, 4.0), (1.0, 0.25, 0.25 * 2.5**2)])
 def test_combined_estimate_by_hand(observed, predicted, larger):
+    """Batches of 2 and 6 runs count 1 to 3 where their predictions are as good as can make a difference."""
     estimates = [
-        two_phase.BatchEstimate(value, observed, importance, predicted, is_usable=True)
-        for value, importance in ((1.0, 1.0), (3.0, 3.0))
+        combining.BatchEstimate(value, observed, runs, two_phase.Prediction(1.0, predicted * runs), False)
+        for value, runs in ((1.0, 2), (3.0, 6))
     ]
-    combined = two_phase.combine(estimates)
+    assert [each.importance for each in estimates] == pytest.approx([2 / BEST**2, 6 / BEST**2])
+    combined = combining.combine(estimates)
     shares = 0.25**2 + 0.75**2
     assert combined.probability == pytest.approx(0.25 * 1 + 0.75 * 3)
     assert combined.observed_variance == pytest.approx(shares * observed)

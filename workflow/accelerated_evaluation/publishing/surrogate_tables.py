@@ -46,12 +46,14 @@ def surrogate_table(replicates: pd.DataFrame, exact: pd.DataFrame) -> pd.DataFra
         scope, method, replicates; means over them of the simulations for ``learning``, for ``estimating`` and
         ``together``, the largest in ``together_max``; ``to_exact`` and ``to_exact_sd``, mean and standard
         deviation of estimate / exact; how many of the intervals hold the exact value, ``holding``; how many
-        converged.
+        converged; and the largest bound on the probability of a half-space that no run met, ``unseen_mode``,
+        NaN for methods that have none.
     """
     tables = []
     for scope in replicates["scope"].unique():
         truth = exact.set_index("segment").loc[scope, "probability"]
         rows = side_by_side(replicates, scope)
+        rows["unseen_mode"] = replicates.loc[replicates["scope"] == scope, "unseen_mode"].to_numpy()
         rows["ratio"] = rows["probability"] / truth
         rows["held"] = rows["ci_low"].le(truth) & rows["ci_high"].ge(truth)
         means = rows.groupby("method", sort=False, as_index=False).agg(
@@ -64,6 +66,7 @@ def surrogate_table(replicates: pd.DataFrame, exact: pd.DataFrame) -> pd.DataFra
             to_exact_sd=("ratio", "std"),
             holding=("held", "sum"),
             converged=("converged", "sum"),
+            unseen_mode=("unseen_mode", "max"),
         )
         tables.append(means.assign(scope=scope)[["scope", *means.columns]])
     return pd.concat(tables, ignore_index=True)

@@ -10,6 +10,7 @@ import numpy as np
 
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.estimate import Estimate, Method, Stopping
+from accelerated_evaluation.methods.surrogate.certificate import BY_DEFAULT, Certificate
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.methods.surrogate.state import read_state, write_state
 from accelerated_evaluation.problem import ScoreProblem
@@ -29,6 +30,9 @@ class Surrogate(Method):
         Each problem needs a file of its own. By default nothing is saved.
     on_batch
         Called with the estimate after every batch, for example to show progress.
+    certificate
+        What must be excluded before an estimate has converged. Until it is, the sampler goes on looking for
+        unseen parts of the event after the interval is narrow.
     """
 
     name: ClassVar[str] = "surrogate"
@@ -39,6 +43,7 @@ class Surrogate(Method):
     batch_size: int = 10
     state_file: str | os.PathLike | None = None
     on_batch: Callable[[Estimate], None] | None = None
+    certificate: Certificate = BY_DEFAULT
 
     @classmethod
     def configured(cls, config: Mapping[str, Any]) -> Self:
@@ -76,7 +81,8 @@ class Surrogate(Method):
         sampler = self._sampler(problem, generator)
         limit = stopping.maximum_simulations
         while not sampler.has_converged(stopping) and sampler.simulations + self.batch_size <= limit:
-            sampler.tell(*problem.evaluate(sampler.ask()))
+            z = sampler.ask(certify=sampler.is_narrow(stopping))
+            sampler.tell(*problem.evaluate(z))
             if self.state_file is not None:
                 write_state(self.state_file, sampler.state())
             if self.on_batch is not None:
@@ -87,7 +93,9 @@ class Surrogate(Method):
         """Return the sampler of the state file, or a new one where there is no such file."""
         own = {"dimension": problem.dimension, "fingerprint": problem.fingerprint}
         if self.state_file is None or not Path(self.state_file).exists():
-            return Sampler(**own, generator=generator, batch_size=self.batch_size)
+            return Sampler(
+                **own, generator=generator, batch_size=self.batch_size, certificate=self.certificate
+            )
         state = read_state(self.state_file)
         state.check(**own, batch_size=self.batch_size, where=str(self.state_file))
-        return Sampler.resume(state)
+        return Sampler.resume(state, self.certificate)

@@ -10,19 +10,30 @@ gives.
 # Simulations of the wide law before a surrogate is fitted, because a handful of flags does not determine one.
 START = 20
 
-# Number of runs of smallest score that stand for the event as long as no event was seen.
-NEAREST = 5
+# Without an event, runs whose score is among this smallest share of so many runs of about the same rarity
+# stand for it.
+NEAR_SHARE, NEIGHBOURS = 0.2, 20
+
+# Points of the wide law among which the runs of the search are chosen.
+CANDIDATES = 1000
+
+# The search ends when a run for every such step of rarity, a factor e of the probability, has found no event
+# more probable than those known.
+STEP = 1.0
 
 # Growth of the number of runs after which lengths and amplitude are learnt again. Learning takes as long as
 # several batches without it, and a few more runs hardly move its result.
 RELEARN = 1.3
 
 # A surrogate is usable once it predicts a coefficient of variation per run below this.
-USABLE = 1.5
+USABLE = 2.5
+
+# Predicted coefficients of variation below this make no difference between batches.
+BEST = 1.5
 
 # A usable surrogate must also give a probability within this factor of what it gave a batch before. One that
 # still changes its mind is sure of something that it does not know.
-AGREEMENT = 1.5
+AGREEMENT = 2.0
 
 # ---- the pool of the first phase
 
@@ -46,8 +57,16 @@ SMALLEST_SPREAD = 0.1
 
 # ---- the sample of the second phase
 
-# Share of the inclusion probabilities that is spread evenly over the pool, against a mistaken surrogate.
-DEFENCE = 0.2
+# Defensive share of the runs, against a mistaken surrogate; and where the certificate alone is wanting.
+DEFENCE, DEFENCE_ALONE = 0.2, 0.9
+
+# The defence reaches as far out as this beyond the rarity -log P of the event: all that lies farther out has
+# less than 5 % of the probability.
+BEYOND = 3.0
+
+# Share of the defence that is spread evenly over the pool, which surrounds the event; the rest follows the
+# wide law.
+EVEN = 0.25
 
 # Runs are aimed at every point where the surrogate's probability is at least this, whatever the point weighs.
 CORE = 0.05
@@ -70,6 +89,11 @@ FLOOR = 0.1
 # Squared coefficient of variation of a run where the surrogate expects no event; JSON has no infinity.
 WORTHLESS = 1e100
 
+# ---- the certificate
+
+# The bound on what was not seen holds with confidence 1 - UNSEEN_ALPHA.
+UNSEEN_ALPHA = 0.05
+
 # ---- the Gaussian process
 
 # Log-normal priors of the lengths, in normal scores, and of the amplitude, in units of the probit: median and
@@ -82,6 +106,9 @@ AMPLITUDE, AMPLITUDE_SPREAD = 6.0, 0.8
 # which is repeated when there are more runs.
 LOG_LENGTH_BOUNDS, LOG_AMPLITUDE_BOUNDS = (-2.0, 3.0), (-1.0, 4.0)
 LEARNING_STEPS = 5
+
+# Most runs that the surrogate is conditioned on: memory grows with their square, time with their cube.
+MOST_RUNS = 600
 
 # Share of the variance that is added to the diagonal of the covariance, so that repeated points do no harm.
 JITTER = 1e-6

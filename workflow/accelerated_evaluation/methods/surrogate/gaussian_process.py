@@ -12,6 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs, dtrtrs
 from scipy.optimize import minimize
+from scipy.spatial import cKDTree
 from scipy.special import log_ndtr, ndtr
 
 from accelerated_evaluation.distributions.protocol import Array
@@ -28,6 +29,7 @@ from accelerated_evaluation.methods.surrogate.constants import (
     LENGTH_SPREAD,
     LOG_AMPLITUDE_BOUNDS,
     LOG_LENGTH_BOUNDS,
+    MOST_RUNS,
     ROUGHLY_SETTLED,
     SETTLED,
     SWEEPS,
@@ -120,6 +122,34 @@ def _log_evidence(
     )
 
 
+def that_matter(runs: Array, event: NDArray[np.bool_], most: int) -> NDArray[np.intp]:
+    """Return which runs to condition on where there are too many: half of them from next to the boundary.
+
+    Next to the boundary are the runs with the nearest run of the other kind. The others are thinned evenly,
+    in the order in which they were made, so that they still say what is known elsewhere.
+
+    Parameters
+    ----------
+    runs
+        Points in units of the lengths, shape (n, d).
+    event
+        Their flags, shape (n,).
+    most
+        Largest number of runs to return.
+    """
+    n = len(event)
+    if n <= most:
+        return np.arange(n)
+    distance = np.full(n, np.inf)
+    if event.any() and not event.all():
+        distance[event] = cKDTree(runs[~event]).query(runs[event])[0]
+        distance[~event] = cKDTree(runs[event]).query(runs[~event])[0]
+    order = np.argsort(distance, kind="stable")
+    near, others = order[: most // 2], np.sort(order[most // 2 :])
+    even = others[np.linspace(0, len(others) - 1, most - len(near)).round().astype(int)]
+    return np.sort(np.append(near, even))
+
+
 class EventSurrogate:
     """Probability of the event at any point, given the flags of the points that were run.
 
@@ -142,6 +172,7 @@ class EventSurrogate:
     def __init__(self, dimension: int) -> None:
         self.theta = np.log([*[LENGTH] * dimension, AMPLITUDE])
         self.sites = np.empty((2, 0))
+        self._kept = np.arange(0)
         self._centre = self.theta.copy()
         self._scale = np.array([*[LENGTH_SPREAD] * dimension, AMPLITUDE_SPREAD])
 
@@ -161,6 +192,8 @@ class EventSurrogate:
         known = 0 if restart else self.sites.shape[1]
         new = np.repeat([[FIRST_PRECISION], [0.0]], len(sign) - known, axis=1)
         self.sites = np.hstack([self.sites[:, :known], new])
+        self._kept = that_matter(z / np.exp(self.theta[:-1]), event, MOST_RUNS)
+        z, sign = z[self._kept], sign[self._kept]
         if learn:
             bounds = [LOG_LENGTH_BOUNDS] * (len(self.theta) - 1) + [LOG_AMPLITUDE_BOUNDS]
             steps = {"maxiter": LEARNING_STEPS}
@@ -187,7 +220,7 @@ class EventSurrogate:
 
         Returns the log evidence, the Cholesky factor of I + S^1/2 K S^1/2, S^1/2, and the mean's weights.
         """
-        (precision, shift), previous = self.sites, math.inf
+        (precision, shift), previous = self.sites[:, self._kept], math.inf
         for _ in range(SWEEPS):
             root = np.sqrt(precision)
             factor = np.empty(covariance.shape, order="F")  # as LAPACK has it, which need not copy it then
@@ -215,7 +248,7 @@ class EventSurrogate:
             target = np.maximum(1 / matched_variance - rest, LEAST_PRECISION)
             precision = (1 - DAMPING) * precision + DAMPING * target
             shift = (1 - DAMPING) * shift + DAMPING * (matched_mean / matched_variance - centre * rest)
-        self.sites = np.array([precision, shift])
+        self.sites[:, self._kept] = precision, shift
         return evidence, factor, root, weights
 
     def _loss(self, theta: Array, z: Array, sign: Array) -> tuple[float, Array]:

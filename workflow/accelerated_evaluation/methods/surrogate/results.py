@@ -6,12 +6,17 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
+from accelerated_evaluation.methods.surrogate.certificate import (
+    Certificate,
+    Unseen,
+)
+from accelerated_evaluation.methods.surrogate.combining import Combined, combine, that_count
 from accelerated_evaluation.methods.surrogate.state import Progress
-from accelerated_evaluation.methods.surrogate.two_phase import Combined, combine, since_usable
+from accelerated_evaluation.methods.surrogate.two_phase import reach_of
 from accelerated_evaluation.methods.surrogate.wide_laws import bound_without_event
 
 
-def estimate(progress: Progress, batch_size: int, stopping: Stopping) -> Estimate:
+def estimate(progress: Progress, batch_size: int, stopping: Stopping, certificate: Certificate) -> Estimate:
     """Estimate P(event) from the batches since the surrogate became usable.
 
     Without an event the probability is 0, and the interval ends at the bound that then holds for any event.
@@ -26,11 +31,14 @@ def estimate(progress: Progress, batch_size: int, stopping: Stopping) -> Estimat
         Of the sampler.
     batch_size, stopping
         Simulations in a batch; the confidence of the interval, and how narrow it should be.
+    certificate
+        What must be excluded besides.
 
     Returns
     -------
     Estimate
-        ``events`` are those of all simulations; ``tables["runs"]`` is as in `tabulate_runs`.
+        ``events`` are those of all simulations; ``tables["runs"]`` is as in `tabulate_runs`. The diagnostics
+        hold the bounds ``unseen_mode`` and ``unseen_any`` of `certificate`.
     """
     events, combined = int(np.count_nonzero(progress.happened)), combined_estimate(progress, stopping.alpha)
     if combined is not None:
@@ -39,9 +47,9 @@ def estimate(progress: Progress, batch_size: int, stopping: Stopping) -> Estimat
     elif 0 < events < progress.happened.size:
         probability, interval = math.nan, (0.0, 1.0)
     else:
-        bound = bound_without_event(progress.wide_runs, stopping.alpha)
+        bound = bound_without_event(progress.looks[:, 0].sum(), stopping.alpha)
         probability, interval = (1.0, (1 - bound, 1.0)) if events else (0.0, (0.0, bound))
-    estimating = len(since_usable(progress.estimates)) * batch_size
+    estimating = len(that_count(progress.estimates)) * batch_size
     return Estimate(
         probability,
         *interval,
@@ -49,13 +57,13 @@ def estimate(progress: Progress, batch_size: int, stopping: Stopping) -> Estimat
         learning=len(progress.z) - estimating,
         estimating=estimating,
         events=events,
-        converged=has_converged(progress, stopping),
-        diagnostics=_diagnostics(combined),
+        converged=is_narrow(progress, stopping) and is_certified(progress, certificate),
+        diagnostics=_diagnostics(progress, combined, certificate),
         tables={"runs": tabulate_runs(progress, batch_size)},
     )
 
 
-def has_converged(progress: Progress, stopping: Stopping) -> bool:
+def is_narrow(progress: Progress, stopping: Stopping) -> bool:
     """Whether the interval is as narrow as asked, and enough events were seen."""
     combined = combined_estimate(progress, stopping.alpha)
     if combined is None or np.count_nonzero(progress.happened) < stopping.minimum_events:
@@ -63,9 +71,24 @@ def has_converged(progress: Progress, stopping: Stopping) -> bool:
     return combined.half_width(stopping.alpha) <= stopping.beta * combined.probability
 
 
+def is_certified(progress: Progress, certificate: Certificate) -> bool:
+    """Whether an unseen mode can have at most the certificate's share of the estimate."""
+    batches = that_count(progress.estimates)
+    if not batches:
+        return False
+    probability = combine(batches).probability
+    return _unseen(progress, probability, certificate).mode <= certificate.share * probability
+
+
+def _unseen(progress: Progress, probability: float, certificate: Certificate) -> Unseen:
+    """Return the bounds on what is unseen beside an event of a probability."""
+    reach = reach_of(probability)
+    return Unseen.after(progress.looks, progress.z.shape[1], reach, certificate.curvature)
+
+
 def combined_estimate(progress: Progress, alpha: float) -> Combined | None:
     """Return the estimate of the batches that count; None while there is none that can be trusted."""
-    batches = since_usable(progress.estimates)
+    batches = that_count(progress.estimates)
     if not progress.happened.any() or len(batches) < 2:
         return None
     combined = combine(batches)
@@ -79,30 +102,36 @@ def tabulate_runs(progress: Progress, batch_size: int) -> pd.DataFrame:
     -------
     pandas.DataFrame
         run and batch, counted from 1; phase; the normal scores z_1, ..., z_d; event. The phase is ``search``
-        until the batch in which an event was seen first, then ``learn`` until the surrogate was usable, and
-        then ``estimate``: of these simulations the estimate is made.
+        until no event more probable than those seen is found, then ``learn`` until the batches that count,
+        and then ``estimate``: of these simulations the estimate is made.
     """
     run = np.arange(len(progress.z)) + 1
     batch = (run - 1) // batch_size + 1
     batches = len(run) // batch_size
-    seen = batch[progress.happened].min(initial=batches + 1)
-    learnt = batches - len(since_usable(progress.estimates))
+    searched = batches - len(progress.estimates)
+    learnt = batches - len(that_count(progress.estimates))
     columns = {
         "run": run,
         "batch": batch,
-        "phase": np.select([batch <= seen, batch <= learnt], ["search", "learn"], "estimate"),
+        "phase": np.select([batch <= searched, batch <= learnt], ["search", "learn"], "estimate"),
         **{f"z_{k + 1}": values for k, values in enumerate(progress.z.T)},
         "event": progress.happened,
     }
     return pd.DataFrame(columns)
 
 
-def _diagnostics(combined: Combined | None) -> dict[str, float]:
-    """Return the relative standard errors of the estimate, NaN where there is no estimate."""
-    if combined is None:
-        return {"batches": 0, "observed_error": math.nan, "predicted_error": math.nan}
+def _diagnostics(progress: Progress, combined: Combined | None, certificate: Certificate) -> dict[str, float]:
+    """Return relative standard errors, NaN where there is no estimate, and bounds of what is unseen."""
+    errors, probability = (math.nan, math.nan), 0.0
+    if combined is not None:
+        probability = combined.probability
+        errors = np.sqrt([combined.observed_variance, combined.predicted_variance]) / probability
+    unseen = _unseen(progress, probability, certificate)
     return {
-        "batches": combined.batches,
-        "observed_error": math.sqrt(combined.observed_variance) / combined.probability,
-        "predicted_error": math.sqrt(combined.predicted_variance) / combined.probability,
+        "batches": 0 if combined is None else combined.batches,
+        "observed_error": float(errors[0]),
+        "predicted_error": float(errors[1]),
+        "looks": unseen.runs,
+        "unseen_mode": unseen.mode,
+        "unseen_any": unseen.anything,
     }

@@ -9,9 +9,10 @@ The event is a set in the space of normal scores, z ~ N(0, I). Every batch takes
    large, and a defensive share anywhere. With p as control variate they give an estimate Y whose mean, given
    all earlier batches, is P(event); see `two_phase`.
 
-The estimate is the mean of Y over the batches, weighted by what was predicted before each batch was drawn.
-Until the first event is seen, the surrogate learns where the runs of smallest score are, and follows the wide
-law in place of phi, because nothing tells in advance which variable is rare. Notebook 10 derives the method.
+The estimate is the mean of Y over the last batches that share one view of the event, weighted by what was
+predicted before each was drawn; see `combining`. What it can have missed is bounded; see `certificate`.
+Before these batches a search finds the event and its most probable part; see `search`. docs/sampler.md and
+notebook 10 derive the method.
 """
 
 from dataclasses import replace
@@ -24,19 +25,23 @@ from threadpoolctl import ThreadpoolController
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
 from accelerated_evaluation.methods.surrogate import results
+from accelerated_evaluation.methods.surrogate.certificate import BY_DEFAULT, Certificate
+from accelerated_evaluation.methods.surrogate.combining import estimate_batch
 from accelerated_evaluation.methods.surrogate.constants import (
-    AGREEMENT,
     CORE,
+    DEFENCE,
+    DEFENCE_ALONE,
     FRINGE_WEIGHT,
     KERNELS,
-    NEAREST,
     POOL,
+    REACH,
     RELEARN,
     START,
-    USABLE,
+    STEP,
     WIDE_SHARE,
 )
 from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurrogate
+from accelerated_evaluation.methods.surrogate.search import came_near, draw_approach
 from accelerated_evaluation.methods.surrogate.state import (
     ApproachBatch,
     Batch,
@@ -45,19 +50,18 @@ from accelerated_evaluation.methods.surrogate.state import (
     WideBatch,
 )
 from accelerated_evaluation.methods.surrogate.two_phase import (
-    Flags,
+    Pool,
     Prediction,
     TwoPhaseBatch,
-    draw_systematically,
-    estimate_batch,
+    draw_batch,
     expect,
-    inclusion_probabilities,
     predict,
 )
 from accelerated_evaluation.methods.surrogate.wide_laws import (
     KernelMixture,
     draw_wide,
     log_normal_to_wide,
+    rarity,
 )
 
 # The matrices are small, so that several threads do not pay, and bytes must not depend on the number of
@@ -78,23 +82,36 @@ class Sampler:
         Number n of simulations asked for at once, up to a quarter of the pool.
     fingerprint
         Text that identifies the problem, so that a saved state is not taken up for another one.
+    certificate
+        What must be excluded before an estimate has converged.
     """
 
     def __init__(
-        self, dimension: int, generator: np.random.Generator, batch_size: int = 10, *, fingerprint: str
+        self,
+        dimension: int,
+        generator: np.random.Generator,
+        batch_size: int = 10,
+        *,
+        fingerprint: str,
+        certificate: Certificate = BY_DEFAULT,
     ) -> None:
         if not 1 <= batch_size <= POOL // 4:
             raise ValueError(f"batch_size must be from 1 to {POOL // 4}, got {batch_size}")
         self.dimension, self.batch_size, self.fingerprint = dimension, batch_size, fingerprint
+        self.certificate = certificate
         self.progress = Progress.start(dimension)
         self._generator = generator
         self._surrogate = EventSurrogate(dimension)
 
     # ---- simulations
 
-    def ask(self) -> Array:
-        """Return the normal scores to simulate next, shape (n, d); the same until `tell`."""
-        return self._pending_batch().z
+    def ask(self, *, certify: bool = False) -> Array:
+        """Return the normal scores to simulate next, shape (n, d); the same until `tell`.
+
+        With ``certify`` most of the runs look for unseen parts of the event; for when the interval is narrow
+        already, and the certificate is not yet met.
+        """
+        return self._pending_batch(certify=certify).z
 
     def tell(self, happened: ArrayLike, score: ArrayLike | None = None) -> None:
         """Take the outcomes of the batch that was asked for last.
@@ -125,10 +142,20 @@ class Sampler:
         progress.happened = np.append(progress.happened, happened)
         progress.score = np.append(progress.score, np.clip(score, -largest, largest))
         progress.pending = None
-        if isinstance(batch, WideBatch):
-            progress.wide_runs += len(batch.z)
         if isinstance(batch, TwoPhaseBatch):
+            self._looked(batch.wide_runs, batch.prediction.reach)
             progress.estimates.append(estimate_batch(batch, happened))
+            return
+        rarest = min(rarity(batch.z[happened]).min(initial=REACH), progress.rarest)
+        if isinstance(batch, WideBatch):
+            self._looked(len(batch.z), REACH)
+        else:
+            progress.searched = 0 if rarest < progress.rarest else progress.searched + len(batch.z)
+        progress.rarest = rarest
+
+    def _looked(self, runs: float, reach: float) -> None:
+        """Remember that runs were drawn from the wide law, cut at a rarity, whatever was known."""
+        self.progress.looks = np.vstack([self.progress.looks, [runs, reach]])
 
     @property
     def simulations(self) -> int:
@@ -136,12 +163,16 @@ class Sampler:
         return len(self.progress.z)
 
     def has_converged(self, stopping: Stopping) -> bool:
+        """Whether the interval is narrow, enough events were seen, and the certificate is met."""
+        return self.is_narrow(stopping) and results.is_certified(self.progress, self.certificate)
+
+    def is_narrow(self, stopping: Stopping) -> bool:
         """Whether the interval is as narrow as asked, and enough events were seen."""
-        return results.has_converged(self.progress, stopping)
+        return results.is_narrow(self.progress, stopping)
 
     def estimate(self, stopping: Stopping) -> Estimate:
         """Return what the runs so far say; see `results.estimate`."""
-        return results.estimate(self.progress, self.batch_size, stopping)
+        return results.estimate(self.progress, self.batch_size, stopping, self.certificate)
 
     # ---- saved state
 
@@ -162,12 +193,16 @@ class Sampler:
         )
 
     @classmethod
-    def resume(cls, state: State) -> Self:
+    def resume(cls, state: State, certificate: Certificate = BY_DEFAULT) -> Self:
         """Return the sampler of a state; it goes on as if it had never stopped."""
         bits = getattr(np.random, state.generator["bit_generator"])()
         bits.state = state.generator
         sampler = cls(
-            state.dimension, np.random.Generator(bits), state.batch_size, fingerprint=state.fingerprint
+            state.dimension,
+            np.random.Generator(bits),
+            state.batch_size,
+            fingerprint=state.fingerprint,
+            certificate=certificate,
         )
         sampler.progress = state.progress
         sampler._surrogate.theta, sampler._surrogate.sites = state.theta, state.sites
@@ -175,49 +210,41 @@ class Sampler:
 
     # ---- design of a batch
 
-    def _pending_batch(self) -> Batch:
+    def _pending_batch(self, *, certify: bool = False) -> Batch:
         if self.progress.pending is None:
             with BLAS.limit(limits=1):
-                self.progress.pending = self._design()
+                self.progress.pending = self._design(DEFENCE_ALONE if certify else DEFENCE)
         return self.progress.pending
 
-    def _design(self) -> Batch:
+    def _design(self, defence: float) -> Batch:
         """Choose the next batch, by what is known so far."""
-        progress = self.progress
-        sought, level = self._sought()
-        if sought.all():
+        progress, searching = self.progress, self._is_searching()
+        sought = progress.happened
+        if searching:
+            sought = sought | came_near(rarity(progress.z), progress.score)
+        if self.simulations < START or sought.all() or not sought.any():
             return WideBatch(draw_wide(self.batch_size, self.dimension, self._generator))
-        is_other_event = level != progress.level or progress.learnt_at == 0
-        progress.level = level
-        learn = is_other_event or self.simulations >= RELEARN * progress.learnt_at
+        restart = searching or not progress.estimates  # the flags are others than those of the last fit
+        learn = restart or self.simulations >= RELEARN * progress.learnt_at
         if learn:
             progress.learnt_at = self.simulations
-        self._surrogate.fit(progress.z, sought, learn=learn, restart=is_other_event)
-        return ApproachBatch(self._approach()) if level is not None else self._two_phase_batch()
+        self._surrogate.fit(progress.z, sought, learn=learn, restart=restart)
+        if not searching:
+            return self._two_phase_batch(defence)
+        z = draw_approach(
+            self.batch_size, progress.rarest, self.dimension, self._surrogate.probability, self._generator
+        )
+        return ApproachBatch(z)
 
-    def _sought(self) -> tuple[Flags, float | None]:
-        """Return the flags that the surrogate learns, shape (n,), and the score at which they begin.
-
-        They are the event's own flags, without a score, once an event was seen. Before, the runs of smallest
-        score stand for the event. If all flags are the same, there is nothing to learn: in the beginning, and
-        without an event where no score is known.
-        """
+    def _is_searching(self) -> bool:
+        """Whether the search goes on: until a while after it found an event more probable than all before."""
         progress = self.progress
-        if self.simulations < START:
-            return np.ones(self.simulations, bool), None
-        if progress.happened.any():
-            return progress.happened, None
-        level = float(np.sort(progress.score)[NEAREST - 1])
-        return progress.score <= level, level
+        return not progress.happened.any() or (
+            not progress.estimates and progress.searched < progress.rarest / STEP
+        )
 
-    def _approach(self) -> Array:
-        """Return points of the wide law where runs of small score are expected, shape (n, d)."""
-        z = draw_wide(POOL // 2, self.dimension, self._generator)
-        share = self._surrogate.probability(z) ** 2
-        return z[self._generator.choice(len(z), self.batch_size, replace=False, p=share / share.sum())]
-
-    def _pool(self, size: int) -> tuple[Array, Array, Array]:
-        """Return points of the first phase, shape (m, d), their weights phi / h, and the surrogate there."""
+    def _pool(self, size: int) -> Pool:
+        """Return points of the first phase with their weights, the surrogate there, and the defensive law."""
         if self.progress.centres is None:
             z = draw_wide(size, self.dimension, self._generator)
             log_weight = log_normal_to_wide(z)
@@ -225,9 +252,10 @@ class Sampler:
             law = KernelMixture.about(self.progress.centres, WIDE_SHARE)
             z = law.draw(size, self._generator)
             log_weight = law.log_normal_ratio(z)
-        return z, np.exp(log_weight), self._surrogate.probability(z)
+        wide = np.exp(log_weight - log_normal_to_wide(z))
+        return Pool(z, np.exp(log_weight), self._surrogate.probability(z), wide, rarity(z))
 
-    def _look_ahead(self) -> tuple[Prediction, float]:
+    def _look_ahead(self, defence: float) -> tuple[Prediction, float]:
         """Return what the next batch will be worth, and the largest weight of a point of the fringe.
 
         Also moves the centres of the next pool to where w sqrt(p) is large. All this comes from a pool of its
@@ -237,33 +265,19 @@ class Sampler:
         # The first pool of all is drawn from the wide law and finds few points that matter; a second one,
         # drawn about these, finds more.
         for _ in range(1 if self.progress.centres is not None else 2):
-            z, w, p = self._pool(POOL // 2)
-            core = np.where(p >= CORE, p, 0.0)
+            pool = self._pool(POOL // 2)
+            core = np.where(pool.probability >= CORE, pool.probability, 0.0)
             if not core.any():
                 break
+            w = pool.weight
             fringe_limit = FRINGE_WEIGHT * (w @ (w * core)) / (w * core).sum()
             share = w * np.sqrt(core)
-            self.progress.centres = z[self._generator.choice(len(z), KERNELS, p=share / share.sum())]
-        return predict(w, expect(w, p, fringe_limit), self.batch_size, POOL), fringe_limit
+            self.progress.centres = pool.z[self._generator.choice(len(w), KERNELS, p=share / share.sum())]
+        return predict(pool, expect(pool, fringe_limit), self.batch_size, POOL, defence), fringe_limit
 
-    def _two_phase_batch(self) -> TwoPhaseBatch:
+    def _two_phase_batch(self, defence: float) -> TwoPhaseBatch:
         """Choose runs from a pool, as the module says in steps 2 and 3."""
-        prediction, fringe_limit = self._look_ahead()
-        before, self.progress.predicted = self.progress.predicted, prediction.probability
-        agrees = before > 0 and 1 / AGREEMENT < prediction.probability / before < AGREEMENT
-        z, w, p = self._pool(POOL)
-        expected = expect(w, p, fringe_limit)
-        inclusion = inclusion_probabilities(w * expected.spread, self.batch_size)
-        chosen = draw_systematically(z, w * np.sqrt(expected.probability), inclusion, self._generator)
-        w = w / POOL
-        return TwoPhaseBatch(
-            z=z[chosen],
-            weight=w[chosen],
-            control=expected.control[chosen],
-            inclusion=inclusion[chosen],
-            controlled=float(w @ expected.control),
-            controlled_square=float(w * w @ expected.control),
-            importance=self.batch_size / max(prediction.variation, USABLE**2),
-            predicted_variation=prediction.variation / self.batch_size,
-            is_usable=prediction.variation < USABLE**2 and agrees,
-        )
+        prediction, fringe_limit = self._look_ahead(defence)
+        pool = self._pool(POOL)
+        expected = expect(pool, fringe_limit)
+        return draw_batch(pool, expected, prediction, self.batch_size, defence, self._generator)

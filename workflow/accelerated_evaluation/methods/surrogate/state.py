@@ -17,9 +17,11 @@ import numpy as np
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.files import read_json, write_json
-from accelerated_evaluation.methods.surrogate.two_phase import BatchEstimate, Flags, TwoPhaseBatch
+from accelerated_evaluation.methods.surrogate.combining import BatchEstimate
+from accelerated_evaluation.methods.surrogate.constants import REACH
+from accelerated_evaluation.methods.surrogate.two_phase import Flags, TwoPhaseBatch
 
-FORMAT, VERSION = "accelerated-evaluation sampler state", 2
+FORMAT, VERSION = "accelerated-evaluation sampler state", 3
 
 
 @dataclass(frozen=True)
@@ -47,32 +49,33 @@ class Progress:
     ----------
     z, happened, score
         Normal scores of all runs, shape (n, d), whether the event happened, and their scores, shape (n,).
-    wide_runs
-        How many of the runs were drawn from the wide law whatever was known.
+    looks
+        Draws of the wide law that the runs are worth, whatever was known: their number, and the rarity at
+        which the law was cut, shape (k, 2).
     estimates
         Of all batches of the second phase.
     pending
         The batch that was asked for and whose outcomes were not told yet.
     centres
         Points about which the next pool is drawn, shape (k, d); None before the first pool.
-    level
-        The score that stood for the event when the surrogate was fitted last; None if the event itself did.
+    searched
+        Number of runs of the search since it found an event more probable than all before.
+    rarest
+        Rarity up to which the search goes: that of the most probable event that it knows.
     learnt_at
         Number of runs when the lengths and the amplitude were learnt last.
-    predicted
-        P(event) as the surrogate had it before the last batch; 0 before the first.
     """
 
     z: Array
     happened: Flags
     score: Array
-    wide_runs: int = 0
+    looks: Array = field(default_factory=lambda: np.empty((0, 2)))
     estimates: list[BatchEstimate] = field(default_factory=list)
     pending: Batch | None = None
     centres: Array | None = None
-    level: float | None = None
+    searched: int = 0
+    rarest: float = REACH
     learnt_at: int = 0
-    predicted: float = 0.0
 
     @classmethod
     def start(cls, dimension: int) -> Self:
@@ -135,6 +138,7 @@ class State:
         state = _decode(cls, content["state"])
         # The list of no runs at all has lost its second dimension.
         state.progress.z = state.progress.z.reshape(-1, state.dimension)
+        state.progress.looks = state.progress.looks.reshape(-1, 2)
         return state
 
     def check(self, *, fingerprint: str, dimension: int, batch_size: int, where: str) -> None:

@@ -10,24 +10,57 @@ proportional to w_j sqrt(E (1{event}_j - g_j)^2). Notebook 10 derives both.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.methods.surrogate.constants import (
+    BEYOND,
     CONTROLLED,
     CORE,
-    DEFENCE,
+    EVEN,
     FLOOR,
     FRINGE,
+    REACH,
     WORTHLESS,
 )
 
 Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Points of the first phase, which cost no simulation; arrays of shape (m,).
+
+    Attributes
+    ----------
+    z
+        The points, shape (m, d).
+    weight
+        phi / h, with h the law that the points were drawn from.
+    probability
+        Of the event, by the surrogate.
+    wide
+        Density of the wide law over h.
+    rarity
+        -log P(|Z| > |z|) of the points.
+    """
+
+    z: Array
+    weight: Array
+    probability: Array
+    wide: Array
+    rarity: Array
+
+    def within(self, reach: float) -> Array:
+        """Return the density over h of the wide law cut at a rarity, shape (m,)."""
+        return np.where(self.rarity <= reach, self.wide * REACH / reach, 0.0)
+
+    def guard(self, reach: float) -> Array:
+        """Return how the defensive share is spread: as the wide law, and to the share `EVEN` evenly."""
+        return EVEN + (1 - EVEN) * self.within(reach)
 
 
 @dataclass(frozen=True)
@@ -69,6 +102,11 @@ class Prediction:
     probability: float
     variation: float
 
+    @property
+    def reach(self) -> float:
+        """Rarity beyond which hardly any of the probability can be."""
+        return reach_of(self.probability)
+
 
 @dataclass(frozen=True)
 class TwoPhaseBatch:
@@ -84,12 +122,12 @@ class TwoPhaseBatch:
         The runs' control variates g and inclusion probabilities pi, shape (n,).
     controlled, controlled_square
         Sums over the whole pool of w g and of w^2 g, with w as in ``weight``.
-    importance
-        Weight k_b of the batch in the estimate. It depends on earlier batches alone.
-    predicted_variation
-        Squared coefficient of variation of the batch's estimate, predicted before the batch was drawn.
-    is_usable
-        Whether the surrogate was good enough for an estimate that can be trusted.
+    aimed
+        Whether the event was held possible at the runs, shape (n,), so that they were aimed at.
+    wide_runs
+        Number of draws of the wide law, cut at the prediction's reach, that the defence stands for.
+    prediction
+        What was expected of the batch before it was drawn.
     """
 
     z: Array
@@ -98,85 +136,32 @@ class TwoPhaseBatch:
     inclusion: Array
     controlled: float
     controlled_square: float
-    importance: float
-    predicted_variation: float
-    is_usable: bool
+    aimed: Flags
+    wide_runs: float
+    prediction: Prediction
 
 
-@dataclass(frozen=True)
-class BatchEstimate:
-    """What a batch of the second phase says of P(event).
-
-    Attributes
-    ----------
-    probability
-        The estimate Y.
-    observed_variance
-        Variance of Y as its own runs show it, both phases together.
-    importance, predicted_variation, is_usable
-        As in `TwoPhaseBatch`.
-    """
-
-    probability: float
-    observed_variance: float
-    importance: float
-    predicted_variation: float
-    is_usable: bool
+def reach_of(probability: float) -> float:
+    """Return the rarity beyond which hardly any of a probability can be."""
+    return min(BEYOND - math.log(probability), REACH) if probability > 0 else REACH
 
 
-@dataclass(frozen=True)
-class Combined:
-    """The estimate that several batches make together.
-
-    Attributes
-    ----------
-    probability
-        The weighted mean of their estimates.
-    observed_variance, predicted_variance
-        Its variance as the runs show it, and as it was predicted before they were drawn.
-    batches
-        Number of batches.
-    """
-
-    probability: float
-    observed_variance: float
-    predicted_variance: float
-    batches: int
-
-    def half_width(self, alpha: float) -> float:
-        """Half-width of the 100 (1 - alpha) % interval by Student's t.
-
-        The larger of the two variances is taken: the observed one misses what was not seen, and the predicted
-        one misses what the surrogate does not know.
-        """
-        variance = max(self.observed_variance, self.predicted_variance)
-        return float(stdtrit(self.batches - 1, 1 - alpha / 2) * math.sqrt(variance))
-
-
-def expect(weight: Array, probability: Array, fringe_limit: float) -> Expectation:
+def expect(pool: Pool, fringe_limit: float) -> Expectation:
     """Say at which points of a pool runs may be aimed, and what the surrogate expects there.
 
     Runs are aimed at the core, where the surrogate's probability is at least `CORE`, and at the fringe, where
     it is at least `FRINGE` and the weight is at most ``fringe_limit``. Elsewhere the probability counts as 0:
     it never falls far below one over the number of runs, however safe a place is, and the bulk of phi would
     drown the event.
-
-    Parameters
-    ----------
-    weight
-        phi / h at the points, shape (m,).
-    probability
-        Of the event at the points, by the surrogate, shape (m,).
-    fringe_limit
-        Largest weight of a point of the fringe.
     """
-    aimed = (probability >= CORE) | ((weight <= fringe_limit) & (probability >= FRINGE))
-    p = np.where(aimed, probability, 0.0)
+    p = pool.probability
+    aimed = (p >= CORE) | ((pool.weight <= fringe_limit) & (p >= FRINGE))
+    p = np.where(aimed, p, 0.0)
     control = np.where(p >= CONTROLLED, p, 0.0)
     return Expectation(p, control, p * (1 - p) + (p - control) ** 2)
 
 
-def predict(weight: Array, expected: Expectation, runs: int, pool_size: int) -> Prediction:
+def predict(pool: Pool, expected: Expectation, runs: int, pool_size: int, defence: float) -> Prediction:
     """Predict P(event) and the variance of a batch from a pool that is not the batch's own.
 
     The pool must be another one because the prediction decides how much the batch counts, and that must not
@@ -184,38 +169,63 @@ def predict(weight: Array, expected: Expectation, runs: int, pool_size: int) -> 
 
     Parameters
     ----------
-    weight
-        phi / h at the points of the pool, shape (m,).
+    pool
+        Another pool than that of the batch.
     expected
-        What the surrogate expects at these points.
+        What the surrogate expects at its points.
     runs, pool_size
         Number of runs that the batch will take from a pool of ``pool_size`` points.
+    defence
+        Defensive share of the runs.
     """
-    size, probability = len(weight), float((weight * expected.probability).mean())
+    weight, size = pool.weight, len(pool.weight)
+    probability = float((weight * expected.probability).mean())
     if probability == 0:
         return Prediction(0.0, WORTHLESS)
     runs_here = runs * size / pool_size  # as many of this pool as of the batch's own, in proportion
-    inclusion = inclusion_probabilities(weight * expected.spread, runs_here)
+    inclusion = inclusion_probabilities(
+        weight * expected.spread, pool.guard(reach_of(probability)), runs_here, defence
+    )
     second_phase = (weight * weight * expected.error / inclusion).sum() / size**2
     first_phase = max((weight * weight * expected.probability).mean() - probability**2, 0.0) / size
     return Prediction(probability, float(runs_here * (second_phase + first_phase) / probability**2))
 
 
-def inclusion_probabilities(size: Array, n: float) -> Array:
+def inclusion_probabilities(size: Array, guard: Array, n: float, defence: float) -> Array:
     """Return inclusion probabilities that sum to n and, below 1, are proportional to a size.
 
-    A share `DEFENCE` of the size is first spread evenly over all points, so that every probability is
-    positive. A point whose probability would exceed 1 is included for certain, and the others share what is
-    left; that may bring further points to 1, hence the loop.
+    A point whose probability would exceed 1 is included for certain, and the others share what is left; that
+    may bring further points to 1, hence the loop.
+
+    Parameters
+    ----------
+    size
+        What the probabilities should be proportional to, shape (m,).
+    guard
+        How the defensive share is spread, positive, shape (m,).
+    n
+        Sum of the probabilities.
+    defence
+        Defensive share, which is mixed into the size first, so that every probability is positive.
     """
-    size = size if size.any() else np.ones_like(size)
-    size = (1 - DEFENCE) * size / size.sum() + DEFENCE / len(size)
+    size = size if size.any() else guard
+    size = (1 - defence) * size / size.sum() + defence * guard / guard.sum()
     certain = np.zeros(len(size), bool)
     while True:
         inclusion = np.where(certain, 1.0, (n - certain.sum()) * size / size[~certain].sum())
         if not (new := (inclusion >= 1) & ~certain).any():
             return inclusion
         certain |= new
+
+
+def draws_of_the_wide_law(wide: Array, inclusion: Array) -> float:
+    """Return how many draws of a wide law a sample of the pool is worth, wherever the event may be.
+
+    N draws of the law would include a point with the probability N (wide / h) / m. This is the largest N
+    for which no point is included with less. ``wide`` is the density of the law over h, shape (m,).
+    """
+    within = wide > 0
+    return float((inclusion[within] / wide[within]).min() * len(inclusion)) if within.any() else 0.0
 
 
 def draw_systematically(
@@ -247,43 +257,41 @@ def draw_systematically(
     return order[np.searchsorted(marks / marks[-1] * n, generator.random() + np.arange(n))]
 
 
-def estimate_batch(batch: TwoPhaseBatch, happened: Flags) -> BatchEstimate:
-    """Return the estimate of a batch and its variance as observed, given the flags of its runs, shape (n,).
+def draw_batch(
+    pool: Pool,
+    expected: Expectation,
+    prediction: Prediction,
+    runs: int,
+    defence: float,
+    generator: np.random.Generator,
+) -> TwoPhaseBatch:
+    """Draw the runs of a batch from its pool.
 
-    The variance of the second phase is that of runs taken independently of each other, to which points that
-    were almost certain to be included add nothing. That of the first phase is estimated by a difference
-    estimator too, so it may come out negative, and then 0 takes its place.
+    Parameters
+    ----------
+    pool, expected
+        The pool of the batch, and what the surrogate expects at its points.
+    prediction
+        What was expected of the batch before its pool was drawn.
+    runs
+        Number n of runs.
+    defence
+        Defensive share of the runs.
+    generator
+        Source of all randomness.
     """
-    terms = batch.weight * (happened - batch.control) / batch.inclusion
-    first_phase = max(batch.controlled_square + batch.weight @ terms, 0.0)
-    second_phase = (terms**2 * (1 - batch.inclusion)).sum() * len(happened) / max(len(happened) - 1, 1)
-    return BatchEstimate(
-        probability=float(batch.controlled + terms.sum()),
-        observed_variance=float(first_phase + second_phase),
-        importance=batch.importance,
-        predicted_variation=batch.predicted_variation,
-        is_usable=batch.is_usable,
+    w, control = pool.weight, expected.control
+    inclusion = inclusion_probabilities(w * expected.spread, pool.guard(prediction.reach), runs, defence)
+    chosen = draw_systematically(pool.z, w * np.sqrt(expected.probability), inclusion, generator)
+    w = w / len(w)
+    return TwoPhaseBatch(
+        z=pool.z[chosen],
+        weight=w[chosen],
+        control=control[chosen],
+        inclusion=inclusion[chosen],
+        controlled=float(w @ control),
+        controlled_square=float(w * w @ control),
+        aimed=expected.probability[chosen] > 0,
+        wide_runs=draws_of_the_wide_law(pool.within(prediction.reach), inclusion),
+        prediction=prediction,
     )
-
-
-def since_usable(batches: Sequence[BatchEstimate]) -> Sequence[BatchEstimate]:
-    """Return the batches of which the estimate is made: those since the surrogate first was usable.
-
-    Later batches count even if the surrogate is unusable again, but then their importance is small.
-    """
-    return batches[next((i for i, batch in enumerate(batches) if batch.is_usable), len(batches)) :]
-
-
-def combine(batches: Sequence[BatchEstimate]) -> Combined:
-    """Return the mean of the batches' estimates, weighted by their importance, and its two variances.
-
-    The importance depends on the past only, so that the weighted errors of the batches are a martingale.
-    Weights that look at the estimates or at their observed variances would prefer low estimates, whose
-    observed variances are small as well.
-    """
-    weight = np.array([batch.importance for batch in batches])
-    weight /= weight.sum()
-    probability = float(weight @ np.array([batch.probability for batch in batches]))
-    observed = weight**2 @ np.array([batch.observed_variance for batch in batches])
-    predicted = weight**2 @ np.array([batch.predicted_variation for batch in batches]) * probability**2
-    return Combined(probability, float(observed), float(predicted), len(batches))

@@ -18,9 +18,19 @@ def draw_wide(n: int, dimension: int, generator: np.random.Generator) -> Array:
     Their directions are uniform, and -log P(|Z| > radius) is uniform on [0, REACH], where Z is standard
     normal. So every decade of P(|Z| > radius) gets the same number of points, however rare it is.
     """
-    radius = np.sqrt(chdtri(dimension, np.exp(-generator.uniform(0, REACH, n))))
-    z = generator.normal(size=(n, dimension))
+    return draw_at(generator.uniform(0, REACH, n), dimension, generator)
+
+
+def draw_at(rarity: Array, dimension: int, generator: np.random.Generator) -> Array:
+    """Draw points of given rarity -log P(|Z| > radius), shape (n,), in uniform directions; shape (n, d)."""
+    radius = np.sqrt(chdtri(dimension, np.exp(-rarity)))
+    z = generator.normal(size=(len(rarity), dimension))
     return z * (radius / np.linalg.norm(z, axis=1))[:, None]
+
+
+def rarity(z: Array) -> Array:
+    """Return -log P(|Z| > |z|) of points z, shape (n, d): how rare it is to be as far out; shape (n,)."""
+    return -_log_tail((z * z).sum(1), z.shape[1])
 
 
 def log_normal_to_wide(z: Array) -> Array:
@@ -43,10 +53,10 @@ def _log_tail(square: Array, dimension: int) -> Array:
     return log_tail
 
 
-def bound_without_event(runs: int, alpha: float) -> float:
-    """Return what P(event) cannot exceed, with confidence 1 - alpha, if no run of the wide law met it.
+def bound_without_event(runs: float, alpha: float) -> float:
+    """Return what P(A) cannot exceed, with confidence 1 - alpha, for a set A that no run of the wide law met.
 
-    The event has at most the mass m = 1 - alpha^(1/runs) under that law. Of all sets of this mass, the ball
+    The set has at most the mass m = 1 - alpha^(1/runs) under that law. Of all sets of this mass, the ball
     about the origin has the largest probability, 1 - exp(-REACH m), because phi / h falls with the radius.
     """
     return -math.expm1(-REACH * (1 - alpha ** (1 / max(runs, 1))))

@@ -1,0 +1,130 @@
+"""What a sampler can have missed: a bound on the probability of a part of the event that no run has met.
+
+Some runs are draws of the wide law, cut at some rarity, whatever the surrogate believes. If Q(A) is the
+number of them that is expected in a part A of the event, none is there with probability at most exp(-Q(A)).
+So with confidence 1 - alpha, an unseen part has Q(A) < log(1 / alpha). What probability such a part can have
+depends on its shape, which nobody knows, so the bound is stated for a kind of parts, and for any set.
+
+A mode lies beyond the plane through its point nearest to the origin, and holds the ball of radius 1 /
+curvature that touches this plane there; curvature 0 is that of a half-space. It is unseen if none of its
+points up to the rarity of the event was met: farther out it may run together with what is known.
+docs/sampler.md derives both bounds.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Self
+
+import numpy as np
+from scipy.special import betaincc, chdtri, ndtr
+
+from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.methods.surrogate.constants import REACH, UNSEEN_ALPHA
+
+STEPS = 600  # of the integrals over the rarity, and of the distances that are tried
+RARITIES = (np.arange(STEPS) + 0.5) / STEPS * REACH
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What must be excluded before an estimate has converged.
+
+    Attributes
+    ----------
+    share
+        An unseen mode may have at most this multiple of the estimate.
+    curvature
+        Largest curvature of the modes, one over a length in normal scores.
+    """
+
+    share: float
+    curvature: float
+
+    def __post_init__(self) -> None:
+        if not (self.share > 0 and 0 <= self.curvature < math.inf):
+            raise ValueError(f"share must be positive and curvature finite and not negative, got {self}")
+
+
+# By default half-spaces must be excluded that are a thousand times as probable as the estimate. Where the
+# event was found at its main part, the usual runs exclude them. Where it was found at a far end only, at a
+# billionth of its probability, they do not, and the sampler looks on.
+BY_DEFAULT = Certificate(share=1000.0, curvature=0.0)
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """Bounds, with confidence 1 - `UNSEEN_ALPHA`, on the probability of what no run has met.
+
+    Attributes
+    ----------
+    runs
+        Number of draws of the wide law that looked for it.
+    mode, anything
+        Bounds on the probability of a mode, and of any set.
+    """
+
+    runs: float
+    mode: float
+    anything: float
+
+    @classmethod
+    def after(cls, looks: Array, dimension: int, reach: float, curvature: float) -> Self:
+        """Return what may be unseen after some draws of the wide law.
+
+        Parameters
+        ----------
+        looks
+            Number of draws, and the rarity at which the law was cut, shape (k, 2).
+        dimension
+            Number of normal scores.
+        reach
+            Rarity up to which a mode is unseen.
+        curvature
+            Largest curvature of the mode, one over a length in normal scores.
+        """
+        distances, caps = _caps(dimension, curvature)
+        expected = caps @ np.where(reach >= RARITIES, _draws_at(looks, RARITIES), 0.0) * REACH / STEPS
+        likely = np.flatnonzero(expected <= -math.log(UNSEEN_ALPHA))
+        nearest = distances[likely[0] if len(likely) else -1]
+        return cls(float(looks[:, 0].sum()), float(ndtr(-nearest)), _bound_of_any_set(looks))
+
+
+def _draws_at(looks: Array, rarity: Array) -> Array:
+    """Return the expected number of draws in all directions for a unit of rarity, shape (k,)."""
+    runs, reach = looks.T
+    return (runs / reach) @ (rarity <= reach[:, None])
+
+
+def _bound_of_any_set(looks: Array) -> float:
+    """Return what P(A) cannot exceed for any set A.
+
+    The worst set is a ball about the origin, because a unit of probability gets the fewest draws there. With
+    a surface of rarity u it has the probability 1 - exp(-u).
+    """
+    expected = np.concatenate([[0.0], np.cumsum(_draws_at(looks, RARITIES)) * REACH / STEPS])
+    surface = np.interp(-math.log(UNSEEN_ALPHA), expected, np.arange(STEPS + 1) / STEPS * REACH)
+    return -math.expm1(-surface)
+
+
+@lru_cache
+def _caps(dimension: int, curvature: float) -> tuple[Array, Array]:
+    """Return distances of modes, shape (k,), and which share of the directions they cover at each rarity."""
+    radius = np.sqrt(chdtri(dimension, np.exp(-RARITIES)))
+    distances = np.linspace(0, radius[-1], STEPS)
+    return distances, np.array([_cap(radius, distance, dimension, curvature) for distance in distances])
+
+
+def _cap(radius: Array, distance: float, dimension: int, curvature: float) -> Array:
+    """Return the share of spheres about the origin, of radii of shape (k,), that a mode covers.
+
+    Half-space and ball cut a cap {cosine >= t} out of a sphere. (1 + cosine) / 2 of a uniform direction has
+    a beta law with both parameters (d - 1) / 2; in one dimension there are only two directions.
+    """
+    r, b = radius, distance
+    # A point at radius r is in the ball if curvature (r^2 + b^2) / 2 + b <= (1 + curvature b) r cosine.
+    t = (curvature * (r * r + b * b) / 2 + b) / (r * (1 + curvature * b))
+    if dimension == 1:
+        return np.where(t > 1, 0.0, np.where(t > -1, 0.5, 1.0))
+    half = (dimension - 1) / 2
+    return betaincc(half, half, np.clip((1 + t) / 2, 0, 1))
