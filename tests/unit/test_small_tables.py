@@ -10,10 +10,12 @@ from accelerated_evaluation.configuration import load
 from accelerated_evaluation.distributions import BoundedExponential
 from accelerated_evaluation.encounters.segments import MINIMUM_ROWS, assign_segments, require_rows
 from accelerated_evaluation.errors import ConvergenceError, InputError
+from accelerated_evaluation.fitting.family import FEWEST, LEVELS, Events
 from accelerated_evaluation.fitting.pieces import EXPONENTIAL, PieceFamily
 from accelerated_evaluation.fitting.piecewise import fit_piecewise, usable_knots
 from accelerated_evaluation.laws.paper import choose_knots, fit_paper_laws, refit, simpler_pieces
 from accelerated_evaluation.truth.sensitivity import Levels
+from accelerated_evaluation.truth.weighed import weigh
 
 RECORDS = Path(__file__).parents[2] / "data/spmd/cut_ins.parquet"
 NORMALS = PieceFamily("bounded normal", 2)
@@ -141,3 +143,13 @@ def test_a_variable_that_hardly_varies_is_refused(recorded, column, what):
     require_rows(rows)
     with pytest.raises(InputError, match=rf"{what}: seen 5 different values; expected at least 6"):
         require_rows(rows.assign(**{column: np.arange(len(rows)) % 5 + 1.0}))
+
+
+def test_laws_of_few_records_have_tails_above_thresholds_that_some_exceed(recorded):
+    rows = recorded.iloc[:: len(recorded) // 200].assign(range=lambda table: 1 / table["inverse_range"])
+    weighed = weigh(Events.of(rows), np.random.default_rng(1), draws=20)
+    levels = {member.level for member in weighed.members} - {None}
+    assert levels < set(LEVELS)
+    assert all(weighed.family.exceedances[level].index.size >= FEWEST for level in levels)
+    assert np.isfinite(weighed.scores).all()
+    assert weighed.weights.sum(axis=1) == pytest.approx(1)
