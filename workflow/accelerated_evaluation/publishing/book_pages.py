@@ -2,7 +2,6 @@
 
 import hashlib
 import platform
-import subprocess
 from collections.abc import Iterable
 from importlib.metadata import version
 from pathlib import Path
@@ -12,6 +11,7 @@ import pandas as pd
 import yaml
 
 from accelerated_evaluation.publishing.paper_numbers import PAPER_PROBABILITY
+from accelerated_evaluation.publishing.provenance import commit_of
 from accelerated_evaluation.publishing.study import Study
 from accelerated_evaluation.publishing.tables import readable, to_markdown
 
@@ -47,7 +47,7 @@ def known_to_pages(study: Study, records: Iterable[str]) -> dict[str, Any]:
         "vehicle": study.config["vehicle"],
         "paper_probability": PAPER_PROBABILITY,
         "claims": to_markdown(claims),
-        "commit": _commit(),
+        "commit": commit_of(PROJECT),
         "checksums": {str(path): _checksum(Path(path)) for path in records},
         "versions": {"Python": platform.python_version()} | {name: version(name) for name in PACKAGES},
         "configuration": yaml.safe_dump(study.config, allow_unicode=True, sort_keys=False).strip(),
@@ -57,13 +57,3 @@ def known_to_pages(study: Study, records: Iterable[str]) -> dict[str, Any]:
 def _checksum(path: Path) -> str:
     """Return the SHA-256 of a file of the records, which may be gone when the study is finished."""
     return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else "no such file"
-
-
-def _commit() -> str:
-    """Return the commit of this project, and whether its files differ from it."""
-    command = ["git", "describe", "--always", "--abbrev=40", "--dirty=, with changes"]
-    try:
-        found = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, check=True)
-    except (OSError, subprocess.CalledProcessError):
-        return "not known, as the folder is no git repository"
-    return found.stdout.strip()

@@ -156,7 +156,7 @@ class Campaign:
             # The derivation of the sampler holds for batches of any sizes that were chosen beforehand.
             self.sampler = Sampler.resume(replace(self.sampler.state(), batch_size=batch_size))
         if not self.outstanding:
-            cut_ins = law.from_scores(self.sampler.ask())
+            cut_ins = law.from_scores(self.sampler.ask(certify=self.sampler.is_narrow(self.goal)))
             closing_speed = law.capped(cut_ins.closing_speed)
             columns = (cut_ins.lead_speed.tolist(), cut_ins.range_.tolist(), closing_speed.tolist())
             first, batch = len(self.runs) + 1, self.batches + 1
