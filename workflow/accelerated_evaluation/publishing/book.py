@@ -151,6 +151,7 @@ def _chapter(parts: Parts, name: str, notebook: NotebookNode) -> Iterator[Notebo
                 silent = f"{cell.source}\n\n"
             yield from (nbformat.v4.new_markdown_cell(parts.figure(shown), id=shown) for shown in figures)
         elif cell.cell_type != "code":
+            cell.source = cell.source.replace("](../docs/", "](")  # the guides stand beside the chapters
             yield cell
     if silent:
         yield nbformat.v4.new_code_cell(silent.strip(), id="code", metadata={"tags": ["hide-input"]})
