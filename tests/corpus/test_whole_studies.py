@@ -86,6 +86,7 @@ STUDIES = {
     "many segments": {"segments": {"lead_speed_edges": [5, 10, 15, 20, 25, 30, 35]}},
     "a description with dollars and bars": described("costs $5 | 'quoted' and \"quoted\" _x_ *y*"),
     "a description with HTML": described("<script>alert(1)</script><b>bold & brave</b>"),
+    "a description with braces": described("{{ x }} {x} {{ 1 / 0 }} {% if %} {0!r} {"),
     "few of everything": {
         "cross_entropy": {"seeds": 1},
         "importance_sampling": {"replicates": 1},
@@ -132,13 +133,10 @@ def shared(tmp_path_factory, project_in):
     return project
 
 
-def cases():
-    """Yield the studies; those that are not in `SOME` are marked as the rest."""
-    for name in STUDIES:
-        yield pytest.param(name, marks=[] if name in SOME else [pytest.mark.rest])
+CASES = [pytest.param(name, marks=[] if name in SOME else [pytest.mark.rest]) for name in STUDIES]
 
 
-@pytest.mark.parametrize("name", cases())
+@pytest.mark.parametrize("name", CASES)
 def test_the_study_ends_whole(shared, name):
     study = re.sub(r"\W", "-", name)
     config = merged(TINY, STUDIES[name]) | {"study": study}

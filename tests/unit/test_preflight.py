@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from accelerated_evaluation.configuration import load
 from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.preflight import require_named
+from accelerated_evaluation.preflight import require_named, require_plain
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -35,3 +35,9 @@ def test_what_is_not_there_is_told_with_its_key(config, section, change, told):
     config[section] |= change
     with pytest.raises(InputError, match=told):
         require_named(config)
+
+
+def test_braces_in_a_path_are_told_before_snakemake_takes_them_for_a_wildcard():
+    require_plain(["data/my records (1).csv"])
+    with pytest.raises(InputError, match=r"\{2\}.csv: seen a brace"):
+        require_plain(["a.csv", "data/my records {2}.csv"])

@@ -105,3 +105,9 @@ def test_a_configuration_that_cannot_be_read_is_named(project, content, told):
     assert last.startswith("error: ")
     assert "bad.yaml: seen" in last
     assert told in last
+
+
+def test_braces_in_a_description_are_no_wildcards(project):
+    (project.folder / "braces.yaml").write_text("data: {spmd: {description: '{{ x }} {x} {'}}")
+    run = project.run("--dry-run", "--quiet", config="braces.yaml")
+    assert run.returncode == 0, run.stdout + run.stderr

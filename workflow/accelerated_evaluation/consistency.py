@@ -9,6 +9,8 @@ from accelerated_evaluation.encounters.sources.table import UNITS
 from accelerated_evaluation.fitting.pieces import mixture_kinds, piece_kinds
 
 COMPARED = {"crude", "heuristic", "piecewise", "single", "surrogate"}
+FOLDERS = {"benchmarks", "vehicles"}  # of results/, which no study has for itself
+LONGEST = 64  # name of a study: file systems take 255 bytes, and temporary files need some for themselves
 PIECES = {"two_pieces": 2, "three_pieces": 3}
 KNOTS = ("models.inverse_range.two_pieces", "models.inverse_range.three_pieces", "models.inverse_ttc.knots")
 
@@ -55,12 +57,22 @@ def _is_plain_line(text: str) -> bool:
     return text.isprintable() and text == text.strip() and text[0] not in "=+-@"
 
 
+def _is_own_folder(study: str) -> bool:
+    """Whether a study can have a folder of its name alone; the pattern overlooks a line break at the end."""
+    return len(study) <= LONGEST and study.isprintable() and study not in FOLDERS
+
+
 def _all_different(columns: Mapping[str, Mapping[str, str]]) -> bool:
     names = [column["name"] for column in columns.values()]
     return len(set(names)) == len(names)
 
 
 CHECKS = (
+    Check(
+        ("study",),
+        _is_own_folder,
+        f"a name of at most {LONGEST} characters, on one line and none of {', '.join(sorted(FOLDERS))}",
+    ),
     *(
         Check(
             (f"data.{source}.description",),

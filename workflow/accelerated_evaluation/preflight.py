@@ -1,6 +1,6 @@
 """What a configuration names has to exist; it is looked up before the first job, as jobs may take minutes."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -31,3 +31,21 @@ def require_named(config: Mapping[str, Any]) -> None:
     for name, parameters in config["compared_vehicles"].items():
         with located("compared_vehicles"):
             load_vehicle(name, **parameters)
+
+
+def require_plain(paths: Iterable[str]) -> None:
+    """Refuse paths of the user's files with braces, which Snakemake would take for wildcards.
+
+    Raises
+    ------
+    InputError
+        For the first of these paths.
+    """
+    for path in paths:
+        if set("{}") & set(path):
+            raise InputError(
+                path,
+                seen="a brace in the path of a file that the configuration names",
+                expected="a path without { and }, which Snakemake takes for the name of a wildcard",
+                change="Rename the file or its folder.",
+            )

@@ -27,7 +27,7 @@ from accelerated_evaluation.encounters.segments import segment_names
 from accelerated_evaluation.encounters.sources import SOURCES, describe, record_files
 from accelerated_evaluation.errors import StudyError
 from accelerated_evaluation.methods import METHODS
-from accelerated_evaluation.preflight import require_named
+from accelerated_evaluation.preflight import require_named, require_plain
 from accelerated_evaluation.vehicles.loading import vehicle_files
 from accelerated_evaluation.vehicles.slow import is_slow
 from snakemake.exceptions import WorkflowError
@@ -82,6 +82,7 @@ try:
         *vehicle_files(VEHICLE, config["vehicle"]["parameters"]),
         *config["vehicle"]["files"],
     ]
+    require_plain([*RECORDS, *VEHICLE_FILES])
 except StudyError as error:
     raise WorkflowError(str(error)) from None
 VEHICLE_CONTENT = content_digest(VEHICLE_FILES)
@@ -126,6 +127,11 @@ def modules_of(script: str, *notebooks: str, members=None):
 def content_of_records(_) -> str:
     """Digest of the records."""
     return content_digest(RECORDS)
+
+
+def description_of_data(_) -> str:
+    """What outputs call the data. In what a function returns, Snakemake takes no braces for a wildcard."""
+    return DESCRIPTION
 
 
 def settings_of(method: str) -> dict:

@@ -28,7 +28,7 @@ rule fit_models:
             ),
             "inverse_ttc": config["models"]["inverse_ttc"],
         },
-        description=DESCRIPTION,
+        description=description_of_data,
         closing_speed_max=config["models"]["closing_speed_max"],
         range_max=config["filters"]["range_max"],
     message:
