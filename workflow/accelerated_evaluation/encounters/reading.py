@@ -61,7 +61,7 @@ def read_parquet(path: str | os.PathLike, named: Mapping[str, str] = MappingProx
     return table
 
 
-def read_csv(path: str | os.PathLike, named: Mapping[str, str]) -> pd.DataFrame:
+def read_csv(path: str | os.PathLike, named: Mapping[str, str] = MappingProxyType({})) -> pd.DataFrame:
     """Read a CSV file, all cells as text, so that pandas guesses no types.
 
     Raises
