@@ -21,10 +21,11 @@ SEARCH = {"search_proposals", "collect_traces"}
 ESTIMATE = {"estimate_single", "estimate_piecewise", "estimate_heuristic", "estimate_surrogate"}
 JUDGE = {"run_crude_monte_carlo", "study_coverage", "collect_coverage"}
 TRUTH = {"compute_exact", "bootstrap_uncertainty", "study_sensitivity"}
-LAWS = {"study_laws_answer", "study_laws_score", "study_laws_quality"}
+LAWS = {"study_laws_answer", "study_laws_score", "study_laws_quality", "replay_encounters"}
+END = {"book", "all"}
 DRIVEN = {"map_crashes_under_test", "map_crashes_acc_only", "map_crashes_cc_human"}
 DRIVEN |= {"map_crashes_reg157", "map_crashes_rss", "map_crashes_fsm"}
-STUDY = SEARCH | ESTIMATE | JUDGE | TRUTH | {"collect_estimates", "all"}
+STUDY = SEARCH | ESTIMATE | JUDGE | TRUTH | {"collect_estimates", *END}
 EDITS = {
     "leaves": (
         {
@@ -32,7 +33,7 @@ EDITS = {
             "bootstrap_uncertainty": {"truth/uncertainty_study.py"},
             "run_07_conclusions": {"publishing/claims.py"},
         },
-        {"fit_candidates", "collect_candidates", "bootstrap_uncertainty", "all"},
+        {"fit_candidates", "collect_candidates", "bootstrap_uncertainty", *END},
     ),
     "methods": (
         {
@@ -40,18 +41,22 @@ EDITS = {
             "run_crude_monte_carlo": {"methods/crude.py"},
             "study_coverage": {"methods/crude.py"},
         },
-        {"estimate_surrogate", "collect_estimates", *JUDGE, "all"},
+        {"estimate_surrogate", "collect_estimates", *JUDGE, *END},
     ),
     "vehicle": (
         {
             **{key: {"vehicles/kernel.py"} for key in {"map_crashes", *DRIVEN}},
+            "inspect_records": {"vehicles/kernel.py"},
             "search_proposals": {"vehicles/kernel.py"},
             "run_crude_monte_carlo": {"vehicles/kernel.py"},
             "estimate_surrogate": {"vehicles/kernel.py"},
         },
-        STUDY | LAWS | DRIVEN | {"map_crashes"},
+        STUDY | LAWS | DRIVEN | {"map_crashes", "inspect_records"},
     ),
-    "records": ({"ingest_encounters": {"encounters/filters.py"}}, FIT | STUDY | LAWS),
+    "records": (
+        {rule: {"encounters/filters.py"} for rule in ("inspect_records", "ingest_encounters")},
+        FIT | STUDY | LAWS | {"inspect_records"},
+    ),
 }
 
 
