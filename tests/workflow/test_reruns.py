@@ -172,4 +172,6 @@ def test_a_table_counts_by_its_content_and_not_by_its_date(project):
 def test_scripts_are_short_and_read_what_their_rule_names(path):
     code = path.read_text()
     assert len(code.splitlines()) <= 40
-    assert set(re.findall(r"snakemake\.(\w+)", code)) <= {"input", "output", "params", "wildcards", "log"}
+    assert set(re.findall(r"snakemake\.(\w+)", code)) <= {
+        *("input", "output", "params", "wildcards", "log", "threads")
+    }

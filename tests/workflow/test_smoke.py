@@ -93,7 +93,8 @@ def test_every_figure_and_table_of_the_paper_is_made(finished):
 
 def test_published_tables_say_what_the_data_are(finished):
     for path in (finished.folder / "figures" / "smoke" / "tables").glob("*.csv"):
-        assert DATA in path.read_text(), path
+        rows = path.read_text().splitlines()[1:]
+        assert DATA in "".join(rows) or not rows, path
 
 
 def test_a_second_run_does_nothing(finished):

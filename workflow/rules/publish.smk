@@ -77,8 +77,7 @@ rule book:
     resources:
         mem_mb=1500,
     params:
-        results=str(RESULTS),
-        figures=str(FIGURES),
+        study={"results": str(RESULTS), "figures": str(FIGURES)},
         tables={name: made.tables for name, made in NOTEBOOKS.items()},
         records=RECORDS,
     message:

@@ -9,7 +9,7 @@ from accelerated_evaluation.publishing.study import Study
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
-        study = Study(snakemake.params.results, snakemake.params.figures)
+        study = Study(**snakemake.params.study)
         parts = Parts(
             study,
             notebooks=[Path(path) for path in snakemake.input.notebooks],
