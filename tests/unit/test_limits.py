@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation import cli
 from accelerated_evaluation.configuration import ConfigurationError, completed, load, resolved, validate
 from accelerated_evaluation.encounters.limits import (
     AUTO,
@@ -21,6 +22,7 @@ from accelerated_evaluation.encounters.sources import SOURCES
 from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.fitting.family import Events, Fitter, members_at
 from accelerated_evaluation.fitting.support import Support
+from accelerated_evaluation.methods import alone
 from motorway import CONFIGURATION, motorway_table
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -59,6 +61,20 @@ def test_other_records_get_limits_of_their_own(motorway):
     assert (edges[0], edges[-1]) == (20, 45)
     assert config["crash_map"]["grid"]["closing_speed_max"] == config["models"]["closing_speed_max"]
     assert "20 to 45 m/s" in told_limits(config)
+
+
+def test_the_estimate_alone_has_the_limits_of_the_records(motorway, monkeypatch):
+    """The command ``estimate`` is given them in place of ``auto``, as the study is."""
+    seen = []
+
+    def stop(config, replicates):
+        seen.append(config["filters"])
+        raise InputError("here", seen="enough", expected="no more", change="Nothing.")
+
+    monkeypatch.setattr(alone, "estimate_alone", stop)
+    assert cli.main(["estimate", "--config", "motorway.yaml"]) == 2
+    assert seen[0] == resolved(motorway)["filters"]
+    assert AUTO not in seen[0].values()
 
 
 def test_what_is_stated_stays(motorway):

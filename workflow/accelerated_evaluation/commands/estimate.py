@@ -63,12 +63,12 @@ class EstimateAlone:
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
         """Estimate, write the tables, and say in words what was found."""
-        from accelerated_evaluation.configuration import load
+        from accelerated_evaluation.configuration import load, resolved
         from accelerated_evaluation.files import write_csv
         from accelerated_evaluation.laws.files import write_law
         from accelerated_evaluation.methods.alone import estimate_alone
 
-        config = load(arguments.config)
+        config = resolved(load(arguments.config))
         found = estimate_alone(config, arguments.replicates)
         folder = Path("results", config["study"], "estimate")
         for name, table in found.tables.items():
