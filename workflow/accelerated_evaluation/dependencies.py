@@ -63,10 +63,10 @@ def content_digest(paths: Paths, missing: str = "") -> str:
         rule that needs the file as an input says that it is missing.
     """
     files = [Path(path) for path in paths]
-    return value_digest([_digest(file) if file.is_file() else missing for file in files])
+    return value_digest([file_digest(file) if file.is_file() else missing for file in files])
 
 
-def _digest(path: Path) -> str:
+def file_digest(path: Path) -> str:
     """Return the SHA-256 of a file, which may be larger than the memory."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

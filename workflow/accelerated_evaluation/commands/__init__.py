@@ -4,8 +4,10 @@ Modules import here what is light alone, and the rest when they run, because ``-
 """
 
 import argparse
+from pathlib import Path
 from typing import Protocol
 
+from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.registry import Registry
 
 
@@ -27,3 +29,29 @@ class Command(Protocol):
 
 
 COMMANDS: Registry[Command] = Registry("command", __name__, __path__)
+LAW = """\
+A law of a study is results/STUDY/laws/answer.json (the law that the records bear out best) or
+results/STUDY/models/two_pieces.json (the paper's). Its encounter table: results/STUDY/encounters.parquet."""
+
+
+def add_law(command: argparse.ArgumentParser) -> None:
+    """Add the law of the cut-ins, of which `LAW` tells the user, and the table that it was fitted to."""
+    command.add_argument("--law", metavar="LAW.json", type=Path, required=True, help="law of the cut-ins")
+    command.add_argument(
+        "--encounters",
+        metavar="FILE",
+        type=Path,
+        required=True,
+        help="encounter table that the law was fitted to",
+    )
+
+
+def add_seed(command: argparse.ArgumentParser) -> None:
+    """Add the root of all randomness."""
+    command.add_argument("--seed", type=int, default=1, help="root of all randomness (default: 1)")
+
+
+def require_seed(seed: int) -> None:
+    """Raise InputError unless a seed is 0 or more."""
+    if seed < 0:
+        raise InputError("--seed", seen=str(seed), expected="0 or more", change="Correct it.")

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from accelerated_evaluation.commands import COMMANDS
+from accelerated_evaluation.commands import COMMANDS, LAW, add_law, add_seed, require_seed
 from accelerated_evaluation.errors import InputError
 
 DESCRIPTION = """\
@@ -25,11 +25,10 @@ The table has one row a run, and empty columns to be filled in on the track:
   impact_speed    closing speed at the crash [m/s]; 0 without one                  (may be empty)
   note            anything to remember                                             (may be empty)"""
 
-NEW = """\
+NEW = f"""\
 Begin a campaign and write its file.
 
-A law of a study is results/STUDY/laws/answer.json (the law that the records bear out best) or
-results/STUDY/models/two_pieces.json (the paper's). Its encounter table: results/STUDY/encounters.parquet."""
+{LAW}"""
 
 ASK = f"""\
 Write the runs to drive next into FOLDER: runs.csv, and run_0001.xosc and so on with their road. Asked again
@@ -76,14 +75,7 @@ class CampaignCommand:
 
 
 def _add_new(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--law", metavar="LAW.json", type=Path, required=True, help="law of the cut-ins")
-    command.add_argument(
-        "--encounters",
-        metavar="FILE",
-        type=Path,
-        required=True,
-        help="encounter table that the law was fitted to",
-    )
+    add_law(command)
     command.add_argument(
         "--event",
         default="crash",
@@ -103,7 +95,7 @@ def _add_new(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--batch-size", type=int, default=10, metavar="N", help="runs asked for at once (default: 10)"
     )
-    command.add_argument("--seed", type=int, default=1, help="root of all randomness (default: 1)")
+    add_seed(command)
 
 
 def _add_ask(command: argparse.ArgumentParser) -> None:
@@ -130,8 +122,7 @@ def _new(arguments: argparse.Namespace) -> None:
         if not 0 < (value := getattr(arguments, name)) < 1:
             where, expected = f"--{name.replace('_', '-')}", "a number between 0 and 1"
             raise InputError(where, seen=f"{value:g}", expected=expected, change="Correct it.")
-    if arguments.seed < 0:
-        raise InputError("--seed", seen=str(arguments.seed), expected="0 or more", change="Correct it.")
+    require_seed(arguments.seed)
     campaign = Campaign.begin(
         source_of(arguments.law),
         source_of(arguments.encounters),

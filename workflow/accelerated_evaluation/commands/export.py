@@ -3,17 +3,15 @@
 import argparse
 from pathlib import Path
 
-from accelerated_evaluation.commands import COMMANDS
-from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.commands import COMMANDS, LAW, add_law, add_seed, require_seed
 
-DESCRIPTION = """\
+DESCRIPTION = f"""\
 Write a weighted set of concrete scenarios, from which anyone can compute a vehicle's crash probability.
 
 FOLDER holds the scenarios as OpenSCENARIO XML 1.2 with their OpenDRIVE road, scenarios.csv with the weights,
 and README.md, which says how to compute the crash probability and its interval from one's own outcomes.
 
-A law of a study is results/STUDY/laws/answer.json (the law that the records bear out best) or
-results/STUDY/models/two_pieces.json (the paper's). Its encounter table: results/STUDY/encounters.parquet."""
+{LAW}"""
 
 
 @COMMANDS.add("export")
@@ -27,14 +25,7 @@ class Export:
     def add_arguments(command: argparse.ArgumentParser) -> None:
         """Add the folder, the law and what the set should be like."""
         command.add_argument("folder", metavar="FOLDER", type=Path, help="folder to make")
-        command.add_argument("--law", metavar="LAW.json", type=Path, required=True, help="law of the cut-ins")
-        command.add_argument(
-            "--encounters",
-            metavar="FILE",
-            type=Path,
-            required=True,
-            help="encounter table that the law was fitted to",
-        )
+        add_law(command)
         command.add_argument(
             "--size", type=int, default=300, metavar="N", help="at most so many scenarios (default: 300)"
         )
@@ -45,7 +36,7 @@ class Export:
             metavar="A",
             help="cut-ins that this deceleration avoids are assumed to be safe [m/s^2] (default: 1.5)",
         )
-        command.add_argument("--seed", type=int, default=1, help="root of all randomness (default: 1)")
+        add_seed(command)
 
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
@@ -57,8 +48,7 @@ class Export:
         from accelerated_evaluation.track.export import write_set
         from accelerated_evaluation.track.weighted_set import draw_weighted_set
 
-        if arguments.seed < 0:
-            raise InputError("--seed", seen=str(arguments.seed), expected="0 or more", change="Correct it.")
+        require_seed(arguments.seed)
         sources = {name: source_of(getattr(arguments, name)) for name in ("law", "encounters")}
         encounters = read_encounters(arguments.encounters)
         law = read_law(arguments.law, encounters)

@@ -4,7 +4,6 @@ The study's run goes on in batches, each with a generator of its own, and keeps 
 So the same batches give the same results, whether the run was interrupted, shortened or extended.
 """
 
-import hashlib
 import os
 import warnings
 from collections.abc import Iterable, Mapping
@@ -16,7 +15,7 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from accelerated_evaluation.dependencies import value_digest
+from accelerated_evaluation.dependencies import file_digest, value_digest
 from accelerated_evaluation.files import read_json, write_json
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.estimate import Estimate, Method, Stopping
@@ -73,7 +72,7 @@ class Checkpoint:
 
 def fingerprint(paths: Iterable[str | os.PathLike], settings: Mapping[str, Any]) -> str:
     """Return a digest of the files and settings that a work depends on; it changes with any of them."""
-    files = {str(path): hashlib.sha256(Path(path).read_bytes()).hexdigest() for path in paths}
+    files = {str(path): file_digest(Path(path)) for path in paths}
     return value_digest([files, settings])
 
 

@@ -1,6 +1,5 @@
 """What the first and the last page of the book tell: the answer, the claims, what the book was made from."""
 
-import hashlib
 import platform
 from collections.abc import Iterable
 from importlib.metadata import version
@@ -10,6 +9,7 @@ from typing import Any
 import pandas as pd
 import yaml
 
+from accelerated_evaluation.dependencies import file_digest
 from accelerated_evaluation.publishing.paper_numbers import PAPER_PROBABILITY
 from accelerated_evaluation.publishing.provenance import commit_of
 from accelerated_evaluation.publishing.study import Study
@@ -56,4 +56,4 @@ def known_to_pages(study: Study, records: Iterable[str]) -> dict[str, Any]:
 
 def _checksum(path: Path) -> str:
     """Return the SHA-256 of a file of the records, which may be gone when the study is finished."""
-    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else "no such file"
+    return file_digest(path) if path.is_file() else "no such file"

@@ -18,10 +18,11 @@ from rocrate.model.entity import Entity
 from rocrate.rocrate import ROCrate
 from tqdm import tqdm
 
+from accelerated_evaluation.dependencies import file_digest
 from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.files import atomic_path
 from accelerated_evaluation.publishing.provenance import PROJECT, commit_of
-from accelerated_evaluation.publishing.run_records import Job, jobs_of, require_unchanged, sha256
+from accelerated_evaluation.publishing.run_records import Job, jobs_of, require_unchanged
 from accelerated_evaluation.publishing.study import Study
 
 PERMALINK = "https://w3id.org/ro/wfrun/{}/0.5"
@@ -87,7 +88,7 @@ def _add_files(crate: ROCrate, jobs: Sequence[Job]) -> dict[str, Entity]:
                 str(path), seen="no such file", expected="a file of the study", change="Run the study again."
             )
         kind = TYPES.get(path.suffix) or mimetypes.guess_type(path.name)[0] or "text/plain"
-        facts = {"sha256": sha256(path), "encodingFormat": kind, "contentSize": str(path.stat().st_size)}
+        facts = {"sha256": file_digest(path), "encodingFormat": kind, "contentSize": str(path.stat().st_size)}
         files[name] = crate.add_file(path, name, properties={"name": path.name, **facts})
     return files | {path: files[name] for path, name in places.items()}
 

@@ -1,6 +1,5 @@
 """What Snakemake recorded when it ran a study: which job made a file, from what, and when."""
 
-import hashlib
 import os
 import re
 from base64 import urlsafe_b64encode
@@ -10,6 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from accelerated_evaluation.dependencies import file_digest
 from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.files import read_json
 
@@ -82,7 +82,7 @@ def require_unchanged(jobs: Iterable[Job]) -> None:
     for job in jobs:
         for path, recorded in job.checksums.items():
             if path not in now:
-                now[path] = f"sha256:{sha256(Path(path))}" if Path(path).is_file() else "no such file"
+                now[path] = f"sha256:{file_digest(Path(path))}" if Path(path).is_file() else "no such file"
             if now[path] != recorded:
                 raise InputError(
                     path,
@@ -90,12 +90,6 @@ def require_unchanged(jobs: Iterable[Job]) -> None:
                     expected=f"{recorded}, as when the rule {job.rule} read it",
                     change="Run the study again, so that its results come from these files.",
                 )
-
-
-def sha256(path: Path) -> str:
-    """Return the SHA-256 of a file."""
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _record(path: str) -> dict[str, Any] | None:

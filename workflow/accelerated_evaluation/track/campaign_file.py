@@ -10,7 +10,9 @@ from typing import Any, get_type_hints
 
 import numpy as np
 
+from accelerated_evaluation.dependencies import file_digest
 from accelerated_evaluation.encounters.contract import read_encounters
+from accelerated_evaluation.encounters.reading import require_file
 from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.files import read_json, write_text
 from accelerated_evaluation.laws import Law
@@ -28,11 +30,8 @@ CUT_IN = {"range_": "range"}  # attributes of a run that have another name in th
 def source_of(path: str | os.PathLike) -> Source:
     """Return a file with its checksum; raise InputError if there is none."""
     path = Path(path)
-    if not path.is_file():
-        raise InputError(
-            str(path), seen="no such file", expected="a file to read", change="Correct its path."
-        )
-    return Source(str(path), hashlib.sha256(path.read_bytes()).hexdigest())
+    require_file(path, "Correct its path.")
+    return Source(str(path), file_digest(path))
 
 
 def law_of(campaign: Campaign) -> Law:
