@@ -536,7 +536,7 @@ def test_the_command_ends_in_one_message_and_leaves_nothing(tmp_path, capsys, co
 
 
 def test_the_account_of_a_study_begins_with_that_of_the_extraction(cut_ins):
-    account = Account(len(cut_ins), cut_ins.attrs["account"])
+    account = Account.of(cut_ins)
     account.enter(1, step="closing", reason="range rate not negative")
     lines = account.table()
     assert lines["rows_in"].tolist()[1:] == lines["rows_kept"].tolist()[:-1]

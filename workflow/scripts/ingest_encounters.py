@@ -14,7 +14,7 @@ from accelerated_evaluation.randomness import child_generator
 def main(config: dict, outputs: dict[str, str], kept_account: str) -> None:
     """Write the encounter table and its account; if no table can be made, the account is kept as a log."""
     raw = read_source(config["data"], child_generator(config["seed"], "sample"))
-    account = Account(len(raw), raw.attrs.get("account", ()))
+    account = Account.of(raw)
     try:
         encounters = ingest(raw, config, account)
         require_rows(encounters)

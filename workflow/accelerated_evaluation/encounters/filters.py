@@ -1,6 +1,7 @@
 """Which records are kept, with an account of every one that is not."""
 
 from collections.abc import Iterable, Mapping
+from typing import Self
 
 import numpy as np
 import pandas as pd
@@ -26,6 +27,11 @@ class Account:
     def __init__(self, rows: int, earlier: Iterable[dict] = ()) -> None:
         self._lines: list[dict] = list(earlier)
         self._rows = rows
+
+    @classmethod
+    def of(cls, raw: pd.DataFrame) -> Self:
+        """Begin the account of the records of a source, after that of an extraction that found them."""
+        return cls(len(raw), raw.attrs.get("account", ()))
 
     def take(
         self, table: pd.DataFrame, found: pd.Series, *, step: str, reason: str, drop: bool = True

@@ -83,7 +83,7 @@ def fitted_law(config: Mapping[str, Any]) -> tuple[Law, Account]:
         What became of every record.
     """
     raw = read_source(config["data"], child_generator(config["seed"], "sample"))
-    account = Account(len(raw))
+    account = Account.of(raw)
     encounters = ingest(raw, config, account)
     require_rows(encounters)
     models = config["models"]
