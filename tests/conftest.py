@@ -9,9 +9,6 @@ from pathlib import Path
 
 import pytest
 
-# The main module of a test worker lacks this attribute, which multiprocessing reads when it starts a process.
-vars(sys.modules["__main__"]).setdefault("__spec__", None)
-
 ROOT = Path(__file__).resolve().parents[1]
 PARTS = ("Snakefile", "workflow", "notebooks", "docs", "config", "data", "profiles", "environment.txt")
 PARTS += ("benchmarks/results/worlds.csv",)

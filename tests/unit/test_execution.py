@@ -13,9 +13,13 @@ import sys
 from accelerated_evaluation.publishing.execution import run_notebook
 run_notebook(sys.argv[1], {"number": 2}, sys.argv[1] + ".executed.ipynb")
 """
+SPAWN = """
+from multiprocessing import get_context
+get_context("spawn").Process(target=abs, args=[1]).start()
+"""
 
 
-def run(path, *cells):
+def run(path, *cells, command=RUN):
     """Run a notebook of these cells in a process of its own, which its interactive shell takes over.
 
     A cell that begins with a star is text.
@@ -25,7 +29,14 @@ def run(path, *cells):
     cells = [parameters, *(new[cell.startswith("*")](cell) for cell in cells)]
     metadata = {"kernelspec": {"name": "python3", "language": "python", "display_name": "Python 3"}}
     nbformat.write(nbformat.v4.new_notebook(cells=cells, metadata=metadata), path)
-    return subprocess.run([sys.executable, "-c", RUN, str(path)], capture_output=True, text=True, check=False)
+    return subprocess.run(
+        [sys.executable, "-c", command, str(path)], capture_output=True, text=True, check=False
+    )
+
+
+def test_processes_can_be_spawned_after_a_notebook(tmp_path):
+    finished = run(tmp_path / "n.ipynb", "print(number)", command=RUN + SPAWN)
+    assert finished.returncode == 0, finished.stderr
 
 
 def test_outputs_of_all_kinds_are_kept(tmp_path):

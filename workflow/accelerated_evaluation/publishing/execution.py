@@ -1,8 +1,10 @@
 """Run a parameterised notebook with papermill, in this process instead of a kernel."""
 
 import os
+import sys
 from base64 import b64encode
 from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from IPython.core.displayhook import CapturingDisplayHook
@@ -82,13 +84,26 @@ def run_notebook(notebook: str, parameters: dict[str, str], executed: str) -> No
     StudyError
         With cell and message, if the code or a text of the notebook fails.
     """
-    with atomic_path(executed) as temporary:
+    with atomic_path(executed) as temporary, _main_module_kept():
         try:
             papermill.execute_notebook(notebook, temporary, parameters, engine_name=ENGINE, progress_bar=True)
         except PapermillExecutionError as error:
             raise StudyError(f"{notebook}, cell {error.exec_count}: {error.ename}: {error.evalue}") from error
         except StudyError as error:
             raise StudyError(f"{notebook}, {error}") from error
+
+
+@contextmanager
+def _main_module_kept() -> Iterator[None]:
+    """Put the main module of this process back, in whose place the interactive shell puts its own.
+
+    Without it no process could be spawned afterwards: its start reads the specification of the main module.
+    """
+    main = sys.modules["__main__"]
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
 
 
 def _filled(text: str, names: dict[str, Any], ran: int) -> str:
