@@ -83,7 +83,7 @@ def test_runs_are_worth_the_draws_that_are_claimed():
     """A far half-plane that is no part of the event is met as often as the claimed draws would meet it."""
     event = standard_normal_event(lambda z: 3.0 - z[:, 0])
     met = claimed = 0.0
-    for seed in range(8):
+    for seed in range(10):
         progress = drive(new_sampler(2, seed), event).sampler.progress
         second_phase = len(progress.estimates) * 10
         z, looks = progress.z[-second_phase:], progress.looks[-len(progress.estimates) :]

@@ -24,7 +24,8 @@ class Surrogate(Method):
     Attributes
     ----------
     batch_size
-        Simulations asked for at once.
+        Simulations asked for at once. Small batches learn with fewer simulations, large ones keep more
+        workers busy.
     state_file
         Where the state is saved after every batch; if the file exists, its runs are taken up, not repeated.
         Each problem needs a file of its own. By default nothing is saved.
@@ -40,7 +41,7 @@ class Surrogate(Method):
     sections: ClassVar[tuple[str, ...]] = ("surrogate",)
     tables: ClassVar[tuple[str, ...]] = ("runs",)
 
-    batch_size: int = 10
+    batch_size: int = 5
     state_file: str | os.PathLike | None = None
     on_batch: Callable[[Estimate], None] | None = None
     certificate: Certificate = BY_DEFAULT

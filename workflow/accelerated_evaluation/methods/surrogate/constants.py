@@ -17,8 +17,8 @@ NEAR_SHARE, NEIGHBOURS = 0.2, 20
 # Points of the wide law among which the runs of the search are chosen.
 CANDIDATES = 1000
 
-# The search ends when a run for every such step of rarity, a factor e of the probability, has found no event
-# more probable than those known.
+# The search ends when it has had a run in every such step of rarity, a factor e of the probability, below the
+# most probable event that it knows.
 STEP = 1.0
 
 # Growth of the number of runs after which lengths and amplitude are learnt again. Learning takes as long as
@@ -69,7 +69,7 @@ BEYOND = 3.0
 EVEN = 0.25
 
 # Runs are aimed at every point where the surrogate's probability is at least this, whatever the point weighs.
-CORE = 0.05
+CORE = 0.1
 
 # Runs are also aimed at points where the probability is at least this, if their weight is within a limit. The
 # limit is this multiple of the mean weight of the points of the core. It is needed because the surrogate's
@@ -97,10 +97,11 @@ UNSEEN_ALPHA = 0.05
 # ---- the Gaussian process
 
 # Log-normal priors of the lengths, in normal scores, and of the amplitude, in units of the probit: median and
-# standard deviation of the logarithm. The prior of the lengths is narrow because runs on one stretch of a
-# boundary say little about them.
-LENGTH, LENGTH_SPREAD = 2.5, 0.4
-AMPLITUDE, AMPLITUDE_SPREAD = 6.0, 0.8
+# standard deviation of the logarithm. The median of the lengths is for one dimension; in d dimensions it is
+# sqrt(d) times as large, as distances are. The amplitude is large because the flags of a deterministic system
+# have no noise, for which the probit stands.
+LENGTH, LENGTH_SPREAD = 1.5, 0.7
+AMPLITUDE, AMPLITUDE_SPREAD = 20.0, 0.8
 
 # Where the logarithms of the lengths and of the amplitude are sought, and most iterations of the search,
 # which is repeated when there are more runs.

@@ -170,7 +170,7 @@ class EventSurrogate:
     """
 
     def __init__(self, dimension: int) -> None:
-        self.theta = np.log([*[LENGTH] * dimension, AMPLITUDE])
+        self.theta = np.log([*[LENGTH * math.sqrt(dimension)] * dimension, AMPLITUDE])
         self.sites = np.empty((2, 0))
         self._kept = np.arange(0)
         self._centre = self.theta.copy()

@@ -90,7 +90,7 @@ class Sampler:
         self,
         dimension: int,
         generator: np.random.Generator,
-        batch_size: int = 10,
+        batch_size: int = 5,
         *,
         fingerprint: str,
         certificate: Certificate = BY_DEFAULT,
@@ -150,7 +150,7 @@ class Sampler:
         if isinstance(batch, WideBatch):
             self._looked(len(batch.z), REACH)
         else:
-            progress.searched = 0 if rarest < progress.rarest else progress.searched + len(batch.z)
+            progress.searched += len(batch.z) / max(progress.rarest, STEP)
         progress.rarest = rarest
 
     def _looked(self, runs: float, reach: float) -> None:
@@ -237,11 +237,9 @@ class Sampler:
         return ApproachBatch(z)
 
     def _is_searching(self) -> bool:
-        """Whether the search goes on: until a while after it found an event more probable than all before."""
+        """Whether the search goes on: until it has looked long enough for an event more probable than all."""
         progress = self.progress
-        return not progress.happened.any() or (
-            not progress.estimates and progress.searched < progress.rarest / STEP
-        )
+        return not progress.happened.any() or (not progress.estimates and progress.searched < 1 / STEP)
 
     def _pool(self, size: int) -> Pool:
         """Return points of the first phase with their weights, the surrogate there, and the defensive law."""

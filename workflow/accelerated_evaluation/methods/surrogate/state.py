@@ -59,7 +59,7 @@ class Progress:
     centres
         Points about which the next pool is drawn, shape (k, d); None before the first pool.
     searched
-        Number of runs of the search since it found an event more probable than all before.
+        Runs of the search for each unit of rarity, up to ``rarest``.
     rarest
         Rarity up to which the search goes: that of the most probable event that it knows.
     learnt_at
@@ -73,7 +73,7 @@ class Progress:
     estimates: list[BatchEstimate] = field(default_factory=list)
     pending: Batch | None = None
     centres: Array | None = None
-    searched: int = 0
+    searched: float = 0.0
     rarest: float = REACH
     learnt_at: int = 0
 
