@@ -5,7 +5,7 @@
 # calibration and the scores of all laws on records that they have not seen, what the quality of the data does to the
 # answer, and what happens in the likeliest crashes and the nearest records.
 
-from math import ceil
+from accelerated_evaluation.fitting.support import Support
 
 NO_EVENTS = {name: [] for name in config["answer"]["events"]}
 ANSWERED = {
@@ -25,16 +25,9 @@ ANSWERED = {
         ),
     ]
 }
-SUPPORT = {  # of the smooth laws: where the records lie
-    "lead_speeds": [
-        float(config["filters"][end]) for end in ("lead_speed_min", "lead_speed_max")
-    ],
-    "range_max": float(config["filters"]["range_max"]),
-    "closing_top": float(ceil(config["models"]["closing_speed_max"])),
-    "segment_edges": [
-        float(edge) for edge in config["segments"]["lead_speed_edges"][1:-1]
-    ],
-}
+SUPPORT = Support.configured(
+    config
+).content()  # of the smooth laws: where the records lie
 LAW_TABLES = {  # by job, so that they can run beside each other
     "answer": [
         "answer",
