@@ -60,11 +60,13 @@ for _name, _description in ANSWERED.items():
             map_of(_description, "logs/map_crashes.log"),
         benchmark:
             map_of(_description, "benchmarks/map_crashes.tsv")
-        threads: 1
+        threads: WORKERS
         resources:
             mem_mb=2000,
         params:
             mapped=_description,
+            vehicle=section_of(_description["vehicle"], _description["parameters"]),
+            simulations=SIMULATIONS,
         message:
             f"Mapping the crashes of {_description['vehicle']} without a cap on closing speeds"
         script:
@@ -95,16 +97,17 @@ for _job, _tables in LAW_TABLES.items():
             log_of(f"study_laws_{_job}.log"),
         benchmark:
             benchmark_of(f"study_laws_{_job}.tsv")
-        threads: 1
+        threads: WORKERS
         resources:
             mem_mb=3000,
         params:
             seed=config["seed"],
             vehicles={
-                name: [description["vehicle"], description["parameters"]]
+                name: section_of(description["vehicle"], description["parameters"])
                 for name, description in ANSWERED.items()
             },
             vehicle_content=VEHICLE_CONTENT,
+            simulations=SIMULATIONS,
             answer=part(config["answer"], "draws", "quality_draws"),
             support=SUPPORT,
             outlier_rows=SOURCE["outlier_rows"],
@@ -137,20 +140,20 @@ rule replay_encounters:
         log_of("replay_encounters.log"),
     benchmark:
         benchmark_of("replay_encounters.tsv")
-    threads: 1
+    threads: WORKERS
     resources:
         mem_mb=2000,
     params:
         seed=config["seed"],
         tested="under test",
         vehicles={
-            name.replace("under_test", "under test"): [
-                description["vehicle"],
-                description["parameters"],
-            ]
+            name.replace("under_test", "under test"): section_of(
+                description["vehicle"], description["parameters"]
+            )
             for name, description in ANSWERED.items()
         },
         vehicle_content=VEHICLE_CONTENT,
+        simulations=SIMULATIONS,
     message:
         "Replaying the likeliest crashes and the nearest records"
     script:
