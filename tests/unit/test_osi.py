@@ -1,4 +1,4 @@
-"""Cut-ins in traces of ASAM OSI: planted ones are found, lanes go on under other numbers, bad input is told."""
+"""Cut-ins in traces of ASAM OSI: planted ones are found, lanes change their numbers, bad input is told."""
 
 import copy
 import sys
