@@ -126,19 +126,28 @@ def one_message(folder, **changes):
             moving = osi_trace.vehicle(row, 0.0)
             if changes.get("laneId") == 0:
                 moving.moving_object_classification = betterosi.MovingObject.MovingObjectClassification()
+            if "without" in changes:
+                setattr(moving.base, changes["without"], None)
             stamp = betterosi.Timestamp(seconds=frame // 25, nanos=40_000_000 * (frame % 25))
             writer.add(betterosi.GroundTruth(timestamp=stamp, moving_object=[moving]))
 
 
-def test_a_vehicle_alone_is_no_error(tmp_path):
+def test_a_vehicle_alone_and_a_message_without_one_are_no_errors(tmp_path):
     one_message(tmp_path)
+    with betterosi.Writer(str(tmp_path / "b_gt.osi")) as writer:
+        writer.add(betterosi.GroundTruth(timestamp=betterosi.Timestamp(seconds=1)))
+    with pytest.raises(InputError, match=r"b_gt\.osi: seen 0 positions of vehicles"):
+        extract(tmp_path)
+    (tmp_path / "b_gt.osi").unlink()
     assert extract(tmp_path).empty
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"laneId": 0}, r"a\.mcap: seen 50 positions of vehicles, of which none has a lane"),
+        ({"laneId": 0}, r"a\.mcap: seen 50 positions of vehicles, of which none is complete"),
+        ({"without": "orientation"}, r"of which none is complete; .*orientation and assigned_lane_id"),
+        ({"without": "velocity"}, "of which none is complete"),
         ({"xVelocity": 108.0}, r"a\.mcap: seen changes of position .* in the ratio 0\.278"),
     ],
 )

@@ -95,9 +95,9 @@ def _require_use(where: str, counts: Mapping[str, float]) -> None:
     if not counts["used"]:
         raise InputError(
             where,
-            seen=f"{counts['read']:,.0f} positions of vehicles, of which none has a lane",
-            expected="GroundTruth messages with moving objects and their assigned_lane_id",
-            change="Let the tool that wrote the trace assign lanes.",
+            seen=f"{counts['read']:,.0f} positions of vehicles, of which none is complete",
+            expected="moving objects with position, velocity, orientation and assigned_lane_id",
+            change="Let the tool that wrote the trace give all four.",
         )
     require_agreement(
         where,
@@ -122,7 +122,8 @@ def _read_trace(connection: "DuckDBPyConnection", file: Path) -> None:
         for one in vehicles:
             if one.vehicle_classification:
                 classes.setdefault(one.id.value, one.vehicle_classification.type.name)
-        rows += _rows_of(message, vehicles, lanes or {}, driven)
+        if vehicles:
+            rows += _rows_of(message, vehicles, lanes or {}, driven)
         if len(rows) >= BATCH:
             _store(connection, rows)
     _store(connection, rows)
@@ -180,22 +181,27 @@ def _rows_of(
         Distance [m] and last position [m] of each vehicle.
     """
     time = 1000 * message.timestamp.seconds + round(message.timestamp.nanos / 1e6)
-    of = [(one.base.position, one.base.velocity, one.base.orientation) for one in vehicles]
-    x, y, yaw, speed_x, speed_y = (
-        np.array([(place.x, place.y, turn.yaw, speed.x, speed.y) for place, speed, turn in of])
-        .reshape(-1, 5)
-        .T
-    )
+    numbers = np.array([_numbers(one) for one in vehicles]).reshape(-1, 6).T
+    x, y, yaw, speed_x, speed_y, length = numbers
     lane = [_lane(one, lanes) for one in vehicles]
-    host, range_ = _hosts(x, y, yaw, np.array([one.base.dimension.length for one in vehicles]), lane)
+    host, range_ = _hosts(x, y, yaw, length, lane)
     velocity = speed_x * np.cos(yaw) + speed_y * np.sin(yaw)
     for i, one in enumerate(vehicles):
         number = one.id.value
         before, x_before, y_before = driven.get(number, (0.0, x[i], y[i]))
         moved = (x[i] - x_before) * np.cos(yaw[i]) + (y[i] - y_before) * np.sin(yaw[i])
-        driven[number] = (before + moved, x[i], y[i])
+        if np.isfinite(moved):
+            driven[number] = (before + moved, x[i], y[i])
         behind = None if host[i] < 0 else vehicles[host[i]].id.value
         yield number, time, lane[i], before + moved, velocity[i], behind, range_[i]
+
+
+def _numbers(one: "MovingObject") -> list[float]:
+    """Return x, y [m], yaw [rad], velocity in x and y [m/s], length [m]; NaN for what is left out."""
+    base = one.base
+    parts = (base.position, "x"), (base.position, "y"), (base.orientation, "yaw")
+    parts += (base.velocity, "x"), (base.velocity, "y"), (base.dimension, "length")
+    return [np.nan if part is None else getattr(part, name) for part, name in parts]
 
 
 def _lane(one: "MovingObject", lanes: Mapping[int, int]) -> int | None:
@@ -210,10 +216,10 @@ def _hosts(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the index of the vehicle behind each in its lane, -1 for none, and the range to it [m]."""
     along = np.cos(yaw) * (x[:, None] - x) + np.sin(yaw) * (y[:, None] - y)  # of row, ahead of column
-    same = np.array([[a is not None and a == b for b in lane] for a in lane]).reshape(along.shape)
+    same = np.array([[a is not None and a == b for b in lane] for a in lane])
     is_behind = same & (along > 0) & (np.cos(yaw[:, None] - yaw) > 0)
     distance = np.where(is_behind, along, np.inf)
-    host = np.argmin(distance, axis=1) if x.size else np.empty(0, int)
+    host = np.argmin(distance, axis=1)
     nearest = distance[np.arange(x.size), host]
     found = np.isfinite(nearest)
     range_ = np.where(found, nearest - (length + length[host]) / 2, np.nan)
