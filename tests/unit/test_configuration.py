@@ -215,7 +215,10 @@ INCONSISTENT = {
     "tried edges too high": ({"sensitivity__lead_speed_edges": [[5, 35], [6, 35]]}, "from lead_speed_min or"),
     "tried edges too low": ({"sensitivity__lead_speed_edges": [[5, 34]]}, "to lead_speed_max or above"),
     "tried edges that fall": ({"sensitivity__lead_speed_edges": [[5, 25, 15, 35]]}, "increasing order"),
-    "unknown source": ({"data__source": "smpd"}, "a source of records: one of highd, spmd, spmd_raw, table"),
+    "unknown source": (
+        {"data__source": "smpd"},
+        "source of records: one of highd, osi, spmd, spmd_raw",
+    ),
     "outliers of a sample": ({"data__sample": 1000}, "no outlier rows with a sample"),
     "no table": ({"data__source": "table"}, "the path of the table"),
     "unknown distribution": (

@@ -3,6 +3,7 @@
 import csv
 import re
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
@@ -145,6 +146,30 @@ def test_the_folder_holds_all_that_the_page_names(exported):
     assert cli.main([*again, "--size", "45"]) == 0
     same = {path.name: path.read_bytes() for path in (folder / "again").iterdir()}
     assert same == {path.name: path.read_bytes() for path in (folder / "set").iterdir()}
+
+
+def test_a_scenario_has_the_cut_in_of_the_table_when_the_car_crosses_the_marking(exported):
+    """Played by hand: constant speeds, and half of the lane change at the moment."""
+    table = pd.read_csv(exported[0] / "set" / "scenarios.csv")
+    for row in table.to_dict("records")[::5]:
+        tree = ElementTree.parse(exported[0] / "set" / row["file"])
+        moment = float(tree.find(".//Property[@name='moment']").get("value"))
+        place, speed, lane = {}, {}, {}
+        for car in ("host", "lead"):
+            own = tree.find(f".//Init/Actions/Private[@entityRef='{car}']")
+            place[car] = float(own.find(".//LanePosition").get("s"))
+            lane[car] = own.find(".//LanePosition").get("laneId")
+            speed[car] = float(own.find(".//AbsoluteTargetSpeed").get("value"))
+        change = tree.find(".//ManeuverGroup//LaneChangeAction")
+        begins = float(tree.find(".//Event//SimulationTimeCondition").get("value"))
+        takes = float(change.find("LaneChangeActionDynamics").get("value"))
+        assert begins + takes / 2 == pytest.approx(moment)
+        assert change.find(".//AbsoluteTargetLane").get("value") == lane["host"] != lane["lead"]
+        apart = place["lead"] - place["host"]
+        box = tree.find(".//ScenarioObject[@name='lead']//Dimensions")
+        assert apart - moment * row["closing_speed"] - float(box.get("length")) == pytest.approx(row["range"])
+        assert (speed["lead"], speed["host"]) == pytest.approx((row["lead_speed"], row["host_speed"]))
+        assert len(tree.findall(".//Event")) == 1
 
 
 def test_every_exported_file_is_valid_for_asams_checker(exported):

@@ -22,7 +22,7 @@ from accelerated_evaluation.encounters.sources import SOURCES
 from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.fitting.family import Events, Fitter, members_at
 from accelerated_evaluation.fitting.support import Support
-from accelerated_evaluation.methods import alone
+from accelerated_evaluation.truth import alone
 from motorway import CONFIGURATION, motorway_table
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -67,7 +67,7 @@ def test_the_estimate_alone_has_the_limits_of_the_records(motorway, monkeypatch)
     """The command ``estimate`` is given them in place of ``auto``, as the study is."""
     seen = []
 
-    def stop(config, replicates):
+    def stop(config, replicates, law):
         seen.append(config["filters"])
         raise InputError("here", seen="enough", expected="no more", change="Nothing.")
 

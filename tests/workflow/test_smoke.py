@@ -5,6 +5,12 @@ import re
 import signal
 import subprocess
 import time
+from pathlib import Path
+
+from accelerated_evaluation.configuration import load, resolved
+from accelerated_evaluation.laws.files import write_law
+from accelerated_evaluation.truth.alone import read_records
+from accelerated_evaluation.truth.chosen_law import choose_law
 
 DATA = "Safety Pilot Model Deployment (real events), a sample of 6,000"
 TABLES = (
@@ -95,6 +101,14 @@ def test_published_tables_say_what_the_data_are(finished):
     for path in (finished.folder / "figures" / "smoke" / "tables").glob("*.csv"):
         rows = path.read_text().splitlines()[1:]
         assert DATA in "".join(rows) or not rows, path
+
+
+def test_the_estimate_alone_is_under_the_law_of_the_answer(finished, tmp_path, monkeypatch):
+    monkeypatch.chdir(finished.folder)
+    config = resolved(load(["config/smoke.yaml"]))
+    _, law = choose_law("answer", read_records(config)[0], config)
+    write_law(tmp_path / "law.json", law)
+    assert (tmp_path / "law.json").read_bytes() == Path("results/smoke/laws/answer.json").read_bytes()
 
 
 def test_a_second_run_does_nothing(finished):

@@ -6,6 +6,8 @@ import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from threadpoolctl import threadpool_limits
+
 from accelerated_evaluation.errors import StudyError
 from accelerated_evaluation.files import is_disk_full
 
@@ -28,7 +30,9 @@ def job(log: str | os.PathLike) -> Iterator[None]:
     try:
         with open(log, "wb", buffering=0) as file:
             os.dup2(file.fileno(), 2)
-        yield
+        # A job has a thread for each worker of a slow vehicle, on which no digit of its algebra may depend.
+        with threadpool_limits(1, "blas"):
+            yield
     except StudyError as error:
         message = f"error: {error}\n"
     except SystemExit as error:

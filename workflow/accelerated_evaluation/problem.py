@@ -17,7 +17,6 @@ from accelerated_evaluation.encounters.contract import read_encounters
 from accelerated_evaluation.laws import CutIns, Factors, Law
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.vehicles.events import CRASH, Event
-from accelerated_evaluation.vehicles.loading import load_vehicle
 from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
 from accelerated_evaluation.vehicles.slow import loaded_for
 
@@ -151,24 +150,6 @@ class Problem:
         return Sample(*coordinates, log_ratio, self.event.happens(outcomes), outcomes)
 
 
-def load_problem(
-    law: str | os.PathLike, encounters: str | os.PathLike, vehicle: Mapping[str, Any]
-) -> Problem:
-    """Read a law and the encounters that it was fitted to, and put its cut-ins before a vehicle.
-
-    A slow vehicle is simulated as often as it is asked; `loaded_problem` keeps its outcomes.
-
-    Parameters
-    ----------
-    law, encounters
-        Law file and encounter table.
-    vehicle
-        ``name`` and ``parameters`` of the vehicle, as the configuration has them.
-    """
-    car = load_vehicle(vehicle["name"], **vehicle["parameters"])
-    return Problem(read_law(law, read_encounters(encounters)), car)
-
-
 @contextmanager
 def loaded_problem(
     law: str | os.PathLike,
@@ -176,12 +157,12 @@ def loaded_problem(
     vehicle: Mapping[str, Any],
     simulations: Mapping[str, Any],
 ) -> Iterator[Problem]:
-    """Read a law and the encounters as `load_problem` does; outcomes of a slow vehicle are kept in its store.
+    """Yield the cut-ins of a law put before a vehicle; outcomes of a slow vehicle are kept in its store.
 
     Parameters
     ----------
     law, encounters
-        Law file and encounter table.
+        Law file, and encounter table that it was fitted to.
     vehicle, simulations
         Sections of these names of the configuration.
     """

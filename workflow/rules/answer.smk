@@ -5,7 +5,7 @@
 # calibration and the scores of all laws on records that they have not seen, what the quality of the data does to the
 # answer, and what happens in the likeliest crashes and the nearest records.
 
-from math import ceil
+from accelerated_evaluation.fitting.support import Support
 
 NO_EVENTS = {name: [] for name in config["answer"]["events"]}
 ANSWERED = {
@@ -25,16 +25,9 @@ ANSWERED = {
         ),
     ]
 }
-SUPPORT = {  # of the smooth laws: where the records lie
-    "lead_speeds": [
-        float(config["filters"][end]) for end in ("lead_speed_min", "lead_speed_max")
-    ],
-    "range_max": float(config["filters"]["range_max"]),
-    "closing_top": float(ceil(config["models"]["closing_speed_max"])),
-    "segment_edges": [
-        float(edge) for edge in config["segments"]["lead_speed_edges"][1:-1]
-    ],
-}
+SUPPORT = Support.configured(
+    config
+).content()  # of the smooth laws: where the records lie
 LAW_TABLES = {  # by job, so that they can run beside each other
     "answer": [
         "answer",
@@ -67,11 +60,13 @@ for _name, _description in ANSWERED.items():
             map_of(_description, "logs/map_crashes.log"),
         benchmark:
             map_of(_description, "benchmarks/map_crashes.tsv")
-        threads: 1
+        threads: WORKERS
         resources:
             mem_mb=2000,
         params:
             mapped=_description,
+            vehicle=section_of(_description["vehicle"], _description["parameters"]),
+            simulations=SIMULATIONS,
         message:
             f"Mapping the crashes of {_description['vehicle']} without a cap on closing speeds"
         script:
@@ -102,16 +97,17 @@ for _job, _tables in LAW_TABLES.items():
             log_of(f"study_laws_{_job}.log"),
         benchmark:
             benchmark_of(f"study_laws_{_job}.tsv")
-        threads: 1
+        threads: WORKERS
         resources:
             mem_mb=3000,
         params:
             seed=config["seed"],
             vehicles={
-                name: [description["vehicle"], description["parameters"]]
+                name: section_of(description["vehicle"], description["parameters"])
                 for name, description in ANSWERED.items()
             },
             vehicle_content=VEHICLE_CONTENT,
+            simulations=SIMULATIONS,
             answer=part(config["answer"], "draws", "quality_draws"),
             support=SUPPORT,
             outlier_rows=SOURCE["outlier_rows"],
@@ -144,20 +140,20 @@ rule replay_encounters:
         log_of("replay_encounters.log"),
     benchmark:
         benchmark_of("replay_encounters.tsv")
-    threads: 1
+    threads: WORKERS
     resources:
         mem_mb=2000,
     params:
         seed=config["seed"],
         tested="under test",
         vehicles={
-            name.replace("under_test", "under test"): [
-                description["vehicle"],
-                description["parameters"],
-            ]
+            name.replace("under_test", "under test"): section_of(
+                description["vehicle"], description["parameters"]
+            )
             for name, description in ANSWERED.items()
         },
         vehicle_content=VEHICLE_CONTENT,
+        simulations=SIMULATIONS,
     message:
         "Replaying the likeliest crashes and the nearest records"
     script:

@@ -86,7 +86,10 @@ try:
 except StudyError as error:
     raise WorkflowError(str(error)) from None
 VEHICLE_CONTENT = content_digest(VEHICLE_FILES)
-IS_SLOW = is_slow(VEHICLE, config["simulations"])
+IS_SLOW = any(
+    is_slow(name, config["simulations"])
+    for name in (VEHICLE, *config["compared_vehicles"])
+)
 # How many workers there are is the number of threads, an edit of which runs nothing again.
 WORKERS = config["simulations"]["workers"] if IS_SLOW else 1
 SIMULATIONS = {
@@ -156,6 +159,12 @@ def mapped(vehicle: str, parameters: dict, crash_map: dict) -> dict:
         "crash_map": crash_map,
         "seed": config["seed"],
     }
+
+
+def section_of(vehicle: str, parameters: dict) -> dict:
+    """A vehicle in the form of the section of the vehicle under test, which alone has further files."""
+    files = config["vehicle"]["files"] if vehicle == VEHICLE else []
+    return {"name": vehicle, "parameters": parameters, "files": files}
 
 
 def map_of(description: dict, name: str) -> str:

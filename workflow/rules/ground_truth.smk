@@ -21,11 +21,13 @@ rule map_crashes:
         map_of(MAPPED, "logs/map_crashes.log"),
     benchmark:
         map_of(MAPPED, "benchmarks/map_crashes.tsv")
-    threads: 1
+    threads: WORKERS
     resources:
         mem_mb=2000,
     params:
         mapped=MAPPED,
+        vehicle=config["vehicle"],
+        simulations=SIMULATIONS,
     message:
         "Mapping the crashes of {params.mapped[vehicle]}"
     script:
@@ -83,14 +85,15 @@ rule study_sensitivity:
         log_of("study_sensitivity.log"),
     benchmark:
         benchmark_of("study_sensitivity.tsv")
-    threads: 1
+    threads: WORKERS
     resources:
         mem_mb=2000,
     params:
         seed=config["seed"],
         variant=MODEL,
-        vehicle=part(config["vehicle"], "name", "parameters"),
+        vehicle=config["vehicle"],
         vehicle_content=VEHICLE_CONTENT,
+        simulations=SIMULATIONS,
         sensitivity=config["sensitivity"] | part(SOURCE, "outlier_rows"),
     message:
         "Studying what the crash probability depends on"

@@ -18,7 +18,7 @@ rule inspect_records:
     benchmark:
         benchmark_of("inspect_records.tsv")
     priority: 100  # what is wrong with the records is known first
-    threads: 1
+    threads: WORKERS
     resources:
         mem_mb=1000,
     params:
@@ -27,8 +27,9 @@ rule inspect_records:
         data=config["data"],
         filters=config["filters"],
         segments=config["segments"],
-        vehicle=part(config["vehicle"], "name", "parameters"),
+        vehicle=config["vehicle"],
         vehicle_content=VEHICLE_CONTENT,
+        simulations=SIMULATIONS,
     message:
         "Checking the records: {params.data[source]}"
     script:

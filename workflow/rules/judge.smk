@@ -20,13 +20,14 @@ rule run_crude_monte_carlo:
         log_of("run_crude_monte_carlo.log"),
     benchmark:
         benchmark_of("run_crude_monte_carlo.tsv")
-    threads: 1
+    threads: WORKERS
     resources:
         mem_mb=1000,
     params:
         seed=config["seed"],
         vehicle=config["vehicle"],
         vehicle_content=VEHICLE_CONTENT,
+        simulations=SIMULATIONS,
         crude_monte_carlo=config["crude_monte_carlo"],
         alpha=config["importance_sampling"]["alpha"],
         checkpoint=result("crude_checkpoint.json"),
@@ -63,13 +64,14 @@ rule study_coverage:
         log_of("study_coverage", "{judged}.log"),
     benchmark:
         benchmark_of("study_coverage", "{judged}.tsv")
-    threads: 1
+    threads: WORKERS
     resources:
         mem_mb=1000,
     params:
         seed=config["seed"],
         vehicle=config["vehicle"],
         vehicle_content=VEHICLE_CONTENT,
+        simulations=SIMULATIONS,
         stopping=part(
             config["importance_sampling"],
             "alpha",

@@ -9,14 +9,14 @@ from accelerated_evaluation.randomness import child_generator
 from accelerated_evaluation.truth.crash_map import Grid, write_crash_map
 from accelerated_evaluation.truth.mapping import map_crashes
 from accelerated_evaluation.vehicles.events import events_from
-from accelerated_evaluation.vehicles.loading import load_vehicle
+from accelerated_evaluation.vehicles.protocol import Vehicle
+from accelerated_evaluation.vehicles.slow import loaded_for
 
 FACTORS = {"quarter": 0.25, "half": 0.5, "full": 1.0}
 
 
-def main(problem: Mapping[str, Any], outputs: Mapping[str, str]) -> None:
+def main(problem: Mapping[str, Any], vehicle: Vehicle, outputs: Mapping[str, str]) -> None:
     """Write the map with all events as ``full``, and those of crashes alone as ``half`` and ``quarter``."""
-    vehicle = load_vehicle(problem["vehicle"], **problem["parameters"])
     grid = Grid(**problem["limits"], **problem["crash_map"]["grid"])
     for name in FACTORS.keys() & outputs.keys():
         events = events_from(problem["crash_map"]["events"]) if name == "full" else []
@@ -27,4 +27,6 @@ def main(problem: Mapping[str, Any], outputs: Mapping[str, str]) -> None:
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
-        main(snakemake.params.mapped, dict(snakemake.output.items()))
+        params = snakemake.params
+        with loaded_for(params.vehicle, params.simulations | {"workers": snakemake.threads}) as vehicle:
+            main(params.mapped, vehicle, dict(snakemake.output.items()))

@@ -11,20 +11,23 @@ from accelerated_evaluation.methods.crude import (
     fingerprint,
     simulate_batches,
 )
-from accelerated_evaluation.problem import load_problem
+from accelerated_evaluation.problem import loaded_problem
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
         params, settings = snakemake.params, snakemake.params.crude_monte_carlo
         # The checkpoint is of use for the very same inputs and settings alone.
         depends_on = {"seed": params.seed, "vehicle": params.vehicle, "batch_size": settings["batch_size"]}
-        batches = simulate_batches(
-            load_problem(snakemake.input.model, snakemake.input.encounters, params.vehicle),
-            Checkpoint(params.checkpoint, fingerprint(snakemake.input, depends_on)),
-            seed=params.seed,
-            batches=math.ceil(settings["simulations"] / settings["batch_size"]),
-            batch_size=settings["batch_size"],
-            save_every=settings["save_every"],
-        )
+        simulations = params.simulations | {"workers": snakemake.threads}
+        files = snakemake.input
+        with loaded_problem(files.model, files.encounters, params.vehicle, simulations) as problem:
+            batches = simulate_batches(
+                problem,
+                Checkpoint(params.checkpoint, fingerprint(files, depends_on)),
+                seed=params.seed,
+                batches=math.ceil(settings["simulations"] / settings["batch_size"]),
+                batch_size=settings["batch_size"],
+                save_every=settings["save_every"],
+            )
         write_csv(snakemake.output.course, crude_course(batches, params.alpha))
         write_csv(snakemake.output.estimates, crude_estimates(batches, params.alpha))

@@ -7,7 +7,7 @@ from accelerated_evaluation.files import write_csv
 from accelerated_evaluation.jobs import job
 from accelerated_evaluation.methods.cross_entropy.proposals import read_proposals
 from accelerated_evaluation.methods.estimate import Stopping
-from accelerated_evaluation.problem import load_problem
+from accelerated_evaluation.problem import loaded_problem
 from accelerated_evaluation.randomness import child_generator
 from accelerated_evaluation.truth.coverage import coverage_table
 from accelerated_evaluation.truth.coverage_study import coverage_replicates
@@ -16,15 +16,17 @@ if __name__ == "__main__":
     with job(snakemake.log[0]):
         files, params, method = snakemake.input, snakemake.params, snakemake.wildcards.judged
         exact = pd.read_csv(files.exact).set_index("segment").loc["all"]
-        replicates = coverage_replicates(
-            method,
-            load_problem(files.model, files.encounters, params.vehicle),
-            [read_proposals(path).factors for path in files.get("proposals", [])],
-            exact["probability"],
-            partial(child_generator, params.seed, "coverage", method),
-            Stopping(**params.stopping),
-            params.coverage,
-        )
+        simulations = params.simulations | {"workers": snakemake.threads}
+        with loaded_problem(files.model, files.encounters, params.vehicle, simulations) as problem:
+            replicates = coverage_replicates(
+                method,
+                problem,
+                [read_proposals(path).factors for path in files.get("proposals", [])],
+                exact["probability"],
+                partial(child_generator, params.seed, "coverage", method),
+                Stopping(**params.stopping),
+                params.coverage,
+            )
         write_csv(snakemake.output.replicates, replicates)
         verdicts = coverage_table(replicates, exact["probability"], exact["standard_error"])
         write_csv(snakemake.output.coverage, verdicts)

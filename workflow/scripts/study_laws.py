@@ -8,32 +8,33 @@ from accelerated_evaluation.laws.files import write_law
 from accelerated_evaluation.randomness import child_generator
 from accelerated_evaluation.truth.crash_map import read_crash_map
 from accelerated_evaluation.truth.law_study import LawStudy
-from accelerated_evaluation.vehicles.loading import load_vehicle
+from accelerated_evaluation.vehicles.slow import all_loaded
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
         files, params, outputs = snakemake.input, snakemake.params, dict(snakemake.output.items())
-        maps = dict(zip(params.vehicles, map(read_crash_map, files.maps), strict=True))
-        study = LawStudy.of(
-            read_encounters(files.encounters),
-            {name: load_vehicle(kind, **own) for name, (kind, own) in params.vehicles.items()},
-            maps,
-            params.answer["draws"],
-            child_generator(params.seed, "laws", "weigh"),
-            Support.of(params.support),
-        )
-        law = outputs.pop("law", None)
-        drawn = (name for name in outputs if name != "exposure")  # which is computed, and draws nothing
-        generator, tables = child_generator(params.seed, "laws", *drawn), {}
-        if "answer" in outputs:
-            study.resolve(maps, child_generator(params.seed, "laws", "resolve"))
-            tables = study.answers(read_json(files.exposure), params.half_width, generator)
-        if "laws" in outputs:
-            tables["laws"] = study.laws()
-        if "data_quality" in outputs:
-            draws = params.answer["quality_draws"]
-            tables["data_quality"] = study.quality(params.outlier_rows, draws, generator)
-        if law is not None:
-            write_law(law, study.representative())
+        with all_loaded(params.vehicles, params.simulations | {"workers": snakemake.threads}) as vehicles:
+            maps = dict(zip(params.vehicles, map(read_crash_map, files.maps), strict=True))
+            study = LawStudy.of(
+                read_encounters(files.encounters),
+                vehicles,
+                maps,
+                params.answer["draws"],
+                child_generator(params.seed, "laws", "weigh"),
+                Support.of(params.support),
+            )
+            law = outputs.pop("law", None)
+            drawn = (name for name in outputs if name != "exposure")  # which is computed, and draws nothing
+            generator, tables = child_generator(params.seed, "laws", *drawn), {}
+            if "answer" in outputs:
+                study.resolve(maps, child_generator(params.seed, "laws", "resolve"))
+                tables = study.answers(read_json(files.exposure), params.half_width, generator)
+            if "laws" in outputs:
+                tables["laws"] = study.laws()
+            if "data_quality" in outputs:
+                draws = params.answer["quality_draws"]
+                tables["data_quality"] = study.quality(params.outlier_rows, draws, generator)
+            if law is not None:
+                write_law(law, study.representative())
         for name, path in outputs.items():
             write_csv(path, tables[name])

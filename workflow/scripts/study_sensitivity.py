@@ -8,7 +8,7 @@ from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.randomness import child_generator
 from accelerated_evaluation.truth.crash_map import read_crash_map
 from accelerated_evaluation.truth.sensitivity import study_cap, study_sensitivity
-from accelerated_evaluation.vehicles.loading import load_vehicle
+from accelerated_evaluation.vehicles.slow import loaded_for
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
@@ -20,11 +20,12 @@ if __name__ == "__main__":
         full, half = read_crash_map(files.full), read_crash_map(files.half)
         choices = study_sensitivity(full, models, params.variant, encounters, params.sensitivity)
         # A cap on the closing speeds changes the map; each is studied with a map at half resolution.
-        caps = study_cap(
-            load_vehicle(params.vehicle["name"], **params.vehicle["parameters"]),
-            half,
-            models[params.variant],
-            params.sensitivity["closing_speed_max"],
-            child_generator(params.seed, "sensitivity", "cap"),
-        )
+        with loaded_for(params.vehicle, params.simulations | {"workers": snakemake.threads}) as vehicle:
+            caps = study_cap(
+                vehicle,
+                half,
+                models[params.variant],
+                params.sensitivity["closing_speed_max"],
+                child_generator(params.seed, "sensitivity", "cap"),
+            )
         write_csv(snakemake.output.sensitivity, pd.concat([choices, caps], ignore_index=True))

@@ -96,6 +96,13 @@ def _add_new(command: argparse.ArgumentParser) -> None:
         "--batch-size", type=int, default=10, metavar="N", help="runs asked for at once (default: 10)"
     )
     add_seed(command)
+    limits = command.add_argument_group("limits of the proving ground, none by default; see docs/campaign.md")
+    for name, unit, what in (
+        ("host-speed-max", "m/s", "highest host speed"),
+        ("closing-speed-max", "m/s", "highest closing speed"),
+        ("range-min", "m", "least range"),
+    ):
+        limits.add_argument(f"--{name}", type=float, metavar="X", help=f"{what} at the cut-in [{unit}]")
 
 
 def _add_ask(command: argparse.ArgumentParser) -> None:
@@ -114,6 +121,7 @@ def _add_tell(command: argparse.ArgumentParser) -> None:
 def _new(arguments: argparse.Namespace) -> None:
     from accelerated_evaluation.track.campaign import Campaign
     from accelerated_evaluation.track.campaign_file import source_of, stopping, write_campaign
+    from accelerated_evaluation.track.limits import Limits
 
     if arguments.campaign.exists():
         change = "Name another file, or remove this one if its campaign is over."
@@ -130,8 +138,11 @@ def _new(arguments: argparse.Namespace) -> None:
         stopping(arguments.confidence, arguments.half_width),
         batch_size=arguments.batch_size,
         seed=arguments.seed,
+        limits=Limits(arguments.host_speed_max, arguments.closing_speed_max, arguments.range_min),
     )
     write_campaign(arguments.campaign, campaign)
+    if campaign.limits:
+        print(f"{campaign.beyond:.2g} of all cut-ins of the law lie beyond {campaign.limits.in_words}")
     print(
         f"began {arguments.campaign}; next: accelerated-evaluation campaign ask {arguments.campaign} FOLDER"
     )

@@ -8,21 +8,32 @@ from typing import TYPE_CHECKING
 from accelerated_evaluation.commands import COMMANDS
 
 if TYPE_CHECKING:  # takes seconds, which --help can do without
-    from accelerated_evaluation.methods.alone import Alone
+    from accelerated_evaluation.truth.alone import Alone
 
 DESCRIPTION = """\
 Estimate the crash probability of a cut-in by the surrogate-guided method alone, which takes some 300
 simulations: without crash maps and crude Monte Carlo, which take millions. For a slow vehicle: a command in
 any language, an FMU, or a Python class. docs/your_vehicle.md shows all three.
 
-The configuration is that of a study; it says which records, which law and which vehicle. Outcomes are kept in
+The configuration is that of a study; it says which records and which vehicle. Outcomes are kept in
 results/vehicles/, so that a run that was stopped, or is repeated, simulates no encounter twice.
 
+laws of cut-ins (--law):
+  answer          the smooth law with dependence that the records bear out best, on which the answer of the
+                  study rests; all laws of the family are fitted and weighed, in seconds (default)
+  paper           the paper's law, with the pieces that the configuration names; also two_pieces,
+                  three_pieces and single
+  NAME            one law of the family, such as 'two kinds 0.95'; a name that is not known lists them all
+  FILE.json       a law of a finished study, results/STUDY/laws/answer.json or results/STUDY/models/*.json;
+                  the configuration has to be that of this study
+The interval is that of the sampling: it says how well the simulations have found the probability under this
+one law. What the records leave open about the law is not in it; the whole study says that.
+
 files written to results/STUDY/estimate/:
-  estimate.csv    probability, ci_low, ci_high, simulations; one row a replicate
+  estimate.csv    probability, ci_low, ci_high, simulations, law; one row a replicate
   runs.csv        every simulation: its cut-in, its phase, and whether it crashed
   account.csv     what became of every record
-  law.json        the law of cut-ins that was fitted to the records"""
+  law.json        the law of cut-ins"""
 
 
 def _count(text: str) -> int:
@@ -43,7 +54,7 @@ class EstimateAlone:
 
     @staticmethod
     def add_arguments(command: argparse.ArgumentParser) -> None:
-        """Add the configuration and the number of replicates."""
+        """Add the configuration, the law and the number of replicates."""
         command.add_argument(
             "--config",
             metavar="FILE",
@@ -51,6 +62,9 @@ class EstimateAlone:
             action="append",
             default=[],
             help="what differs from config/config.yaml; a later file overrules an earlier one",
+        )
+        command.add_argument(
+            "--law", metavar="LAW", default="answer", help="law of cut-ins, see above (default: %(default)s)"
         )
         command.add_argument(
             "--replicates",
@@ -66,10 +80,10 @@ class EstimateAlone:
         from accelerated_evaluation.configuration import load, resolved
         from accelerated_evaluation.files import write_csv
         from accelerated_evaluation.laws.files import write_law
-        from accelerated_evaluation.methods.alone import estimate_alone
+        from accelerated_evaluation.truth.alone import estimate_alone
 
         config = resolved(load(arguments.config))
-        found = estimate_alone(config, arguments.replicates)
+        found = estimate_alone(config, arguments.replicates, arguments.law)
         folder = Path("results", config["study"], "estimate")
         for name, table in found.tables.items():
             write_csv(folder / f"{name}.csv", table)
@@ -79,13 +93,13 @@ class EstimateAlone:
 
 def _told(found: "Alone", level: float) -> str:
     """Return the estimates, and what they took, in lines of text."""
-    lines = []
+    lines = [f"law of cut-ins: {found.name}"]
     for row in found.tables["estimate"].to_dict("records"):
         verdict = "converged" if row["converged"] else "not converged"
         probability = "not known yet" if math.isnan(row["probability"]) else f"{row['probability']:.3g}"
         lines.append(
-            f"crash probability of a cut-in: {probability}, {level:.0%} interval "
-            f"{row['ci_low']:.2g} to {row['ci_high']:.2g}; {verdict} after "
+            f"crash probability of a cut-in under this law: {probability}, {level:.0%} interval of the "
+            f"sampling alone {row['ci_low']:.2g} to {row['ci_high']:.2g}; {verdict} after "
             f"{row['learning'] + row['estimating']:,} encounters, {row['events']:,} of them crashes"
         )
     if (vehicle := found.vehicle) is not None:

@@ -49,16 +49,16 @@ class Inspect:
         from accelerated_evaluation.encounters.told import told
         from accelerated_evaluation.files import write_csv
         from accelerated_evaluation.randomness import child_generator
-        from accelerated_evaluation.vehicles.loading import load_vehicle
+        from accelerated_evaluation.vehicles.slow import loaded_for
 
         is_config = arguments.records.suffix.lower() in (".yaml", ".yml")
         config = resolved(load([arguments.records]) if is_config else load(given=_table(arguments.records)))
         vehicle = config["vehicle"]
         if arguments.vehicle is not None:
-            vehicle = {"name": arguments.vehicle, "parameters": {}}
+            vehicle = {"name": arguments.vehicle, "parameters": {}, "files": []}
         raw = read_source(config["data"], child_generator(config["seed"], "sample"))
-        simulate = load_vehicle(vehicle["name"], **vehicle["parameters"]).simulate
-        report = inspect_records(Records.of(raw, config, simulate))
+        with loaded_for(vehicle, config["simulations"]) as car:
+            report = inspect_records(Records.of(raw, config, car.simulate))
         print(told_limits(config), told(report), sep="\n")
         if arguments.report is not None:
             write_csv(arguments.report, report)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,17 @@ class Support:
         """Make it from what `content` returned."""
         tuples = {name: tuple(value) for name, value in content.items() if isinstance(value, list)}
         return cls(**content | tuples)
+
+    @classmethod
+    def configured(cls, config: Mapping[str, Any]) -> "Support":
+        """Return the limits within which a complete configuration keeps records."""
+        filters = config["filters"]
+        return cls(
+            (float(filters["lead_speed_min"]), float(filters["lead_speed_max"])),
+            float(filters["range_max"]),
+            float(ceil(config["models"]["closing_speed_max"])),
+            tuple(float(edge) for edge in config["segments"]["lead_speed_edges"][1:-1]),
+        )
 
     def content(self) -> dict[str, Any]:
         """Return what a file holds of it."""

@@ -19,6 +19,7 @@ from accelerated_evaluation.fitting.conditional import (
     speed_grid,
 )
 from accelerated_evaluation.fitting.excess import Excess
+from accelerated_evaluation.fitting.family import Family, Member
 from accelerated_evaluation.fitting.shapes import SHAPES
 from accelerated_evaluation.fitting.smooth_hazard import SmoothHazard
 from accelerated_evaluation.fitting.support import SUPPORT, Support
@@ -132,6 +133,24 @@ class DependentLaw(Law):
     lead_speeds: Mapping[str, Empirical] = field(compare=False)
     closing_speed_max: float = math.inf
     support: Support = SUPPORT
+
+    @classmethod
+    def fitted(cls, family: Family, member: Member, encounters: pd.DataFrame, support: Support) -> Self:
+        """Return one law of a fitted family, which is called by its name.
+
+        Parameters
+        ----------
+        family, member
+            The fit, and which of its laws.
+        encounters
+            Encounter table that it was fitted to; segments and lead speeds are taken from it.
+        support
+            Limits of the records.
+        """
+        segments = encounters.groupby("segment")["lead_speed"].agg(["min", "size"]).sort_values("min")
+        counts = {segment: int(size) for segment, size in segments["size"].items()}
+        speeds = recorded_lead_speeds(encounters, counts)
+        return cls(member.name, counts, family.ranges, family.law(member), speeds, support=support)
 
     @property
     def shares(self) -> dict[str, float]:

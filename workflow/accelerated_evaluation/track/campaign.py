@@ -3,13 +3,14 @@
 The sampler of few simulations (`methods.surrogate`) chooses the runs batch by batch. Real runs come back one
 by one, in any order and over weeks, so a campaign keeps what was told of a batch until the batch is whole,
 and only then hands it to the sampler.
+
+A proving ground cannot drive every cut-in. Where a campaign has limits, its event is the event within them.
+A run that the sampler chooses beyond them needs no driving: no event within the limits happens there.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Self
-
-import numpy as np
+from typing import Self
 
 from accelerated_evaluation.encounters.contract import read_encounters
 from accelerated_evaluation.errors import InputError
@@ -18,33 +19,13 @@ from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.randomness import child_generator
+from accelerated_evaluation.track.limits import UNLIMITED, Limits, require_limits
 from accelerated_evaluation.track.scenarios import Scenario
+from accelerated_evaluation.track.told import BEYOND, Told, outcomes_of, told_in_words
 from accelerated_evaluation.vehicles.events import Event
-from accelerated_evaluation.vehicles.protocol import Outcomes
 
 SMALLEST_BATCH, LARGEST_BATCH = 2, 500
-
-
-@dataclass(frozen=True)
-class Told:
-    """What is known of a run that was driven.
-
-    Attributes
-    ----------
-    crash
-        Whether the cars touched.
-    min_range, min_ttc, impact_speed
-        Smallest range [m], smallest time to collision [s] and closing speed at the crash [m/s]; None where it
-        was not measured.
-    note
-        Anything that the people on the track want to remember.
-    """
-
-    crash: bool
-    min_range: float | None = None
-    min_ttc: float | None = None
-    impact_speed: float | None = None
-    note: str = ""
+MOST_EMPTY = 100  # batches in a row without a run within the limits
 
 
 @dataclass
@@ -95,8 +76,10 @@ class Campaign:
         How narrow the interval has to be.
     sampler
         Chooses the runs.
+    limits, beyond
+        What can be driven, and the probability of a cut-in beyond.
     runs
-        All that were asked for, by their numbers.
+        All that the sampler chose, by their numbers; those beyond the limits are told from the start.
     """
 
     law: Source
@@ -105,11 +88,21 @@ class Campaign:
     event: Event
     goal: Stopping
     sampler: Sampler
+    limits: Limits = UNLIMITED
+    beyond: float = 0.0
     runs: list[Run] = field(default_factory=list)
 
     @classmethod
     def begin(
-        cls, law: Source, encounters: Source, event: Event, goal: Stopping, *, batch_size: int, seed: int
+        cls,
+        law: Source,
+        encounters: Source,
+        event: Event,
+        goal: Stopping,
+        *,
+        batch_size: int,
+        seed: int,
+        limits: Limits = UNLIMITED,
     ) -> Self:
         """Return a new campaign; its law is read once, to see that it can be used.
 
@@ -121,17 +114,22 @@ class Campaign:
             What must not happen, and how narrow the interval has to be.
         batch_size, seed
             Runs asked for at once, and root of all randomness.
+        limits
+            What can be driven.
 
         Raises
         ------
         InputError
-            If a file cannot be used, or the batch size is out of its range.
+            If a file cannot be used, the batch size is out of its range, or the limits leave too little.
         """
         check_batch_size(batch_size)
-        description = read_law(law.file, read_encounters(encounters.file)).description
+        read = read_law(law.file, read_encounters(encounters.file))
+        beyond = require_limits(limits, read)
         fingerprint = f"{event.quantity} {event.threshold!r} under the law {law.sha256}"
+        if limits:
+            fingerprint += f", within {limits!r}"
         sampler = Sampler(3, child_generator(seed, "campaign"), batch_size, fingerprint=fingerprint)
-        return cls(law, encounters, description, event, goal, sampler)
+        return cls(law, encounters, read.description, event, goal, sampler, limits, beyond)
 
     # ---- runs
 
@@ -155,15 +153,29 @@ class Campaign:
             check_batch_size(batch_size)
             # The derivation of the sampler holds for batches of any sizes that were chosen beforehand.
             self.sampler = Sampler.resume(replace(self.sampler.state(), batch_size=batch_size))
-        if not self.outstanding:
-            cut_ins = law.from_scores(self.sampler.ask(certify=self.sampler.is_narrow(self.goal)))
-            closing_speed = law.capped(cut_ins.closing_speed)
-            columns = (cut_ins.lead_speed.tolist(), cut_ins.range_.tolist(), closing_speed.tolist())
-            first, batch = len(self.runs) + 1, self.batches + 1
-            self.runs += [
-                Run(first + place, batch, *cut_in) for place, cut_in in enumerate(zip(*columns, strict=True))
-            ]
-        return self.outstanding
+        for _ in range(MOST_EMPTY):
+            if self.outstanding:
+                return self.outstanding
+            self._choose(law)
+        raise InputError(
+            "the limits of the campaign",
+            seen=f"no run within {self.limits.in_words} in {MOST_EMPTY} batches",
+            expected="limits within which the event can happen",
+            change="Begin another campaign with wider limits.",
+        )
+
+    def _choose(self, law: Law) -> None:
+        """Let the sampler choose a batch; what lies beyond the limits is known to be no event within them."""
+        cut_ins = law.from_scores(self.sampler.ask(certify=self.sampler.is_narrow(self.goal)))
+        columns = cut_ins.lead_speed, cut_ins.range_, law.capped(cut_ins.closing_speed)
+        within = self.limits.hold(*columns).tolist()
+        first, batch = len(self.runs) + 1, self.batches + 1
+        cut_ins_of_runs = zip(*(column.tolist() for column in columns), strict=True)
+        self.runs += [
+            Run(first + place, batch, *cut_in, None if within[place] else BEYOND)
+            for place, cut_in in enumerate(cut_ins_of_runs)
+        ]
+        self._hand_over()
 
     @property
     def batches(self) -> int:
@@ -193,13 +205,17 @@ class Campaign:
         news = {number: told for number, told in results.items() if self.runs[number - 1].told != told}
         for number in news:
             self._require_open(number, correct=correct)
-        open_batch = [run for run in self.runs if run.batch == self.batches]
         for number, told in news.items():
             self.runs[number - 1].told = told
-        if news and not self.outstanding:
-            outcomes = outcomes_of(run.told for run in open_batch)
-            self.sampler.tell(self.event.happens(outcomes), self.event.score(outcomes))
+        if news:
+            self._hand_over()
         return len(news)
+
+    def _hand_over(self) -> None:
+        """Tell the sampler of the open batch, once all its runs are told."""
+        if not self.outstanding:
+            outcomes = outcomes_of(run.told for run in self.runs if run.batch == self.batches)
+            self.sampler.tell(self.event.happens(outcomes), self.event.score(outcomes))
 
     def _require_open(self, number: int, *, correct: bool) -> None:
         """Refuse to change what is known of a run, unless it is being corrected before it was used."""
@@ -230,29 +246,3 @@ def check_batch_size(size: int) -> None:
     if not SMALLEST_BATCH <= size <= LARGEST_BATCH:
         expected = f"{SMALLEST_BATCH} to {LARGEST_BATCH} runs"
         raise InputError("--batch-size", seen=str(size), expected=expected, change="Choose another size.")
-
-
-def outcomes_of(told: Iterable[Told]) -> Outcomes:
-    """Return what was told of runs as outcomes; what was not measured is as harmless as the flag allows."""
-    rows = list(told)
-    crash = np.array([row.crash for row in rows])
-
-    def column(name: str, unknown: Any) -> np.ndarray:  # noqa: ANN401
-        values = [getattr(row, name) for row in rows]
-        return np.where([value is None for value in values], unknown, np.array(values, dtype=float))
-
-    return Outcomes(
-        crash,
-        column("min_range", np.where(crash, 0.0, np.inf)),
-        column("min_ttc", np.where(crash, 0.0, np.inf)),
-        column("impact_speed", 0.0),
-    )
-
-
-def told_in_words(told: Told) -> str:
-    """Return the outcome of a run for a message."""
-    words = ["crash" if told.crash else "no crash"]
-    for name in ("min_range", "min_ttc", "impact_speed"):
-        if getattr(told, name) is not None:
-            words.append(f"{name} {getattr(told, name):g}")
-    return ", ".join(words)

@@ -20,10 +20,13 @@ from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.methods.estimate import Stopping
 from accelerated_evaluation.methods.surrogate import state as sampler_state
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
-from accelerated_evaluation.track.campaign import Campaign, Run, Source, Told
+from accelerated_evaluation.track.campaign import Campaign, Run, Source
+from accelerated_evaluation.track.limits import Limits
+from accelerated_evaluation.track.told import Told
 from accelerated_evaluation.vehicles.events import Event
 
-FORMAT, VERSION = "accelerated-evaluation campaign", 1
+FORMAT, VERSION = "accelerated-evaluation campaign", 2
+READABLE = (1, VERSION)  # campaigns of version 1 have no limits
 CUT_IN = {"range_": "range"}  # attributes of a run that have another name in the file
 
 
@@ -62,6 +65,7 @@ def write_campaign(path: str | os.PathLike, campaign: Campaign) -> None:
         "description": campaign.description,
         "event": asdict(campaign.event),
         "goal": {"confidence": 1 - campaign.goal.alpha, "relative_half_width": campaign.goal.beta},
+        "limits": asdict(campaign.limits) | {"probability_beyond": campaign.beyond},
         "runs": [_plain(run) for run in campaign.runs],
         "sampler": campaign.sampler.state().to_json(),
     }
@@ -87,7 +91,7 @@ def read_campaign(path: str | os.PathLike) -> Campaign:
     if not isinstance(content, Mapping) or content.get("format") != FORMAT:
         raise InputError(str(path), seen="no campaign", expected=f"format {FORMAT!r}", change=change)
     head = {name: content.pop(name, None) for name in ("format", "version", "checksum")}
-    if head["version"] != VERSION:
+    if head["version"] not in READABLE:
         seen = f"version {head['version']}"
         change = "Go on with the version of the program that wrote it, or a later one."
         raise InputError(str(path), seen=seen, expected=f"version {VERSION}", change=change)
@@ -98,7 +102,8 @@ def read_campaign(path: str | os.PathLike) -> Campaign:
             expected="a file as the program wrote it",
             change="Restore a copy of the file; what happened on the track is told with `campaign tell`.",
         )
-    goal = content["goal"]
+    goal, limits = content["goal"], content.get("limits", {})
+    beyond = limits.pop("probability_beyond", 0.0)
     return Campaign(
         Source(**content["law"]),
         Source(**content["encounters"]),
@@ -106,6 +111,8 @@ def read_campaign(path: str | os.PathLike) -> Campaign:
         Event(**content["event"]),
         stopping(goal["confidence"], goal["relative_half_width"]),
         _sampler(content["sampler"], str(path)),
+        Limits(**limits),
+        beyond,
         [_run(run) for run in content["runs"]],
     )
 

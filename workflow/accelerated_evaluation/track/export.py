@@ -11,7 +11,13 @@ import pandas as pd
 from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.files import write_csv, write_text
 from accelerated_evaluation.track.recipe import RECIPE
-from accelerated_evaluation.track.scenarios import Scenario, require_scenariogeneration, write_scenarios
+from accelerated_evaluation.track.scenarios import (
+    LANE_CHANGE,
+    RUN_UP,
+    Scenario,
+    require_scenariogeneration,
+    write_scenarios,
+)
 from accelerated_evaluation.track.weighted_set import WeightedSet
 
 TABLE = "scenarios.csv"
@@ -78,6 +84,8 @@ def page(drawn: WeightedSet, origin: Mapping[str, str]) -> str:
         )
     )
     return RECIPE.format(
+        run_up=RUN_UP,
+        begins=RUN_UP - LANE_CHANGE / 2,
         size=len(drawn.table),
         least=f"{drawn.edges[0]:.3g}",
         safe=f"{drawn.assumed_safe:.6f}",

@@ -3,19 +3,22 @@
 RECIPE = """\
 # {size} cut-ins with weights
 
-In each scenario another car is in the lane of the host, at the given range, and keeps its speed; the
-host closes in. How often would your vehicle crash in such cut-ins, as often as they happen on the road?
+In each scenario another car comes into the lane of the host, at the given range, and keeps its speed;
+the host closes in. How often would your vehicle crash in such cut-ins, as often as they happen on the road?
 Run it in all {size} scenarios, note where it crashed, and follow this page. You need none of our
 programs.
 
 ## Files
 
 - `scenario_001.xosc` and so on: OpenSCENARIO XML 1.2; `straight_road.xodr`: their road, OpenDRIVE. The
-  entity `host` is your vehicle. It has its speed at the start and no action, so that your controller
-  drives it from the first moment on. The range is that between the bumpers of two cars of 4.3 m. If
-  yours is longer or shorter, move its start so that the range stays.
+  entity `host` is your vehicle. It has its speed at the start and no action. Let your controller keep
+  this speed in the {run_up:g} s before the other car crosses the marking, which it begins to do
+  {begins:g} s after the start; from then on it is free. If it is free before and brakes early, that is
+  its merit: count what happens. The range is that between the bumpers of two cars of 4.3 m when the
+  middle of the other car crosses the marking. If yours is longer or shorter, move its start so that the
+  range stays.
 - `scenarios.csv`: a row for each scenario with `scenario` (its number), `shell`, `weight`, `lead_speed`
-  [m/s], `range` [m], `closing_speed` [m/s] (host minus lead), `host_speed` [m/s], `file`.
+  [m/s], `range` [m], `closing_speed` [m/s] (host minus lead, at the marking), `host_speed` [m/s], `file`.
 
 ## What to do
 

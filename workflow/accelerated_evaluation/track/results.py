@@ -9,7 +9,8 @@ import pandas as pd
 from accelerated_evaluation.encounters.reading import read_csv, require_file
 from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.files import write_csv
-from accelerated_evaluation.track.campaign import Campaign, Run, Told, told_in_words
+from accelerated_evaluation.track.campaign import Campaign, Run
+from accelerated_evaluation.track.told import BEYOND, Told, told_in_words
 from accelerated_evaluation.vehicles.events import Event
 
 FLAGS = {
@@ -80,6 +81,13 @@ def _run_of(given: Mapping[str, str], campaign: Campaign, where: str) -> Run:
             change="Correct the number, or ask for runs with `campaign ask` first.",
         )
     run = campaign.runs[int(number) - 1]
+    if run.told == BEYOND:
+        raise InputError(
+            f"{where}, column run",
+            seen=f"run {run.number}, which lies beyond the limits of the campaign",
+            expected="the number of a run that was asked for",
+            change="Remove the row.",
+        )
     for name, tolerance in TOLERANCES.items():
         asked = run.range_ if name == "range" else getattr(run, name)
         driven = _number(given, name, f"{where}, column {name}")

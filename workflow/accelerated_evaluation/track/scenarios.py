@@ -1,9 +1,11 @@
 """Cut-ins as files of OpenSCENARIO XML 1.2, on one straight road of OpenDRIVE.
 
-A scenario begins where an encounter of the study begins: the other car is in the host's lane, with the given
-range between the bumpers, and keeps its speed. The host has its initial speed and no action: the vehicle
-under test drives it from the first moment on. The scenario ends with a collision, or after the time after
-which the study's encounters end.
+An encounter of the study begins at the moment of the cut-in, with a given range between the bumpers. A
+scenario begins `RUN_UP` seconds before. The other car is then in the lane on the right. It comes over so that
+its middle crosses the marking at the moment, and keeps its speed all the time. The host has its initial speed
+and no action. If it keeps this speed up to the moment, range and range rate are then as given; from there on,
+at the latest, the vehicle under test is on its own. The scenario ends with a collision, or when the study's
+encounters end.
 """
 
 import datetime
@@ -22,7 +24,10 @@ if TYPE_CHECKING:  # an optional extra
 ROAD = "straight_road.xodr"
 ROAD_LENGTH, LANE_WIDTH, START = 6000.0, 3.5, 100.0  # [m]; where the host's reference point starts
 LENGTH, WIDTH, HEIGHT = 4.3, 1.9, 1.5  # [m], of both cars, as of the reference drivers
-DURATION = 35.0  # [s]
+RUN_UP = 5.0  # [s] before the moment of the cut-in
+LANE_CHANGE = 4.0  # [s]; the middle of the car crosses the marking at half of it
+HOST_LANE, NEXT_LANE = -1, -2
+DURATION = 35.0  # [s] after the moment
 FASTEST, STRONGEST = 150.0, 12.0  # [m/s], [m/s^2]: limits that the format asks for and no cut-in reaches
 MINOR_VERSION = 2  # of OpenSCENARIO XML 1
 # The format wants a date. With a fixed one the same scenario is the same file.
@@ -39,7 +44,8 @@ class Scenario:
     name
         Of the file, without its ending.
     lead_speed, range_, closing_speed
-        v_L [m/s], distance between the bumpers at the start [m], and host speed minus v_L at the start [m/s].
+        v_L [m/s], and at the moment of the cut-in the distance between the bumpers [m] and the host speed
+        minus v_L [m/s].
     notes
         What else the head of the file says, by name, such as the weight of the scenario.
     """
@@ -117,14 +123,14 @@ def _scenario(scenario: Scenario) -> "xosc.Scenario":
     entities.add_scenario_object("lead", _car("lead", xosc.Role.civil))
     notes = xosc.Properties()
     numbers = {"lead_speed": scenario.lead_speed, "range": scenario.range_}
-    numbers |= {"closing_speed": scenario.closing_speed}
+    numbers |= {"closing_speed": scenario.closing_speed, "moment": RUN_UP}
     for name, value in {
         **{name: repr(float(number)) for name, number in numbers.items()},
         **scenario.notes,
     }.items():
         notes.add_property(name, value)
     return xosc.Scenario(
-        f"Cut-in {scenario.name}: the lead car is in the lane of the host and keeps its speed",
+        f"Cut-in {scenario.name}: the lead car comes into the lane of the host and keeps its speed",
         AUTHOR,
         xosc.ParameterDeclarations(),
         entities=entities,
@@ -151,22 +157,33 @@ def _storyboard(scenario: Scenario) -> "xosc.StoryBoard":
     from scenariogeneration import xosc
 
     at_once = xosc.TransitionDynamics(xosc.DynamicsShapes.step, xosc.DynamicsDimension.time, 0.0)
+    gradually = xosc.TransitionDynamics(
+        xosc.DynamicsShapes.sinusoidal, xosc.DynamicsDimension.time, LANE_CHANGE
+    )
+    starts = {"host": (START, HOST_LANE), "lead": (START + headway_at_start(scenario), NEXT_LANE)}
     lead_speed = float(scenario.lead_speed)
-    # Both cars have the same shape, so that the distance of their reference points is range and length.
-    places = {"host": START, "lead": START + float(scenario.range_) + LENGTH}
     speeds = {"host": lead_speed + float(scenario.closing_speed), "lead": lead_speed}
     init = xosc.Init()
-    for name, place in places.items():
-        init.add_init_action(name, xosc.TeleportAction(xosc.LanePosition(place, 0, "-1", "1")))
+    for name, (place, lane) in starts.items():
+        init.add_init_action(name, xosc.TeleportAction(xosc.LanePosition(place, 0, str(lane), "1")))
         init.add_init_action(name, xosc.AbsoluteSpeedAction(speeds[name], at_once))
     board = xosc.StoryBoard(init, _end())
-    keep = xosc.Event("keep_speed", xosc.Priority.override)
-    keep.add_action("keep_speed", xosc.AbsoluteSpeedAction(lead_speed, at_once))
-    keep.add_trigger(_after("start", 0.0))
+    cut_in = xosc.Event("cut_in", xosc.Priority.override)
+    cut_in.add_action("change_lane", xosc.AbsoluteLaneChangeAction(HOST_LANE, gradually))
+    cut_in.add_trigger(_after("lane_change_begins", RUN_UP - LANE_CHANGE / 2))
     maneuver = xosc.Maneuver("lead_maneuver")
-    maneuver.add_event(keep)
+    maneuver.add_event(cut_in)
     board.add_maneuver(maneuver, "lead")
     return board
+
+
+def headway_at_start(scenario: Scenario) -> float:
+    """Return the distance of the cars' reference points [m] when the scenario begins.
+
+    Both cars have the same shape, so that at the moment of the cut-in it is range and length; before, it is
+    longer by what the host closes in during the run-up.
+    """
+    return float(scenario.range_ + LENGTH + scenario.closing_speed * RUN_UP)
 
 
 def _after(name: str, time: float) -> "xosc.ValueTrigger":
@@ -192,7 +209,7 @@ def _end() -> "xosc.Trigger":
         "time_is_over",
         0.0,
         xosc.ConditionEdge.none,
-        xosc.SimulationTimeCondition(DURATION, xosc.Rule.greaterThan),
+        xosc.SimulationTimeCondition(RUN_UP + DURATION, xosc.Rule.greaterThan),
         triggeringpoint="stop",
     )
     end = xosc.Trigger("stop")

@@ -8,6 +8,7 @@ from scipy.special import stdtrit
 
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
 from accelerated_evaluation.track.campaign import Campaign
+from accelerated_evaluation.track.told import BEYOND
 
 MOST_BATCHES = 10_000  # that a forecast looks ahead
 
@@ -22,6 +23,8 @@ class Status:
         Runs that were asked for, and of how many the outcome is known.
     used
         Runs of whole batches, of which the estimate is made.
+    spared
+        Runs that the sampler chose beyond the limits, which needed no driving; they count in none of these.
     estimate
         What these say.
     needed
@@ -31,6 +34,7 @@ class Status:
     asked: int
     told: int
     used: int
+    spared: int
     estimate: Estimate
     needed: int | None
 
@@ -42,13 +46,16 @@ class Status:
 
 def status_of(campaign: Campaign) -> Status:
     """Say where a campaign stands; the open batch counts for nothing before it is whole."""
-    told = sum(run.told is not None for run in campaign.runs)
-    used, estimate = campaign.sampler.simulations, campaign.estimate()
+    to_drive = [run for run in campaign.runs if run.told != BEYOND]
+    told = sum(run.told is not None for run in to_drive)
+    # The open batch is one of which a run is outstanding.
+    used = sum(run.batch < campaign.batches or not campaign.outstanding for run in to_drive)
+    spared, estimate = len(campaign.runs) - len(to_drive), campaign.estimate()
     needed: int | None = 0
     if not estimate.converged:
         needed = forecast(estimate, campaign.sampler.batch_size, campaign.goal)
         needed = None if needed is None else max(needed - (told - used), 0)
-    return Status(len(campaign.runs), told, used, estimate, needed)
+    return Status(len(to_drive), told, used, spared, estimate, needed)
 
 
 def forecast(found: Estimate, batch_size: int, goal: Stopping) -> int | None:
@@ -93,10 +100,24 @@ def in_words(campaign: Campaign, status: Status) -> str:
         f"{status.asked - status.told} outstanding; "
         f"{found.events} with the event in the {status.used} runs of whole batches",
         f"estimate    {_estimate(found)}",
+        *_about_limits(campaign, status),
         f"goal        half-width at most {goal.beta:.0%} of the estimate, confidence {1 - goal.alpha:.0%}",
         f"may stop    {_advice(status)}",
     ]
     return "\n".join(lines)
+
+
+def _about_limits(campaign: Campaign, status: Status) -> list[str]:
+    """Return what the limits mean for the estimate: the probability that it cannot have seen."""
+    if not campaign.limits:
+        return []
+    high = min(status.estimate.high + campaign.beyond, 1.0)
+    end = "" if math.isnan(high) else f"; if each of them had the event, the interval would end at {high:.3g}"
+    return [
+        f"limits      {campaign.limits.in_words}; the estimate is of the event within; "
+        f"runs beyond, not to be driven: {status.spared}",
+        f"beyond      {campaign.beyond:.2g} of all cut-ins of the law{end}",
+    ]
 
 
 def _estimate(found: Estimate) -> str:

@@ -13,7 +13,6 @@ from accelerated_evaluation.fitting.rivals import IndependentTail
 from accelerated_evaluation.fitting.shapes import Exponential
 from accelerated_evaluation.fitting.support import SUPPORT, Support
 from accelerated_evaluation.laws.dependent import DependentLaw
-from accelerated_evaluation.laws.independent import recorded_lead_speeds
 from accelerated_evaluation.truth.answer import (
     answer_table,
     bears_out,
@@ -215,12 +214,8 @@ class LawStudy:
 
     def representative(self) -> DependentLaw:
         """Return the law of the largest weight, from which methods that need one law draw."""
-        member = self.weighed.members[int(np.argmax(self.weighed.weights.mean(axis=0)))]
-        segments = self.encounters.groupby("segment")["lead_speed"].agg(["min", "size"]).sort_values("min")
-        counts = {segment: int(size) for segment, size in segments["size"].items()}
-        speeds = recorded_lead_speeds(self.encounters, counts)
-        parts = member.name, counts, self.family.ranges, self.family.law(member), speeds
-        return DependentLaw(*parts, support=self.weighed.events.support)
+        weighed = self.weighed
+        return DependentLaw.fitted(self.family, weighed.heaviest, self.encounters, weighed.events.support)
 
     def answers(
         self, exposure: Mapping[str, float | None], half_width: float, generator: np.random.Generator

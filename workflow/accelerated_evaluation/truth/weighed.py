@@ -48,6 +48,11 @@ class Weighed:
         """The laws."""
         return self.fitter.members
 
+    @property
+    def heaviest(self) -> Member:
+        """The law of the largest mean weight."""
+        return self.members[int(np.argmax(self.weights.mean(axis=0)))]
+
     def mean(self, values: Mapping[Member, Array | float]) -> Array | float:
         """Return the mean of what the laws say, by their mean weights."""
         weights = self.weights.mean(axis=0)

@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,6 +21,8 @@ from accelerated_evaluation.vehicles.loading import load_vehicle, vehicle_files
 from accelerated_evaluation.vehicles.protocol import Array, Outcomes, Vehicle
 from accelerated_evaluation.vehicles.store import Encounter, Store, store_of
 from accelerated_evaluation.vehicles.workers import Workers, simulate_batch, workers_of
+
+AT_ONCE = 50_000  # encounters that are looked up together, which bounds the memory
 
 
 @dataclass
@@ -67,6 +69,14 @@ class SlowVehicle:
             protocol, or gives other outcomes for the same encounters. The outcomes of other batches are kept.
         """
         encounters = checked_encounters(lead_speed, range_, closing_speed)
+        starts = range(0, max(encounters.shape[1], 1), AT_ONCE)
+        parts = [self._looked_up(encounters[:, start : start + AT_ONCE]) for start in starts]
+        return Outcomes(
+            *(np.concatenate(column) for column in zip(*(vars(part).values() for part in parts), strict=True))
+        )
+
+    def _looked_up(self, encounters: Array) -> Outcomes:
+        """Return the outcomes of encounters, shape (3, n); the store is asked first."""
         keys: list[Encounter] = list(zip(*encounters.tolist(), strict=True))
         known = self.store.known(dict.fromkeys(keys))
         missing = [key for key in dict.fromkeys(keys) if key not in known]
@@ -174,6 +184,25 @@ def loaded_for(vehicle: Mapping[str, Any], simulations: Mapping[str, Any]) -> It
     with workers_of(simulations) as workers:
         limits = {key: simulations[key] for key in ("batch_size", "time_limit")}
         yield SlowVehicle(name, parameters, car.name, store, workers, **limits)
+
+
+@contextmanager
+def all_loaded(
+    vehicles: Mapping[str, Mapping[str, Any]], simulations: Mapping[str, Any]
+) -> Iterator[dict[str, Vehicle]]:
+    """Yield vehicles by name, each as `loaded_for` gives it.
+
+    Parameters
+    ----------
+    vehicles
+        Sections like ``vehicle`` of the configuration, by name.
+    simulations
+        Section of this name of the configuration.
+    """
+    with ExitStack() as stack:
+        yield {
+            name: stack.enter_context(loaded_for(vehicle, simulations)) for name, vehicle in vehicles.items()
+        }
 
 
 def _outcomes(columns: Array) -> Outcomes:

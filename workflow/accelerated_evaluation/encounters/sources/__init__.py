@@ -20,6 +20,7 @@ import pandas as pd
 from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.registry import Registry
 
+RECORDINGS = (".csv", ".mcap", ".osi")  # endings of files that some source reads from a folder
 UNKNOWN: Mapping[str, float | None] = {"kilometres": None, "hours": None}
 SOURCES: Registry[Callable[[Mapping[str, Any]], pd.DataFrame]] = Registry("source", __name__, __path__)
 
@@ -65,7 +66,7 @@ def read_source(data: Mapping[str, Any], generator: np.random.Generator) -> pd.D
 
 
 def record_files(settings: Mapping[str, Any]) -> list[str]:
-    """Return the files that a source reads: that of its path, or all CSV files if it is a folder.
+    """Return the files that a source reads: that of its path, or all recordings if it is a folder.
 
     Parameters
     ----------
@@ -73,7 +74,9 @@ def record_files(settings: Mapping[str, Any]) -> list[str]:
         Section of the source.
     """
     path = Path(settings["path"])
-    return sorted(map(str, path.glob("*.csv"))) if path.is_dir() else [str(path)]
+    if not path.is_dir():
+        return [str(path)]
+    return sorted(str(file) for file in path.iterdir() if file.suffix in RECORDINGS)
 
 
 def describe(data: Mapping[str, Any]) -> str:

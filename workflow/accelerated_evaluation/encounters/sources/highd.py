@@ -8,22 +8,14 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 from tqdm import tqdm
 
-from accelerated_evaluation.encounters.filters import Account
-from accelerated_evaluation.encounters.recordings.cut_ins import (
-    drop_in_turn,
-    finished,
-    milliseconds,
-    require_agreement,
-    stays_sql,
-    with_names,
-)
+from accelerated_evaluation.encounters.recordings.cut_ins import require_agreement
 from accelerated_evaluation.encounters.recordings.database import (
     database,
-    literal,
     read_csv,
     readable,
     recording_files,
 )
+from accelerated_evaluation.encounters.recordings.trajectories import changes_of_lane, cut_ins_of
 from accelerated_evaluation.encounters.sources import SOURCES
 from accelerated_evaluation.errors import InputError
 
@@ -31,7 +23,6 @@ if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection
 
 TRACKS = "_tracks.csv"
-OUTPUT = ("lead_speed", "range", "closing_speed", "host_speed", "recording", "time", "vehicle", "host")
 # In the format `x` is the left end of the bounding box and `width` its length along the road. Vehicles of
 # direction 1 drive to the left, so that their front is at x; those of direction 2 drive to the right.
 COLUMNS = ("frame", "id", "x", "width", "xVelocity", "followingId", "laneId")
@@ -53,40 +44,7 @@ META = """
     CREATE OR REPLACE TEMP TABLE meta AS
     SELECT DISTINCT ON (id) id, drivingDirection, class FROM meta_file ORDER BY id, drivingDirection, class
 """
-STAYS = """
-    CREATE OR REPLACE TEMP TABLE stays AS
-    SELECT id, lane, stay, min(time) AS time, max(time) AS until, any_value(seen) AS seen
-    FROM ({stays}) GROUP BY id, lane, stay
-"""
-CANDIDATES = """
-    SELECT s.id AS vehicle, f.host, s.time, abs(f.velocity) AS lead_speed, abs(h.velocity) AS host_speed,
-        CASE WHEN m.drivingDirection = 1 THEN h.x - f.x - f.width ELSE f.x - h.x - h.width END AS range,
-        host_speed - lead_speed AS closing_speed,
-        s.time = s.seen AS first_lane,
-        NOT list_contains({lead_classes}, coalesce(m.class, '')) AS other_lead,
-        s.until - s.time < {stay} AS brief,
-        w.id IS NULL AS without_host,
-        NOT list_contains({host_classes}, coalesce(o.class, '')) AS other_host,
-        coalesce(s.time - w.time < {settled} AND w.time > w.seen, FALSE) AS unsettled,
-        coalesce(range <= 0, FALSE) AS overlaps
-    FROM stays AS s JOIN frames AS f ON f.id = s.id AND f.time = s.time LEFT JOIN meta AS m ON m.id = s.id
-        LEFT JOIN frames AS h ON h.id = f.host AND h.time = f.time LEFT JOIN meta AS o ON o.id = f.host
-        LEFT JOIN stays AS w ON w.id = h.id AND w.lane = s.lane AND s.time BETWEEN w.time AND w.until
-"""
-# The distance of each vehicle is rounded to a micrometre, so that the sum does not depend on its order.
-COUNTS = """
-    SELECT (SELECT count(*) FROM tracks) AS read,
-        (SELECT count(*) FROM tracks WHERE NOT {complete}) AS incomplete,
-        (SELECT count(*) FROM frames) AS used,
-        (SELECT count(*) FROM stays) AS stays,
-        (SELECT coalesce(sum(moved * told), 0) FROM frames) AS moved,
-        (SELECT coalesce(sum(told * told), 0) FROM frames) AS told,
-        coalesce(sum(lasts), 0) AS milliseconds, coalesce(sum(distance), 0) AS micrometres
-    FROM (
-        SELECT max(time) - min(time) AS lasts, CAST(round((max(x) - min(x)) * 1e6) AS BIGINT) AS distance
-        FROM frames JOIN meta USING (id) WHERE list_contains({host_classes}, class) GROUP BY id
-    )
-"""
+RANGE = "CASE WHEN m.drivingDirection = 1 THEN h.x - f.x - f.width ELSE f.x - h.x - h.width END"
 
 
 @SOURCES.add("highd")
@@ -122,15 +80,7 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
             candidates, of_file = _read_recording(connection, file, settings)
             found.append(candidates)
             counts.update(of_file)
-    account = _account(counts)
-    candidates = with_names(pd.concat(found), "recording {recording} vehicle {vehicle} at {time:g} s")
-    cut_ins = drop_in_turn(candidates, _reasons(settings), account)
-    return finished(
-        cut_ins[list(OUTPUT)].astype({"host": int}),
-        account,
-        milliseconds=int(counts["milliseconds"]),
-        micrometres=int(counts["micrometres"]),
-    )
+    return cut_ins_of(found, counts, settings)
 
 
 def _read_recording(
@@ -147,7 +97,6 @@ def _read_recording(
                 expected=f"it beside {file.name}",
                 change="Add or rename it.",
             )
-    classes = {key: literal(settings[key]) for key in ("lead_classes", "host_classes")}
     complete = "coalesce(" + " AND ".join(f"isfinite({column})" for column in COLUMNS) + ", FALSE)"
     with readable(file):
         read_csv(connection, file, COLUMNS).project(", ".join(COLUMNS)).to_view("tracks")
@@ -155,12 +104,7 @@ def _read_recording(
     with readable(meta):
         read_csv(connection, meta, META_COLUMNS, ["class"]).to_view("meta_file")
         connection.execute(META)
-    stays = stays_sql("frames", vehicle="id", lane="lane", rule=settings["rule"])
-    connection.execute(STAYS.format(stays=stays))
-    rule, settled = settings["rule"], milliseconds(settings["settled"])
-    query = CANDIDATES.format(stay=milliseconds(rule["stay"]), settled=settled, **classes)
-    candidates = connection.execute(f"{query} ORDER BY s.time, s.id").df().assign(recording=name)
-    counts = connection.execute(COUNTS.format(complete=complete, **classes)).df().iloc[0].to_dict()
+    candidates, counts = changes_of_lane(connection, settings, range_=RANGE, complete=complete)
     require_agreement(
         str(file),
         moved=counts["moved"],
@@ -168,7 +112,7 @@ def _read_recording(
         what="changes of x and xVelocity times the time between frames",
         key="the columns x [m] and xVelocity [m/s], or frameRate in the file of the recording",
     )
-    return candidates, counts
+    return candidates.assign(recording=name), counts
 
 
 def _frame_rate(connection: "DuckDBPyConnection", file: Path) -> float:
@@ -183,31 +127,3 @@ def _frame_rate(connection: "DuckDBPyConnection", file: Path) -> float:
             change="Correct the file.",
         )
     return rates[0][0]
-
-
-def _account(counts: Mapping[str, float]) -> Account:
-    """Begin the account with what is no first frame in a lane."""
-    read, incomplete, used, stays = (int(counts[name]) for name in ("read", "incomplete", "used", "stays"))
-    account = Account(read)
-    account.enter(incomplete, step="read", reason="a missing or infinite value")
-    account.enter(
-        read - incomplete - used, step="tracking", reason="the same vehicle in the same frame once more"
-    )
-    account.enter(used - stays, step="lane", reason="no first frame of a vehicle in a lane")
-    return account
-
-
-def _reasons(settings: Mapping[str, Any]) -> dict[tuple[str, str], str]:
-    """Return why a first frame in a lane is no cut-in, in the order in which reasons are looked at."""
-    return {
-        ("lane", "in the lane when first seen"): "first_lane",
-        ("lane", f"in the lane for less than {settings['rule']['stay']:g} s"): "brief",
-        ("class", "not of the classes in lead_classes"): "other_lead",
-        ("host", "no vehicle behind in the new lane"): "without_host",
-        ("host", "the vehicle behind is not of the classes in host_classes"): "other_host",
-        (
-            "host",
-            f"the vehicle behind came into the lane less than {settings['settled']:g} s before",
-        ): "unsettled",
-        ("range", "range not above 0"): "overlaps",
-    }

@@ -10,13 +10,13 @@ from tqdm import tqdm
 from accelerated_evaluation.encounters.filters import Account
 from accelerated_evaluation.encounters.ingest import ingest
 from accelerated_evaluation.encounters.segments import require_rows
-from accelerated_evaluation.encounters.sources import describe, read_source
+from accelerated_evaluation.encounters.sources import read_source
 from accelerated_evaluation.laws import Law
-from accelerated_evaluation.laws.paper import fit_paper_laws
 from accelerated_evaluation.methods import METHODS, Estimate
 from accelerated_evaluation.methods.study import ALL, study_method
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.randomness import child_generator
+from accelerated_evaluation.truth.chosen_law import ANSWER, choose_law, require_law
 from accelerated_evaluation.vehicles.slow import SlowVehicle, loaded_for
 
 METHOD = "surrogate"
@@ -29,8 +29,11 @@ class Alone:
     Attributes
     ----------
     tables
-        ``estimate``, one row a replicate; ``runs``, one row a simulation; ``account`` of the records. The
-        first two are what the whole study has under ``estimates`` for this method and all segments.
+        ``estimate``, one row a replicate, with the ``law``; ``runs``, one row a simulation; ``account`` of
+        the records. Under the paper's law, the first two are what the whole study has under ``estimates`` for
+        this method and all segments.
+    name
+        What the law is called.
     law
         The law that the estimates are under.
     vehicle
@@ -38,47 +41,53 @@ class Alone:
     """
 
     tables: Mapping[str, pd.DataFrame]
+    name: str
     law: Law
     vehicle: SlowVehicle | None
 
 
-def estimate_alone(config: Mapping[str, Any], replicates: int = 1) -> Alone:
-    """Fit the law under study to the records, and estimate the crash probability by the surrogate.
+def estimate_alone(config: Mapping[str, Any], replicates: int = 1, law: str = ANSWER) -> Alone:
+    """Fit a law to the records, and estimate the crash probability under it by the surrogate.
 
     Parameters
     ----------
     config
-        A complete, valid configuration. The law is the one that ``models.inverse_range.variant`` names.
+        A complete, valid configuration.
     replicates
-        Independent repetitions; the first ones of those that the whole study makes.
+        Independent repetitions; under the paper's law the first ones of those that the whole study makes.
+    law
+        Which law; see `chosen_law.choose_law`.
 
     Raises
     ------
     InputError
-        If the records or the vehicle cannot be used. What was simulated before is kept in the store.
+        If the records, the law or the vehicle cannot be used. What was simulated before is kept in the store.
     """
+    require_law(law)
     with loaded_for(config["vehicle"], config["simulations"]) as vehicle:  # first, as it is soonest refused
-        law, account = fitted_law(config)
+        encounters, account = read_records(config)
+        name, chosen = choose_law(law, encounters, config)
         method = METHODS[METHOD].configured(config)
         with tqdm(desc="simulations", unit="", disable=None) as bar:
             tables = study_method(
                 replace(method, on_batch=lambda estimate: _show(bar, estimate)),
-                Problem(law, vehicle),
+                Problem(chosen, vehicle),
                 method.stopping(config),
                 [child_generator(config["seed"], *method.stream(ALL, k)) for k in range(replicates)],
                 {"study": config["study"], "scope": ALL, "method": METHOD},
             )
-    named = {"estimate": tables["estimates"], "runs": tables["runs"], "account": account.table()}
-    return Alone(named, law, vehicle if isinstance(vehicle, SlowVehicle) else None)
+    named = {"estimate": tables["estimates"].assign(law=name), "runs": tables["runs"]}
+    slow = vehicle if isinstance(vehicle, SlowVehicle) else None
+    return Alone(named | {"account": account.table()}, name, chosen, slow)
 
 
-def fitted_law(config: Mapping[str, Any]) -> tuple[Law, Account]:
-    """Read and filter the records of a configuration, and fit the law under study to them.
+def read_records(config: Mapping[str, Any]) -> tuple[pd.DataFrame, Account]:
+    """Read and filter the records of a configuration.
 
     Returns
     -------
-    law : Law
-        As the rules ``ingest_encounters`` and ``fit_models`` of the study make it.
+    encounters : pandas.DataFrame
+        The encounter table, as the rule ``ingest_encounters`` of the study makes it.
     account : Account
         What became of every record.
     """
@@ -86,15 +95,7 @@ def fitted_law(config: Mapping[str, Any]) -> tuple[Law, Account]:
     account = Account.of(raw)
     encounters = ingest(raw, config, account)
     require_rows(encounters)
-    models = config["models"]
-    laws = fit_paper_laws(
-        encounters,
-        models,
-        config["filters"]["range_max"],
-        describe(config["data"]),
-        models["closing_speed_max"],
-    )
-    return laws[models["inverse_range"]["variant"]], account
+    return encounters, account
 
 
 def _show(bar: tqdm, estimate: Estimate) -> None:

@@ -1,0 +1,118 @@
+"""The law that the command ``estimate`` is given: fitted at once, named, or of a finished study."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation import cli
+from accelerated_evaluation.configuration import load, resolved
+from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.laws.files import read_law, write_law
+from accelerated_evaluation.truth.alone import estimate_alone, read_records
+from accelerated_evaluation.truth.chosen_law import choose_law
+from motorway import CONFIGURATION, motorway_table
+
+LIMIT = 0.35  # [1/s]
+CAR = f"""
+import numpy as np
+from accelerated_evaluation.vehicles import Outcomes
+
+class Car:
+    '''Crashes where the closing speed exceeds {LIMIT} of the range a second.'''
+
+    def simulate(self, lead_speed, range_, closing_speed):
+        with np.errstate(divide="ignore"):
+            ttc = np.where(closing_speed > 0, range_ / np.maximum(closing_speed, 0), np.inf)
+        crash = ttc < 1 / {LIMIT}
+        return Outcomes(crash, np.where(crash, 0, range_), ttc, np.where(crash, closing_speed, 0))
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Return a folder with the generated motorway, its configuration and a car."""
+    folder = tmp_path_factory.mktemp("motorway")
+    (folder / "data").mkdir()
+    motorway_table().to_csv(folder / "data/motorway.csv", index=False)
+    (folder / "car.py").write_text(CAR)
+    (folder / "motorway.yaml").write_text(CONFIGURATION + "vehicle: {name: car.py:Car}\n")
+    return folder
+
+
+@pytest.fixture
+def config(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    return resolved(load(["motorway.yaml"]))
+
+
+def crash_probability(law):
+    """P(closing speed > LIMIT R), over recorded lead speeds and equally likely scores of the range."""
+    u = (np.arange(400) + 0.5) / 400
+    probability = 0.0
+    for name, stratum in law.strata.items():
+        speeds = stratum.lead_speed.ppf((np.arange(100) + 0.5) / 100)
+        speed, first = (x.ravel() for x in np.meshgrid(speeds, stratum.factors.first.ppf(u)))
+        cut_ins = stratum.cut_ins(speed, first, stratum.factors.second.ppf(np.full(first.size, 0.5)))
+        start = LIMIT * cut_ins.range_
+        closing = start, np.full(start.size, np.inf)
+        inside = stratum.closing_speed_probability(speed, cut_ins.inverse_range, *closing)
+        probability += law.shares[name] * inside[start < law.closing_speed_max].sum() / start.size
+    return probability
+
+
+@pytest.mark.parametrize("choice", ["answer", "paper"])
+def test_the_estimate_is_of_the_law_that_was_chosen(config, choice):
+    found = estimate_alone(config, law=choice)
+    row = found.tables["estimate"].iloc[0]
+    exact = crash_probability(found.law)
+    error = (row["ci_high"] - row["ci_low"]) / 2 / 1.28
+    assert row["converged"]
+    assert row["probability"] == pytest.approx(exact, abs=4 * error)
+    others = [name for name in ("paper", "hazard", "exponential 0.9") if name != choice]
+    encounters, _ = read_records(config)
+    wrong = [crash_probability(choose_law(other, encounters, config)[1]) for other in others]
+    assert max(abs(row["probability"] - other) for other in wrong) > 4 * error
+
+
+def test_a_law_file_of_a_study_is_taken_and_of_other_records_refused(config, tmp_path):
+    encounters, _ = read_records(config)
+    _, law = choose_law("hazard", encounters, config)
+    write_law(tmp_path / "law.json", law)
+    name, read = choose_law(str(tmp_path / "law.json"), encounters, config)
+    assert name == str(tmp_path / "law.json")
+    assert read.content() == law.content()
+    with pytest.raises(InputError, match="expected the segments of these records"):
+        choose_law(str(tmp_path / "law.json"), encounters.iloc[:-1], config)
+
+
+def test_the_command_says_the_law_and_what_the_interval_is(config, capsys):
+    assert cli.main(["estimate", "--config", "motorway.yaml", "--law", "exponential 0.9"]) == 0
+    told = capsys.readouterr().out
+    assert "law of cut-ins: exponential 0.9\n" in told
+    assert "interval of the sampling alone" in told
+    folder = Path("results/motorway/estimate")
+    assert pd.read_csv(folder / "estimate.csv")["law"].tolist() == ["exponential 0.9"]
+    encounters, _ = read_records(config)
+    assert read_law(folder / "law.json", encounters).content()["excess"]["shape"] == "exponential"
+
+
+@pytest.mark.parametrize(
+    ("choice", "message"),
+    [
+        ("two kinds", "a law of the family (hazard, exponential 0.9"),
+        ("nowhere.json", "seen no file nowhere.json"),
+        ("broken.json", "broken.json: seen JSONDecodeError"),
+    ],
+)
+def test_laws_that_cannot_be_used(config, capsys, choice, message):
+    Path("broken.json").write_text(json.dumps({"format": "accelerated-evaluation law"})[:-3])
+    assert cli.main(["estimate", "--config", "motorway.yaml", "--law", choice]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_threshold_that_too_few_records_exceed_is_told(config):
+    encounters, _ = read_records(config)
+    with pytest.raises(InputError, match="fewer than ten of the"):
+        choose_law("two kinds 0.995", encounters.iloc[:: len(encounters) // 300], config)

@@ -1,0 +1,41 @@
+"""Lanes of ASAM OSI: a lane ends where the road has a new section, and goes on under another number."""
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # an optional extra
+    from betterosi import Lane
+
+
+def joined_lanes(lanes: Iterable["Lane"]) -> dict[int, int]:
+    """Return for each piece of a lane the number of the lane, which is that of its smallest piece.
+
+    Two pieces are one lane if each is all that follows at an end of the other. Where a lane splits, or lanes
+    merge, a new one begins, as nobody can say which of them goes on.
+    """
+    ends: dict[int, tuple[set[int], set[int]]] = defaultdict(lambda: (set(), set()))
+    for lane in lanes:
+        for pairing in lane.classification.lane_pairing if lane.classification else ():
+            for side, other in enumerate((pairing.antecessor_lane_id, pairing.successor_lane_id)):
+                if other is not None:
+                    ends[lane.id.value][side].add(other.value)
+    joined: dict[int, int] = {}
+    for lane in sorted(ends):
+        if lane not in joined:
+            joined |= dict.fromkeys(_reached(lane, ends), lane)
+    return joined
+
+
+def _reached(lane: int, ends: Mapping[int, tuple[set[int], set[int]]]) -> set[int]:
+    """Return the pieces that are one lane with a piece."""
+    found, waiting = {lane}, [lane]
+    while waiting:
+        here = waiting.pop()
+        for end in ends.get(here, ()):
+            if len(end) == 1:
+                (other,) = end
+                if other not in found and {here} in ends.get(other, ()):
+                    found.add(other)
+                    waiting.append(other)
+    return found

@@ -1,0 +1,134 @@
+"""What a proving ground can drive, and how much of a law of cut-ins lies beyond.
+
+A campaign estimates the probability of the event *within* these limits. Of what lies beyond it says nothing,
+but the law does: the probability of a cut-in beyond the limits is computed here. No more than that can be
+missing, so the probability of the event anywhere is at most the sum of both.
+"""
+
+import math
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.laws import Law, Stratum
+
+SPEEDS = 400  # bins of the recorded lead speeds, each of which stands for its mean
+MOST_BEYOND = 0.5  # of the law: a campaign that speaks about less than half of all cut-ins is a mistake
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(100)  # along the distribution function of the range
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What can be driven; None where there is no limit.
+
+    Attributes
+    ----------
+    host_speed_max
+        Highest speed of the host at the cut-in [m/s].
+    closing_speed_max
+        Highest closing speed at the cut-in [m/s].
+    range_min
+        Least range at the cut-in [m].
+    """
+
+    host_speed_max: float | None = None
+    closing_speed_max: float | None = None
+    range_min: float | None = None
+
+    def __bool__(self) -> bool:
+        """Whether there is any limit."""
+        return self != UNLIMITED
+
+    def hold(self, lead_speed: Array, range_: Array, closing_speed: Array) -> NDArray[np.bool_]:
+        """Whether each cut-in can be driven, shape (n,).
+
+        Parameters
+        ----------
+        lead_speed, range_, closing_speed
+            v_L [m/s], range [m] and closing speed [m/s], shape (n,).
+        """
+        return (range_ >= (self.range_min or 0.0)) & (closing_speed <= self.closing_speed(lead_speed))
+
+    def closing_speed(self, lead_speed: Array) -> Array:
+        """Return the highest closing speed [m/s] at given lead speeds [m/s]; infinite without a limit."""
+        host = math.inf if self.host_speed_max is None else self.host_speed_max
+        highest = math.inf if self.closing_speed_max is None else self.closing_speed_max
+        return np.minimum(np.subtract(host, lead_speed), highest)
+
+    def beyond(self, law: Law) -> float:
+        """Return the probability of a cut-in beyond the limits.
+
+        It is an integral over lead speed and range of the law's probability of higher closing speeds: a sum
+        over bins of the recorded lead speeds, and a Gauss-Legendre rule over the range.
+        """
+        return float(sum(law.shares[name] * self._beyond(law, part) for name, part in law.strata.items()))
+
+    def _beyond(self, law: Law, stratum: Stratum) -> float:
+        speed, share = _binned(stratum.lead_speed.values)
+        nearest = stratum.first(speed, np.full(speed.size, 1 / self.range_min if self.range_min else np.inf))
+        far = stratum.factors.first.cdf(nearest)  # P(R >= range_min | v_L)
+        u = far[:, None] * (NODES + 1) / 2
+        speeds = np.repeat(speed, NODES.size)
+        first = stratum.factors.first.ppf(u.ravel())
+        middle = stratum.factors.second.ppf(np.full(speeds.size, 0.5))  # the range does not depend on it
+        inverse_range = stratum.cut_ins(speeds, first, middle).inverse_range
+        highest = self.closing_speed(speeds)
+        # At the cap a law simulates all faster cut-ins, so a limit at the cap or above excludes none.
+        reached = highest < law.closing_speed_max
+        faster = np.zeros(speeds.size)
+        faster[reached] = stratum.closing_speed_probability(
+            speeds[reached],
+            inverse_range[reached],
+            np.maximum(highest[reached], 0.0),
+            np.full(reached.sum(), np.inf),
+        )
+        too_fast = far * (faster.reshape(u.shape) @ (WEIGHTS / 2))
+        return float(share @ (stratum.factors.first.sf(nearest) + too_fast))
+
+    @property
+    def in_words(self) -> str:
+        """The limits as a text."""
+        words = {
+            "host_speed_max": "host speed at most {:g} m/s",
+            "closing_speed_max": "closing speed at most {:g} m/s",
+            "range_min": "range at least {:g} m",
+        }
+        return ", ".join(
+            words[name].format(value) for name, value in asdict(self).items() if value is not None
+        )
+
+
+UNLIMITED = Limits()
+
+
+def _binned(values: Array) -> tuple[Array, Array]:
+    """Return the means of bins of lead speeds [m/s], and the share of each."""
+    counts, edges = np.histogram(values, SPEEDS)
+    sums, _ = np.histogram(values, edges, weights=values)
+    return sums[counts > 0] / counts[counts > 0], counts[counts > 0] / values.size
+
+
+def require_limits(limits: Limits, law: Law) -> float:
+    """Return the probability of a cut-in beyond the limits.
+
+    Raises
+    ------
+    InputError
+        If a limit is no number above 0, or if no cut-in of the law, or hardly any, lies within.
+    """
+    for name, value in asdict(limits).items():
+        if value is not None and not 0 < value < math.inf:
+            where = f"--{name.replace('_', '-')}"
+            raise InputError(where, seen=f"{value:g}", expected="a number above 0", change="Correct it.")
+    beyond = limits.beyond(law) if limits else 0.0
+    if beyond > MOST_BEYOND:
+        raise InputError(
+            "the limits of the proving ground",
+            seen=f"{limits.in_words}, beyond which {beyond:.3g} of all cut-ins of the law lie",
+            expected=f"at most {MOST_BEYOND:g} beyond",
+            change="Widen the limits, or fit a law to records within them.",
+        )
+    return beyond
