@@ -102,6 +102,14 @@ def test_event_everywhere():
     assert result.low == pytest.approx(1 - bound_without_event(60, STOPPING.alpha))
 
 
+def test_large_batches_end_with_an_estimate():
+    """Pools grow with the batch, or their own variance would outweigh what so many runs say."""
+    event = standard_normal_event(lambda z: 4.0 - z.sum(1) / math.sqrt(6), dimension=6)
+    found = estimate(event, 1, replace(STOPPING, maximum_simulations=4000), batch_size=500)
+    assert found.converged
+    assert found.low / 1.5 < HALF_PLANE < found.high * 1.5
+
+
 @pytest.mark.parametrize("maximum", [0, 9, 27, 60])
 def test_the_limit_of_calls_holds(maximum):
     calls = []

@@ -34,6 +34,7 @@ from accelerated_evaluation.methods.surrogate.constants import (
     FRINGE_WEIGHT,
     KERNELS,
     POOL,
+    POOL_PER_RUN,
     REACH,
     RELEARN,
     START,
@@ -241,6 +242,11 @@ class Sampler:
         progress = self.progress
         return not progress.happened.any() or (not progress.estimates and progress.searched < 1 / STEP)
 
+    @property
+    def _pool_size(self) -> int:
+        """Number of points of the pool of a batch."""
+        return max(POOL, POOL_PER_RUN * self.batch_size)
+
     def _pool(self, size: int) -> Pool:
         """Return points of the first phase with their weights, the surrogate there, and the defensive law."""
         if self.progress.centres is None:
@@ -263,7 +269,7 @@ class Sampler:
         # The first pool of all is drawn from the wide law and finds few points that matter; a second one,
         # drawn about these, finds more.
         for _ in range(1 if self.progress.centres is not None else 2):
-            pool = self._pool(POOL // 2)
+            pool = self._pool(self._pool_size // 2)
             core = np.where(pool.probability >= CORE, pool.probability, 0.0)
             if not core.any():
                 break
@@ -271,11 +277,12 @@ class Sampler:
             fringe_limit = FRINGE_WEIGHT * (w @ (w * core)) / (w * core).sum()
             share = w * np.sqrt(core)
             self.progress.centres = pool.z[self._generator.choice(len(w), KERNELS, p=share / share.sum())]
-        return predict(pool, expect(pool, fringe_limit), self.batch_size, POOL, defence), fringe_limit
+        expected = expect(pool, fringe_limit)
+        return predict(pool, expected, self.batch_size, self._pool_size, defence), fringe_limit
 
     def _two_phase_batch(self, defence: float) -> TwoPhaseBatch:
         """Choose runs from a pool, as the module says in steps 2 and 3."""
         prediction, fringe_limit = self._look_ahead(defence)
-        pool = self._pool(POOL)
+        pool = self._pool(self._pool_size)
         expected = expect(pool, fringe_limit)
         return draw_batch(pool, expected, prediction, self.batch_size, defence, self._generator)
