@@ -2,6 +2,8 @@
 
 import json
 from dataclasses import replace
+from functools import reduce
+from operator import getitem
 
 import numpy as np
 import pytest
@@ -9,7 +11,14 @@ from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.surrogate import Surrogate, two_phase
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
-from accelerated_evaluation.methods.surrogate.state import FORMAT, VERSION, State, read_state, write_state
+from accelerated_evaluation.methods.surrogate.state import (
+    FORMAT,
+    VERSION,
+    State,
+    _checksum,
+    read_state,
+    write_state,
+)
 from sampler_checks import (
     STOPPING,
     courses,
@@ -205,7 +214,32 @@ def test_damaged_states_are_refused(saved, change):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "[1, 2]", "no JSON", "{}", '{"format": "something else"}', b"\xff\xfe", "half"]
+    "keys",
+    [["progress"], ["progress", "z"], ["generator", "state"], ["progress", "happened", 3], ["batch_size"]],
+)
+def test_states_that_lack_something_are_refused_even_with_a_right_checksum(saved, keys):
+    content = json.loads(saved.read_text())
+    *parents, last = keys
+    del reduce(getitem, parents, content["state"])[last]
+    saved.write_text(json.dumps(content | {"checksum": _checksum(content["state"])}))
+    assert "does not fit together" in refused(saved).seen
+
+
+def test_any_damage_to_the_bytes_of_a_state_is_refused(saved):
+    generator, whole = np.random.default_rng(10), saved.read_bytes()
+    for _ in range(100):
+        start = int(generator.integers(len(whole)))
+        length = int(generator.choice([0, 1, 5, 64, len(whole)]))  # left out, and others put in their place
+        inside = generator.integers(256, size=generator.integers(1, 6), dtype=np.uint8).tobytes()
+        damaged = whole[:start] + inside + whole[start + length :]
+        if damaged.split() != whole.split():
+            saved.write_bytes(damaged)
+            refused(saved)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "[1, 2]", "no JSON", "{}", '{"format": "something else"}', b"\xff\xfe", "half", "[" * 100000],
 )
 def test_files_that_are_no_state_are_refused(saved, text):
     if text == "half":

@@ -96,8 +96,17 @@ def write_json(path: str | os.PathLike, value: Any) -> None:  # noqa: ANN401
 
 
 def read_json(path: str | os.PathLike) -> Any:  # noqa: ANN401
-    """Read JSON."""
-    return json.loads(Path(path).read_text(encoding="utf-8"))
+    """Read JSON.
+
+    Raises
+    ------
+    ValueError
+        If the file holds no JSON, no text, or JSON that is nested too deep to be read.
+    """
+    try:
+        return json.loads(Path(path).read_text(encoding="utf-8"))
+    except RecursionError as error:
+        raise ValueError(f"{path} is nested too deep") from error
 
 
 def write_csv(path: str | os.PathLike, table: "pd.DataFrame") -> None:

@@ -171,9 +171,7 @@ def _sampler(content: Mapping[str, Any], where: str) -> Sampler:
         # These runs are on their way. They will teach the new version, which cannot weigh what it did not
         # choose. To leave their batch out does no harm: that was decided before its outcomes were known.
         progress.pending = sampler_state.ApproachBatch(np.array(pending["z"]))
-    bits = getattr(np.random, old["generator"]["bit_generator"])()
-    bits.state = old["generator"]
-    generator = np.random.Generator(bits)
+    generator = sampler_state.generator_in(old["generator"])
     sampler = Sampler(old["dimension"], generator, old["batch_size"], fingerprint=old["fingerprint"])
     sampler.progress = progress
     return sampler

@@ -49,6 +49,7 @@ from accelerated_evaluation.methods.surrogate.state import (
     Progress,
     State,
     WideBatch,
+    generator_in,
 )
 from accelerated_evaluation.methods.surrogate.two_phase import (
     Pool,
@@ -196,11 +197,9 @@ class Sampler:
     @classmethod
     def resume(cls, state: State, certificate: Certificate = BY_DEFAULT) -> Self:
         """Return the sampler of a state; it goes on as if it had never stopped."""
-        bits = getattr(np.random, state.generator["bit_generator"])()
-        bits.state = state.generator
         sampler = cls(
             state.dimension,
-            np.random.Generator(bits),
+            generator_in(state.generator),
             state.batch_size,
             fingerprint=state.fingerprint,
             certificate=certificate,

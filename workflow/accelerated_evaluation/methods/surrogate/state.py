@@ -128,18 +128,18 @@ class State:
             raise InputError(where, seen="no state of a sampler", expected=f"format {FORMAT!r}", change=anew)
         if (version := content.get("version")) != VERSION:
             raise InputError(where, seen=f"version {version}", expected=f"version {VERSION}", change=anew)
-        if content.get("checksum") != _checksum(content.get("state")):
-            raise InputError(
-                where,
-                seen="a checksum that does not belong to the content, so the file is damaged",
-                expected="a file as the sampler wrote it",
-                change=f"Restore the file from a copy. {anew}",
-            )
-        state = _decode(cls, content["state"])
-        # The list of no runs at all has lost its second dimension.
-        state.progress.z = state.progress.z.reshape(-1, state.dimension)
-        state.progress.looks = state.progress.looks.reshape(-1, 2)
-        return state
+        damage = "a checksum that does not belong to the content, so the file is damaged"
+        if content.get("checksum") == _checksum(content.get("state")):
+            try:
+                return _whole(_decode(cls, content["state"]))
+            except (KeyError, TypeError, ValueError, OverflowError, AttributeError, StopIteration) as error:
+                damage = f"a state that does not fit together ({error})"  # but the checksum is its own
+        raise InputError(
+            where,
+            seen=damage,
+            expected="a file as the sampler wrote it",
+            change=f"Restore the file from a copy. {anew}",
+        )
 
     def check(self, *, fingerprint: str, dimension: int, batch_size: int, where: str) -> None:
         """Raise InputError if the state belongs to another problem or batch size.
@@ -181,6 +181,26 @@ def _checksum(state: Any) -> str:  # noqa: ANN401
     """Return a digest that does not depend on how the file is laid out."""
     text = json.dumps(state, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _whole(state: State) -> State:
+    """Return a state that was read, with the shapes of its arrays; raise ValueError if they do not fit."""
+    progress = state.progress
+    # The list of no runs at all has lost its second dimension.
+    progress.z = progress.z.reshape(-1, state.dimension)
+    progress.looks = progress.looks.reshape(-1, 2)
+    runs = {len(progress.z), len(progress.happened), len(progress.score)}
+    if len(runs) > 1:
+        raise ValueError(f"points, flags and scores of {sorted(runs)} runs")
+    generator_in(state.generator)
+    return state
+
+
+def generator_in(state: Mapping[str, Any]) -> np.random.Generator:
+    """Return the generator whose bit generator has a state."""
+    bits = getattr(np.random, state["bit_generator"])()
+    bits.state = state
+    return np.random.Generator(bits)
 
 
 def _encode(value: Any) -> Any:  # noqa: ANN401
