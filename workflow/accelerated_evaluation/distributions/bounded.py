@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike
 from accelerated_evaluation.distributions.described import Described
 from accelerated_evaluation.distributions.protocol import Array
 
+LEAST = 1e-150  # distances below it count as so long where they are divided by; its square is a number too
+
 
 class Bounded(Described):
     """A log-concave density on ``[lower, upper)``, known but for its norm.

@@ -9,11 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
-from accelerated_evaluation.distributions.bounded import Bounded
+from accelerated_evaluation.distributions.bounded import LEAST, Bounded
 from accelerated_evaluation.distributions.described import Parameter, distribution
 from accelerated_evaluation.distributions.protocol import Array
-
-LEAST = 1e-150  # distance from a bound below which a mean counts as so far, so that its rate stays finite
 
 
 @distribution("bounded exponential")
@@ -57,7 +55,7 @@ class BoundedExponential(Bounded):
             raise ValueError(f"the mean must lie inside ({lower}, {upper}), got {mean}")
         if math.isinf(upper):
             return cls(1 / max(mean - lower, LEAST), lower, upper)
-        below, above, width = mean - lower, upper - mean, upper - lower
+        below, above, width = mean - lower, upper - mean, max(upper - lower, LEAST)
         share = max(min(below, above) / width, LEAST)
         # The mean of exp(-s y) on [0, 1] lies below 1 / s. Rounding may hide that, hence the wider bracket.
         scaled = brentq(lambda s: _unit_mean(s) - share, -1, 2 / share, xtol=1e-13, rtol=1e-15)

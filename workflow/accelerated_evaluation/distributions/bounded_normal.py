@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 from scipy.special import erfcx, log_ndtr, ndtri_exp
 
-from accelerated_evaluation.distributions.bounded import Bounded
+from accelerated_evaluation.distributions.bounded import LEAST, Bounded
 from accelerated_evaluation.distributions.described import Parameter, distribution
 from accelerated_evaluation.distributions.mixture import Mixture
 from accelerated_evaluation.distributions.protocol import Array
@@ -59,8 +59,16 @@ class BoundedNormal(Bounded):
         Raises
         ------
         ConvergenceError
-            If the moment is that of a density too flat or rising for any standard deviation.
+            If the moment is that of a density too flat or rising for any standard deviation, or so small that
+            the squares of numbers lose their digits.
         """
+        if second_moment < LEAST**2:
+            raise ConvergenceError(
+                f"bounded normal on [{lower:g}, {upper:g})",
+                reached=f"second moment {second_moment:g}",
+                limit=f"{LEAST**2:g}, below which squares lose their digits",
+                change="Look for a wrong unit, or for rounding errors in place of zeros.",
+            )
         scale = math.sqrt(second_moment)
 
         def excess(log_sd: float) -> float:
