@@ -64,7 +64,9 @@ class BoundedExponential(Bounded):
     @classmethod
     def fit(cls, x: Array, lower: float, upper: float) -> "BoundedExponential":
         """Return the member of maximum likelihood for x, shape (n,): the one with the mean of x."""
-        return cls.from_mean(float(np.mean(x)), lower, upper)
+        # Rounding may put the mean of values that differ by next to nothing on a bound.
+        mean = np.clip(np.mean(x), np.nextafter(lower, upper), np.nextafter(upper, lower))
+        return cls.from_mean(float(mean), lower, upper)
 
     @property
     def _width(self) -> float:

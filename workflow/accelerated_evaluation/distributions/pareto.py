@@ -67,12 +67,12 @@ class Pareto(Described):
 
     def isf(self, q: ArrayLike) -> Array:
         """Inverse of sf."""
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", over="ignore"):
             return self.lower * np.exp(-np.log(np.asarray(q, dtype=float)) / self.shape)
 
     def ppf(self, q: ArrayLike) -> Array:
         """Inverse of cdf."""
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", over="ignore"):
             return self.lower * np.exp(-np.log1p(-np.asarray(q, dtype=float)) / self.shape)
 
     def mean(self) -> float:
