@@ -143,6 +143,8 @@ def test_words():
         "Traceback (most recent call last):\n  File ...\nFileNotFoundError: [Errno 2] No such file: 'c.yaml'"
     )
     assert plain_error(missing) == "error: [Errno 2] No such file: 'c.yaml'"
+    forbidden = "PermissionError in file common.smk:\n[Errno 13] Permission denied: 'my table.csv'"
+    assert plain_error(forbidden).startswith("error: my table.csv: seen no permission to use it;")
     assert "ZeroDivisionError" in plain_error(
         "Traceback (most recent call last):\nZeroDivisionError: by zero"
     )

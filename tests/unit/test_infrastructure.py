@@ -137,6 +137,7 @@ print("done")
         ("1 / 0", 1, "ZeroDivisionError: division by zero"),
         ("sys.exit(0)", 1, "error: the job was ended by sys.exit(0)"),
         ("open('/dev/full', 'wb', buffering=0).write(b'x')", 1, "error: no space left on the disk"),
+        ("raise PermissionError(13, 'denied', 'a.csv')", 1, "error: a.csv: seen no permission to use it;"),
     ],
 )
 @pytest.mark.parametrize("logger", [None, "study"])

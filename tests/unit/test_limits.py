@@ -110,6 +110,10 @@ def test_limits_are_kept_as_long_as_the_records_are_the_same(motorway, tmp_path,
     with_limits(motorway, files, kept)
     assert read == [1]
     assert set(json.loads(kept.read_text())["limits"]) == set(AUTOMATIC)
+    for damage in ('{"of": ', "[]", "null"):
+        kept.write_text(damage)
+        with_limits(motorway, files, kept)
+        assert set(json.loads(kept.read_text())["limits"]) == set(AUTOMATIC)
 
 
 def motorway_raw():

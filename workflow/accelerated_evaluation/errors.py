@@ -53,5 +53,15 @@ def located(place: str) -> Iterator[None]:
         ) from error
 
 
+def forbidden(path: str) -> InputError:
+    """Return the error for a file or folder that the user has no permission to read, write or list."""
+    return InputError(
+        path,
+        seen="no permission to use it",
+        expected="a file or folder that who runs this may read, and write where results go",
+        change="Change its permissions or its owner (chmod, chown), or name another.",
+    )
+
+
 def _rebuild_input_error(where: str, seen: str, expected: str, change: str) -> InputError:
     return InputError(where, seen=seen, expected=expected, change=change)

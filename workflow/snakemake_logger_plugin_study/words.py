@@ -6,7 +6,7 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from accelerated_evaluation.errors import StudyError
+from accelerated_evaluation.errors import StudyError, forbidden
 
 # Beginnings of what Snakemake tells about itself, which the log under .snakemake/log keeps.
 NOISE = (
@@ -57,6 +57,8 @@ def plain_error(message: str) -> str:
 
     What goes wrong with a file before anything runs is told without a traceback, and all else with it.
     """
+    if path := re.search(r"\[Errno 13\] Permission denied: '(.+)'", message):
+        return f"error: {forbidden(path[1])}"
     if message.startswith("Traceback"):
         last = message.strip().splitlines()[-1]
         is_of_file = re.match(r"(OS|FileNotFound|IsADirectory|Permission|UnicodeDecode)Error: ", last)

@@ -7,6 +7,7 @@ The paper's limits hold for the paper's records. A study of other records has ``
 import json
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from copy import deepcopy
 from functools import reduce
 from itertools import pairwise
@@ -93,8 +94,10 @@ def with_limits(
     if has_kept and trust:
         return with_values(config, read_json(kept)["limits"])
     of = value_digest([config["data"], config["seed"], stated, content_digest([*files, __file__])])
-    found = read_json(kept) if has_kept else {}
-    if found.get("of") != of:
+    found = None
+    with suppress(ValueError):  # a damaged file is made anew
+        found = read_json(kept) if has_kept else None
+    if not isinstance(found, Mapping) or found.get("of") != of:
         raw = read_source(config["data"], child_generator(config["seed"], "sample"))
         limits = limits_of(raw, config)
         found = {"of": of, "limits": {key: limits[key] for key in asked}}
