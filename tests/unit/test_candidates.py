@@ -247,6 +247,13 @@ def test_non_convergence_is_listed(monkeypatch):
     assert "no convergence" in fit_one("logistic", draw("logistic", 101)).reason
 
 
+def test_parameters_beyond_the_range_of_numbers_are_listed():
+    x = np.concatenate([np.full(50, 1e-315), np.linspace(0.1, 1, 50)])
+    reasons = {fit.family: fit.reason for fit in fit_candidates(x, 0.0)}
+    assert reasons["inverse Gaussian"] == "parameters beyond the range of numbers"
+    assert not reasons["exponential"]
+
+
 def test_score_against_exact_numbers():
     fit = score("uniform", lambda x: np.zeros_like(x), lambda x: x, 2, [0.5, 0.1, 0.5, 0.9, 0.6])
     # the empirical function rises at 0.5 from 0.2 to 0.6: 0.3 below the uniform's 0.5

@@ -14,6 +14,7 @@ from accelerated_evaluation.fitting.family import FEWEST, LEVELS, Events
 from accelerated_evaluation.fitting.pieces import EXPONENTIAL, PieceFamily
 from accelerated_evaluation.fitting.piecewise import fit_piecewise, usable_knots
 from accelerated_evaluation.laws.paper import choose_knots, fit_paper_laws, refit, simpler_pieces
+from accelerated_evaluation.publishing.record_figures import fig26_sample_size
 from accelerated_evaluation.truth.sensitivity import Levels
 from accelerated_evaluation.truth.weighed import weigh
 
@@ -153,3 +154,10 @@ def test_laws_of_few_records_have_tails_above_thresholds_that_some_exceed(record
     assert all(weighed.family.exceedances[level].index.size >= FEWEST for level in levels)
     assert np.isfinite(weighed.scores).all()
     assert weighed.weights.sum(axis=1) == pytest.approx(1)
+
+
+def test_records_of_one_lead_speed_on_the_edge_of_a_cell_are_drawn():
+    encounters = pd.DataFrame({"lead_speed": 20.0, "range": np.linspace(20, 60, 50)})
+    _, data = fig26_sample_size(encounters, "data")
+    assert data["records"].sum() == len(encounters)
+    assert (data["lead_speed_high_m_per_s"] > data["lead_speed_low_m_per_s"]).all()

@@ -13,7 +13,7 @@ from accelerated_evaluation.fitting.regressions import REGRESSIONS
 from accelerated_evaluation.fitting.shapes import SHAPES, Exponential, Generalised, TwoKinds
 from accelerated_evaluation.fitting.smooth_hazard import Binned, fit_hazard
 from accelerated_evaluation.fitting.splines import Basis, Constant, Penalty, Tensor
-from accelerated_evaluation.fitting.support import SUPPORT
+from accelerated_evaluation.fitting.support import SUPPORT, Support
 from scipy import stats
 
 SIZE = 12_000
@@ -243,8 +243,10 @@ def test_regressions_have_the_density_and_the_slopes_that_they_tell(regression):
         np.testing.assert_allclose(slope, difference(density, o=STEP * np.eye(3)[place]), atol=1e-6)
 
 
-def test_grids_cover_the_whole_domain():
-    for grid in (speed_grid(), range_grid()):
+@pytest.mark.parametrize("range_max", [1.0, 2.5, 75.0, 300.0])
+def test_grids_cover_the_whole_domain(range_max):
+    support = Support(range_max=range_max)
+    for grid in (speed_grid(support), range_grid(support)):
         assert grid.edges[2][0] == 0
         assert all(np.all(np.diff(edges) > 0) for edges in grid.edges)
     assert replace(speed_grid()).tensor.shape[0] == Basis(5, 35, 6).size

@@ -128,9 +128,12 @@ def fit_candidates(
 def _fit(family: Family, x: Array, lower: float) -> CandidateFit:
     try:
         estimates = family.fit(x, lower)
-    except NoMaximumError as reason:
-        return CandidateFit(family.name, {}, len(family.parameters), reason=str(reason))
-    law = family.freeze(lower, *estimates.values())
+        law = family.freeze(lower, *estimates.values())
+    except NoMaximumError as error:
+        return CandidateFit(family.name, {}, len(family.parameters), reason=str(error))
+    except (ZeroDivisionError, OverflowError):
+        reason = "parameters beyond the range of numbers"
+        return CandidateFit(family.name, {}, len(family.parameters), reason=reason)
     return score(family.name, law.logpdf, law.cdf, len(estimates), x, parameters=estimates)
 
 

@@ -70,8 +70,8 @@ class Support:
 
     @property
     def log_range_top(self) -> float:
-        """The log(R_max / R) from which its hazard is constant."""
-        return float(np.log(self.range_max / RANGE_BOTTOM))
+        """The log(R_max / R) from which its hazard is constant: at `RANGE_BOTTOM`, or R_max / 2 if less."""
+        return float(np.log(self.range_max / min(RANGE_BOTTOM, self.range_max / 2)))
 
 
 SUPPORT = Support()

@@ -33,10 +33,7 @@ def fig26_sample_size(encounters: pd.DataFrame, source: str) -> tuple[Figure, pd
         A map of cells of 5 m/s by 10 m with their counts; lower and upper edges and count of all cells.
     """
     names = ("lead_speed", "range")
-    edges = [
-        np.arange(np.floor(encounters[name].min() / step), np.ceil(encounters[name].max() / step) + 1) * step
-        for name, step in zip(names, CELL, strict=True)
-    ]
+    edges = [_edges(encounters[name], step) for name, step in zip(names, CELL, strict=True)]
     count = np.histogram2d(encounters["lead_speed"], encounters["range"], edges)[0].astype(int)
     with paper_style():
         drawn, axes = plt.subplots(figsize=(COLUMN_WIDTH, 3.0))
@@ -56,6 +53,12 @@ def fig26_sample_size(encounters: pd.DataFrame, source: str) -> tuple[Figure, pd
         "records": count.ravel(),
     }
     return drawn, pd.DataFrame(data)
+
+
+def _edges(values: pd.Series, step: float) -> np.ndarray:
+    """Return multiples of a step that enclose all values; at least two, also where all values are equal."""
+    first, last = np.floor(values.min() / step), np.ceil(values.max() / step)
+    return np.arange(first, max(last, first + 1) + 1) * step
 
 
 def _write_counts(axes: Axes, count: np.ndarray, edges: list[np.ndarray]) -> None:
