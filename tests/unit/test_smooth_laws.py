@@ -243,6 +243,19 @@ def test_regressions_have_the_density_and_the_slopes_that_they_tell(regression):
         np.testing.assert_allclose(slope, difference(density, o=STEP * np.eye(3)[place]), atol=1e-6)
 
 
+def test_few_rounded_records_are_fitted_with_and_without_a_block():
+    """Values on the edges of bins spend no time there, which alone would make their hazard infinite."""
+    draw = np.random.default_rng(1).choice
+    speeds, ranges = draw([22.7, 25.7], 60), draw(np.linspace(35, 73, 8), 60)
+    rounded = Events(speeds, ranges, draw([0.1, 0.5, 1.0, 1.5, 2.5], 60), Support((22.0, 26.0), 74.0, 3.0))
+    fitter = Fitter(rounded)
+    whole = fitter.fit()
+    for fitted in (whole, fitter.refit(whole, np.arange(12))):
+        survival = np.exp(-fitted.body.cumulative(rounded.places.splines).table)
+        assert np.all(np.diff(survival, axis=1) <= 0)
+        assert survival[:, -1].max() < 0.2
+
+
 @pytest.mark.parametrize("range_max", [1.0, 2.5, 75.0, 300.0])
 def test_grids_cover_the_whole_domain(range_max):
     support = Support(range_max=range_max)

@@ -122,7 +122,8 @@ class TwoKinds:
     def cumulative(self, z: Array, parameters: Array) -> Array:
         """Return H(z)."""
         share, ratio = self._natural(parameters)
-        return -np.logaddexp(np.log1p(-share) - z, np.log(share) - np.asarray(z) / ratio)
+        log_survival = np.logaddexp(np.log1p(-share) - z, np.log(share) - np.asarray(z) / ratio)
+        return np.maximum(-log_survival, 0)  # which rounding makes negative at z = 0
 
     def inverse(self, level: Array, parameters: Array) -> Array:
         """Return the inverse of H by bisection."""

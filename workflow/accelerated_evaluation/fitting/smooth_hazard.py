@@ -29,7 +29,8 @@ ITERATIONS = 100
 TOLERANCE = 1e-5  # of what a Newton step gains in log likelihood
 SMALLEST_STEP = 1e-4
 ROUNDING = 1e-12  # relative, of the log likelihood
-LOG_HAZARD_MAX = 50.0  # a trial step may not overflow
+SHORTEST = 1e-15  # time at risk in a bin with events; without any the hazard would be infinite
+LOG_HAZARD_MAX = 50.0  # neither a trial step nor what is extrapolated from few records may overflow
 
 
 @dataclass(frozen=True)
@@ -71,10 +72,17 @@ class HazardGrid:
 
 @dataclass(frozen=True)
 class Binned:
-    """Events and time at risk in each bin of a grid."""
+    """Events and time at risk in each bin of a grid.
+
+    A value on the lower edge of its bin, as rounded records have it, has spent no time there.
+    """
 
     events: Array
     exposure: Array
+
+    def __post_init__(self) -> None:
+        at_risk = np.where(self.events > 0, np.maximum(self.exposure, SHORTEST), self.exposure)
+        object.__setattr__(self, "exposure", at_risk)
 
     def __sub__(self, other: "Binned") -> "Binned":
         return Binned(self.events - other.events, np.maximum(self.exposure - other.exposure, 0))
@@ -105,7 +113,8 @@ class SmoothHazard:
     def cumulative(self, splines: Array) -> "Cumulative":
         """Return the cumulative hazards for products of the covariates' splines, shape (n, p)."""
         along = np.tensordot(self.coefficients, self.grid.tensor.matrices[2], (2, 1))
-        hazard = np.exp(splines @ along.reshape(-1, along.shape[2]))
+        log_hazard = splines @ along.reshape(-1, along.shape[2])
+        hazard = np.exp(np.clip(log_hazard, -LOG_HAZARD_MAX, LOG_HAZARD_MAX))
         table = np.zeros((len(hazard), hazard.shape[1] + 1))
         np.cumsum(hazard * np.diff(self.grid.edges[2]), axis=1, out=table[:, 1:])
         return Cumulative(self.grid.edges[2], hazard, table)
