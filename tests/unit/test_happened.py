@@ -1,5 +1,7 @@
 """What happens: ways to crash, nearest records, their figures; random closing speeds for narrow stripes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -163,6 +165,24 @@ def test_a_vehicle_that_never_crashes_has_no_ways(events, law):
 
     lines = lines_of(map_crashes(Safe(), GRID, [], np.random.default_rng(1)), events)
     assert ways_to_crash(lines, law, Safe(), np.random.default_rng(1)).empty
+
+
+def test_crashes_of_probability_zero_to_rounding_are_none(events, weighed, law):
+    lines = lines_of(map_crashes(RateCar(), GRID, [], np.random.default_rng(1)), events)
+    beyond = replace(lines, start=np.full(lines.start.size, 1e6), end=np.full(lines.start.size, np.inf))
+    assert ways_to_crash(lines, law, RateCar(), np.random.default_rng(1)).size
+    assert ways_to_crash(beyond, law, RateCar(), np.random.default_rng(1)).empty
+    assert weighed.thinned(lines, np.random.default_rng(1), size=20).share.size < lines.share.size
+    assert weighed.thinned(beyond, np.random.default_rng(1), size=20) is beyond
+
+
+def test_a_threshold_whose_laws_have_no_weight_is_told_with_equal_weights(weighed):
+    weights = np.zeros_like(weighed.weights)
+    weights[:, 0] = 1
+    at_level = replace(weighed, weights=weights).weights_at(0.9)
+    has_level = np.array([member.level == 0.9 for member in weighed.members])
+    assert not has_level[0]
+    np.testing.assert_allclose(at_level, np.tile(has_level / has_level.sum(), (len(weights), 1)))
 
 
 def test_the_nearest_records_are_crashes_and_then_the_smallest_times(events):

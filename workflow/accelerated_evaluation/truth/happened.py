@@ -42,9 +42,9 @@ def ways_to_crash(
     -------
     pandas.DataFrame
         Columns SHOWN: ``kind`` is "crash", and ``probability`` that of the group; the likeliest come first.
-        No rows if the vehicle never crashes.
+        No rows if the vehicle never crashes, or so rarely that the probability is 0 to rounding.
     """
-    if lines.row.size == 0:
+    if not lines.masses(law.ranges, law.speeds).any():
         return pd.DataFrame(columns=SHOWN)
     place = crash_places(lines, law.ranges, law.speeds, DRAWN, generator)
     z = normal_scores(law, *place)

@@ -88,11 +88,14 @@ def score_laws(weighed: Weighed, vehicle: Vehicle) -> tuple[dict[str, dict[str, 
     for name, fit in tqdm(rivals(fitter, family).items(), desc="rivals", unit=" laws"):
         try:
             of_rival = held_out(fit, fitter.events, inside)
-            crps[name] = next(iter(held_out(fit, fitter.events, first, **weighted).values()))
+            crps_of_rival = next(iter(held_out(fit, fitter.events, first, **weighted).values()))
+            failed = "its parameters overflow" if np.isnan([*of_rival.values()]).any() else ""
         except (ConvergenceError, LinAlgError) as error:
-            warnings.warn(f"{name} cannot be fitted, and has no scores: {error}", stacklevel=2)
+            failed = str(error)
+        if failed:
+            warnings.warn(f"{name} cannot be fitted, and has no scores: {failed}", stacklevel=2)
         else:
-            scores[name] = of_rival
+            scores[name], crps[name] = of_rival, crps_of_rival
     return scores, crps
 
 

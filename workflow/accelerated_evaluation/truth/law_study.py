@@ -198,14 +198,14 @@ class LawStudy:
         The last is how much faster the crash closes [m/s] than any record at like range.
         """
         parts = [pd.DataFrame(columns=["lead_speed", "range", "closing_speed", "law", "beyond_recorded"])]
-        for member in self.shown if self.lines["crash"].row.size else ():
-            drawn = crash_places(
-                self.lines["crash"], self.family.ranges, self.family.law(member), DRAWN, generator
-            )
-            names = ("lead_speed", "range", "closing_speed")
-            part = pd.DataFrame(dict(zip(names, drawn, strict=True))).assign(law=member.name)
-            largest = [self._largest(range_) for range_ in part["range"]]
-            parts.append(part.assign(beyond_recorded=part["closing_speed"] - largest))
+        lines, ranges = self.lines["crash"], self.family.ranges
+        for member in self.shown:
+            law = self.family.law(member)
+            if lines.masses(ranges, law).any():
+                drawn = crash_places(lines, ranges, law, DRAWN, generator)
+                part = pd.DataFrame(dict(zip(parts[0].columns, drawn, strict=False)))
+                beyond = part["closing_speed"] - part["range"].map(self._largest)
+                parts.append(part.assign(law=member.name, beyond_recorded=beyond))
         return pd.concat(parts, ignore_index=True)
 
     def _largest(self, range_: float) -> float:

@@ -59,18 +59,23 @@ class Weighed:
         return sum(weight * values[member] for weight, member in zip(weights, self.members, strict=True))
 
     def weights_at(self, level: float) -> Array:
-        """Return the weights of the laws with one threshold alone, rows adding up to 1 again."""
+        """Return the weights of the laws with one threshold alone, rows adding up to 1 again.
+
+        They are equal where the records leave none of these laws any weight.
+        """
         chosen = np.array([member.level == level for member in self.members])
         weights = np.where(chosen, self.weights, 0.0)
+        weights[~weights.any(axis=1)] = chosen
         return weights / weights.sum(axis=1, keepdims=True)
 
     def thinned(self, lines: Lines, generator: np.random.Generator, size: int = LINES) -> Lines:
         """Thin the lines of an event to those where some law has its mass."""
-        if lines.row.size == 0:  # the event never happens
-            return lines
         guides = [member for member in self.members if member.level in (None, GUIDE)]
         masses = [lines.masses(self.family.ranges, self.family.law(member)) for member in guides]
-        return lines.thinned(np.mean([mass / mass.sum() for mass in masses], axis=0), size, generator)
+        shares = [mass / mass.sum() for mass in masses if mass.any()]
+        if not shares:  # the event never happens, or so rarely that its probability is 0 to rounding
+            return lines
+        return lines.thinned(np.mean(shares, axis=0), size, generator)
 
     def draw(
         self, lines: Mapping[str, Lines], generator: np.random.Generator, weights: Array | None = None
