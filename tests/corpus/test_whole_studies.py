@@ -10,6 +10,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 import yaml
@@ -67,6 +68,38 @@ def car(name, **parameters):
     return {"vehicle": {"name": f"vehicles.py:{name}", "parameters": parameters}}
 
 
+def table(name, **config):
+    """Take the records of a table of `TABLES`."""
+    return config | {"data": {"source": "table", "sample": None, "table": {"path": f"{name}.csv"}}}
+
+
+def cut_ins(rows, lead_speeds=(5, 35)):
+    """Draw plausible lane changes, as a user might bring them."""
+    generator = np.random.default_rng(1)
+    range_ = 1 / np.minimum(1 / 75 + generator.exponential(0.015, rows), 1.2)
+    columns = {
+        "lead_speed": generator.uniform(*lead_speeds, rows),
+        "range": range_,
+        "closing_speed": np.minimum(generator.exponential(0.045, rows) * range_, 20),
+    }
+    return pd.DataFrame(columns)
+
+
+def rounded():
+    """Round lane changes so coarsely that all values lie on edges of bins and cells."""
+    return (
+        cut_ins(900).round({"lead_speed": -1, "range": -1, "closing_speed": 0}).clip([10, 10, 1], [30, 70, 6])
+    )
+
+
+TABLES = {
+    "one-speed": lambda: cut_ins(600).assign(lead_speed=20.0),
+    "least": lambda: cut_ins(30, (20, 29)),  # rows that a segment has to have
+    "rounded": rounded,
+}
+AUTOMATIC = {"sensitivity": {"lead_speed_edges": "auto", "closing_speed_max": "auto"}}
+
+
 def described(text):
     """Describe the data in the words of a user."""
     return {"data": {"spmd": {"description": text}}}
@@ -101,6 +134,9 @@ STUDIES = {
         "segments": {"lead_speed_edges": [0, 12.5, 60]},
         "sensitivity": {"lead_speed_edges": [[0, 60], [0, 20, 60]]},
     },
+    "one lead speed": table("one-speed", **AUTOMATIC),
+    "the fewest records": table("least", **AUTOMATIC),
+    "rounded records": table("rounded"),
     "a cap that is not reached": {
         "models": {"closing_speed_max": 60},
         "crash_map": {"grid": {"closing_speed_max": 60}},
@@ -121,6 +157,8 @@ def shared(tmp_path_factory, project_in):
     """Return one folder for all studies, which share the crash maps of the vehicles that are compared."""
     project = project_in(tmp_path_factory.mktemp("studies"))
     shutil.copy(HERE / "vehicles.py", project.folder)
+    for name, made in TABLES.items():
+        made().to_csv(project.folder / f"{name}.csv", index=False)
     return project
 
 
