@@ -10,13 +10,15 @@ from accelerated_evaluation.configuration import load
 from accelerated_evaluation.distributions import BoundedExponential
 from accelerated_evaluation.encounters.segments import MINIMUM_ROWS, assign_segments, require_rows
 from accelerated_evaluation.errors import ConvergenceError, InputError
-from accelerated_evaluation.fitting.family import FEWEST, LEVELS, Events
+from accelerated_evaluation.fitting.family import FEWEST, LEVELS, Events, Member
 from accelerated_evaluation.fitting.pieces import EXPONENTIAL, PieceFamily
 from accelerated_evaluation.fitting.piecewise import fit_piecewise, usable_knots
 from accelerated_evaluation.laws.paper import choose_knots, fit_paper_laws, refit, simpler_pieces
 from accelerated_evaluation.publishing.record_figures import fig26_sample_size
+from accelerated_evaluation.truth import law_scores
 from accelerated_evaluation.truth.sensitivity import Levels
 from accelerated_evaluation.truth.weighed import weigh
+from accelerated_evaluation.vehicles import AccAeb
 
 RECORDS = Path(__file__).parents[2] / "data/spmd/cut_ins.parquet"
 NORMALS = PieceFamily("bounded normal", 2)
@@ -154,6 +156,24 @@ def test_laws_of_few_records_have_tails_above_thresholds_that_some_exceed(record
     assert all(weighed.family.exceedances[level].index.size >= FEWEST for level in levels)
     assert np.isfinite(weighed.scores).all()
     assert weighed.weights.sum(axis=1) == pytest.approx(1)
+
+
+def test_a_rival_whose_fit_overflows_has_no_scores(recorded, monkeypatch):
+    class Overflown:
+        def given(self, places):
+            return self
+
+        def cumulative(self, closing_speed):
+            return np.full(closing_speed.size, np.nan)
+
+        log_density = cumulative
+
+    rows = recorded.iloc[:: len(recorded) // 200].assign(range=lambda table: 1 / table["inverse_range"])
+    weighed = weigh(Events.of(rows), np.random.default_rng(1), draws=20, members=(Member(),))
+    monkeypatch.setattr(law_scores, "rivals", lambda *_: {"a regression": lambda _: Overflown()})
+    with pytest.warns(UserWarning, match="a regression cannot be fitted, and has no scores: its parameters"):
+        scores, crps = law_scores.score_laws(weighed, AccAeb())
+    assert set(scores) == set(crps) == {member.name for member in weighed.members}
 
 
 def test_records_of_one_lead_speed_on_the_edge_of_a_cell_are_drawn():
