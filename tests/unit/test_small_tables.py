@@ -170,6 +170,7 @@ def test_a_rival_whose_fit_overflows_has_no_scores(recorded, monkeypatch):
 
     rows = recorded.iloc[:: len(recorded) // 200].assign(range=lambda table: 1 / table["inverse_range"])
     weighed = weigh(Events.of(rows), np.random.default_rng(1), draws=20, members=(Member(),))
+    monkeypatch.setattr(law_scores, "regions", lambda events, _: {"all": np.zeros(events.size)})
     monkeypatch.setattr(law_scores, "rivals", lambda *_: {"a regression": lambda _: Overflown()})
     with pytest.warns(UserWarning, match="a regression cannot be fitted, and has no scores: its parameters"):
         scores, crps = law_scores.score_laws(weighed, AccAeb())
