@@ -58,7 +58,7 @@ def forbidden(path: str) -> InputError:
     return InputError(
         path,
         seen="no permission to use it",
-        expected="a file or folder that who runs this may read, and write where results go",
+        expected="permission to read it, and to write it if it holds results",
         change="Change its permissions or its owner (chmod, chown), or name another.",
     )
 
