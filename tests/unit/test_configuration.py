@@ -116,7 +116,7 @@ WRONG = {
     "number as text": ("importance_sampling__beta", "1e-5", 'seen "1e-5"; expected number > 0 and < 1'),
     "fraction for a count": ("cross_entropy__seeds", 5.0, "seen 5.0; expected integer"),
     "true for a number": ("filters__range_max", True, "seen true; expected number"),
-    "not a number": ("filters__range_max", float("nan"), "seen NaN; expected number > 0"),
+    "not a number": ("filters__range_max", float("nan"), "seen NaN; expected number >= 1"),
     "infinite": ("filters__lead_speed_min", float("-inf"), "seen -Infinity; expected number >= 0"),
     "impossible value": ("importance_sampling__alpha", 1.5, "seen 1.5; expected number > 0 and < 1"),
     "negative": ("seed", -1, "seen -1; expected integer >= 0"),

@@ -149,7 +149,7 @@ def test_thin_segments_are_joined():
 
 def test_auto_is_a_value_and_other_words_are_none(motorway):
     validate(motorway)
-    with pytest.raises(ConfigurationError, match='range_max: seen "automatic"; expected number > 0'):
+    with pytest.raises(ConfigurationError, match='range_max: seen "automatic"; expected number >= 1'):
         validate(with_values(motorway, {"filters.range_max": "automatic"}))
 
 
