@@ -100,7 +100,7 @@ def test_a_sample_is_not_comparable_but_for_counts_of_parameters(study):
     counts = {key for key, claim in CLAIMS.items() if not claim.rests_on_study}
     assert set(claims.index[claims["verdict"] != "not comparable"]) == counts
     data = "Safety Pilot Model Deployment (real events), a sample of 6,000"
-    why = f"data.sample is 6000, the paper's is None; data: {data}"
+    why = f"data.sample is 6000, the paper's is null; data: {data}"
     assert set(claims.loc[claims["verdict"] == "not comparable", "why"]) == {why}
 
 

@@ -1,5 +1,6 @@
 """The numbers that the paper states, ours beside them, and a verdict by a stated rule."""
 
+import json
 import math
 from collections.abc import Mapping
 from functools import reduce
@@ -114,7 +115,7 @@ def _departure(config: Mapping[str, Any], source: str) -> str:
     for key, expected in PREMISES.items():
         seen = reduce(getitem, key.split("."), config)
         if seen != expected:
-            return f"{key} is {seen}, the paper's is {expected}; data: {source}"
+            return f"{key} is {json.dumps(seen)}, the paper's is {json.dumps(expected)}; data: {source}"
     return ""
 
 
