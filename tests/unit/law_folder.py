@@ -2,6 +2,7 @@
 
 import numpy as np
 import pandas as pd
+from accelerated_evaluation import cli
 from accelerated_evaluation.distributions import BoundedExponential, Empirical
 from accelerated_evaluation.encounters.contract import complete, write_encounters
 from accelerated_evaluation.laws.files import write_law
@@ -26,3 +27,15 @@ def write_law_folder(folder):
     write_encounters(folder / "encounters.parquet", encounters, "made up")
     write_law(folder / "law.json", LAW)
     return folder / "law.json", folder / "encounters.parquet"
+
+
+def begin_campaign(folder, *options):
+    """Begin a campaign in the current folder, and return a function that runs one step of it."""
+    write_law_folder(folder)
+
+    def step(name, *arguments):
+        return cli.main(["campaign", name, "c.json", *map(str, arguments)])
+
+    files = ("--law", "law.json", "--encounters", "encounters.parquet")
+    assert step("new", *files, "--half-width", 0.5, "--seed", 4, *options) == 0
+    return step

@@ -19,7 +19,7 @@ from accelerated_evaluation.track.campaign_file import read_campaign, write_camp
 from accelerated_evaluation.track.results import read_results
 from accelerated_evaluation.track.status import forecast, status_of
 from accelerated_evaluation.vehicles import load_vehicle
-from law_folder import LAW, write_law_folder
+from law_folder import LAW, begin_campaign, write_law_folder
 from scipy.stats import t
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -35,14 +35,7 @@ GOAL = Stopping(alpha=0.2, beta=0.5, minimum_events=1)
 def begun(tmp_path, monkeypatch):
     """A campaign in the current folder, and a function that runs one step of it."""
     monkeypatch.chdir(tmp_path)
-    write_law_folder(tmp_path)
-
-    def step(name, *arguments):
-        return cli.main(["campaign", name, "c.json", *map(str, arguments)])
-
-    options = ("--law", "law.json", "--encounters", "encounters.parquet", "--half-width", 0.5, "--seed", 4)
-    assert step("new", *options) == 0
-    return step
+    return begin_campaign(tmp_path)
 
 
 def drive(source="next/runs.csv", target="done.csv"):
@@ -60,7 +53,7 @@ def test_a_campaign_is_the_sampler_told_run_by_run(begun):
         for part in (done.iloc[:4], done):  # the second table repeats what was told already
             part.to_csv("part.csv", index=False)
             assert begun("tell", "part.csv") == 0
-    surrogate = METHODS["surrogate"]()
+    surrogate = METHODS["surrogate"](batch_size=10)
     wanted = surrogate.estimate(Problem(LAW, load_vehicle("acc_aeb")), GOAL, child_generator(4, "campaign"))
     assert status_of(read_campaign("c.json")).estimate.row() == wanted.row()
 

@@ -18,7 +18,7 @@ from accelerated_evaluation.track.limits import UNLIMITED, Limits
 from accelerated_evaluation.track.status import status_of
 from accelerated_evaluation.vehicles import Outcomes, load_vehicle
 from dependent_law import dependent_law
-from law_folder import LAW, SPEEDS, write_law_folder
+from law_folder import LAW, SPEEDS, begin_campaign
 
 LIMITS = Limits(host_speed_max=32.0, closing_speed_max=23.0, range_min=3.0)
 OPTIONS = ("--host-speed-max", 32, "--closing-speed-max", 23, "--range-min", 3)
@@ -49,25 +49,7 @@ class Within:
 def campaign(tmp_path, monkeypatch):
     """A campaign with limits in the current folder, and a function that runs one step of it."""
     monkeypatch.chdir(tmp_path)
-    write_law_folder(tmp_path)
-
-    def step(name, *arguments):
-        return cli.main(["campaign", name, "c.json", *map(str, arguments)])
-
-    options = (
-        "--law",
-        "law.json",
-        "--encounters",
-        "encounters.parquet",
-        "--half-width",
-        0.5,
-        "--seed",
-        4,
-        "--batch-size",
-        20,
-    )
-    assert step("new", *options, *OPTIONS) == 0
-    return step
+    return begin_campaign(tmp_path, "--batch-size", 20, *OPTIONS)
 
 
 def drawn(law, seed=5):
