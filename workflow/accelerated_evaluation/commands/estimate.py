@@ -11,7 +11,7 @@ if TYPE_CHECKING:  # takes seconds, which --help can do without
     from accelerated_evaluation.truth.alone import Alone
 
 DESCRIPTION = """\
-Estimate the crash probability of a cut-in by the surrogate-guided method alone, which takes some 300
+Estimate the crash probability of a cut-in by the surrogate-guided method alone, which takes some 200
 simulations: without crash maps and crude Monte Carlo, which take millions. For a slow vehicle: a command in
 any language, an FMU, or a Python class. docs/your_vehicle.md shows all three.
 
@@ -49,7 +49,7 @@ _count.__name__ = "number from 1 on"  # argparse names the type in its message
 class EstimateAlone:
     """Estimate the crash probability of a slow vehicle."""
 
-    help = "estimate the crash probability of a slow vehicle by some 300 simulations"
+    help = "estimate the crash probability of a slow vehicle by some 200 simulations"
     description = DESCRIPTION
 
     @staticmethod
@@ -71,7 +71,7 @@ class EstimateAlone:
             metavar="N",
             type=_count,
             default=1,
-            help="independent repetitions, of some 300 simulations each (default: %(default)s)",
+            help="independent repetitions, of some 200 simulations each (default: %(default)s)",
         )
 
     @staticmethod
