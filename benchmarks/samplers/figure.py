@@ -80,8 +80,8 @@ def in_powers(value: float) -> str:
 
 
 def draw(table: pd.DataFrame) -> Figure:
-    """Return the figure, a panel for each problem on which all methods were run."""
-    compared = table[table["problem"].map(lambda name: not problems()[name].ours_only)]
+    """Return the figure, a panel for each problem on which other methods were run too."""
+    compared = table.groupby("problem", sort=False).filter(lambda rows: rows["method"].isin(PEERS).any())
     panels = dict(list(compared.groupby("problem", sort=False)))
     lines = -(-len(panels) // COLUMNS)
     figure, axes = plt.subplots(
@@ -108,7 +108,8 @@ def draw(table: pd.DataFrame) -> Figure:
         handles=[*looks, hollow, run], loc="outside upper center", ncols=6, fontsize=6, columnspacing=1
     )
     made = compared.loc[compared["seeds"] > 0, "seeds"]
-    most = f" ({made.max():,} of this project on the first problem)" if made.max() > made.mode()[0] else ""
+    ours = compared.loc[compared["method"] == "surrogate", "seeds"]
+    most = "" if (ours == made.mode()[0]).all() else f", {ours.min():,} to {ours.max():,} of this project"
     note_source(
         figure,
         f"{made.mode()[0]} seeds each{most}. "
