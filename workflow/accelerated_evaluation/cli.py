@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 
 from accelerated_evaluation.commands import COMMANDS
-from accelerated_evaluation.errors import StudyError, forbidden
+from accelerated_evaluation.errors import StudyError, explained
 
 EXIT = "Bad input ends with one line on standard error and exit status 2, and nothing half-written is left."
 
@@ -27,9 +27,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         arguments.run(arguments)
     except (StudyError, OSError) as error:
-        is_forbidden = isinstance(error, PermissionError) and error.filename
-        told = forbidden(error.filename) if is_forbidden else error
-        print("error:", *str(told).split(), file=sys.stderr)
+        print("error:", *str(explained(error)).split(), file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("stopped from the keyboard", file=sys.stderr)

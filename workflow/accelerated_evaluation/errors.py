@@ -63,5 +63,11 @@ def forbidden(path: str) -> InputError:
     )
 
 
+def explained(error: Exception) -> Exception:
+    """Return what tells a user what to change, where a file is forbidden; any other error as it is."""
+    is_forbidden = isinstance(error, PermissionError) and error.filename
+    return forbidden(error.filename) if is_forbidden else error
+
+
 def _rebuild_input_error(where: str, seen: str, expected: str, change: str) -> InputError:
     return InputError(where, seen=seen, expected=expected, change=change)

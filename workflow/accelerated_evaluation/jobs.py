@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 from threadpoolctl import threadpool_limits
 
-from accelerated_evaluation.errors import StudyError, forbidden
+from accelerated_evaluation.errors import StudyError, explained
 from accelerated_evaluation.files import is_disk_full
 
 # Set by the logger plugin, which shows the progress of jobs, and their errors after all else.
@@ -41,8 +41,8 @@ def job(log: str | os.PathLike) -> Iterator[None]:
         )
     except Exception as error:
         message = traceback.format_exc()
-        if isinstance(error, PermissionError) and error.filename:
-            message = f"error: {forbidden(error.filename)}\n"
+        if (told := explained(error)) is not error:
+            message = f"error: {told}\n"
         elif is_disk_full(error):
             message = "error: no space left on the disk; free some and run the study again\n"
     if message:

@@ -37,8 +37,8 @@ AGREEMENT = 2.0
 
 # ---- the pool of the first phase
 
-# Least number of points of a pool, and for each run of a large batch. They cost no simulations, and are
-# so many that the pool adds little to the variance of a batch.
+# A pool has at least so many points, and at least so many for each run of its batch. They cost no
+# simulations, and are so many that the pool adds little to the variance of a batch.
 POOL, POOL_PER_RUN = 2000, 20
 
 # Number of Student kernels that a pool is drawn from. Their centres mattered in the pool before.
