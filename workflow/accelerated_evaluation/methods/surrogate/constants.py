@@ -10,16 +10,15 @@ gives.
 # Simulations of the wide law before a surrogate is fitted, because a handful of flags does not determine one.
 START = 20
 
-# Without an event, runs whose score is among this smallest share of so many runs of about the same rarity
-# stand for it.
-NEAR_SHARE, NEIGHBOURS = 0.2, 20
-
 # Points of the wide law among which the runs of the search are chosen.
 CANDIDATES = 1000
 
-# The search ends when it has had a run in every such step of rarity, a factor e of the probability, below the
-# most probable event that it knows.
-STEP = 1.0
+# The search ends when it has had a run in every such step of rarity, for which the probability changes by the
+# factor exp(STEP), below the most probable event that it knows.
+STEP = 0.4
+
+# Most runs that the search learns from.
+SEARCH_RUNS = 300
 
 # Growth of the number of runs after which lengths and amplitude are learnt again. Learning takes as long as
 # several batches without it, and a few more runs hardly move its result.
@@ -110,6 +109,13 @@ LEARNING_STEPS = 5
 
 # Most runs that the surrogate is conditioned on: memory grows with their square, time with their cube.
 MOST_RUNS = 600
+
+# The regression of the scores: log-normal prior of the standard deviation of its noise, which stands for all
+# that is too fine to be learnt, bounds of its logarithm, and most iterations of the search for lengths,
+# amplitude and noise. The prior median of the amplitude is 1, which is the variance of what is regressed.
+NOISE, NOISE_SPREAD = 0.1, 1.0
+LOG_NOISE_BOUNDS = (-4.0, 0.0)
+GRADED_STEPS = 15
 
 # Share of the variance that is added to the diagonal of the covariance, so that repeated points do no harm.
 JITTER = 1e-6

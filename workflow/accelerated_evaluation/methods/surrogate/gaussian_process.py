@@ -21,7 +21,6 @@ from accelerated_evaluation.methods.surrogate.constants import (
     AMPLITUDE_SPREAD,
     DAMPING,
     FIRST_PRECISION,
-    JITTER,
     LEARNING_STEPS,
     LEAST_PRECISION,
     LEAST_VARIANCE,
@@ -34,43 +33,13 @@ from accelerated_evaluation.methods.surrogate.constants import (
     SETTLED,
     SWEEPS,
 )
+from accelerated_evaluation.methods.surrogate.kernel import (
+    covariance_between,
+    covariance_of_runs,
+    evidence_gradient,
+)
 
 LOG_ROOT_2PI = 0.5 * math.log(2 * math.pi)
-
-
-@njit(cache=True)
-def _fill(
-    cross: Array, a_square: Array, b_square: Array, variance: float, value: Array, slope: Array
-) -> None:
-    """Fill in covariances, variance (1 + Matern 5/2), and slopes of the Matern correlation.
-
-    Parameters
-    ----------
-    cross
-        Twice the inner products of points a and b, shape (n, m).
-    a_square, b_square
-        Squared norms of the points, shapes (n,) and (m,).
-    variance
-        Square of the amplitude.
-    value
-        Where the covariances are put, shape (n, m).
-    slope
-        Where -2 times the derivatives of the correlations by the squared distance are put, shape (n, m);
-        empty if they are not wanted.
-    """
-    n, m = cross.shape
-    r, decay = np.empty(m), np.empty(m)
-    for i in range(n):
-        # One loop for each operation: the processor takes several roots at once, but single exponentials.
-        for j in range(m):
-            r[j] = math.sqrt(5 * max(a_square[i] + b_square[j] - cross[i, j], 0.0))
-        for j in range(m):
-            decay[j] = math.exp(-r[j])
-        for j in range(m):
-            value[i, j] = variance * ((1 + r[j] + r[j] * r[j] / 3) * decay[j] + 1)
-        if slope.size:
-            for j in range(m):
-                slope[i, j] = 5 / 3 * (1 + r[j]) * decay[j]
 
 
 @njit(cache=True)
@@ -80,22 +49,6 @@ def _scale_both_sides(covariance: Array, root: Array, scaled: Array) -> None:
         for j in range(i):
             scaled[i, j] = root[i] * covariance[i, j] * root[j]
         scaled[i, i] = 1 + root[i] * covariance[i, i] * root[i]
-
-
-def _covariance(a: Array, b: Array, variance: float, *, with_slope: bool = False) -> tuple[Array, Array]:
-    """Return covariances, shape (n, m), of points in units of the lengths, and the slopes if wanted."""
-    cross = 2 * a @ b.T
-    value, slope = np.empty_like(cross), np.empty_like(cross) if with_slope else np.empty((0, 0))
-    _fill(cross, (a * a).sum(1), (b * b).sum(1), variance, value, slope)
-    return value, slope
-
-
-def _covariance_of_runs(runs: Array, variance: float, *, with_slope: bool = False) -> tuple[Array, Array]:
-    """Return the covariance of the runs, shape (n, n), with a little more on its diagonal, and the slopes."""
-    covariance, slope = _covariance(runs, runs, 1.0, with_slope=with_slope)
-    covariance.flat[:: len(runs) + 1] += JITTER
-    covariance *= variance
-    return covariance, slope
 
 
 def _log_evidence(
@@ -153,8 +106,7 @@ def that_matter(runs: Array, event: NDArray[np.bool_], most: int) -> NDArray[np.
 class EventSurrogate:
     """Probability of the event at any point, given the flags of the points that were run.
 
-    The covariance of the latent function is amplitude^2 (1 + Matern 5/2), with one length a dimension. The
-    constant 1 is the variance of an unknown mean.
+    The covariance of the latent function is that of `kernel`.
 
     Parameters
     ----------
@@ -203,12 +155,12 @@ class EventSurrogate:
             self.theta = found.x
         self._lengths, self._variance = np.exp(self.theta[:-1]), math.exp(2 * self.theta[-1])
         self._runs = z / self._lengths
-        covariance, _ = _covariance_of_runs(self._runs, self._variance)
+        covariance, _ = covariance_of_runs(self._runs, self._variance)
         _, self._factor, self._root, self._weights = self._propagate(covariance, sign, tolerance=SETTLED)
 
     def probability(self, z: Array) -> Array:
         """Probability of the event at points z, shape (m, d)."""
-        covariance = _covariance(self._runs, z / self._lengths, self._variance)[0]
+        covariance = covariance_between(self._runs, z / self._lengths, self._variance)[0]
         scaled = dtrtrs(self._factor, self._root[:, None] * covariance, lower=1)[0]
         variance = np.maximum(2 * self._variance - np.einsum("ij,ij->j", scaled, scaled), 0.0)
         return ndtr(covariance.T @ self._weights / np.sqrt(1 + variance))
@@ -255,12 +207,10 @@ class EventSurrogate:
         """Negative log posterior density of the log lengths and log amplitude, and its gradient."""
         variance = math.exp(2 * theta[-1])
         runs = z / np.exp(theta[:-1])
-        covariance, slope = _covariance_of_runs(runs, variance, with_slope=True)
+        covariance, slope = covariance_of_runs(runs, variance, with_slope=True)
         evidence, factor, root, weights = self._propagate(covariance, sign, tolerance=ROUGHLY_SETTLED)
         inverse = dtrtrs(factor, np.diag(root), lower=1)[0]
         outer = 0.5 * (np.outer(weights, weights) - inverse.T @ inverse)
-        slope *= variance * outer
-        gradient = [(slope * np.subtract.outer(x, x) ** 2).sum() for x in runs.T]
-        gradient.append(2 * (outer * covariance).sum())
+        gradient = evidence_gradient(runs, covariance, slope, outer, variance)
         score = (theta - self._centre) / self._scale
-        return 0.5 * score @ score - evidence, score / self._scale - np.array(gradient)
+        return 0.5 * score @ score - evidence, score / self._scale - gradient

@@ -42,7 +42,7 @@ from accelerated_evaluation.methods.surrogate.constants import (
     WIDE_SHARE,
 )
 from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurrogate
-from accelerated_evaluation.methods.surrogate.search import came_near, draw_approach
+from accelerated_evaluation.methods.surrogate.search import draw_approach
 from accelerated_evaluation.methods.surrogate.state import (
     ApproachBatch,
     Batch,
@@ -218,23 +218,20 @@ class Sampler:
 
     def _design(self, defence: float) -> Batch:
         """Choose the next batch, by what is known so far."""
-        progress, searching = self.progress, self._is_searching()
-        sought = progress.happened
-        if searching:
-            sought = sought | came_near(rarity(progress.z), progress.score)
-        if self.simulations < START or sought.all() or not sought.any():
+        progress = self.progress
+        happened, score = progress.happened, progress.score
+        few = self.simulations < START
+        if few or happened.all() or not (happened.any() or np.ptp(score) > 0):  # nothing to learn from
             return WideBatch(draw_wide(self.batch_size, self.dimension, self._generator))
-        restart = searching or not progress.estimates  # the flags are others than those of the last fit
-        learn = restart or self.simulations >= RELEARN * progress.learnt_at
+        if self._is_searching():
+            z = draw_approach(self.batch_size, progress.rarest, progress.z, happened, score, self._generator)
+            return ApproachBatch(z)
+        first = not progress.estimates
+        learn = first or self.simulations >= RELEARN * progress.learnt_at
         if learn:
             progress.learnt_at = self.simulations
-        self._surrogate.fit(progress.z, sought, learn=learn, restart=restart)
-        if not searching:
-            return self._two_phase_batch(defence)
-        z = draw_approach(
-            self.batch_size, progress.rarest, self.dimension, self._surrogate.probability, self._generator
-        )
-        return ApproachBatch(z)
+        self._surrogate.fit(progress.z, happened, learn=learn, restart=first)
+        return self._two_phase_batch(defence)
 
     def _is_searching(self) -> bool:
         """Whether the search goes on: until it has looked long enough for an event more probable than all."""

@@ -1,71 +1,103 @@
-"""The search for the event, and for its most probable part: one run in every step of rarity.
+"""The search for the event, and for its most probable part: some runs in every step of rarity.
 
 The rarity of a point is -log P(|Z| > |z|). A score that falls as the event comes nearer may be smallest far
-out, where hardly any of the probability is. So runs are compared with runs of about the same rarity only: the
-surrogate learns in which directions the score falls, and every step of rarity gets a run where it falls most.
-Once an event is seen, the search goes on among the more probable points alone, until it finds no event there.
+out, where hardly any of the probability is. So the search divides the rarities into steps, and every step
+gets a run where a regression of the scores gives the event a good chance. Once an event is seen, the search
+goes on among the more probable points alone, until it has looked there closely enough.
 """
-
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
+from scipy.stats import rankdata
 
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.methods.surrogate.constants import CANDIDATES, NEAR_SHARE, NEIGHBOURS
-from accelerated_evaluation.methods.surrogate.wide_laws import draw_at
+from accelerated_evaluation.methods.surrogate.constants import CANDIDATES, SEARCH_RUNS
+from accelerated_evaluation.methods.surrogate.graded import GradedSurrogate
+from accelerated_evaluation.methods.surrogate.wide_laws import draw_at, rarity
 
 
-def came_near(rarity: Array, score: Array) -> NDArray[np.bool_]:
-    """Return which runs came nearer to the event than most runs of about the same rarity, shape (n,).
+def graded(happened: NDArray[np.bool_], score: Array) -> Array:
+    """Return normal scores of the ranks of the outcomes, shape (n,): events first, then by the score.
 
-    A run is near if its score is among the smallest share `NEAR_SHARE` of the `NEIGHBOURS` runs about it in
-    the order of the rarity. Equal scores tell nothing: none of them is near.
+    Only the order of the scores has a meaning, so that nothing else of them is used.
 
     Parameters
     ----------
-    rarity, score
-        Of all runs, shape (n,).
+    happened, score
+        Flags and scores of all runs, shape (n,).
     """
-    order, n = np.argsort(rarity), len(rarity)
-    window = min(NEIGHBOURS, n)
-    first = np.clip(np.arange(n) - window // 2, 0, n - window)
-    ordered = score[order]
-    smaller = ordered[first[:, None] + np.arange(window)] <= ordered[:, None]
-    near = np.empty(n, bool)
-    near[order] = smaller.sum(1) <= NEAR_SHARE * window
-    return near
+    _, place = np.unique(np.column_stack([~happened, score]), axis=0, return_inverse=True)
+    return ndtri((rankdata(place) - 0.5) / len(score))
+
+
+def to_beat(rarity: Array, outcome: Array, happened: NDArray[np.bool_], at: Array) -> Array:
+    """Return the outcome below which a point of some rarity is wanted, shape (m,).
+
+    Where an event is known, it is between the events and all else. Before, it is the smallest outcome of the
+    runs that are not rarer than the point, or of the least rare run.
+
+    Parameters
+    ----------
+    rarity, outcome, happened
+        Of all runs, shape (n,).
+    at
+        Rarity of the points, shape (m,).
+    """
+    if happened.any():
+        return np.full(len(at), (outcome[happened].max() + outcome[~happened].min()) / 2)
+    order = np.argsort(rarity)
+    smallest = np.minimum.accumulate(outcome[order])
+    return smallest[np.maximum(np.searchsorted(rarity[order], at) - 1, 0)]
 
 
 def draw_approach(
     runs: int,
     rarest: float,
-    dimension: int,
-    probability: Callable[[Array], Array],
+    z: Array,
+    happened: NDArray[np.bool_],
+    score: Array,
     generator: np.random.Generator,
 ) -> Array:
-    """Draw one point in each of equal steps of rarity, where the event is expected; shape (n, d).
+    """Draw one point in each of equal steps of rarity, where the event is expected; shape (runs, d).
 
     In each step it is one of several candidates of the wide law, taken with a probability in proportion to
-    the square of what the surrogate says.
+    the square of its chance to be in the event.
 
     Parameters
     ----------
     runs
-        Number n of points.
+        Number of points.
     rarest
         Where the last step ends.
-    dimension
-        Number d of normal scores.
-    probability
-        The surrogate: probability of being near at points, shape (m, d).
+    z, happened, score
+        Normal scores, shape (n, d), flags and scores, shape (n,), of all runs so far.
     generator
         Source of all randomness.
     """
     each = max(CANDIDATES // runs, 2)
     steps = np.repeat(np.arange(runs), each) + generator.random(runs * each)
-    z = draw_at(steps / runs * rarest, dimension, generator)
-    share = probability(z).reshape(runs, each) ** 2
+    at = steps / runs * rarest
+    candidates = draw_at(at, z.shape[1], generator)
+    outcome = graded(happened, score)
+    learnt = thinned(outcome)
+    mean, deviation = GradedSurrogate(z[learnt], outcome[learnt]).expect(candidates)
+    goal = to_beat(rarity(z), outcome, happened, at)
+    share = ndtr((goal - mean) / deviation).reshape(runs, each) ** 2
     marks = np.cumsum(share, axis=1)
     chosen = (marks < generator.random((runs, 1)) * marks[:, -1:]).sum(1)
-    return z.reshape(runs, each, dimension)[np.arange(runs), chosen]
+    return candidates.reshape(runs, each, -1)[np.arange(runs), chosen]
+
+
+def thinned(outcome: Array) -> NDArray[np.intp]:
+    """Return which runs to learn from, at most `SEARCH_RUNS`: half of them those of smallest outcome.
+
+    The others are thinned evenly, in the order in which they were made.
+    """
+    n = len(outcome)
+    if n <= SEARCH_RUNS:
+        return np.arange(n)
+    order = np.argsort(outcome, kind="stable")
+    half = SEARCH_RUNS // 2
+    others = np.sort(order[half:])
+    return np.sort(np.append(order[:half], others[np.linspace(0, len(others) - 1, half).round().astype(int)]))

@@ -1,0 +1,118 @@
+"""The search for the event: its regression against the exact posterior, its goal, and where it looks."""
+
+import math
+
+import numpy as np
+import pytest
+from accelerated_evaluation.methods.surrogate.constants import JITTER, SEARCH_RUNS
+from accelerated_evaluation.methods.surrogate.graded import GradedSurrogate
+from accelerated_evaluation.methods.surrogate.search import draw_approach, graded, thinned, to_beat
+from accelerated_evaluation.methods.surrogate.wide_laws import draw_wide, rarity
+from scipy.stats import multivariate_normal
+
+
+def scored(n, seed=1):
+    """Return runs of the wide law, and a score that falls in the first direction alone."""
+    z = draw_wide(n, 2, np.random.default_rng(seed))
+    return z, -z[:, 0]
+
+
+def matern(a, b, lengths):
+    r = np.sqrt(5 * (((a[:, None] - b) / lengths) ** 2).sum(-1))
+    return (1 + r + r * r / 3) * np.exp(-r)
+
+
+def parameters(surrogate):
+    return surrogate._lengths, surrogate._variance
+
+
+def covariance(a, b, surrogate):
+    lengths, variance = parameters(surrogate)
+    return variance * (1 + matern(a, b, lengths))
+
+
+def test_regression_is_the_exact_posterior_of_a_gaussian():
+    """The posterior follows from the joint normal law of the outcomes and the value at a new point."""
+    z, score = scored(12)
+    outcome = graded(np.zeros(12, bool), score)
+    surrogate, new = GradedSurrogate(z, outcome), np.array([[0.5, 0.2], [-6.0, 1.0]])
+    noise = surrogate._factor @ surrogate._factor.T - covariance(z, z, surrogate)
+    assert np.diag(noise) == pytest.approx(np.full(12, noise[0, 0]), abs=1e-9)
+    both = covariance(z, z, surrogate) + noise[0, 0] * np.eye(12)
+    across = covariance(z, new, surrogate)
+    truth = across.T @ np.linalg.solve(both, outcome)
+    variance = np.diag(covariance(new, new, surrogate) - across.T @ np.linalg.solve(both, across))
+    mean, deviation = surrogate.expect(new)
+    assert mean == pytest.approx(truth, abs=1e-8)
+    assert deviation**2 == pytest.approx(variance, rel=1e-6)
+    without_noise = across.T @ np.linalg.solve(covariance(z, z, surrogate), outcome)
+    assert mean != pytest.approx(without_noise, abs=1e-4)
+
+
+def test_loss_and_gradient_of_the_regression():
+    """The evidence is a normal density; central differences of 1e-4 are wrong by about 1e-8."""
+    z, score = scored(25)
+    outcome = graded(np.zeros(25, bool), score)
+    surrogate = GradedSurrogate(z, outcome)
+    theta = np.log([2.0, 1.2, 1.5, 0.3])
+
+    def loss(theta):
+        lengths, (variance, noise) = np.exp(theta[:-2]), np.exp(2 * theta[-2:])
+        total = variance * (1 + matern(z, z, lengths)) + (noise + JITTER * variance) * np.eye(25)
+        prior = 0.5 * (((theta - surrogate._centre) / surrogate._scale) ** 2).sum()
+        constant = 0.5 * 25 * math.log(2 * math.pi)
+        return prior - multivariate_normal(np.zeros(25), total).logpdf(outcome) - constant
+
+    value, gradient = surrogate._loss(theta)
+    assert value == pytest.approx(loss(theta), abs=1e-8)
+    step = 1e-4
+    numeric = [(loss(theta + step * e) - loss(theta - step * e)) / (2 * step) for e in np.eye(4)]
+    assert gradient == pytest.approx(numeric, rel=1e-5)
+    assert min(abs(gradient)) > 0.01  # so that a missing term would show
+
+
+def test_outcomes_are_ordered_by_flag_and_then_by_score():
+    happened, score = np.array([False, True, False, True, False]), np.array([1.0, 5.0, 3.0, 4.0, 3.0])
+    outcome = graded(happened, score)
+    assert list(np.argsort(outcome, kind="stable")) == [3, 1, 0, 2, 4]
+    assert outcome[2] == outcome[4]  # equal outcomes have equal ranks
+    np.testing.assert_allclose(outcome, graded(happened, np.exp(score)))  # only the order counts
+
+
+def test_what_is_to_be_beaten():
+    """Before an event it is the best of the runs that are not rarer; later it is the edge of the event."""
+    rare, outcome = np.array([5.0, 1.0, 9.0, 3.0]), np.array([0.2, 0.9, -1.0, 0.5])
+    nothing = np.zeros(4, bool)
+    at = np.array([0.5, 1.5, 4.0, 6.0, 20.0])
+    assert to_beat(rare, outcome, nothing, at) == pytest.approx([0.9, 0.9, 0.5, 0.2, -1.0])
+    seen = np.array([False, False, True, False])
+    assert to_beat(rare, outcome, seen, at) == pytest.approx([-0.4] * 5)
+
+
+@pytest.mark.parametrize("event", [False, True])
+def test_every_step_gets_a_run_where_the_score_falls(event):
+    z, score = scored(60)
+    happened = (score < np.sort(score)[3]) if event else np.zeros(60, bool)
+    drawn = draw_approach(10, 30.0, z, happened, score, np.random.default_rng(2))
+    at = rarity(drawn)
+    assert ((at >= 3 * np.arange(10)) & (at <= 3 * (np.arange(10) + 1))).all()
+    direction = drawn[:, 0] / np.linalg.norm(drawn, axis=1)
+    # Of uniform directions the mean would be 0 with a standard error of .22; those in this half have .64.
+    assert direction[3:].mean() > 0.8
+    other = draw_approach(10, 30.0, z, happened[::-1], score[::-1], np.random.default_rng(2))
+    assert (other[3:, 0] / np.linalg.norm(other[3:], axis=1)).mean() < 0.8  # scores of other runs mislead
+
+
+def test_flags_without_scores_lead_to_the_event():
+    z, score = scored(60)
+    happened = score < np.sort(score)[8]
+    drawn = draw_approach(10, 40.0, z, happened, np.zeros(60), np.random.default_rng(3))
+    assert (drawn[3:, 0] / np.linalg.norm(drawn[3:], axis=1)).mean() > 0.6
+
+
+def test_the_smallest_outcomes_are_kept():
+    outcome = np.random.default_rng(4).normal(size=3 * SEARCH_RUNS)
+    kept = thinned(outcome)
+    assert len(np.unique(kept)) == SEARCH_RUNS
+    assert (np.sort(outcome)[: SEARCH_RUNS // 2] == np.sort(outcome[kept])[: SEARCH_RUNS // 2]).all()
+    assert list(thinned(outcome[:50])) == list(range(50))
