@@ -95,6 +95,12 @@ def _add_new(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--batch-size", type=int, default=10, metavar="N", help="runs asked for at once (default: 10)"
     )
+    command.add_argument(
+        "--predecessor",
+        metavar="OTHER.json",
+        type=Path,
+        help="campaign of a vehicle that is like this one; it saves about half of the runs",
+    )
     add_seed(command)
     limits = command.add_argument_group("limits of the proving ground, none by default; see docs/campaign.md")
     for name, unit, what in (
@@ -120,7 +126,7 @@ def _add_tell(command: argparse.ArgumentParser) -> None:
 
 def _new(arguments: argparse.Namespace) -> None:
     from accelerated_evaluation.track.campaign import Campaign
-    from accelerated_evaluation.track.campaign_file import source_of, stopping, write_campaign
+    from accelerated_evaluation.track.campaign_file import read_campaign, source_of, stopping, write_campaign
     from accelerated_evaluation.track.limits import Limits
 
     if arguments.campaign.exists():
@@ -139,6 +145,7 @@ def _new(arguments: argparse.Namespace) -> None:
         batch_size=arguments.batch_size,
         seed=arguments.seed,
         limits=Limits(arguments.host_speed_max, arguments.closing_speed_max, arguments.range_min),
+        predecessor=None if arguments.predecessor is None else read_campaign(arguments.predecessor),
     )
     write_campaign(arguments.campaign, campaign)
     if campaign.limits:

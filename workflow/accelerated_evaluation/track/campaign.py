@@ -17,6 +17,7 @@ from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
+from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.randomness import child_generator
 from accelerated_evaluation.track.limits import UNLIMITED, Limits, require_limits
@@ -103,6 +104,7 @@ class Campaign:
         batch_size: int,
         seed: int,
         limits: Limits = UNLIMITED,
+        predecessor: "Campaign | None" = None,
     ) -> Self:
         """Return a new campaign; its law is read once, to see that it can be used.
 
@@ -116,11 +118,14 @@ class Campaign:
             Runs asked for at once, and root of all randomness.
         limits
             What can be driven.
+        predecessor
+            Campaign of a vehicle that is like this one; where it met the event, this one begins.
 
         Raises
         ------
         InputError
-            If a file cannot be used, the batch size is out of its range, or the limits leave too little.
+            If a file cannot be used, the batch size is out of its range, the limits leave too little, or the
+            predecessor belongs to another law or event, or met no event.
         """
         check_batch_size(batch_size)
         read = read_law(law.file, read_encounters(encounters.file))
@@ -128,7 +133,13 @@ class Campaign:
         fingerprint = f"{event.quantity} {event.threshold!r} under the law {law.sha256}"
         if limits:
             fingerprint += f", within {limits!r}"
-        sampler = Sampler(3, child_generator(seed, "campaign"), batch_size, fingerprint=fingerprint)
+        sampler = Sampler(
+            3,
+            child_generator(seed, "campaign"),
+            batch_size,
+            fingerprint=fingerprint,
+            predecessor=None if predecessor is None else predecessor.as_predecessor(law, event),
+        )
         return cls(law, encounters, read.description, event, goal, sampler, limits, beyond)
 
     # ---- runs
@@ -233,6 +244,20 @@ class Campaign:
                 expected=f"{told_in_words(run.told)}, as told before",
                 change=change,
             )
+
+    def as_predecessor(self, law: Source, event: Event) -> Predecessor:
+        """Return the runs of whole batches, for a campaign with a vehicle that is like this one."""
+        change = "Name a campaign with the same law and event, or leave --predecessor out."
+        own, other = (self.law.sha256, law.sha256), (self.event.in_words, event.in_words)
+        for what, (seen, expected) in (("law", own), ("event", other)):
+            if seen != expected:
+                where = f"--predecessor, its {what}"
+                raise InputError(where, seen=seen, expected=expected, change=change)
+        progress = self.sampler.progress
+        if not progress.happened.any():
+            seen = f"no event in {len(progress.z)} runs of whole batches"
+            raise InputError("--predecessor", seen=seen, expected="at least one", change=change)
+        return Predecessor(progress.z, progress.happened)
 
     # ---- what follows
 

@@ -91,11 +91,8 @@ def forecast(found: Estimate, batch_size: int, goal: Stopping) -> int | None:
 def in_words(campaign: Campaign, status: Status) -> str:
     """Return the status as a text of some lines."""
     found, goal = status.estimate, campaign.goal
-    event = campaign.event.quantity
-    if event != "crash":
-        event += f" {'above' if event == 'impact_speed' else 'at most'} {campaign.event.threshold:g}"
     lines = [
-        f"event       {event}, under the law {campaign.description!r}",
+        f"event       {campaign.event.in_words}, under the law {campaign.description!r}",
         f"runs        {status.asked} asked for, {status.told} told, "
         f"{status.asked - status.told} outstanding; "
         f"{found.events} with the event in the {status.used} runs of whole batches",

@@ -1,5 +1,6 @@
 """The surrogate-guided estimate alone, without the rest of the study: for vehicles that are slow."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -17,6 +18,7 @@ from accelerated_evaluation.methods.study import ALL, study_method
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.randomness import child_generator
 from accelerated_evaluation.truth.chosen_law import ANSWER, choose_law, require_law
+from accelerated_evaluation.truth.predecessor import read_predecessor
 from accelerated_evaluation.vehicles.slow import SlowVehicle, loaded_for
 
 METHOD = "surrogate"
@@ -46,7 +48,12 @@ class Alone:
     vehicle: SlowVehicle | None
 
 
-def estimate_alone(config: Mapping[str, Any], replicates: int = 1, law: str = ANSWER) -> Alone:
+def estimate_alone(
+    config: Mapping[str, Any],
+    replicates: int = 1,
+    law: str = ANSWER,
+    predecessor: str | os.PathLike | None = None,
+) -> Alone:
     """Fit a law to the records, and estimate the crash probability under it by the surrogate.
 
     Parameters
@@ -57,17 +64,21 @@ def estimate_alone(config: Mapping[str, Any], replicates: int = 1, law: str = AN
         Independent repetitions; under the paper's law the first ones of those that the whole study makes.
     law
         Which law; see `chosen_law.choose_law`.
+    predecessor
+        Table of the simulations of a vehicle that is like this one, under the same law.
 
     Raises
     ------
     InputError
-        If the records, the law or the vehicle cannot be used. What was simulated before is kept in the store.
+        If the records, the law, the predecessor or the vehicle cannot be used. What was simulated before is
+        kept in the store.
     """
     require_law(law)
     with loaded_for(config["vehicle"], config["simulations"]) as vehicle:  # first, as it is soonest refused
         encounters, account = read_records(config)
         name, chosen = choose_law(law, encounters, config)
-        method = METHODS[METHOD].configured(config)
+        known = None if predecessor is None else read_predecessor(predecessor, chosen)
+        method = replace(METHODS[METHOD].configured(config), predecessor=known)
         with tqdm(desc="simulations", unit="", disable=None) as bar:
             tables = study_method(
                 replace(method, on_batch=lambda estimate: _show(bar, estimate)),

@@ -25,6 +25,15 @@ class Event:
     quantity: str
     threshold: float = 0.0
 
+    @property
+    def in_words(self) -> str:
+        """The event for a message, such as ``min_range at most 1``."""
+        if self.quantity == "crash":
+            return self.quantity
+        return (
+            f"{self.quantity} {'above' if self.quantity == 'impact_speed' else 'at most'} {self.threshold:g}"
+        )
+
     def happens(self, outcomes: Outcomes) -> NDArray[np.bool_]:
         """Whether the event happened in each simulated encounter."""
         if self.quantity == "crash":

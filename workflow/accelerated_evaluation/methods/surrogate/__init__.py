@@ -11,6 +11,7 @@ import numpy as np
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.estimate import Estimate, Method, Stopping
 from accelerated_evaluation.methods.surrogate.certificate import BY_DEFAULT, Certificate
+from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.methods.surrogate.state import read_state, write_state
 from accelerated_evaluation.problem import ScoreProblem
@@ -34,6 +35,8 @@ class Surrogate(Method):
     certificate
         What must be excluded before an estimate has converged. Until it is, the sampler goes on looking for
         unseen parts of the event after the interval is narrow.
+    predecessor
+        Runs of another vehicle that is like the one under test, with events among them; see `Sampler`.
     """
 
     name: ClassVar[str] = "surrogate"
@@ -45,6 +48,7 @@ class Surrogate(Method):
     state_file: str | os.PathLike | None = None
     on_batch: Callable[[Estimate], None] | None = None
     certificate: Certificate = BY_DEFAULT
+    predecessor: Predecessor | None = None
 
     @classmethod
     def configured(cls, config: Mapping[str, Any]) -> Self:
@@ -95,7 +99,11 @@ class Surrogate(Method):
         own = {"dimension": problem.dimension, "fingerprint": problem.fingerprint}
         if self.state_file is None or not Path(self.state_file).exists():
             return Sampler(
-                **own, generator=generator, batch_size=self.batch_size, certificate=self.certificate
+                **own,
+                generator=generator,
+                batch_size=self.batch_size,
+                certificate=self.certificate,
+                predecessor=self.predecessor,
             )
         state = read_state(self.state_file)
         state.check(**own, batch_size=self.batch_size, where=str(self.state_file))

@@ -102,6 +102,11 @@ UNSEEN_ALPHA = 0.05
 LENGTH, LENGTH_SPREAD = 1.5, 0.7
 AMPLITUDE, AMPLITUDE_SPREAD = 20.0, 0.8
 
+# Prior median of the length along the axis of the vehicles, on which the vehicle under test is at 0 and its
+# predecessor at 1. With the median amplitude, the boundaries of the two then differ by about half a normal
+# score.
+VEHICLE_LENGTH = 10.0
+
 # Where the logarithms of the lengths and of the amplitude are sought, and most iterations of the search,
 # which is repeated when there are more runs.
 LOG_LENGTH_BOUNDS, LOG_AMPLITUDE_BOUNDS = (-2.0, 3.0), (-1.0, 4.0)

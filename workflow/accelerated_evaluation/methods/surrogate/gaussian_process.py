@@ -6,6 +6,7 @@ process as latent function. Its posterior is approximated by expectation propaga
 """
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
@@ -32,6 +33,7 @@ from accelerated_evaluation.methods.surrogate.constants import (
     ROUGHLY_SETTLED,
     SETTLED,
     SWEEPS,
+    VEHICLE_LENGTH,
 )
 from accelerated_evaluation.methods.surrogate.kernel import (
     covariance_between,
@@ -103,30 +105,59 @@ def that_matter(runs: Array, event: NDArray[np.bool_], most: int) -> NDArray[np.
     return np.sort(np.append(near, even))
 
 
+@dataclass(frozen=True)
+class Predecessor:
+    """Runs of another vehicle that is like the one under test: an earlier version of it, say.
+
+    Attributes
+    ----------
+    z, happened
+        Normal scores, shape (m, d), and whether the event happened, shape (m,).
+    """
+
+    z: Array
+    happened: NDArray[np.bool_]
+
+    def check(self, dimension: int) -> None:
+        """Raise ValueError if there is no event, or if shapes do not fit to a number of normal scores."""
+        if self.z.shape != (len(self.happened), dimension):
+            raise ValueError(f"predecessor: points of shape {self.z.shape} for {len(self.happened)} flags")
+        if not self.happened.any():
+            raise ValueError("predecessor: no event in its runs")
+
+
 class EventSurrogate:
     """Probability of the event at any point, given the flags of the points that were run.
 
-    The covariance of the latent function is that of `kernel`.
+    The covariance of the latent function is that of `kernel`. Where a predecessor is known, the points have
+    one coordinate more, 0 for the vehicle under test and 1 for the predecessor: how much the runs of the one
+    say about the other follows from a length, which is learnt like all others.
 
     Parameters
     ----------
     dimension
         Number d of normal scores.
+    predecessor
+        Runs of a vehicle that is alike; None for none.
 
     Attributes
     ----------
     theta
-        Logarithms of the d lengths and of the amplitude, shape (d + 1,).
+        Logarithms of the lengths and of the amplitude, shape (d + 1,), or (d + 2,) with a predecessor.
     sites
-        Precision, and precision times mean, of the Gaussian factor that stands for each flag, shape (2, n).
+        Precision, and precision times mean, of the Gaussian factor that stands for each flag, those of the
+        predecessor first, shape (2, m + n).
     """
 
-    def __init__(self, dimension: int) -> None:
-        self.theta = np.log([*[LENGTH * math.sqrt(dimension)] * dimension, AMPLITUDE])
+    def __init__(self, dimension: int, predecessor: Predecessor | None = None) -> None:
+        self._predecessor = predecessor
+        lengths = [LENGTH * math.sqrt(dimension)] * dimension
+        lengths += [VEHICLE_LENGTH] if predecessor else []
+        self.theta = np.log([*lengths, AMPLITUDE])
         self.sites = np.empty((2, 0))
         self._kept = np.arange(0)
         self._centre = self.theta.copy()
-        self._scale = np.array([*[LENGTH_SPREAD] * dimension, AMPLITUDE_SPREAD])
+        self._scale = np.array([*[LENGTH_SPREAD] * len(lengths), AMPLITUDE_SPREAD])
 
     def fit(self, z: Array, event: NDArray[np.bool_], *, learn: bool, restart: bool = False) -> None:
         """Condition on runs.
@@ -140,6 +171,10 @@ class EventSurrogate:
         restart
             Whether the flags of earlier runs have changed, so that their sites are of no use.
         """
+        z = self._placed(z)
+        if self._predecessor is not None:
+            z = np.vstack([np.column_stack([self._predecessor.z, np.ones(len(self._predecessor.z))]), z])
+            event = np.append(self._predecessor.happened, event)
         sign = np.where(event, 1.0, -1.0)
         known = 0 if restart else self.sites.shape[1]
         new = np.repeat([[FIRST_PRECISION], [0.0]], len(sign) - known, axis=1)
@@ -160,10 +195,14 @@ class EventSurrogate:
 
     def probability(self, z: Array) -> Array:
         """Probability of the event at points z, shape (m, d)."""
-        covariance = covariance_between(self._runs, z / self._lengths, self._variance)[0]
+        covariance = covariance_between(self._runs, self._placed(z) / self._lengths, self._variance)[0]
         scaled = dtrtrs(self._factor, self._root[:, None] * covariance, lower=1)[0]
         variance = np.maximum(2 * self._variance - np.einsum("ij,ij->j", scaled, scaled), 0.0)
         return ndtr(covariance.T @ self._weights / np.sqrt(1 + variance))
+
+    def _placed(self, z: Array) -> Array:
+        """Return points of the vehicle under test with all their coordinates."""
+        return z if self._predecessor is None else np.column_stack([z, np.zeros(len(z))])
 
     def _propagate(
         self, covariance: Array, sign: Array, tolerance: float

@@ -41,7 +41,7 @@ from accelerated_evaluation.methods.surrogate.constants import (
     STEP,
     WIDE_SHARE,
 )
-from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurrogate
+from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurrogate, Predecessor
 from accelerated_evaluation.methods.surrogate.search import draw_approach
 from accelerated_evaluation.methods.surrogate.state import (
     ApproachBatch,
@@ -86,6 +86,9 @@ class Sampler:
         Text that identifies the problem, so that a saved state is not taken up for another one.
     certificate
         What must be excluded before an estimate has converged.
+    predecessor
+        Runs of another vehicle that is like the one under test, with events among them. The sampler then
+        begins where these events are, and does without a search.
     """
 
     def __init__(
@@ -96,14 +99,18 @@ class Sampler:
         *,
         fingerprint: str,
         certificate: Certificate = BY_DEFAULT,
+        predecessor: Predecessor | None = None,
     ) -> None:
+        if predecessor is not None:
+            predecessor.check(dimension)
         if not 1 <= batch_size <= POOL // 4:
             raise ValueError(f"batch_size must be from 1 to {POOL // 4}, got {batch_size}")
         self.dimension, self.batch_size, self.fingerprint = dimension, batch_size, fingerprint
         self.certificate = certificate
         self.progress = Progress.start(dimension)
         self._generator = generator
-        self._surrogate = EventSurrogate(dimension)
+        self.predecessor = predecessor
+        self._surrogate = EventSurrogate(dimension, predecessor)
 
     # ---- simulations
 
@@ -192,6 +199,7 @@ class Sampler:
             theta=self._surrogate.theta,
             sites=self._surrogate.sites,
             generator=self._generator.bit_generator.state,
+            predecessor=self.predecessor,
         )
 
     @classmethod
@@ -203,6 +211,7 @@ class Sampler:
             state.batch_size,
             fingerprint=state.fingerprint,
             certificate=certificate,
+            predecessor=state.predecessor,
         )
         sampler.progress = state.progress
         sampler._surrogate.theta, sampler._surrogate.sites = state.theta, state.sites
@@ -219,18 +228,22 @@ class Sampler:
     def _design(self, defence: float) -> Batch:
         """Choose the next batch, by what is known so far."""
         progress = self.progress
-        happened, score = progress.happened, progress.score
-        few = self.simulations < START
-        if few or happened.all() or not (happened.any() or np.ptp(score) > 0):  # nothing to learn from
-            return WideBatch(draw_wide(self.batch_size, self.dimension, self._generator))
-        if self._is_searching():
-            z = draw_approach(self.batch_size, progress.rarest, progress.z, happened, score, self._generator)
-            return ApproachBatch(z)
+        if self.predecessor is None:
+            happened, score = progress.happened, progress.score
+            few = self.simulations < START
+            if few or happened.all() or not (happened.any() or np.ptp(score) > 0):  # nothing to learn from
+                return WideBatch(draw_wide(self.batch_size, self.dimension, self._generator))
+            if self._is_searching():
+                return ApproachBatch(
+                    draw_approach(
+                        self.batch_size, progress.rarest, progress.z, happened, score, self._generator
+                    )
+                )
         first = not progress.estimates
         learn = first or self.simulations >= RELEARN * progress.learnt_at
         if learn:
             progress.learnt_at = self.simulations
-        self._surrogate.fit(progress.z, happened, learn=learn, restart=first)
+        self._surrogate.fit(progress.z, progress.happened, learn=learn, restart=first)
         return self._two_phase_batch(defence)
 
     def _is_searching(self) -> bool:

@@ -19,6 +19,7 @@ from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.files import read_json, write_json
 from accelerated_evaluation.methods.surrogate.combining import BatchEstimate
 from accelerated_evaluation.methods.surrogate.constants import REACH
+from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.methods.surrogate.two_phase import Flags, TwoPhaseBatch
 
 FORMAT, VERSION = "accelerated-evaluation sampler state", 3
@@ -99,6 +100,8 @@ class State:
         Of the surrogate: logarithms of its lengths and amplitude, and its sites; see `EventSurrogate`.
     generator
         State of the bit generator.
+    predecessor
+        Runs of a vehicle that is alike.
     """
 
     fingerprint: str
@@ -108,6 +111,7 @@ class State:
     theta: Array
     sites: Array
     generator: dict[str, Any]
+    predecessor: Predecessor | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of a state file: plain lists and numbers, with a version and a checksum."""
@@ -221,11 +225,11 @@ def _decode(annotation: Any, value: Any) -> Any:  # noqa: ANN401
         return None
     if isinstance(annotation, UnionType):  # a batch, or something that may be None
         choices = [choice for choice in get_args(annotation) if choice is not type(None)]
-        name = value["kind"] if isinstance(value, dict) else choices[0].__name__
+        name = value["kind"] if len(choices) > 1 else choices[0].__name__
         return _decode(next(choice for choice in choices if choice.__name__ == name), value)
     if is_dataclass(annotation):
         types = get_type_hints(annotation)
-        return annotation(**{name: _decode(types[name], value[name]) for name in types})
+        return annotation(**{name: _decode(types[name], value[name]) for name in types if name in value})
     if get_origin(annotation) is list:
         return [_decode(get_args(annotation)[0], item) for item in value]
     if get_origin(annotation) is np.ndarray:
