@@ -1,8 +1,8 @@
 """Drive the campaign of docs/campaign.md under a finished study, and show where it ended.
 
 Run as ``python benchmarks/campaign_transcript.py [--write]`` after ``make study``. The commands are those of
-the guide, in their order; its last three are repeated until the campaign may stop. With ``--write`` the
-transcript takes the place of the one in the guide.
+the guide, in their order; the last ask, simulate and tell are repeated until the campaign may stop. With
+``--write`` the transcript takes the place of the one in the guide.
 """
 
 import argparse
@@ -35,15 +35,18 @@ def commands(text: str) -> list[list[str]]:
 
 
 def drive(text: str) -> str:
-    """Run the commands of the guide in the current folder, and return the last status."""
+    """Run the commands of the guide in the current folder, and return the status where it may stop."""
     steps = commands(text)
-    for step in steps:
+    end = 1 + max(place for place, step in enumerate(steps) if step[:2] == ["campaign", "tell"])
+    for step in steps[:end]:
         _run(step)
     for _ in range(MOST_ROUNDS):
         if read_campaign("campaign.json").estimate().converged:
             break
-        for step in steps[-LAST_ROUND:]:
+        for step in steps[end - LAST_ROUND : end]:
             _run(step)
+    for step in steps[end:]:
+        _run(step)
     return _run(["campaign", "status", "campaign.json"])
 
 

@@ -281,17 +281,15 @@ def test_the_tutorial_runs_as_it_is_written(tmp_path, monkeypatch):
     Path("results/spmd/law.json").rename("results/spmd/laws/answer.json")
     steps = transcript.commands(TUTORIAL.read_text())
     assert [step[:2] for step in steps[:2]] == [["campaign", "new"], ["campaign", "ask"]]
-    assert [step[1] if step[0] == "campaign" else step[0] for step in steps[-3:]] == [
-        "ask",
-        "simulate",
-        "tell",
-    ]
+    last = [step[1] if step[0] == "campaign" else step[0] for step in steps[-4:]]
+    assert last == ["ask", "simulate", "tell", "new"]
     told = transcript.drive(TUTORIAL.read_text())
     assert re.search(r"may stop +yes", told)
     renewed = transcript.with_transcript(TUTORIAL.read_text(), told, 1.25e-3)
     assert "".join(f"    {line}\n" for line in told.splitlines()) in renewed
     assert "The exact value under this law is 0.00125" in renewed
     assert len(re.findall("^    event ", renewed, flags=re.MULTILINE)) == 1
+    assert read_campaign("next_car.json").sampler.predecessor.happened.any()
     found = read_campaign("campaign.json").estimate()
     exact = _crude(2_000_000)
     assert abs(found.probability / exact - 1) < 5 * 0.2 / 1.28

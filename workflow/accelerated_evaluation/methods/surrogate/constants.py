@@ -14,8 +14,12 @@ START = 20
 CANDIDATES = 1000
 
 # The search ends when it has had a run in every such step of rarity, for which the probability changes by the
-# factor exp(STEP), below the most probable event that it knows.
+# factor exp(STEP), up to `BEYOND` the most probable event that it knows.
 STEP = 0.4
+
+# The search and the defence reach as far out as this beyond the rarity of the event: all that lies farther
+# out has less than 5 % of the probability.
+BEYOND = 3.0
 
 # Most runs that the search learns from.
 SEARCH_RUNS = 300
@@ -58,10 +62,6 @@ SMALLEST_SPREAD = 0.1
 
 # Defensive share of the runs, against a mistaken surrogate; and where the certificate alone is wanting.
 DEFENCE, DEFENCE_ALONE = 0.2, 0.9
-
-# The defence reaches as far out as this beyond the rarity -log P of the event: all that lies farther out has
-# less than 5 % of the probability.
-BEYOND = 3.0
 
 # Share of the defence that is spread evenly over the pool, which surrounds the event; the rest follows the
 # wide law.

@@ -28,6 +28,7 @@ from accelerated_evaluation.methods.surrogate import results
 from accelerated_evaluation.methods.surrogate.certificate import BY_DEFAULT, Certificate
 from accelerated_evaluation.methods.surrogate.combining import estimate_batch
 from accelerated_evaluation.methods.surrogate.constants import (
+    BEYOND,
     CORE,
     DEFENCE,
     DEFENCE_ALONE,
@@ -159,7 +160,7 @@ class Sampler:
         if isinstance(batch, WideBatch):
             self._looked(len(batch.z), REACH)
         else:
-            progress.searched += len(batch.z) / max(progress.rarest, STEP)
+            progress.searched += len(batch.z) / self._search_reach
         progress.rarest = rarest
 
     def _looked(self, runs: float, reach: float) -> None:
@@ -234,11 +235,8 @@ class Sampler:
             if few or happened.all() or not (happened.any() or np.ptp(score) > 0):  # nothing to learn from
                 return WideBatch(draw_wide(self.batch_size, self.dimension, self._generator))
             if self._is_searching():
-                return ApproachBatch(
-                    draw_approach(
-                        self.batch_size, progress.rarest, progress.z, happened, score, self._generator
-                    )
-                )
+                known, reach = (progress.z, happened, score), self._search_reach
+                return ApproachBatch(draw_approach(self.batch_size, reach, *known, self._generator))
         first = not progress.estimates
         learn = first or self.simulations >= RELEARN * progress.learnt_at
         if learn:
@@ -250,6 +248,11 @@ class Sampler:
         """Whether the search goes on: until it has looked long enough for an event more probable than all."""
         progress = self.progress
         return not progress.happened.any() or (not progress.estimates and progress.searched < 1 / STEP)
+
+    @property
+    def _search_reach(self) -> float:
+        """Rarity up to which the search goes: a little beyond the most probable event that it knows."""
+        return min(self.progress.rarest + BEYOND, REACH)
 
     @property
     def _pool_size(self) -> int:

@@ -3,7 +3,7 @@
 The rarity of a point is -log P(|Z| > |z|). A score that falls as the event comes nearer may be smallest far
 out, where hardly any of the probability is. So the search divides the rarities into steps, and every step
 gets a run where a regression of the scores gives the event a good chance. Once an event is seen, the search
-goes on among the more probable points alone, until it has looked there closely enough.
+goes on among the points that are more probable, or hardly less, until it has looked there closely enough.
 """
 
 import numpy as np

@@ -60,9 +60,9 @@ class Progress:
     centres
         Points about which the next pool is drawn, shape (k, d); None before the first pool.
     searched
-        Runs of the search for each unit of rarity, up to ``rarest``.
+        Runs of the search for each unit of rarity, up to a little beyond ``rarest``.
     rarest
-        Rarity up to which the search goes: that of the most probable event that it knows.
+        Rarity of the most probable event that the search knows.
     learnt_at
         Number of runs when the lengths and the amplitude were learnt last.
     """

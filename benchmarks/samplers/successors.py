@@ -1,0 +1,131 @@
+"""A vehicle that is like a known one: how many simulations the runs of its predecessor save.
+
+    python benchmarks/samplers/successors.py benchmarks/results/successors.csv [--seeds 20]
+
+The predecessor is the study's car in the segment 5-15 m/s. The sampler estimates its crash probability first;
+then each variant of the car is estimated twice, with these runs and without.
+"""
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from accelerated_evaluation.files import write_csv
+from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
+from accelerated_evaluation.methods.surrogate.sampler import Sampler
+from accelerated_evaluation.problem import ScoreProblem
+from accelerated_evaluation.publishing.tables import reproducible
+from accelerated_evaluation.randomness import child_generator
+from accelerated_evaluation.vehicles.acc_aeb import AccAeb
+from methods import Target
+from problems import BENCHMARK, WEAK_AEB, crash, segment_problem
+from reference import reference
+from tqdm import tqdm
+
+ROOT, DRIVES = 2016, 60
+TARGET = Target(minimum_events=1, maximum_simulations=1000)
+VARIANTS: Mapping[str, Mapping[str, float]] = {
+    "the same car": {},
+    "AEB from a TTC of 0.85 s": {"aeb_ttc": 0.85},
+    "AEB from a TTC of 1 s": {"aeb_ttc": 1.0},
+    "AEB of 8.5 m/s²": {"aeb_deceleration": 8.5},
+    "AEB jerk 12 m/s³": {"aeb_jerk": 12.0},
+    "AEB jerk 24 m/s³": {"aeb_jerk": 24.0},
+    "friction 8.5 m/s²": {"friction_limit": 8.5},
+    "actuator jerk 12 m/s³": {"actuator_jerk": 12.0},
+    "time headway 1.5 s": {"headway": 1.5},
+    "weak AEB": WEAK_AEB,
+}
+
+
+def event_of(parameters: Mapping[str, float]) -> ScoreProblem:
+    """Return the crash of a variant of the car."""
+    return crash("variant", "variant", segment_problem("5-15", AccAeb(**parameters), BENCHMARK)).event
+
+
+def driven(
+    event: ScoreProblem, generator: np.random.Generator, known: Predecessor | None
+) -> tuple[Sampler, float]:
+    """Run the sampler to its end; return it, and what it says after `DRIVES` simulations.
+
+    Where it has no estimate yet, it says what the surrogate foretells.
+    """
+    sampler = Sampler(event.dimension, generator, fingerprint="variant", predecessor=known)
+    early = np.nan
+    while not sampler.has_converged(TARGET) and sampler.simulations < TARGET.maximum_simulations:
+        sampler.tell(*event.evaluate(sampler.ask(certify=sampler.is_narrow(TARGET))))
+        if sampler.simulations == DRIVES:
+            early = early_answer(sampler)
+    return sampler, early_answer(sampler) if np.isnan(early) else early
+
+
+def early_answer(sampler: Sampler) -> float:
+    """Return the estimate, or what the surrogate foretells while there is none; 0 if there is neither."""
+    estimate = sampler.estimate(TARGET).probability
+    batches = sampler.progress.estimates
+    foretold = batches[-1].prediction.probability if batches else 0.0
+    return foretold if np.isnan(estimate) else estimate
+
+
+def compare(name: str, truth: float, before: float, seeds: int, bar: tqdm) -> dict[str, object]:
+    """Return a row of the table: one variant over all seeds.
+
+    Parameters
+    ----------
+    name
+        Of the variant.
+    truth, before
+        Crash probabilities of the variant and of its predecessor.
+    seeds
+        How many.
+    bar
+        Shows the progress.
+    """
+    event, old = event_of(VARIANTS[name]), event_of({})
+    rows = []
+    for seed in range(seeds):
+        base, _ = driven(old, child_generator(ROOT, "predecessor", seed), None)
+        known = Predecessor(base.progress.z, base.progress.happened)
+        found, early = driven(event, child_generator(ROOT, "successor", seed), known)
+        alone, _ = driven(event, child_generator(ROOT, "successor", seed), None)
+        end, without = found.estimate(TARGET), alone.estimate(TARGET)
+        rows.append(
+            {
+                "early_error": early / truth - 1,
+                "ranked": (early > before) == (truth > before),
+                "simulations": end.simulations,
+                "error": end.probability / truth - 1,
+                "holds": end.low <= truth <= end.high,
+                "simulations_alone": without.simulations,
+                "error_alone": without.probability / truth - 1,
+            }
+        )
+        bar.update()
+    seen = pd.DataFrame(rows)
+    errors = {column: np.sqrt(seen[column].pow(2).mean()) for column in seen if "error" in column}
+    means = seen[["ranked", "simulations", "holds", "simulations_alone"]].mean()
+    return {"variant": name, "probability": truth, "ratio": truth / before, "seeds": seeds, **errors, **means}
+
+
+def main() -> None:
+    """Write the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("output", type=Path, help="where to write the table")
+    parser.add_argument("--seeds", type=int, default=20, help="default: 20")
+    arguments = parser.parse_args()
+    truth = {
+        name: reference(event_of(parameters), child_generator(ROOT, "reference", name))[0]
+        for name, parameters in tqdm(VARIANTS.items(), desc="references")
+    }
+    with tqdm(total=len(VARIANTS) * arguments.seeds, desc="variants") as bar:
+        before = truth["the same car"]
+        rows = [compare(name, truth[name], before, arguments.seeds, bar) for name in VARIANTS]
+    write_csv(arguments.output, reproducible(pd.DataFrame(rows)))
+
+
+if __name__ == "__main__":
+    main()
