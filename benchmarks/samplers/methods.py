@@ -14,7 +14,14 @@ from accelerated_evaluation.problem import Response, ScoreProblem
 from accelerated_evaluation.vehicles import Outcomes, Vehicle
 from problems import Problem
 
-PEERS = ("nais", "nais_25", "cross_entropy", "subset", "form", "enkf")
+TOOLS = ("nais", "nais_25", "cross_entropy", "subset", "form", "enkf")  # public tools
+LEARNERS = {  # methods of the literature on a Gaussian process, and the module of each
+    "ak_mcs": "kriging",
+    "ak_is": "kriging",
+    "two_stage": "two_stage",
+    "kde_ais": "kernel_density",
+}
+PEERS = dict.fromkeys(TOOLS, "peers") | LEARNERS
 HOUSE = tuple(METHODS)
 PAPER = ("piecewise", "single", "heuristic")
 LIMITS = {"surrogate": 1000, "crude": 2_000_000}  # simulator calls; other methods: that of `Target`
@@ -78,10 +85,13 @@ class Counter:
         """Return a problem of cut-ins with the calls of its vehicle counted."""
         return replace(problem, vehicle=_CountedVehicle(problem.vehicle, self))
 
-    def level(self, problem: Problem, *, smooth: bool = False) -> Callable[[Array], Array]:
+    def level(
+        self, problem: Problem, *, smooth: bool = False, graded: bool = False
+    ) -> Callable[[Array], Array]:
         """Return a function of normal scores, shape (n, d), that is at most 0 in the event and only there."""
-        if smooth and problem.smooth:
-            event, threshold = self.event(problem.smooth), 0.0
+        chosen = (problem.graded or problem.smooth) if graded else problem.smooth if smooth else None
+        if chosen:
+            event, threshold = self.event(chosen), 0.0
         else:
             event, threshold = self.event(problem.event), problem.threshold
 

@@ -86,9 +86,21 @@ def test_levels_are_at_most_zero_in_the_event_and_only_there(name):
     z = reference.draw_wide(np.random.default_rng(3), 20_000, problem.event.dimension)
     happened, _ = problem.event.evaluate(z)
     assert 0 < happened.sum() < len(z)
-    for smooth in (False, True):
-        level = Counter(math.inf).level(problem, smooth=smooth)(z)
+    for kind in ({}, {"smooth": True}, {"graded": True}):
+        level = Counter(math.inf).level(problem, **kind)(z)
         np.testing.assert_array_equal(level <= 0, happened)
+
+
+def test_graded_scores_tell_crashes_apart_and_stay_of_order_one():
+    problem = problems()["no_aeb"]
+    z = reference.draw_wide(np.random.default_rng(3), 20_000, 3)
+    happened, _ = problem.event.evaluate(z)
+    graded = Counter(math.inf).level(problem, graded=True)(z)
+    assert (Counter(math.inf).level(problem)(z)[happened] == 0).all()  # it stops at a crash
+    assert np.ptp(graded[happened]) > 0.5
+    assert graded[happened].max() <= -0.05
+    assert graded.min() > -5
+    assert graded.max() == 1
 
 
 def test_tables_of_quantiles_hardly_change_the_inputs():
