@@ -178,16 +178,17 @@ def ak_mcs(problem: Problem, counter: Counter, generator: np.random.Generator, t
 @adapter
 def ak_is(problem: Problem, counter: Counter, generator: np.random.Generator, target: Target) -> Estimate:
     """Kriging on a normal population about the design point of FORM, whose runs are the first of the fit."""
-    dimension, level, seen = problem.event.dimension, counter.level(problem, graded=True), []
+    dimension, level, seen = problem.event.dimension, counter.level(problem, smooth=True), []
 
     def remembered(z: Array) -> Array:
-        seen.append((z, level(z)))
-        return seen[-1][1]
+        seen.append(z)
+        return level(z)
 
-    centre = np.array(
-        design_point(threshold_event(remembered, dimension, generator)).getStandardSpaceDesignPoint()
-    )
-    kriging = Kriging(level, *(np.concatenate(each) for each in zip(*seen, strict=True)))
+    found = design_point(threshold_event(remembered, dimension, generator))
+    centre, first = np.array(found.getStandardSpaceDesignPoint()), np.concatenate(seen)
+    # The same runs with their other score: they are not counted again.
+    known = Counter(math.inf).level(problem, graded=True)(first)
+    kriging = Kriging(counter.level(problem, graded=True), first, known)
     z = centre + generator.standard_normal((FINAL, dimension))
     _, sure = learn(kriging, z[:IMPORTANCE])
     weight = np.exp(centre @ centre / 2 - z @ centre)

@@ -21,7 +21,9 @@ LEARNERS = {  # methods of the literature on a Gaussian process, and the module 
     "two_stage": "two_stage",
     "kde_ais": "kernel_density",
 }
+PLUG_IN = ("ak_mcs", "ak_is", "two_stage")  # of these, those that estimate from predictions alone
 PEERS = dict.fromkeys(TOOLS, "peers") | LEARNERS
+TRIANGULATED = 4  # variables beyond which the triangulation of two_stage has too many simplices
 HOUSE = tuple(METHODS)
 PAPER = ("piecewise", "single", "heuristic")
 LIMITS = {"surrogate": 1000, "crude": 2_000_000}  # simulator calls; other methods: that of `Target`
@@ -154,6 +156,7 @@ def methods_of(problem: Problem) -> list[str]:
     """Return the methods that are run on a problem."""
     if problem.ours_only:
         return ["surrogate"]
+    peers = [name for name in PEERS if name != "two_stage" or problem.event.dimension <= TRIANGULATED]
     paper = PAPER if problem.cut_in else ()
     crude = ("crude",) if problem.name in CRUDE_RUN else ()
-    return ["surrogate", *PEERS, *paper, *crude]
+    return ["surrogate", *peers, *paper, *crude]

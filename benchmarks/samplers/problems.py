@@ -153,7 +153,7 @@ def range_left(outcomes: Outcomes, cut_ins: CutIns) -> Array:
 
 
 def ttc_or_impact(outcomes: Outcomes, cut_ins: CutIns) -> Array:
-    """Return the smallest time to collision over 4 s, at most 1; at a crash less the impact speed over 10 m/s.
+    """Return the smallest time to collision over 4 s, at most 1; at a crash less the impact speed / 10 m/s.
 
     The range left is a worse score for regression: just outside the event it is small in a wide margin.
     """

@@ -183,6 +183,25 @@ def test_table_adds_crude_monte_carlo_by_theory():
     assert crude["failed"].isna().all()
 
 
+def test_rows_that_were_not_made_anew_are_kept():
+    kept = pd.DataFrame(
+        [("circle", "crude", 0, 7.0), ("weak_aeb", "nais", 200, 1.0), ("weak_aeb", "crude", 200, 2.0)],
+        columns=["problem", "method", "seeds", "calls_mean"],
+    )
+    new = pd.DataFrame(
+        [("weak_aeb", "ak_mcs", 20, 3.0), ("weak_aeb", "crude", 0, 4.0), ("weak_aeb", "nais", 40, 5.0)],
+        columns=kept.columns,
+    )
+    both = summarise.with_kept(new, kept)
+    # In the order of the problems and methods; theory does not replace crude Monte Carlo that was run.
+    assert both.to_numpy().tolist() == [
+        ["weak_aeb", "nais", 40, 5.0],
+        ["weak_aeb", "ak_mcs", 20, 3.0],
+        ["weak_aeb", "crude", 200, 2.0],
+        ["circle", "crude", 0, 7.0],
+    ]
+
+
 def test_standard_error_of_a_deviation_is_that_of_a_normal_sample():
     values = pd.Series(np.random.default_rng(7).normal(1, 0.15, 20_000))
     assert summarise._error_of_deviation(values) == pytest.approx(0.15 / math.sqrt(2 * 20_000), rel=0.05)
