@@ -32,7 +32,7 @@ LABELS = {
 KINDS = {  # look of each kind of method, told apart by shape and grey
     "this project": (("surrogate",), {"marker": "D", "color": "black", "markersize": 4.5}),
     "public tools": (TOOLS, {"marker": "s", "color": "#08306b"}),
-    "learning a surface": (tuple(LEARNERS), {"marker": "v", "color": "#238b45", "markersize": 4.5}),
+    "learn a surface": (tuple(LEARNERS), {"marker": "v", "color": "#238b45", "markersize": 4.5}),
     "the paper's methods": (PAPER, {"marker": "o", "color": "#4292c6"}),
     "crude": (("crude",), {"marker": "^", "color": "#777777"}),
 }
@@ -94,7 +94,7 @@ def draw(table: pd.DataFrame) -> Figure:
     figure, axes = plt.subplots(
         lines,
         COLUMNS,
-        figsize=(2 * COLUMN_WIDTH + 0.2, 1.75 * lines + 0.5),
+        figsize=(2 * COLUMN_WIDTH + 0.2, 2.0 * lines + 0.5),
         sharex=True,
         sharey=True,
         squeeze=False,
@@ -103,8 +103,9 @@ def draw(table: pd.DataFrame) -> Figure:
         draw_panel(each, rows)
     for each in axes.flat[len(panels) :]:
         each.set_axis_off()
-    for each in axes[-1]:
+    for each in axes.flat[max(len(panels) - COLUMNS, 0) : len(panels)]:  # the lowest of each column
         each.set_xlabel("simulations", fontsize=6)
+        each.tick_params(labelbottom=True)
     for each in axes.flat:
         each.tick_params(labelsize=5.5)
     looks = [Line2D([], [], linestyle="none", label=name, **look) for name, (_, look) in KINDS.items()]
@@ -112,27 +113,25 @@ def draw(table: pd.DataFrame) -> Figure:
     hollow.set_label(f"{FAILING:.0%} and more failed")
     run = Line2D([], [], linestyle="none", marker="|", color="black", label="simulations made")
     figure.legend(
-        handles=[*looks, hollow, run], loc="outside upper center", ncols=6, fontsize=6, columnspacing=1
+        handles=[*looks, hollow, run], loc="outside upper center", ncols=7, fontsize=5.5, columnspacing=0.8
     )
     note_source(
         figure,
-        f"{seeds_made(compared)}. Marker: simulations for a root-mean-square error of 0.156\n"
-        "(95 % limits), or those made where a method estimates from predictions alone. Beside it: how often\n"
-        "the method's own 80 % interval covers, and (failed seeds), in %; crude: theory",
+        f"{seeds_made(compared)}; at the edge: crude by theory.\n"
+        "Marker: simulations for a root-mean-square error of 0.156 (95 % limits), or those made where a\n"
+        "method estimates from predictions alone. Beside it: how often its own 80 % interval covers, and\n"
+        "(failed seeds), in %",
     )
     return figure
 
 
 def seeds_made(compared: pd.DataFrame) -> str:
-    """Tell how many seeds most methods have, and how many the others."""
-    made = compared[compared["seeds"] > 0]
-    usual = made["seeds"].mode()[0]
-    parts = [f"{usual:,} seeds each"]
-    for name, methods in (("this project", ["surrogate"]), ("learning a surface", list(LEARNERS))):
-        seeds = made.loc[made["method"].isin(methods), "seeds"]
-        if (seeds != usual).any():
-            parts.append(f"{seeds.min():,} to {seeds.max():,} of {name}")
-    return ", ".join(parts)
+    """Tell the numbers of seeds of each kind of method."""
+    parts = []
+    for name, (methods, _) in KINDS.items():
+        seeds = compared.loc[compared["method"].isin(methods) & (compared["seeds"] > 0), "seeds"]
+        parts.append(f"{name} {' to '.join(dict.fromkeys((f'{seeds.min():,}', f'{seeds.max():,}')))}")
+    return f"seeds: {', '.join(parts)}"
 
 
 def main() -> None:
