@@ -6,6 +6,7 @@ smooth one. Intervals are normal, from the standard error that the tool reports.
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import openturns as ot
@@ -21,9 +22,15 @@ START, NEAR = 3.0, 0.05
 def rare_event(
     problem: Problem, counter: Counter, generator: np.random.Generator, *, smooth: bool
 ) -> ot.ThresholdEvent:
+    """Return the event "level <= 0" of a problem for OpenTURNS."""
+    return threshold_event(counter.level(problem, smooth=smooth), problem.event.dimension, generator)
+
+
+def threshold_event(
+    level: Callable[[Array], Array], dimension: int, generator: np.random.Generator
+) -> ot.ThresholdEvent:
     """Return the event "level <= 0" for OpenTURNS, and seed its generator."""
     ot.RandomGenerator.SetSeed(int(generator.integers(2**31)))
-    level, dimension = counter.level(problem, smooth=smooth), problem.event.dimension
     function = ot.PythonFunction(dimension, 1, func_sample=lambda z: level(np.asarray(z))[:, None])
     normal = ot.RandomVector(ot.Normal(dimension))
     return ot.ThresholdEvent(ot.CompositeRandomVector(function, normal), ot.LessOrEqual(), 0.0)
@@ -83,17 +90,23 @@ def subset(problem: Problem, counter: Counter, generator: np.random.Generator, t
     return finished(algorithm, target)
 
 
-@adapter
-def form(problem: Problem, counter: Counter, generator: np.random.Generator, target: Target) -> Estimate:
-    """First-order reliability method, then importance sampling around its design point until the target."""
-    event = rare_event(problem, counter, generator, smooth=True)
+def design_point(event: ot.ThresholdEvent) -> ot.FORMResult:
+    """Search the point of the event that is nearest to the origin."""
+    dimension = event.getAntecedent().getDimension()
     solver = ot.Cobyla(ot.OptimizationProblem(), 0.5)
-    solver.setStartingPoint([0.0] * (problem.event.dimension - 1) + [START])
+    solver.setStartingPoint([0.0] * (dimension - 1) + [START])
     solver.setMaximumConstraintError(NEAR)
     solver.setMaximumCallsNumber(1000)
     search = ot.FORM(solver, event)
     search.run()
-    algorithm = ot.PostAnalyticalImportanceSampling(search.getResult())
+    return search.getResult()
+
+
+@adapter
+def form(problem: Problem, counter: Counter, generator: np.random.Generator, target: Target) -> Estimate:
+    """First-order reliability method, then importance sampling around its design point until the target."""
+    event = rare_event(problem, counter, generator, smooth=True)
+    algorithm = ot.PostAnalyticalImportanceSampling(design_point(event))
     algorithm.setMaximumCoefficientOfVariation(target.cov)
     algorithm.setBlockSize(100)
     algorithm.setMaximumOuterSampling((target.maximum_simulations - counter.calls) // 100)

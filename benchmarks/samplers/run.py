@@ -9,7 +9,7 @@ import pandas as pd
 from accelerated_evaluation.files import write_csv
 from accelerated_evaluation.randomness import child_generator
 from house import house
-from methods import HOUSE, LIMITS, Target
+from methods import HOUSE, LIMITS, PEERS, Target
 from problems import problems
 
 ROOT = 2016  # root of all randomness, as in the study
@@ -25,7 +25,7 @@ def main() -> None:
     arguments = parser.parse_args()
     name, method = arguments.problem, arguments.method
     # The public tools are installed for this benchmark alone, so they are imported only if they are run.
-    estimate = house(method) if method in HOUSE else getattr(importlib.import_module("peers"), method)
+    estimate = house(method) if method in HOUSE else getattr(importlib.import_module(PEERS[method]), method)
     target = Target(maximum_simulations=LIMITS.get(method, Target.maximum_simulations))
     rows = []
     for seed in range(*arguments.seeds):

@@ -9,7 +9,8 @@ import numpy as np
 import pandas as pd
 from accelerated_evaluation.files import write_csv
 from accelerated_evaluation.methods.importance_sampling import crude_simulations
-from methods import Target
+from methods import PLUG_IN, Target, methods_of
+from problems import problems
 
 COLUMNS = [
     "problem",
@@ -51,7 +52,8 @@ def summary(runs: pd.DataFrame, reference: float) -> dict[str, float]:
         number. ``failed`` is the share of all seeds that gave none or zero, or one off by more than a factor
         of 2, and ``claimed`` which share of these said that they had converged; ``coverage80`` and
         ``coverage95`` the shares of all whose own interval holds the reference. ``effective_calls`` is what a
-        method of this error needs for the target: calls (error / target)^2.
+        method of this error needs for the target: calls (error / target)^2. It is NaN for methods that
+        estimate from predictions alone, whose error does not fall with the root of the calls.
     """
     ratio = runs["probability"] / reference
     known = ratio.dropna()
@@ -102,10 +104,23 @@ def table(runs: pd.DataFrame, references: dict[str, dict[str, float]]) -> pd.Dat
         probability, error = references[name]["probability"], references[name]["standard_error"]
         known = {"reference": probability, "reference_se": error}
         for method, of_method in of_problem.groupby("method", sort=False):
-            rows.append({"problem": name, "method": method} | summary(of_method, probability) | known)
+            row = {"problem": name, "method": method} | summary(of_method, probability) | known
+            rows.append(row | ({"effective_calls": math.nan} if method in PLUG_IN else {}))
         if "crude" not in set(of_problem["method"]):
             rows.append({"problem": name, "method": "crude"} | crude_by_theory(probability) | known)
     return pd.DataFrame(rows)[COLUMNS]
+
+
+def with_kept(table: pd.DataFrame, kept: pd.DataFrame) -> pd.DataFrame:
+    """Add the rows of an earlier table that were not made anew; crude Monte Carlo by theory replaces none."""
+    keys = ["problem", "method"]
+    both = pd.concat([table[table["seeds"] > 0], kept, table], ignore_index=True).drop_duplicates(keys)
+    order = [
+        (name, method)
+        for name, problem in problems().items()
+        for method in dict.fromkeys([*methods_of(problem), "crude"])
+    ]
+    return both.set_index(keys).loc[lambda rows: [key for key in order if key in rows.index]].reset_index()
 
 
 def main() -> None:
@@ -113,11 +128,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", nargs="+", required=True)
     parser.add_argument("--references", nargs="+", required=True, help="files reference/PROBLEM.json")
+    parser.add_argument("--keep", help="table whose rows are kept where there are no new runs")
     parser.add_argument("--output", required=True)
     arguments = parser.parse_args()
     runs = pd.concat([pd.read_csv(path) for path in arguments.runs], ignore_index=True)
     references = {Path(path).stem: json.loads(Path(path).read_text()) for path in arguments.references}
-    write_csv(arguments.output, table(runs, references))
+    made = table(runs, references)
+    write_csv(arguments.output, with_kept(made, pd.read_csv(arguments.keep)) if arguments.keep else made)
 
 
 if __name__ == "__main__":

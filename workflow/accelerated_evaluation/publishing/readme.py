@@ -31,6 +31,7 @@ SHOWN = (
     "fitted parameters, piecewise",
 )
 OURS = "surrogate"
+LEARNERS = ("ak_mcs", "ak_is", "two_stage", "kde_ais")  # as in benchmarks/samplers/methods.py
 PAPER_INTERVAL = "7e-07 to 7.8e-07, of the simulations alone"  # section VI.C, 80 %
 RELIABLE = 0.05  # share of failed seeds up to which another sampler is called the best
 
@@ -88,6 +89,25 @@ def samplers_table(samplers: pd.DataFrame) -> str:
     return _markdown(headings, table)
 
 
+def learners_table(samplers: pd.DataFrame) -> str:
+    """Return, for the problems on which others that learn a surface were run, what they and ours need."""
+    headings = ("problem", "method", "seeds", "calls", "95 % at most", "error", "bias")
+    headings += ("off by a factor of 2", "of these claimed", "80 % holds", "95 % holds")
+    learned = samplers.groupby("problem", sort=False).filter(lambda rows: rows["method"].isin(LEARNERS).any())
+    forms = {"error": ".2f", "bias": "+.0%", "failed": ".0%", "claimed": ".0%"}
+    forms |= {"coverage80": ".0%", "coverage95": ".0%"}
+    table = []
+    for _, row in learned[learned["method"].isin([OURS, *LEARNERS])].iterrows():
+        cells = (
+            row["problem"].replace("_", " "),
+            "this sampler" if row["method"] == OURS else row["method"],
+            *(f"{row[name]:,.0f}" for name in ("seeds", "calls_mean", "calls_p95")),
+            *("–" if pd.isna(row[name]) else format(row[name], form) for name, form in forms.items()),
+        )
+        table.append(cells)
+    return _markdown(headings, table)
+
+
 def worlds_table(worlds: pd.DataFrame) -> str:
     """Return how often the intervals cover in each kind of world, and how wide they are, as Markdown."""
     headings = ("kind", "worlds", "50 % covers", "80 % covers", "95 % covers", "80 %: upper / lower")
@@ -138,6 +158,7 @@ TABLES = {
     "answer": Table(README, ANSWER, answers_table),
     "results": Table(README, CLAIMS, results_table),
     "samplers": Table(BENCHMARKS, SAMPLERS, samplers_table),
+    "learners": Table(BENCHMARKS, SAMPLERS, learners_table),
     "worlds": Table(BENCHMARKS, WORLDS, worlds_table),
 }
 
