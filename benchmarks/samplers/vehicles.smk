@@ -1,6 +1,6 @@
 # All vehicles of the study under laws of the study: exact probabilities, and what the sampler makes of them.
 #
-#   snakemake --snakefile benchmarks/samplers/vehicles.smk --cores 2
+#   snakemake --snakefile benchmarks/samplers/vehicles.smk --cores 2 [--config seeds=40]
 #
 # A job for the crash map of each vehicle, and one for all estimates under a law.
 
@@ -14,6 +14,7 @@ from vehicles import LAWS, vehicles
 HERE = "benchmarks/samplers"
 RAW = "results/benchmarks/vehicles"
 SCRIPT = f"{HERE}/vehicles.py"
+SEEDS = int(config.get("seeds", 40))
 MODULES = imported_modules(
     [SCRIPT, f"{HERE}/house.py"],
     "workflow/accelerated_evaluation",
@@ -59,10 +60,12 @@ rule run:
         f"{RAW}/{{law}}.csv",
     log:
         f"{RAW}/logs/{{law}}.log",
+    params:
+        seeds=SEEDS,
     message:
         "All vehicles under the law {wildcards.law}"
     shell:
-        "python {SCRIPT} run {wildcards.law} --maps {RAW}/maps --output {output} > {log} 2>&1"
+        "python {SCRIPT} run {wildcards.law} --maps {RAW}/maps --seeds {params.seeds} --output {output} > {log} 2>&1"
 
 
 rule table:
