@@ -52,7 +52,7 @@ benchmark-samplers: $(ENVIRONMENT) ## fewest simulations: our sampler beside pub
 	python -m pip install --quiet --require-hashes -r benchmarks/environment.txt
 	$(SAMPLERS)
 
-benchmark-vehicles: $(ENVIRONMENT) ## all vehicles of the study under five laws: exact, and by the sampler; about 20 minutes
+benchmark-vehicles: $(ENVIRONMENT) ## all vehicles of the study under four laws: exact, and by the sampler; about 20 minutes
 	$(VEHICLES)
 
 benchmark-recordings: $(ENVIRONMENT) ## cut-ins in 1, 10 and 100 million rows of recordings: time, memory, right or wrong; needs 12 GB of disk
