@@ -5,13 +5,15 @@ PYTHON ?= python3
 STUDY ?= spmd
 ENVIRONMENT := .venv/.installed
 SNAKEMAKE := snakemake --cores $(CORES) --configfile $(CONFIG)
-RULES := Snakefile workflow benchmarks/samplers/Snakefile benchmarks/worlds/Snakefile
+RULES := Snakefile workflow benchmarks/samplers/Snakefile benchmarks/samplers/vehicles.smk \
+  benchmarks/worlds/Snakefile
 SAMPLERS := snakemake --snakefile benchmarks/samplers/Snakefile --cores $(CORES)
+VEHICLES := snakemake --snakefile benchmarks/samplers/vehicles.smk --cores $(CORES)
 WORLDS := snakemake --snakefile benchmarks/worlds/Snakefile --cores $(CORES)
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
 .PHONY: study book test test-slurm test-studies crate paper-figures lint format report smoke bench benchmark-samplers \
-  benchmark-recordings worlds lock clean help
+  benchmark-recordings benchmark-vehicles worlds lock clean help
 .DEFAULT_GOAL := help
 
 help: ## list the targets
@@ -49,6 +51,9 @@ bench: $(ENVIRONMENT) ## encounters per second of the simulator, and ratios to N
 benchmark-samplers: $(ENVIRONMENT) ## fewest simulations: our sampler beside others; about 5 hours, resumable
 	python -m pip install --quiet --require-hashes -r benchmarks/environment.txt
 	$(SAMPLERS)
+
+benchmark-vehicles: $(ENVIRONMENT) ## all vehicles of the study under four laws: exact, and by the sampler; about 20 minutes
+	$(VEHICLES)
 
 benchmark-recordings: $(ENVIRONMENT) ## cut-ins in 1, 10 and 100 million rows of recordings: time, memory, right or wrong; needs 12 GB of disk
 	python benchmarks/recordings/run.py

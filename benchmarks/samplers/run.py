@@ -3,6 +3,7 @@
 import argparse
 import importlib
 import time
+from collections.abc import Iterable
 from dataclasses import asdict
 
 import pandas as pd
@@ -10,9 +11,34 @@ from accelerated_evaluation.files import write_csv
 from accelerated_evaluation.randomness import child_generator
 from house import house
 from methods import HOUSE, LIMITS, PEERS, Target
-from problems import problems
+from problems import Problem, problems
 
 ROOT = 2016  # root of all randomness, as in the study
+
+
+def repeated(problem: Problem, method: str, seeds: Iterable[int]) -> pd.DataFrame:
+    """Return what a method gave on a problem, and what it took, a row a seed.
+
+    Parameters
+    ----------
+    problem
+        The problem.
+    method
+        Of this project, or one of the public tools and other methods in ``methods.PEERS``.
+    seeds
+        Each begins a sequence of random numbers of its own.
+    """
+    # The public tools are installed for this benchmark alone, so they are imported only if they are run.
+    estimate = house(method) if method in HOUSE else getattr(importlib.import_module(PEERS[method]), method)
+    target = Target(maximum_simulations=LIMITS.get(method, Target.maximum_simulations))
+    rows = []
+    for seed in seeds:
+        start = time.perf_counter()
+        outcome = estimate(problem, child_generator(ROOT, problem.name, method, seed), target)
+        seconds = time.perf_counter() - start
+        labels = {"problem": problem.name, "method": method, "seed": seed}
+        rows.append(labels | asdict(outcome) | {"seconds": round(seconds, 3)})
+    return pd.DataFrame(rows)
 
 
 def main() -> None:
@@ -23,18 +49,8 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs=2, metavar=("FIRST", "END"), required=True)
     parser.add_argument("--output", required=True)
     arguments = parser.parse_args()
-    name, method = arguments.problem, arguments.method
-    # The public tools are installed for this benchmark alone, so they are imported only if they are run.
-    estimate = house(method) if method in HOUSE else getattr(importlib.import_module(PEERS[method]), method)
-    target = Target(maximum_simulations=LIMITS.get(method, Target.maximum_simulations))
-    rows = []
-    for seed in range(*arguments.seeds):
-        start = time.perf_counter()
-        outcome = estimate(problems()[name], child_generator(ROOT, name, method, seed), target)
-        seconds = time.perf_counter() - start
-        labels = {"problem": name, "method": method, "seed": seed}
-        rows.append(labels | asdict(outcome) | {"seconds": round(seconds, 3)})
-    write_csv(arguments.output, pd.DataFrame(rows))
+    problem = problems()[arguments.problem]
+    write_csv(arguments.output, repeated(problem, arguments.method, range(*arguments.seeds)))
 
 
 if __name__ == "__main__":

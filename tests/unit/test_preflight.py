@@ -28,7 +28,13 @@ def test_the_shipped_configuration_names_what_there_is(config):
         ("vehicle", {"name": "acc_abe"}, "vehicle.name .* seen 'acc_abe'.* Did you mean acc_aeb"),
         ("vehicle", {"name": "no.py:Car"}, "vehicle.name .* no file no.py"),
         ("vehicle", {"parameters": {"aeb_jrk": 1}}, "vehicle.parameters.* Did you mean aeb_jerk"),
-        ("compared_vehicles", {"rss": {"aeb": True}}, "compared_vehicles, vehicle rss: seen parameter 'aeb'"),
+        (
+            "compared_vehicles",
+            {"rss": {"parameters": {"aeb": True}}},
+            "compared_vehicles.rss, vehicle rss: seen parameter 'aeb'",
+        ),
+        ("compared_vehicles", {"mine": {"name": "no.py:Car"}}, "compared_vehicles.mine, .* no file no.py"),
+        ("compared_vehicles", {"mine": {}}, "compared_vehicles.mine, vehicle: seen 'mine'"),
     ],
 )
 def test_what_is_not_there_is_told_with_its_key(config, section, change, told):

@@ -6,7 +6,10 @@ The browser is the Chromium of the machine, driven by Playwright. Every page is 
 import os
 import re
 import shutil
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from threading import Thread
 from urllib.parse import unquote, urlsplit
 
 import pytest
@@ -125,6 +128,48 @@ def test_search_finds_a_word(watch, site):
     page.wait_for_selector("#search-results li a")
     assert "10_fewest_simulations.html" in page.get_attribute("#search-results li a", "href")
     assert not watch.faults
+
+
+@pytest.fixture
+def served(site):
+    """Return the address of the book on a server of this machine."""
+    handler = partial(Quiet, directory=site)
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_port}"
+        server.shutdown()
+
+
+class Quiet(SimpleHTTPRequestHandler):
+    """Serves files, and tells nothing of it."""
+
+    def log_message(self, *_):
+        """Tell nothing."""
+
+
+def test_search_shows_excerpts_where_the_book_is_served(browser, served):
+    page = browser.new_page()
+    page.goto(f"{served}/search.html?q=Rosenblatt")
+    page.wait_for_selector("#search-results li p.context")
+    assert "Rosenblatt (1952)" in page.inner_text("#search-results li p.context")
+    page.close()
+
+
+def test_the_report_on_the_records_needs_no_scrolling_on_a_wide_screen(browser, site):
+    page = browser.new_page(viewport={"width": 1600, "height": 900})
+    page.goto((site / "12_the_records.html").as_uri())
+    sizes = page.eval_on_selector_all(
+        ".cell_output .output", "all => all.map(e => e.scrollWidth - e.clientWidth)"
+    )
+    assert sizes
+    assert max(sizes) <= 1
+    page.close()
+
+
+def test_no_page_names_an_author_that_is_not_set(site):
+    assert not [
+        path.name for path in site.glob("*.html") if "name not set" in path.read_text(encoding="utf-8")
+    ]
 
 
 def test_code_is_folded_away_and_opens_by_the_keyboard(watch, site):

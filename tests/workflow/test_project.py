@@ -7,6 +7,7 @@ from pathlib import Path
 
 import nbformat
 import pytest
+import yaml
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
@@ -26,6 +27,15 @@ def test_notebooks_are_parameterised_and_committed_without_outputs(path):
         assert not cell.outputs
         assert cell.execution_count is None
         assert not re.search(r"^\s*(def|class) ", cell.source, flags=re.MULTILINE)
+
+
+def test_every_rule_has_been_measured_for_the_cluster(project):
+    listed = project.run("--list", config="config/config.yaml")
+    rules = set(re.findall(r"^(\w+)(?: \(|$)", listed.stdout, re.MULTILINE)) - {"all", "figures", "tables"}
+    asked = yaml.safe_load((ROOT / "profiles/slurm/config.yaml").read_text())
+    assert len(rules) > 40
+    assert set(asked["set-resources"]) == rules, "run python benchmarks/rules.py results/STUDY"
+    assert set(asked["groups"]) <= rules
 
 
 @pytest.mark.parametrize("path", LIBRARY, ids=lambda path: f"{path.parent.name}/{path.stem}")

@@ -1,12 +1,13 @@
 """Conditions on the configuration that a schema cannot state: they tie keys together, or ask a registry."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 from accelerated_evaluation.encounters.sources import SOURCES
 from accelerated_evaluation.encounters.sources.table import UNITS
 from accelerated_evaluation.fitting.pieces import mixture_kinds, piece_kinds
+from accelerated_evaluation.preflight import compared_sections
 
 COMPARED = {"crude", "heuristic", "piecewise", "single", "surrogate"}
 FOLDERS = {"benchmarks", "vehicles"}  # of results/, which no study has for itself
@@ -31,11 +32,18 @@ def _are_methods(names: Sequence[str]) -> bool:
     return set(names) >= COMPARED and all(name in METHODS for name in names)
 
 
-def _are_built_in(vehicles: Iterable[str]) -> bool:
-    """Whether all are vehicles of the registry."""
+def _mean_what_they_say(compared: Mapping[str, Mapping]) -> bool:
+    """Whether no label is that of the car under test, or of a built-in vehicle that the entry is not."""
     from accelerated_evaluation.vehicles import VEHICLES  # imports the compiler, which takes a second
 
-    return all(name in VEHICLES for name in vehicles)
+    sections = compared_sections(compared)
+    built_in = sections.keys() & set(VEHICLES)
+    return "under_test" not in sections and all(sections[label]["name"] == label for label in built_in)
+
+
+def _differ(compared: Mapping[str, Mapping]) -> bool:
+    """Whether no two entries are the same vehicle, whose results would be the same files."""
+    return all(one != other for one, other in combinations(compared_sections(compared).values(), 2))
 
 
 def _rising(values: Sequence[float] | None) -> bool:
@@ -153,9 +161,10 @@ CHECKS = (
     ),
     Check(
         ("compared_vehicles",),
-        _are_built_in,
-        "names of built-in vehicles; `accelerated-evaluation simulate --help` lists them",
+        _mean_what_they_say,
+        "labels that are not under_test, and that are the name of a built-in vehicle only where they mean it",
     ),
+    Check(("compared_vehicles",), _differ, "vehicles that differ from each other"),
     Check(
         ("models.closing_speed_max", "crash_map.grid.closing_speed_max"),
         lambda cap, top: cap <= top,

@@ -7,6 +7,16 @@ from typing import Any
 from accelerated_evaluation.errors import InputError, located
 
 
+def compared_sections(compared: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Return the entries of the section ``compared_vehicles``, each with all keys of the section ``vehicle``.
+
+    An entry without a name is the built-in vehicle that its label names.
+    """
+    return {
+        label: {"name": label, "parameters": {}, "files": [], **entry} for label, entry in compared.items()
+    }
+
+
 def require_named(config: Mapping[str, Any]) -> None:
     """Look up the records and the vehicles of a valid configuration, and make each vehicle once.
 
@@ -28,9 +38,9 @@ def require_named(config: Mapping[str, Any]) -> None:
         )
     with located("vehicle.name or vehicle.parameters"):
         load_vehicle(config["vehicle"]["name"], **config["vehicle"]["parameters"])
-    for name, parameters in config["compared_vehicles"].items():
-        with located("compared_vehicles"):
-            load_vehicle(name, **parameters)
+    for label, vehicle in compared_sections(config["compared_vehicles"]).items():
+        with located(f"compared_vehicles.{label}"):
+            load_vehicle(vehicle["name"], **vehicle["parameters"])
 
 
 def require_plain(paths: Iterable[str]) -> None:

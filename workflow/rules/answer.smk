@@ -10,21 +10,20 @@ from accelerated_evaluation.fitting.support import Support
 NO_EVENTS = {name: [] for name in config["answer"]["events"]}
 ANSWERED = {
     name: mapped(
-        vehicle, parameters, {"grid": config["answer"]["grid"], "events": events}
+        name,
+        {
+            "grid": config["answer"]["grid"],
+            "events": (
+                config["answer"]["events"] if name == "under_test" else NO_EVENTS
+            ),
+        },
     )
-    for name, vehicle, parameters, events in [
-        (
-            "under_test",
-            VEHICLE,
-            config["vehicle"]["parameters"],
-            config["answer"]["events"],
-        ),
-        *(
-            (name, name, own, NO_EVENTS)
-            for name, own in config["compared_vehicles"].items()
-        ),
-    ]
+    for name in VEHICLES
 }
+ALL_FILES = [path for files in FILES.values() for path in files]
+ALL_CONTENT = content_digest(ALL_FILES)
+ALL_WORKERS, ALL_SIMULATIONS = simulating(*VEHICLES)
+OF_VEHICLES = {"vehicles": [section["name"] for section in VEHICLES.values()]}
 SUPPORT = Support.configured(
     config
 ).content()  # of the smooth laws: where the records lie
@@ -44,12 +43,13 @@ LAW_TABLES = {  # by job, so that they can run beside each other
 }
 
 for _name, _description in ANSWERED.items():
+    _workers, _simulations = simulating(_name)
 
     rule:
         name:
             f"map_crashes_{_name}"
         input:
-            vehicle=ancient(VEHICLE_FILES if _name == "under_test" else []),
+            vehicle=ancient(FILES[_name]),
             library=modules_of(
                 "map_crashes.py", members={"vehicles": [_description["vehicle"]]}
             ),
@@ -60,15 +60,15 @@ for _name, _description in ANSWERED.items():
             map_of(_description, "logs/map_crashes.log"),
         benchmark:
             map_of(_description, "benchmarks/map_crashes.tsv")
-        threads: WORKERS
+        threads: _workers
         resources:
             mem_mb=2000,
         params:
             mapped=_description,
-            vehicle=section_of(_description["vehicle"], _description["parameters"]),
-            simulations=SIMULATIONS,
+            vehicle=VEHICLES[_name],
+            simulations=_simulations,
         message:
-            f"Mapping the crashes of {_description['vehicle']} without a cap on closing speeds"
+            f"Mapping the crashes of {_name.replace('_', ' ')} without a cap on closing speeds"
         script:
             "../scripts/map_crashes.py"
 
@@ -85,11 +85,8 @@ for _job, _tables in LAW_TABLES.items():
                 map_of(description, "crash_map/full.npz")
                 for description in ANSWERED.values()
             ],
-            vehicle=ancient(VEHICLE_FILES),
-            library=modules_of(
-                "study_laws.py",
-                members={"vehicles": [own["vehicle"] for own in ANSWERED.values()]},
-            ),
+            vehicles=ancient(ALL_FILES),
+            library=modules_of("study_laws.py", members=OF_VEHICLES),
         output:
             **{table: result("laws", f"{table}.csv") for table in _tables},
             **({"law": result("laws", "answer.json")} if _job == "answer" else {}),
@@ -97,17 +94,14 @@ for _job, _tables in LAW_TABLES.items():
             log_of(f"study_laws_{_job}.log"),
         benchmark:
             benchmark_of(f"study_laws_{_job}.tsv")
-        threads: WORKERS
+        threads: ALL_WORKERS
         resources:
             mem_mb=3000,
         params:
             seed=config["seed"],
-            vehicles={
-                name: section_of(description["vehicle"], description["parameters"])
-                for name, description in ANSWERED.items()
-            },
-            vehicle_content=VEHICLE_CONTENT,
-            simulations=SIMULATIONS,
+            vehicles=VEHICLES,
+            vehicle_content=ALL_CONTENT,
+            simulations=ALL_SIMULATIONS,
             answer=part(config["answer"], "draws", "quality_draws"),
             support=SUPPORT,
             outlier_rows=SOURCE["outlier_rows"],
@@ -124,13 +118,9 @@ rule replay_encounters:
         encounters=rules.ingest_encounters.output.encounters,
         law=result("laws", "answer.json"),
         map=map_of(ANSWERED["under_test"], "crash_map/full.npz"),
-        vehicle=ancient(VEHICLE_FILES),
+        vehicles=ancient(ALL_FILES),
         library=modules_of(
-            "replay_encounters.py",
-            members={
-                "vehicles": [own["vehicle"] for own in ANSWERED.values()],
-                "laws": ["dependent"],
-            },
+            "replay_encounters.py", members=OF_VEHICLES | {"laws": ["dependent"]}
         ),
     output:
         encounters=result("happened", "encounters.csv"),
@@ -140,20 +130,18 @@ rule replay_encounters:
         log_of("replay_encounters.log"),
     benchmark:
         benchmark_of("replay_encounters.tsv")
-    threads: WORKERS
+    threads: ALL_WORKERS
     resources:
         mem_mb=2000,
     params:
         seed=config["seed"],
         tested="under test",
         vehicles={
-            name.replace("under_test", "under test"): section_of(
-                description["vehicle"], description["parameters"]
-            )
-            for name, description in ANSWERED.items()
+            name.replace("under_test", "under test"): section
+            for name, section in VEHICLES.items()
         },
-        vehicle_content=VEHICLE_CONTENT,
-        simulations=SIMULATIONS,
+        vehicle_content=ALL_CONTENT,
+        simulations=ALL_SIMULATIONS,
     message:
         "Replaying the likeliest crashes and the nearest records"
     script:

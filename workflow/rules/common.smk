@@ -27,8 +27,12 @@ from accelerated_evaluation.encounters.segments import segment_names
 from accelerated_evaluation.encounters.sources import SOURCES, describe, record_files
 from accelerated_evaluation.errors import StudyError
 from accelerated_evaluation.methods import METHODS
-from accelerated_evaluation.preflight import require_named, require_plain
-from accelerated_evaluation.vehicles.loading import vehicle_files
+from accelerated_evaluation.preflight import (
+    compared_sections,
+    require_named,
+    require_plain,
+)
+from accelerated_evaluation.vehicles.loading import section_files
 from accelerated_evaluation.vehicles.slow import is_slow
 from snakemake.exceptions import WorkflowError
 
@@ -77,26 +81,35 @@ if workflow.is_main_process:
 RECORDS = record_files(SOURCE)
 DESCRIPTION = describe(config["data"])
 VEHICLE = config["vehicle"]["name"]
+VEHICLES = {
+    "under_test": config["vehicle"],
+    **compared_sections(config["compared_vehicles"]),
+}
 try:
-    VEHICLE_FILES = [
-        *vehicle_files(VEHICLE, config["vehicle"]["parameters"]),
-        *config["vehicle"]["files"],
-    ]
-    require_plain([*RECORDS, *VEHICLE_FILES])
+    FILES = {name: section_files(section) for name, section in VEHICLES.items()}
+    require_plain([*RECORDS, *(path for files in FILES.values() for path in files)])
 except StudyError as error:
     raise WorkflowError(str(error)) from None
+VEHICLE_FILES = FILES["under_test"]
 VEHICLE_CONTENT = content_digest(VEHICLE_FILES)
-IS_SLOW = any(
-    is_slow(name, config["simulations"])
-    for name in (VEHICLE, *config["compared_vehicles"])
-)
-# How many workers there are is the number of threads, an edit of which runs nothing again.
-WORKERS = config["simulations"]["workers"] if IS_SLOW else 1
-SIMULATIONS = {
-    key: value
-    for key, value in config["simulations"].items()
-    if key != "workers" and (IS_SLOW or key == "keep_class")
-}
+
+
+def simulating(*names: str) -> tuple[int, dict]:
+    """Threads and settings of a job that simulates vehicles: workers and their settings only for slow ones.
+
+    How many workers there are is the number of threads, an edit of which runs nothing again.
+    """
+    settings = config["simulations"]
+    slow = any(is_slow(VEHICLES[name]["name"], settings) for name in names)
+    told = {
+        key: value
+        for key, value in settings.items()
+        if key != "workers" and (slow or key == "keep_class")
+    }
+    return settings["workers"] if slow else 1, told
+
+
+WORKERS, SIMULATIONS = simulating("under_test")
 # The vehicle that most rules look up, for `modules_of`.
 OF_VEHICLE = {"vehicles": [VEHICLE]}
 SCOPES = ["all", SEGMENTS[0]]
@@ -147,24 +160,17 @@ def part(section: dict, *keys: str) -> dict:
     return {key: section[key] for key in keys}
 
 
-def mapped(vehicle: str, parameters: dict, crash_map: dict) -> dict:
+def mapped(name: str, crash_map: dict) -> dict:
     """Everything that a crash map depends on. It belongs to the vehicle, so that all studies of one share it."""
-    files = VEHICLE_FILES if vehicle == VEHICLE else vehicle_files(vehicle, parameters)
     limits = part(config["filters"], "lead_speed_min", "lead_speed_max", "range_max")
     return {
-        "vehicle": vehicle,
-        "parameters": parameters,
-        "content": content_digest(files),
+        "vehicle": VEHICLES[name]["name"],
+        "parameters": VEHICLES[name]["parameters"],
+        "content": content_digest(FILES[name]),
         "limits": limits,
         "crash_map": crash_map,
         "seed": config["seed"],
     }
-
-
-def section_of(vehicle: str, parameters: dict) -> dict:
-    """A vehicle in the form of the section of the vehicle under test, which alone has further files."""
-    files = config["vehicle"]["files"] if vehicle == VEHICLE else []
-    return {"name": vehicle, "parameters": parameters, "files": files}
 
 
 def map_of(description: dict, name: str) -> str:

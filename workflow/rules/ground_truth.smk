@@ -4,7 +4,7 @@
 # their error, the exact variation of every f*, severity, sensitivity and the budget of uncertainty.
 
 
-MAPPED = mapped(VEHICLE, config["vehicle"]["parameters"], config["crash_map"])
+MAPPED = mapped("under_test", config["crash_map"])
 
 
 rule map_crashes:

@@ -30,7 +30,7 @@ FIGURE_FILES = {"PDF": "pdf", "SVG": "svg", "PNG": "png", "data": "csv"}
 TABLE_FILES = {"CSV": "csv", "Markdown": "md", "LaTeX": "tex"}
 PARAMETERS = {"parameters", "injected-parameters"}  # tags of the cells that only say where the results are
 MATHJAX = "tex-svg.js"  # one file that draws formulas and adds MathML for screen readers; it needs no fonts
-STYLE = "book.css"
+STYLE, SCRIPT = "book.css", "book.js"
 PIXELS = 2  # of a PNG file for one on the page, so that figures have one size, and are sharp when enlarged
 
 
@@ -51,7 +51,7 @@ class Parts:
     captions
         Folder with the caption of every figure and table, ``<name>.rst``.
     pages
-        Folder with the templates of the first and the last page, and the style.
+        Folder with the templates of the first and the last page, the style and a script.
     """
 
     study: Study
@@ -187,16 +187,17 @@ def _run_sphinx(sources: Path, made: Path, doctrees: Path, study: str) -> None:
             "navbar_start": [],
             "navbar_persistent": [],
             "navbar_end": [],
+            "footer_content_items": [],  # which would name an author that is not set
             "show_toc_level": 2,
             "search_bar_text": "Search the book",
         },
-        "html_static_path": [MATHJAX, STYLE],
+        "html_static_path": [MATHJAX, STYLE, SCRIPT],
         "html_css_files": [STYLE],
+        "html_js_files": [SCRIPT],
         "html_copy_source": False,
         "html_use_index": False,
         "html_show_copyright": False,
         "html_show_sphinx": False,
-        "html_show_search_summary": False,  # it fetches the pages, which browsers refuse for files on a disk
         "html_context": {"default_mode": "auto"},
         "html_permalinks_icon": "#",
         "mathjax_path": MATHJAX,

@@ -20,6 +20,10 @@ LOOKS = (
     ("#b2182b", (0, (1, 1)), 1.2),
     ("#1b7837", (0, (6, 1.5, 1, 1.5)), 1.2),
     ("#762a83", (0, (3, 1, 1, 1, 1, 1)), 1.2),
+    ("#e08214", "-", 1.2),
+    ("#e08214", (0, (8, 2)), 1.2),
+    ("#01665e", (0, (2, 1)), 1.8),
+    ("#8c510a", (0, (4, 1, 1, 1)), 1.8),
 )
 
 
@@ -74,7 +78,7 @@ def _draw_records(axes: Axes, near: pd.DataFrame) -> None:
 
 def _draw_lines(axes: Axes, rows: pd.DataFrame) -> None:
     vehicles = rows[rows["kind"] == "vehicle"].groupby("name", sort=False)
-    for (name, line), (color, dashes, width) in zip(vehicles, LOOKS * 4, strict=False):
+    for (name, line), (color, dashes, width) in zip(vehicles, LOOKS * 3, strict=False):
         look = {"color": color, "linestyle": dashes}
         axes.plot(line["range"], line["always"], label=str(name), linewidth=width, **look)
         # Islands of crashes below the line: drawn where they have a line of their own, and not as noise.

@@ -17,6 +17,7 @@ ROOT = Path(__file__).resolve().parents[3]
 ANSWER = ROOT / "figures" / "spmd" / "tables" / "answer.csv"
 CLAIMS = ROOT / "figures" / "spmd" / "tables" / "claims.csv"
 SAMPLERS = ROOT / "benchmarks" / "results" / "samplers.csv"
+VEHICLES = ROOT / "benchmarks" / "results" / "vehicles.csv"
 WORLDS = ROOT / "benchmarks" / "results" / "worlds.csv"
 README = ROOT / "README.md"
 BENCHMARKS = ROOT / "benchmarks" / "README.md"
@@ -108,6 +109,27 @@ def learners_table(samplers: pd.DataFrame) -> str:
     return _markdown(headings, table)
 
 
+def vehicles_table(vehicles: pd.DataFrame) -> str:
+    """Return, for each law and vehicle, the exact crash probability and how well the sampler finds it."""
+    headings = ("law", "vehicle", "exact", "simulations", "mean / exact", "true error")
+    headings += ("80 % intervals hold", "failed", "of these, said to have converged")
+    table = []
+    for row in vehicles.to_dict("records"):
+        cells = [row["law"].replace("_", " "), row["vehicle"], f"{row['exact']:.2g}"]
+        if row["seeds"]:
+            found, failed = pd.notna(row["error"]), round(row["failed"] * row["seeds"])
+            cells += [
+                f"{row['calls_mean']:,.0f}",
+                f"{1 + row['bias']:.2f}" if found else "–",
+                f"{row['error']:.2f}" if found else "–",
+                f"{row['coverage80']:.0%}" if found else "–",
+                f"{failed} of {row['seeds']:.0f}",
+                f"{row['claimed'] * failed:.0f}" if failed else "–",
+            ]
+        table.append((*cells, *["–"] * (len(headings) - len(cells))))
+    return _markdown(headings, table)
+
+
 def worlds_table(worlds: pd.DataFrame) -> str:
     """Return how often the intervals cover in each kind of world, and how wide they are, as Markdown."""
     headings = ("kind", "worlds", "50 % covers", "80 % covers", "95 % covers", "80 %: upper / lower")
@@ -159,6 +181,7 @@ TABLES = {
     "results": Table(README, CLAIMS, results_table),
     "samplers": Table(BENCHMARKS, SAMPLERS, samplers_table),
     "learners": Table(BENCHMARKS, SAMPLERS, learners_table),
+    "vehicles": Table(BENCHMARKS, VEHICLES, vehicles_table),
     "worlds": Table(BENCHMARKS, WORLDS, worlds_table),
 }
 

@@ -74,6 +74,17 @@ def vehicle_files(name: str, parameters: Mapping[str, Any]) -> list[str]:
     return [str(file) for file in vehicle.vehicle.files] if isinstance(vehicle, CheckedVehicle) else []
 
 
+def section_files(vehicle: Mapping[str, Any]) -> list[str]:
+    """Return all files of a vehicle in the configuration: those that it is made of, and those that it states.
+
+    Parameters
+    ----------
+    vehicle
+        The section ``vehicle``, or one like it.
+    """
+    return [*vehicle_files(vehicle["name"], vehicle["parameters"]), *vehicle["files"]]
+
+
 def _load_user_vehicle(name: str, parameters: dict[str, Any]) -> CheckedVehicle:
     path, _, class_name = name.rpartition(":")
     if not path:

@@ -17,7 +17,7 @@ from accelerated_evaluation.vehicles.built_in import VEHICLES
 from accelerated_evaluation.vehicles.checked import check_repetition, told
 from accelerated_evaluation.vehicles.checks import checked_encounters, described_batch, outcome_error
 from accelerated_evaluation.vehicles.foreign import ForeignVehicle
-from accelerated_evaluation.vehicles.loading import load_vehicle, vehicle_files
+from accelerated_evaluation.vehicles.loading import load_vehicle, section_files
 from accelerated_evaluation.vehicles.protocol import Array, Outcomes, Vehicle
 from accelerated_evaluation.vehicles.store import Encounter, Store, store_of
 from accelerated_evaluation.vehicles.workers import Workers, simulate_batch, workers_of
@@ -180,7 +180,7 @@ def loaded_for(vehicle: Mapping[str, Any], simulations: Mapping[str, Any]) -> It
     if not is_slow(name, simulations):
         yield car
         return
-    store = store_of(name, parameters, [*vehicle_files(name, parameters), *vehicle["files"]])
+    store = store_of(name, parameters, section_files(vehicle))
     with workers_of(simulations) as workers:
         limits = {key: simulations[key] for key in ("batch_size", "time_limit")}
         yield SlowVehicle(name, parameters, car.name, store, workers, **limits)

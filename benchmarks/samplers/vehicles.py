@@ -1,0 +1,132 @@
+"""The sampler before all vehicles of the study, under laws of the study: exact probability, and many seeds.
+
+``vehicles.smk`` calls the three steps: the crash map of a vehicle, all vehicles under a law, and the table.
+"""
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+
+import pandas as pd
+from accelerated_evaluation.configuration import load
+from accelerated_evaluation.files import write_csv
+from accelerated_evaluation.laws import Law
+from accelerated_evaluation.preflight import compared_sections
+from accelerated_evaluation.problem import Problem as CutInProblem
+from accelerated_evaluation.randomness import child_generator
+from accelerated_evaluation.truth.alone import read_records
+from accelerated_evaluation.truth.chosen_law import choose_law
+from accelerated_evaluation.truth.crash_map import CrashMap, Grid, read_crash_map, write_crash_map
+from accelerated_evaluation.truth.exact import exact_probabilities
+from accelerated_evaluation.truth.mapping import map_crashes
+from accelerated_evaluation.truth.sampled_map import sample_crashes
+from accelerated_evaluation.vehicles import load_vehicle
+from problems import Problem
+from run import ROOT, repeated
+from summarise import summary
+
+METHOD = "surrogate"
+# The paper's law; of those with dependence the heaviest, the one of most crashes, and the one of fewest.
+LAWS = {
+    "paper": "paper",
+    "answer": "answer",
+    "two_kinds": "two kinds 0.98",
+    "hazard": "hazard",
+}
+STRIPED = ("reg157",)  # crashes in stripes that the scan of a map would miss
+SEEDS_STRIPED = 2  # the sampler does not end there: each run takes 1,000 simulations and half a minute
+LEAST = 1e-12  # probability below which the sampler is not asked
+LIMITS = ("lead_speed_min", "lead_speed_max", "range_max")
+SHOWN = (
+    *("seeds", "calls_mean", "calls_p95", "bias", "bias_se", "error", "failed", "claimed"),
+    *("coverage80", "coverage80_se", "coverage95"),
+)
+
+
+def vehicles() -> dict[str, dict]:
+    """Return the parameters of the study's vehicles by name, the car under test first."""
+    config = load()
+    sections = [config["vehicle"], *compared_sections(config["compared_vehicles"]).values()]
+    return {section["name"]: section["parameters"] for section in sections}
+
+
+def mapped(name: str) -> CrashMap:
+    """Map the crashes of a vehicle on the grid of the study's answer, without a cap on closing speeds."""
+    config, vehicle = load(), load_vehicle(name, **vehicles()[name])
+    grid = Grid(**{key: config["filters"][key] for key in LIMITS}, **config["answer"]["grid"])
+    if name not in STRIPED:
+        return map_crashes(vehicle, grid, [], child_generator(ROOT, "vehicles", "map", name))
+    # Half as fine, because a law takes minutes for all the steps that crash in a finer one.
+    lines = map_crashes(vehicle, grid.refined(0.5), [], child_generator(ROOT, "vehicles", "map", name))
+    return sample_crashes(vehicle, lines, child_generator(ROOT, "vehicles", "sample", name))
+
+
+def estimated(key: str, law: Law, maps: Mapping[str, CrashMap], seeds: int) -> pd.DataFrame:
+    """Return the exact probability of each vehicle under a law, and the estimates of all seeds.
+
+    Parameters
+    ----------
+    key
+        How the table calls the law.
+    law
+        The law of cut-ins.
+    maps
+        Crash maps of the study's vehicles by name.
+    seeds
+        Number of estimates of each vehicle; two of those that crash in stripes.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``law``, ``vehicle``, ``exact`` and ``exact_se``, and those of `run.repeated`, a row a seed;
+        one row without an estimate for a vehicle whose probability is below 1e-12.
+    """
+    parts = []
+    for name, crash_map in maps.items():
+        exact = exact_probabilities(crash_map, law)["all"]
+        known = {"law": key, "vehicle": name, "exact": exact.probability, "exact_se": exact.standard_error}
+        runs = pd.DataFrame({"seed": [None]})
+        if exact.probability >= LEAST:
+            crash = CutInProblem(law, load_vehicle(name, **vehicles()[name]))
+            count = SEEDS_STRIPED if name in STRIPED else seeds
+            runs = repeated(Problem(f"{key} {name}", name, crash, ours_only=True), METHOD, range(count))
+        parts.append(runs.assign(**known))
+    return pd.concat(parts, ignore_index=True)
+
+
+def table(runs: pd.DataFrame) -> pd.DataFrame:
+    """Sum up all runs: a row for each law and vehicle, with the columns of `summarise.summary`."""
+    rows = []
+    for names, of_vehicle in runs.groupby(["law", "vehicle", "exact", "exact_se"], sort=False):
+        known = dict(zip(("law", "vehicle", "exact", "exact_se"), names, strict=True))
+        made = of_vehicle.dropna(subset="seed")
+        rows.append(known | (summary(made, known["exact"]) if len(made) else {"seeds": 0}))
+    return pd.DataFrame(rows).reindex(columns=["law", "vehicle", "exact", "exact_se", *SHOWN])
+
+
+def main() -> None:
+    """Make one of the three steps."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    steps = parser.add_subparsers(dest="step", required=True)
+    for step, argument in (("map", "vehicle"), ("run", "law"), ("table", "runs")):
+        one = steps.add_parser(step)
+        one.add_argument(argument, nargs="+" if step == "table" else None)
+        one.add_argument("--output", required=True)
+        if step == "run":
+            one.add_argument("--seeds", type=int, required=True, help="estimates of each vehicle")
+            one.add_argument("--maps", type=Path, required=True, help="folder of the files VEHICLE.npz")
+    arguments = parser.parse_args()
+    if arguments.step == "map":
+        write_crash_map(arguments.output, mapped(arguments.vehicle))
+    elif arguments.step == "run":
+        config = load()
+        encounters, _ = read_records(config)
+        maps = {name: read_crash_map(arguments.maps / f"{name}.npz") for name in vehicles()}
+        _, law = choose_law(LAWS[arguments.law], encounters, config)
+        write_csv(arguments.output, estimated(arguments.law, law, maps, arguments.seeds))
+    else:
+        write_csv(arguments.output, table(pd.concat(map(pd.read_csv, arguments.runs), ignore_index=True)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,88 @@
+"""A study that compares users' own vehicles, classes and a command: the example of docs/your_vehicle.md."""
+
+import re
+import shutil
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import yaml
+from accelerated_evaluation.configuration import ConfigurationError, load
+
+ROOT = Path(__file__).resolve().parents[2]
+GUIDE = (ROOT / "docs" / "your_vehicle.md").read_text(encoding="utf-8")
+FILES = dict(re.findall(r"^File `([^`]+)`:\n\n```\w+\n(.*?)^```$", GUIDE, re.DOTALL | re.MULTILINE))
+CONFIG = "my_comparison.yaml"
+TABLE = "results/my_comparison/laws/vehicles.csv"
+FIGURE = "results/my_comparison/happened/preventable.csv"
+FEWER = {
+    "data": {"sample": 1000, "spmd": {"outlier_rows": []}},
+    "answer": {
+        "grid": {"lead_speed_cells": 4, "range_cells": 8, "refinement": 2, "closing_speed_points": 20},
+        "draws": 20,
+    },
+}
+
+
+@pytest.fixture
+def clone(project):
+    """Return a project with the files of the guide, its comparison on fewer records and a coarser grid."""
+    if shutil.which("awk") is None:
+        pytest.skip("no awk is here")
+    for name, content in FILES.items():
+        (project.folder / name).write_text(content)
+    config = yaml.safe_load(FILES[CONFIG]) | FEWER
+    (project.folder / CONFIG).write_text(yaml.safe_dump(config))
+    return project
+
+
+def rules_to_run(project, *targets):
+    """Return the rules that a dry run would run."""
+    run = project.run("--dry-run", *targets, config=CONFIG)
+    assert run.returncode == 0, run.stderr[-5000:]
+    return set(re.findall(r"^(\w+): .*\n    because of", run.stdout + run.stderr, re.MULTILINE))
+
+
+def test_own_vehicles_are_compared(clone):
+    run = clone.run(TABLE, config=CONFIG)
+    assert run.returncode == 0, run.stderr[-5000:]
+    table = pd.read_csv(clone.folder / TABLE).set_index("vehicle")
+    assert {"under test", "brakes_harder", "in_awk", "weak_aeb", "cc_human"} < set(table.index)
+    same, other = table.loc["under test"], table.loc["in_awk"]  # the same car in two languages
+    assert other["recorded"] == same["recorded"]
+    # The lines of a map are thinned at random for each vehicle.
+    assert other["probability"] == pytest.approx(same["probability"], rel=0.05)
+    assert 0 < table.loc["brakes_harder", "probability"] < 0.9 * same["probability"]
+    assert len(list(clone.folder.glob("results/vehicles/*/outcomes.sqlite"))) == 1  # of the command
+
+    assert not rules_to_run(clone, TABLE)
+    program = clone.folder / "my_vehicle.awk"
+    program.write_text(program.read_text().replace("reaction = 0.75", "reaction = 0.5"))
+    assert rules_to_run(clone, TABLE) == {"map_crashes_in_awk", "study_laws_answer"}
+
+
+def test_the_vehicles_of_a_comparison_are_looked_up_before_any_job(clone):
+    (clone.folder / "my_vehicle.awk").unlink()
+    config = yaml.safe_load((clone.folder / CONFIG).read_text())
+    config["compared_vehicles"]["brakes_harder"]["name"] = "my_vehicle.py:Breaking"
+    (clone.folder / CONFIG).write_text(yaml.safe_dump(config))
+    run = clone.run(TABLE, config=CONFIG)
+    assert run.returncode != 0
+    assert "compared_vehicles.brakes_harder, vehicle my_vehicle.py:Breaking: seen no class" in run.stderr
+    assert "Did you mean Braking?" in run.stderr
+    assert not (clone.folder / "results").exists()
+
+
+@pytest.mark.parametrize(
+    ("entry", "told"),
+    [
+        ({"cc_human": {"name": "my_vehicle.py:Braking"}}, "the name of a built-in vehicle only where"),
+        ({"under_test": {"name": "rss"}}, "labels that are not under_test"),
+        ({"again": {"name": "rss"}}, "vehicles that differ from each other"),
+        ({"my car": {"name": "rss"}}, 'seen "my car"; expected text matching'),
+        ({"rss": {"reaction_time": 0.5}}, "compared_vehicles.rss.reaction_time: seen an unknown key"),
+    ],
+)
+def test_entries_that_mislead_are_refused(entry, told):
+    with pytest.raises(ConfigurationError, match=re.escape(told)):
+        load(given={"compared_vehicles": entry})
