@@ -128,7 +128,7 @@ def _check(measured: Mapping[str, float | None], *, crash: bool, run: Run, where
     kind = "with a crash" if crash else "without a crash"
     rules = {
         "min_range": (
-            (lambda value: value <= 0, f"0 or less {kind}")
+            (lambda value: -math.inf < value <= 0, f"0 or less {kind}")
             if crash
             else (
                 lambda value: 0 < value <= run.range_ + TOLERANCES["range"],
