@@ -1,4 +1,6 @@
-"""States of a sampler and files of a campaign of which any field was changed, under a right checksum.
+"""Files that a program wrote, of which any field was changed: states of a sampler, campaigns and laws.
+
+States and campaigns have a checksum, which is made anew here.
 
 Nobody does this by accident. But a file that a person edited, or that a faulty program wrote, ends with one
 message too, and never as a state that fails later.
@@ -16,14 +18,16 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import cli
+from accelerated_evaluation.encounters.contract import read_encounters
 from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.methods.estimate import Stopping
 from accelerated_evaluation.methods.surrogate import state
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.track import campaign_file
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from law_folder import begin_campaign
+from law_folder import begin_campaign, write_law_folder
 
 GOAL = Stopping(alpha=0.2, beta=0.2, minimum_events=1)
 often = settings(
@@ -150,3 +154,45 @@ def test_a_campaign_is_refused_or_goes_on(campaign, monkeypatch, capsys, data, v
     error = capsys.readouterr().err
     assert error.startswith("error: ")
     assert error.count("\n") == 1
+
+
+@pytest.fixture(scope="module")
+def law_folder(tmp_path_factory):
+    """A folder with a law file and its encounter table, and the content of the law file."""
+    folder = tmp_path_factory.mktemp("law")
+    law, encounters = write_law_folder(folder)
+    return folder, json.loads(law.read_text()), pd.read_parquet(encounters)
+
+
+@often
+@given(data=st.data())
+def test_a_law_is_refused_or_gives_cut_ins(law_folder, data):
+    folder, content, encounters = law_folder
+    (folder / "odd.json").write_text(json.dumps(changed(content, *data.draw(damages(content)))))
+    try:
+        law = read_law(folder / "odd.json", encounters)
+    except InputError as error:
+        assert "odd.json: seen" in str(error)  # noqa: PT017
+        return
+    with np.errstate(all="ignore"):
+        cut_ins, _ = law.draw(np.random.default_rng(1), 200)
+    assert law.closing_speed_max > 0
+    assert (cut_ins.inverse_range > 0).all()
+    assert (cut_ins.inverse_ttc >= 0).all()
+
+
+@pytest.mark.parametrize("cap", [-5, 0, float("nan"), "fast"])
+def test_a_law_without_a_possible_cap_is_refused(law_folder, cap):
+    folder, content, encounters = law_folder
+    content = changed(content, ("closing_speed_max", "value"), cap)
+    (folder / "cap.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match="expected a whole law file"):
+        read_law(folder / "cap.json", encounters)
+
+
+@pytest.mark.parametrize("speed", [np.nan, np.inf, -1.0, "fast", None])
+def test_encounter_tables_with_other_than_possible_numbers_are_refused(law_folder, speed):
+    folder, _, encounters = law_folder
+    encounters.assign(lead_speed=speed).to_parquet(folder / "odd.parquet")
+    with pytest.raises(InputError, match=r"odd\.parquet: seen speeds, ranges or times that are missing"):
+        read_encounters(folder / "odd.parquet")

@@ -168,6 +168,8 @@ class _StrictLoader(yaml.SafeLoader):
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
         keys = set()
         for key_node, _ in node.value:
+            if key_node.tag == "tag:yaml.org,2002:merge":  # <<, of which there may be several
+                continue
             key = self.construct_object(key_node, deep=True)
             if isinstance(key, Hashable) and key in keys:
                 raise yaml.MarkedYAMLError(problem=f"key {key!r} twice", problem_mark=key_node.start_mark)
@@ -185,7 +187,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
     """
     try:
         config = yaml.load(path.read_text(encoding="utf-8"), Loader=_StrictLoader)  # a safe one
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError) as error:
         seen = " ".join(str(error).replace('in "<unicode string>", ', "in ").split())
         raise InputError(
             str(path), seen=seen, expected="a YAML file", change="Correct the path or mend the file."
@@ -267,7 +269,8 @@ def _expected(schema: Mapping[str, Any]) -> str:
 def _expected_type(name: str, schema: Mapping[str, Any], bounds: str) -> str:
     if name == "array":
         low, high = schema["minItems"], schema.get("maxItems")
-        return f"list of {low if low == high else f'at least {low}'}, each {_expected(schema['items'])}"
+        size = f"list of {low if low == high else f'at least {low}'}"
+        return f"{size}, each {_expected(schema['items'])}{', none twice' * schema.get('uniqueItems', False)}"
     if name in ("integer", "number"):
         return f"{name} {bounds}".rstrip()
     if name == "string":

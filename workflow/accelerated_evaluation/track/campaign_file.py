@@ -82,8 +82,7 @@ def read_campaign(path: str | os.PathLike) -> Campaign:
         If the file is missing, is no campaign of this version, or was changed by hand or damaged.
     """
     change = "Name the file of a campaign, or begin one with `accelerated-evaluation campaign new`."
-    if not Path(path).is_file():
-        raise InputError(str(path), seen="no such file", expected="the file of a campaign", change=change)
+    require_file(path, change)
     try:
         content = read_json(path)
     except ValueError:
