@@ -6,6 +6,22 @@ from typing import Any
 
 from accelerated_evaluation.errors import InputError, located
 
+# Endings of the files that jobs write.
+ENDINGS = {
+    ".csv",
+    ".json",
+    ".parquet",
+    ".npz",
+    ".pdf",
+    ".svg",
+    ".png",
+    ".md",
+    ".tex",
+    ".ipynb",
+    ".log",
+    ".tsv",
+}
+
 
 def require_named(config: Mapping[str, Any]) -> None:
     """Look up the records and the vehicles of a valid configuration, and make each vehicle once.
@@ -31,6 +47,30 @@ def require_named(config: Mapping[str, Any]) -> None:
     for name, parameters in config["compared_vehicles"].items():
         with located("compared_vehicles"):
             load_vehicle(name, **parameters)
+
+
+def require_places(*folders: Path) -> None:
+    """Look at the folders of results: Snakemake fails at a file in place of a folder, and takes the reverse.
+
+    Raises
+    ------
+    InputError
+        If a file stands where a folder has to be, or a folder where one of the results has to be.
+    """
+    for folder in folders:
+        for place in (folder, *folder.parents):
+            if place.exists() and not place.is_dir():
+                raise InputError(
+                    str(place),
+                    seen="a file",
+                    expected="a folder, or nothing, for the results of studies",
+                    change="Rename or remove the file.",
+                )
+        for place in folder.rglob("*.*"):
+            if place.suffix in ENDINGS and place.is_dir():
+                raise InputError(
+                    str(place), seen="a folder", expected="a result, or nothing", change="Remove the folder."
+                )
 
 
 def require_plain(paths: Iterable[str]) -> None:

@@ -27,7 +27,11 @@ from accelerated_evaluation.encounters.segments import segment_names
 from accelerated_evaluation.encounters.sources import SOURCES, describe, record_files
 from accelerated_evaluation.errors import StudyError
 from accelerated_evaluation.methods import METHODS
-from accelerated_evaluation.preflight import require_named, require_plain
+from accelerated_evaluation.preflight import (
+    require_named,
+    require_places,
+    require_plain,
+)
 from accelerated_evaluation.vehicles.loading import vehicle_files
 from accelerated_evaluation.vehicles.slow import is_slow
 from snakemake.exceptions import WorkflowError
@@ -71,6 +75,7 @@ if not Path(SOURCE["path"]).exists() and (PROJECT / SOURCE["path"]).exists():
     SOURCE["path"] = str(PROJECT / SOURCE["path"])  # the records of this project
 if workflow.is_main_process:
     try:
+        require_places(RESULTS, FIGURES)
         require_named(config)
     except StudyError as error:
         raise WorkflowError(str(error)) from None
