@@ -3,9 +3,9 @@
 A small job takes two seconds to import them and much less for its work, and a study has sixty jobs. Nothing
 else differs: the same scripts run with the same inputs, outputs, parameters and logs, each in a process.
 
-Snakemake also looks for jobs that it may start: when a job ends, and from then on once a second for each job
-that has ended, which is for its limit of 100 jobs a second. On a busy machine this took as long as all figures
-of a study. A study has fewer jobs, so nothing is lost without it.
+Snakemake also looks for jobs that it may start. It does so when a job ends, and from then on once a second
+for each job that has ended, because it starts at most 100 jobs a second. On a busy machine this took as long
+as all figures of a study. A study has fewer jobs, so nothing is lost without it.
 """
 
 import multiprocessing

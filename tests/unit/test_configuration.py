@@ -391,6 +391,7 @@ def test_one_column_for_two_quantities_is_refused():
         (b"study: \xff\xfe\n", "codec can't decode"),
         (b"- 1\n", "expected keys and values"),
         (b"study: " + b"[" * 3000, "recursion"),
+        (b"#" * 1_000_001, "1,000,001 bytes, more than 1,000,000"),
     ],
 )
 def test_files_that_are_no_configuration_end_in_one_message(tmp_path, content, told):
@@ -409,3 +410,8 @@ def test_sections_of_a_file_may_share_keys(tmp_path):
     )
     grid = load([path])["answer"]["grid"]
     assert (grid["refinement"], grid["range_cells"]) == (2, 12)
+
+
+def test_a_message_shows_the_beginning_of_a_long_value():
+    (line,) = violations(changed(study="a b" * 5000))
+    assert len(line) < 2000

@@ -30,6 +30,8 @@ DEFAULTS = WORKFLOW.parent / "config" / "config.yaml"
 README = WORKFLOW.parent / "config" / "README.md"
 MARKS = ("<!-- parameters: made from the schema -->\n", "<!-- end of parameters -->\n")
 
+LARGEST = 1_000_000  # bytes of a file; to read more takes minutes, and no configuration has as many
+LONGEST = 1000  # characters of a value that a message shows
 TYPES = {"boolean": "true or false", "object": "mapping"}
 BOUNDS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
 
@@ -186,8 +188,10 @@ def read_yaml(path: Path) -> dict[str, Any]:
         If it is missing, not UTF-8, no YAML, has a key twice, or holds anything but keys and values.
     """
     try:
+        if path.stat().st_size > LARGEST:
+            raise ValueError(f"{path.stat().st_size:,} bytes, more than {LARGEST:,}")
         config = yaml.load(path.read_text(encoding="utf-8"), Loader=_StrictLoader)  # a safe one
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError) as error:
+    except (OSError, ValueError, yaml.YAMLError, RecursionError) as error:
         seen = " ".join(str(error).replace('in "<unicode string>", ', "in ").split())
         raise InputError(
             str(path), seen=seen, expected="a YAML file", change="Correct the path or mend the file."
@@ -281,7 +285,8 @@ def _expected_type(name: str, schema: Mapping[str, Any], bounds: str) -> str:
 
 
 def _shown(value: Any) -> str:  # noqa: ANN401
-    return json.dumps(value, default=str, ensure_ascii=False)
+    text = json.dumps(value, default=str, ensure_ascii=False)
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
 
 
 def main() -> None:
