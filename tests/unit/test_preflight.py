@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from accelerated_evaluation.configuration import load
 from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.preflight import require_named, require_places, require_plain
+from accelerated_evaluation.preflight import require_cores, require_named, require_places, require_plain
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -64,3 +64,11 @@ def test_files_and_folders_in_each_others_place_are_told(tmp_path, monkeypatch, 
         Path(folder).mkdir(parents=True)
     with pytest.raises(InputError, match=told):
         require_places(*places)
+
+
+@pytest.mark.parametrize("cores", [0, -1])
+def test_a_study_needs_a_core(cores):
+    require_cores(1)
+    require_cores(None)
+    with pytest.raises(InputError, match=f"--cores .* seen {cores}"):
+        require_cores(cores)

@@ -49,6 +49,20 @@ def require_named(config: Mapping[str, Any]) -> None:
             load_vehicle(name, **parameters)
 
 
+def require_cores(cores: int | None) -> None:
+    """Refuse a number of cores with which Snakemake would wait for ever; None where none is needed.
+
+    Raises
+    ------
+    InputError
+        If it is below 1.
+    """
+    if cores is not None and cores < 1:
+        raise InputError(
+            "--cores (CORES of make)", seen=str(cores), expected="1 or more, or all", change="Correct it."
+        )
+
+
 def require_places(*folders: Path) -> None:
     """Look at the folders of results: Snakemake fails at a file in place of a folder, and takes the reverse.
 

@@ -28,6 +28,7 @@ from accelerated_evaluation.encounters.sources import SOURCES, describe, record_
 from accelerated_evaluation.errors import StudyError
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.preflight import (
+    require_cores,
     require_named,
     require_places,
     require_plain,
@@ -75,6 +76,7 @@ if not Path(SOURCE["path"]).exists() and (PROJECT / SOURCE["path"]).exists():
     SOURCE["path"] = str(PROJECT / SOURCE["path"])  # the records of this project
 if workflow.is_main_process:
     try:
+        require_cores(workflow.resource_settings.cores)
         require_places(RESULTS, FIGURES)
         require_named(config)
     except StudyError as error:
