@@ -288,6 +288,8 @@ def test_the_study_ends_whole(shared, name):
         assert not re.search(r"\bnan\b", words), notebook
     assert len(list(figures.glob("fig*.svg"))) == len(list(figures.glob("fig*.csv"))) >= 20
     estimates = pd.read_csv(results / "estimates.csv")
+    published = pd.read_csv(figures / "tables" / "estimates.csv", keep_default_na=False)
+    assert set(published["study"]) == {study}
     known = estimates.dropna(subset="probability")
     assert (known["ci_low"] <= known["ci_high"]).all()
     assert estimates[["ci_low", "ci_high"]].notna().all(axis=None)
