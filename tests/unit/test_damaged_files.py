@@ -23,6 +23,7 @@ from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.methods.estimate import Stopping
 from accelerated_evaluation.methods.surrogate import state
+from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.track import campaign_file
 from hypothesis import HealthCheck, given, settings
@@ -74,9 +75,9 @@ def damages(content):
     return st.tuples(st.sampled_from(sorted(paths(content), key=str)), st.sampled_from(VALUES))
 
 
-def driven(batches):
+def driven(batches, predecessor=None):
     """Return the state of a sampler that has seen so many batches, and has asked for another."""
-    sampler = Sampler(2, np.random.default_rng(1), 10, fingerprint="x")
+    sampler = Sampler(2, np.random.default_rng(1), 10, fingerprint="x", predecessor=predecessor)
     for _ in range(batches):
         z = sampler.ask()
         sampler.tell(z[:, 0] > 3.5, 3.5 - z[:, 0])
@@ -84,7 +85,8 @@ def driven(batches):
     return json.loads(json.dumps(sampler.state().to_json()))["state"]
 
 
-STATES = [driven(1), driven(5), driven(14)]
+ALIKE = Predecessor(np.array([[3.6, 0.1], [3.0, 0.2], [3.8, -1.0]]), np.array([True, False, True]))
+STATES = [driven(1), driven(5), driven(14), driven(3, ALIKE)]
 
 
 @often

@@ -33,18 +33,13 @@ LATER = {"predecessor"}
 # Between which numbers a field can be, where that is known; other numbers would fail only when they are used.
 LARGEST = float(np.finfo(float).max)
 RANGES = {
+    **dict.fromkeys(("looks", "searched", "learnt_at"), (0, 1e12)),
+    **dict.fromkeys(("sites", "probability", "controlled"), (-1e100, 1e100)),
+    **dict.fromkeys(("z", "centres"), (-1e6, 1e6)),
     "dimension": (1, 1e6),
     "batch_size": (1, POOL // 4),
     "theta": (-20, 20),  # logarithms of lengths and of the amplitude
-    "z": (-1e6, 1e6),
-    "centres": (-1e6, 1e6),
-    "looks": (0, 1e12),
-    "searched": (0, 1e12),
     "rarest": (0, REACH),
-    "learnt_at": (0, 1e12),
-    "sites": (-1e100, 1e100),
-    "probability": (-1e100, 1e100),
-    "controlled": (-1e100, 1e100),
     "weight": (0, 1e100),
     "inclusion": (1e-100, 1.001),  # with a margin for rounding
 }
