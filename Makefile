@@ -68,7 +68,7 @@ test-slurm: $(ENVIRONMENT) ## run the smoke study through a Slurm on this machin
 	tests/slurm/install.sh
 	pytest -n 0 -rs -s tests/slurm
 
-test-studies: $(ENVIRONMENT) ## whole small studies of odd data, vehicles and settings; three quarters of an hour
+test-studies: $(ENVIRONMENT) ## whole small studies of odd data, vehicles and settings; about an hour
 	pytest tests/corpus --dist worksteal
 
 format: $(ENVIRONMENT) ## rewrite the sources as the linters want them
