@@ -4,7 +4,7 @@ CORES ?= 2
 PYTHON ?= python3
 STUDY ?= spmd
 ENVIRONMENT := .venv/.installed
-SNAKEMAKE := snakemake --cores $(CORES) --configfile $(CONFIG)
+SNAKEMAKE := snakemake --cores $(or $(CORES),2) --configfile $(or $(CONFIG),config/config.yaml)
 RULES := Snakefile workflow benchmarks/samplers/Snakefile benchmarks/samplers/vehicles.smk \
   benchmarks/worlds/Snakefile
 SAMPLERS := snakemake --snakefile benchmarks/samplers/Snakefile --cores $(CORES)
@@ -73,7 +73,7 @@ test-slurm: $(ENVIRONMENT) ## run the smoke study through a Slurm on this machin
 	tests/slurm/install.sh
 	pytest -n 0 -rs -s tests/slurm
 
-test-studies: $(ENVIRONMENT) ## whole small studies of odd data, vehicles and settings; three quarters of an hour
+test-studies: $(ENVIRONMENT) ## whole small studies of odd data, vehicles and settings; about an hour
 	pytest tests/corpus --dist worksteal
 
 format: $(ENVIRONMENT) ## rewrite the sources as the linters want them

@@ -63,6 +63,13 @@ FAST = {"filters": {"lead_speed_min": 25}, "segments": {"lead_speed_edges": [25,
 FAST |= {"sensitivity": {"lead_speed_edges": [[25, 30, 35]]}}
 
 
+def merged(base, change):
+    """Return a configuration with another over it, section by section."""
+    sections = [key for key, value in change.items() if isinstance(value, dict)]
+    below = {key: merged(base.get(key) or {}, change[key]) for key in sections}
+    return base | change | below
+
+
 def car(name, **parameters):
     """Name a vehicle of `vehicles.py` in the configuration."""
     return {"vehicle": {"name": f"vehicles.py:{name}", "parameters": parameters}}
@@ -70,7 +77,7 @@ def car(name, **parameters):
 
 def table(name, **config):
     """Take the records of a table of `TABLES`."""
-    return config | {"data": {"source": "table", "sample": None, "table": {"path": f"{name}.csv"}}}
+    return merged(config, {"data": {"source": "table", "sample": None, "table": {"path": f"{name}.csv"}}})
 
 
 def cut_ins(rows, lead_speeds=(5, 35)):
@@ -92,11 +99,51 @@ def rounded():
     )
 
 
+OTHER_UNITS = {
+    "lead_speed": {"name": "v [mph]", "unit": "mph"},
+    "range": {"name": "1/gap", "unit": "1/ft"},
+    "closing": {"name": "ttc", "quantity": "ttc", "unit": "ms"},
+}
+
+
+def other_units():
+    """Draw motorway cut-ins in the units of another recorder, with rows that cannot be used and repeats."""
+    cut_in = cut_ins(900, (20, 45))
+    columns = {
+        "v [mph]": cut_in["lead_speed"] / 0.44704,
+        "1/gap": 0.3048 / cut_in["range"],
+        "ttc": 1000 * cut_in["range"] / cut_in["closing_speed"],
+    }
+    rows = pd.DataFrame(columns)
+    rows.loc[[5, 70], "ttc"] = np.inf
+    return rows.loc[rows.index.repeat(1 + (rows.index % 50 == 0))]
+
+
+def short_and_heavy():
+    """Draw cut-ins at short ranges alone, whose TTC^-1 has hardly a mean."""
+    generator, cut_in = np.random.default_rng(2), cut_ins(900)
+    range_ = generator.uniform(2, 8, 900)
+    return cut_in.assign(
+        range=range_, closing_speed=np.minimum(0.05 * generator.pareto(1.1, 900) * range_, 40)
+    )
+
+
+def light():
+    """Draw cut-ins whose TTC^-1 is all but the same."""
+    cut_in = cut_ins(900)
+    return cut_in.assign(closing_speed=cut_in["range"] * np.random.default_rng(3).uniform(0.049, 0.05, 900))
+
+
 TABLES = {
     "one-speed": lambda: cut_ins(600).assign(lead_speed=20.0),
     "least": lambda: cut_ins(30, (20, 29)),  # rows that a segment has to have
     "rounded": rounded,
+    "other-units": other_units,
+    "short-and-heavy": short_and_heavy,
+    "light": light,
 }
+
+
 AUTOMATIC = {"sensitivity": {"lead_speed_edges": "auto", "closing_speed_max": "auto"}}
 
 
@@ -105,11 +152,41 @@ def described(text):
     return {"data": {"spmd": {"description": text}}}
 
 
+SMALLEST = {  # every number as small as the schema allows
+    "seed": 4294967295,
+    "cross_entropy": {
+        "seeds": 1,
+        "sample_size": 10,
+        "minimum_events": 1,
+        "minimum_piece_events": 1,
+        "maximum_batches": 1,
+        "maximum_iterations": 1,
+        "crash_iterations": 1,
+    },
+    "importance_sampling": {
+        "replicates": 1,
+        "minimum_events": 1,
+        "simulations": 100,
+        "maximum_simulations": 100,
+        "course_step": 1,
+    },
+    "crude_monte_carlo": {"simulations": 100, "batch_size": 100, "save_every": 1},
+    "surrogate": {"replicates": 1, "batch_size": 1},
+    "coverage": {"replicates": 2, "pilot": 100},
+    "crash_map": {
+        "grid": {"lead_speed_cells": 4, "range_cells": 4, "refinement": 1, "closing_speed_points": 10}
+    },
+    "answer": {
+        "grid": {"lead_speed_cells": 4, "range_cells": 4, "refinement": 1, "closing_speed_points": 10},
+        "draws": 20,
+    },
+}
 STUDIES = {
     "never crashes": car("Never"),
     "crashes always": car("From"),
     "crashes in a tenth of the cut-ins": car("From", inverse_ttc=0.1),
-    "crashes in the slowest segment alone": car("From", inverse_ttc=0.4, slower_than=15.0),
+    "crashes in the slowest segment alone": car("From", inverse_ttc=0.4, slower_than=15.0)
+    | described("<script>alert(1)</script><b>bold & brave</b> </td></tr> costs $5"),
     "crashes below the knot": car("From", inverse_ttc=0.03),
     "hardly ever crashes": car("From", inverse_ttc=2.5),
     "fast cut-ins alone": FAST,
@@ -137,19 +214,40 @@ STUDIES = {
     "one lead speed": table("one-speed", **AUTOMATIC),
     "the fewest records": table("least", **AUTOMATIC),
     "rounded records": table("rounded"),
+    "NaN": SMALLEST,  # a name that a table could take for a missing value
+    "motorway in other units": table(
+        "other-units",
+        data={"invalid_rows": "drop", "repeated_rows": "drop", "table": {"columns": OTHER_UNITS}},
+        filters={"lead_speed_min": 20, "lead_speed_max": 45},
+        segments={"lead_speed_edges": [20, 30, 45]},
+        crash_map={"events": {"impact_speed": [5, 0, 5], "min_range": [2, 1], "min_ttc": [1.5, 0.5]}},
+        **AUTOMATIC,
+    ),
+    "short ranges and a heavy tail": table("short-and-heavy", **AUTOMATIC),
+    "a light tail in other pieces": table(
+        "light",
+        models={
+            "inverse_range": {"pieces": "bounded normal"},
+            "inverse_ttc": {
+                "body": {"components": 5},
+                "tail": "bounded normal",
+                "knots": {"method": "profile", "profile": {"points": 3}},
+            },
+        },
+        **AUTOMATIC,
+    ),
+    "a reference driver beside itself": {
+        "vehicle": {"name": "fsm"},
+        "compared_vehicles": {"acc_aeb": {"headway": 0.5, "aeb": False}},
+        "models": {"closing_speed_max": 1},
+        "crash_map": {"grid": {"closing_speed_max": 1}},
+    },
     "a cap that is not reached": {
         "models": {"closing_speed_max": 60},
         "crash_map": {"grid": {"closing_speed_max": 60}},
     },
 }
 SOME = {"never crashes", "500 records"}  # each takes more than two minutes of processor time
-
-
-def merged(base, change):
-    """Return a configuration with another over it, section by section."""
-    sections = [key for key, value in change.items() if isinstance(value, dict)]
-    below = {key: merged(base.get(key) or {}, change[key]) for key in sections}
-    return base | change | below
 
 
 @pytest.fixture(scope="module")
@@ -190,6 +288,8 @@ def test_the_study_ends_whole(shared, name):
         assert not re.search(r"\bnan\b", words), notebook
     assert len(list(figures.glob("fig*.svg"))) == len(list(figures.glob("fig*.csv"))) >= 20
     estimates = pd.read_csv(results / "estimates.csv")
+    published = pd.read_csv(figures / "tables" / "estimates.csv", keep_default_na=False)
+    assert set(published["study"]) == {study}
     known = estimates.dropna(subset="probability")
     assert (known["ci_low"] <= known["ci_high"]).all()
     assert estimates[["ci_low", "ci_high"]].notna().all(axis=None)

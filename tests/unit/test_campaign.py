@@ -135,6 +135,7 @@ WRONG = {
     "run,crash,min_range\n1,1,0.4\n": "row 2, column min_range: seen 0.4; expected 0 or less with a crash",
     "run,crash,min_range\n1,0,-0.4\n": "row 2, column min_range: seen -0.4; expected above 0 without a crash",
     "run,crash,min_range\n1,0,1e9\n": "row 2, column min_range: seen 1e+09",
+    "run,crash,min_range\n1,1,-inf\n": "row 2, column min_range: seen -inf",
     "run,crash,min_ttc\n1,0,-1\n": "row 2, column min_ttc: seen -1",
     "run,crash,min_ttc\n1,0,soon\n": "row 2, column min_ttc: seen 'soon'; expected a number",
     "run,crash,impact_speed\n1,0,3\n": "row 2, column impact_speed: seen 3; expected 0 without a crash",

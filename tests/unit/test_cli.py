@@ -116,9 +116,12 @@ def test_only_a_header(table):
         ("", "row 1: seen no column lead_speed among: none"),
         (
             "lead_speed,range\n1,2\n",
-            "row 1: seen no column closing_speed among: lead_speed, range; expected a header",
+            "row 1: seen no column closing_speed among: 'lead_speed', 'range'; expected a header",
         ),
         (HEADER.replace("range", "range,range") + "1,2,3,4\n", "row 1: seen more than one column range"),
+        ("\0" * 5000, "no column lead_speed among: '\\x00"),
+        (",".join(f"c{i}" for i in range(9999)) + "\n", "'c1', 'c2', 'c3', 'c4' and 9,994 more; expected"),
+        (HEADER + "1_0,2,3\n", "row 2, column lead_speed: seen '1_0'; expected a number"),
         (HEADER + "1,2,3\n\n1,far,3\n", "row 4, column range: seen 'far'; expected a number"),
         (HEADER + "1,,3\n", "row 2, column range: seen ''; expected a number"),
         (HEADER + "1,2,3\n1,2,nan\n", "row 3, column closing_speed: seen nan; expected a finite number"),
@@ -157,7 +160,9 @@ def test_old_output_survives_an_error(table, tmp_path):
             "error: vehicle: seen 'acc'; expected acc_aeb, acc_only, ",
         ),
         (["in.csv", "out.csv", "--vehicle", "car.py:Failing"], "simulate: seen RuntimeError: two lines;"),
-        (["in.csv", "in.csv/out.csv"], "error:"),
+        (["in.csv", "in.csv/out.csv"], "a file stands where its folder should be"),
+        (["in.csv", "x" * 300], "cannot be written (File name too long)"),
+        (["in.csv", "out.csv", *["--parameter", "headway=1"] * 2], "--parameter: seen headway twice"),
     ],
 )
 def test_bad_arguments(tmp_path, arguments, message):

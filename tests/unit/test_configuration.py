@@ -139,6 +139,11 @@ WRONG = {
         {"kp": float("nan")},
         "seen NaN; expected number or true or false",
     ),
+    "a method twice": (
+        "methods",
+        ["crude", "crude", "single", "piecewise", "heuristic", "surrogate"],
+        "expected list of at least 5, each text, none twice",
+    ),
     "no text": ("vehicle__files", [1], "seen 1; expected non-empty text"),
 }
 
@@ -385,6 +390,8 @@ def test_one_column_for_two_quantities_is_refused():
         (b"study: [a\n", "while parsing"),
         (b"study: \xff\xfe\n", "codec can't decode"),
         (b"- 1\n", "expected keys and values"),
+        (b"study: " + b"[" * 3000, "recursion"),
+        (b"#" * 1_000_001, "1,000,001 bytes, more than 1,000,000"),
     ],
 )
 def test_files_that_are_no_configuration_end_in_one_message(tmp_path, content, told):
@@ -394,3 +401,17 @@ def test_files_that_are_no_configuration_end_in_one_message(tmp_path, content, t
         load([path])
     assert str(path) in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_sections_of_a_file_may_share_keys(tmp_path):
+    path = tmp_path / "study.yaml"
+    path.write_text(
+        "crash_map:\n  grid: &grid {refinement: 2}\nanswer:\n  grid: {<<: *grid, range_cells: 12}\n"
+    )
+    grid = load([path])["answer"]["grid"]
+    assert (grid["refinement"], grid["range_cells"]) == (2, 12)
+
+
+def test_a_message_shows_the_beginning_of_a_long_value():
+    (line,) = violations(changed(study="a b" * 5000))
+    assert len(line) < 2000

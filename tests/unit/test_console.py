@@ -145,6 +145,8 @@ def test_words():
     assert plain_error(missing) == "error: [Errno 2] No such file: 'c.yaml'"
     forbidden = "PermissionError in file common.smk:\n[Errno 13] Permission denied: 'my table.csv'"
     assert plain_error(forbidden).startswith("error: my table.csv: seen no permission to use it;")
+    read_only = "Failed to create output directory a.\nOSError: [Errno 30] Read-only file system: 'figures/a'"
+    assert plain_error(read_only).startswith("error: figures/a: seen no permission to use it;")
     assert "ZeroDivisionError" in plain_error(
         "Traceback (most recent call last):\nZeroDivisionError: by zero"
     )

@@ -37,8 +37,8 @@ LAW = IndependentLaw(
     "law",
     [
         BoundedExponential(1 / 3, 0.1),
-        BoundedExponential(-1e-300, -1.0, 1.0),
-        BoundedNormal(5e-324, -math.inf, math.inf, -0.1),
+        BoundedExponential(-1e-300, 0.5, 1.0),
+        BoundedNormal(5e-324, 0.1, math.inf, 0.3),
         Pareto(math.pi, 1 / 75),
         BODY,
         PIECEWISE,

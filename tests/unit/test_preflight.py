@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from accelerated_evaluation.configuration import load
 from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.preflight import require_named, require_plain
+from accelerated_evaluation.preflight import require_cores, require_named, require_places, require_plain
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -47,3 +47,34 @@ def test_braces_in_a_path_are_told_before_snakemake_takes_them_for_a_wildcard():
     require_plain(["data/my records (1).csv"])
     with pytest.raises(InputError, match=r"\{2\}.csv: seen a brace"):
         require_plain(["a.csv", "data/my records {2}.csv"])
+
+
+@pytest.mark.parametrize(
+    ("file", "folder", "told"),
+    [
+        ("results", None, "results: seen a file"),
+        ("results/mine", None, "results/mine: seen a file"),
+        (None, "figures/mine/tables/claims.csv", "claims.csv: seen a folder; expected a result"),
+    ],
+)
+def test_files_and_folders_in_each_others_place_are_told(tmp_path, monkeypatch, file, folder, told):
+    monkeypatch.chdir(tmp_path)
+    places = Path("results/mine"), Path("figures/mine")
+    require_places(*places)
+    Path("figures/mine/tables").mkdir(parents=True)
+    require_places(*places)
+    if file is not None:
+        Path(file).parent.mkdir(exist_ok=True)
+        Path(file).write_text("")
+    if folder is not None:
+        Path(folder).mkdir(parents=True)
+    with pytest.raises(InputError, match=told):
+        require_places(*places)
+
+
+@pytest.mark.parametrize("cores", [0, -1])
+def test_a_study_needs_a_core(cores):
+    require_cores(1)
+    require_cores(None)
+    with pytest.raises(InputError, match=f"--cores .* seen {cores}"):
+        require_cores(cores)

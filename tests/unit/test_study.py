@@ -66,6 +66,14 @@ def test_a_result_is_read_once_and_kept(study):
     assert study.headline == "Study **made_up**. Data: made up. Root seed 1."
 
 
+@pytest.mark.parametrize("name", ["NaN", "007", "1e5", "null"])
+def test_a_study_may_be_called_like_a_number_or_like_none(tmp_path, name):
+    folder = tmp_path / name
+    folder.mkdir()
+    (folder / "estimates_course.csv").write_text(f"study,scope,method\n{name},all,crude\n")
+    assert Study(folder, tmp_path).course["study"].tolist() == [name]
+
+
 def test_a_missing_result_says_which_command_makes_it(study):
     with pytest.raises(
         InputError, match=r"estimates\.csv: seen no such file.*snakemake --cores 2 .*estimates"

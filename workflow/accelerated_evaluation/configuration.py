@@ -30,6 +30,8 @@ DEFAULTS = WORKFLOW.parent / "config" / "config.yaml"
 README = WORKFLOW.parent / "config" / "README.md"
 MARKS = ("<!-- parameters: made from the schema -->\n", "<!-- end of parameters -->\n")
 
+LARGEST = 1_000_000  # bytes of a file; to read more takes minutes, and no configuration has as many
+LONGEST = 1000  # characters of a value that a message shows
 TYPES = {"boolean": "true or false", "object": "mapping"}
 BOUNDS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
 
@@ -168,6 +170,8 @@ class _StrictLoader(yaml.SafeLoader):
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
         keys = set()
         for key_node, _ in node.value:
+            if key_node.tag == "tag:yaml.org,2002:merge":  # <<, of which there may be several
+                continue
             key = self.construct_object(key_node, deep=True)
             if isinstance(key, Hashable) and key in keys:
                 raise yaml.MarkedYAMLError(problem=f"key {key!r} twice", problem_mark=key_node.start_mark)
@@ -184,8 +188,10 @@ def read_yaml(path: Path) -> dict[str, Any]:
         If it is missing, not UTF-8, no YAML, has a key twice, or holds anything but keys and values.
     """
     try:
+        if path.stat().st_size > LARGEST:
+            raise ValueError(f"{path.stat().st_size:,} bytes, more than {LARGEST:,}")
         config = yaml.load(path.read_text(encoding="utf-8"), Loader=_StrictLoader)  # a safe one
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except (OSError, ValueError, yaml.YAMLError, RecursionError) as error:
         seen = " ".join(str(error).replace('in "<unicode string>", ', "in ").split())
         raise InputError(
             str(path), seen=seen, expected="a YAML file", change="Correct the path or mend the file."
@@ -267,7 +273,8 @@ def _expected(schema: Mapping[str, Any]) -> str:
 def _expected_type(name: str, schema: Mapping[str, Any], bounds: str) -> str:
     if name == "array":
         low, high = schema["minItems"], schema.get("maxItems")
-        return f"list of {low if low == high else f'at least {low}'}, each {_expected(schema['items'])}"
+        size = f"list of {low if low == high else f'at least {low}'}"
+        return f"{size}, each {_expected(schema['items'])}{', none twice' * schema.get('uniqueItems', False)}"
     if name in ("integer", "number"):
         return f"{name} {bounds}".rstrip()
     if name == "string":
@@ -278,7 +285,8 @@ def _expected_type(name: str, schema: Mapping[str, Any], bounds: str) -> str:
 
 
 def _shown(value: Any) -> str:  # noqa: ANN401
-    return json.dumps(value, default=str, ensure_ascii=False)
+    text = json.dumps(value, default=str, ensure_ascii=False)
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
 
 
 def main() -> None:

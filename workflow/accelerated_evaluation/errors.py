@@ -1,7 +1,10 @@
 """Errors of the study: each says where, what was seen, what was expected and what to change."""
 
+import errno
 from collections.abc import Iterator
 from contextlib import contextmanager
+
+FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
 
 
 class StudyError(Exception):
@@ -65,7 +68,7 @@ def forbidden(path: str) -> InputError:
 
 def explained(error: Exception) -> Exception:
     """Return what tells a user what to change, where a file is forbidden; any other error as it is."""
-    is_forbidden = isinstance(error, PermissionError) and error.filename
+    is_forbidden = isinstance(error, OSError) and error.errno in FORBIDDEN and error.filename
     return forbidden(error.filename) if is_forbidden else error
 
 

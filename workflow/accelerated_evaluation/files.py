@@ -30,11 +30,11 @@ def atomic_path(path: str | os.PathLike) -> Iterator[Path]:
         If ``path`` is a folder, its folder cannot be written to, or there is no space left on the disk.
     """
     path = Path(path)
-    if path.is_dir():
-        raise StudyError(f"{path} is a folder; name a file to write")
-    is_special = path.exists() and not path.is_file()
-    folder = Path(tempfile.gettempdir()) if is_special else path.resolve().parent
     try:
+        if path.is_dir():
+            raise StudyError(f"{path} is a folder; name a file to write")
+        is_special = path.exists() and not path.is_file()
+        folder = Path(tempfile.gettempdir()) if is_special else path.resolve().parent
         folder.mkdir(parents=True, exist_ok=True)
         _remove_abandoned(path, folder)
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.{os.getpid()}.", suffix=path.suffix, dir=folder)
@@ -61,9 +61,9 @@ def _unwritable(path: Path, error: OSError) -> StudyError:
     """Say why a file cannot be written."""
     if is_disk_full(error):
         return StudyError(f"no space left on the disk to write {path}; free some and run again")
-    return StudyError(
-        f"{path} cannot be written ({error.strerror}); make its folder writable, or name another"
-    )
+    is_file = path.parent.exists() and not path.parent.is_dir()
+    reason = "a file stands where its folder should be" if is_file else error.strerror
+    return StudyError(f"{path} cannot be written ({reason}); make its folder writable, or name another")
 
 
 def is_disk_full(error: BaseException | None) -> bool:

@@ -6,6 +6,22 @@ from typing import Any
 
 from accelerated_evaluation.errors import InputError, located
 
+# Endings of the files that jobs write.
+ENDINGS = {
+    ".csv",
+    ".json",
+    ".parquet",
+    ".npz",
+    ".pdf",
+    ".svg",
+    ".png",
+    ".md",
+    ".tex",
+    ".ipynb",
+    ".log",
+    ".tsv",
+}
+
 
 def compared_sections(compared: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
     """Return the entries of the section ``compared_vehicles``, each with all keys of the section ``vehicle``.
@@ -41,6 +57,44 @@ def require_named(config: Mapping[str, Any]) -> None:
     for label, vehicle in compared_sections(config["compared_vehicles"]).items():
         with located(f"compared_vehicles.{label}"):
             load_vehicle(vehicle["name"], **vehicle["parameters"])
+
+
+def require_cores(cores: int | None) -> None:
+    """Refuse a number of cores with which Snakemake would wait for ever; None where none is needed.
+
+    Raises
+    ------
+    InputError
+        If it is below 1.
+    """
+    if cores is not None and cores < 1:
+        raise InputError(
+            "--cores (CORES of make)", seen=str(cores), expected="1 or more, or all", change="Correct it."
+        )
+
+
+def require_places(*folders: Path) -> None:
+    """Look at the folders of results: Snakemake fails at a file in place of a folder, and takes the reverse.
+
+    Raises
+    ------
+    InputError
+        If a file stands where a folder has to be, or a folder where one of the results has to be.
+    """
+    for folder in folders:
+        for place in (folder, *folder.parents):
+            if place.exists() and not place.is_dir():
+                raise InputError(
+                    str(place),
+                    seen="a file",
+                    expected="a folder, or nothing, for the results of studies",
+                    change="Rename or remove the file.",
+                )
+        for place in folder.rglob("*.*"):
+            if place.suffix in ENDINGS and place.is_dir():
+                raise InputError(
+                    str(place), seen="a folder", expected="a result, or nothing", change="Remove the folder."
+                )
 
 
 def require_plain(paths: Iterable[str]) -> None:

@@ -29,7 +29,9 @@ from accelerated_evaluation.errors import StudyError
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.preflight import (
     compared_sections,
+    require_cores,
     require_named,
+    require_places,
     require_plain,
 )
 from accelerated_evaluation.vehicles.loading import section_files
@@ -75,6 +77,8 @@ if not Path(SOURCE["path"]).exists() and (PROJECT / SOURCE["path"]).exists():
     SOURCE["path"] = str(PROJECT / SOURCE["path"])  # the records of this project
 if workflow.is_main_process:
     try:
+        require_cores(workflow.resource_settings.cores)
+        require_places(RESULTS, FIGURES)
         require_named(config)
     except StudyError as error:
         raise WorkflowError(str(error)) from None

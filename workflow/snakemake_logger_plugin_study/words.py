@@ -57,7 +57,7 @@ def plain_error(message: str) -> str:
 
     What goes wrong with a file before anything runs is told without a traceback, and all else with it.
     """
-    if path := re.search(r"\[Errno 13\] Permission denied: '(.+)'", message):
+    if path := re.search(r"\[Errno (?:13|30)\] (?:Permission denied|Read-only file system): '(.+)'", message):
         return f"error: {forbidden(path[1])}"
     if message.startswith("Traceback"):
         last = message.strip().splitlines()[-1]

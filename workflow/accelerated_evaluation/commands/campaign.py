@@ -6,6 +6,7 @@ from pathlib import Path
 from accelerated_evaluation.commands import COMMANDS, LAW, add_law, add_seed, require_seed
 from accelerated_evaluation.errors import InputError
 
+LEAST = 1e-6  # half-width and confidence that can be asked for, and what they have to keep from 1
 DESCRIPTION = """\
 Estimate how often a real vehicle meets an event, from runs on a proving ground, by as few runs as possible.
 
@@ -133,8 +134,8 @@ def _new(arguments: argparse.Namespace) -> None:
         change = "Name another file, or remove this one if its campaign is over."
         raise InputError(str(arguments.campaign), seen="a file", expected="no file yet", change=change)
     for name in ("half_width", "confidence"):
-        if not 0 < (value := getattr(arguments, name)) < 1:
-            where, expected = f"--{name.replace('_', '-')}", "a number between 0 and 1"
+        if not LEAST <= (value := getattr(arguments, name)) <= 1 - LEAST:
+            where, expected = f"--{name.replace('_', '-')}", f"a number from {LEAST:g} to 1 - {LEAST:g}"
             raise InputError(where, seen=f"{value:g}", expected=expected, change="Correct it.")
     require_seed(arguments.seed)
     campaign = Campaign.begin(

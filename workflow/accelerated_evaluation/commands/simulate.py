@@ -103,6 +103,10 @@ def _parameters(texts: Iterable[str]) -> dict[str, Any]:
     parameters = {}
     for text in texts:
         name, equals, value = text.partition("=")
+        if name in parameters:
+            raise InputError(
+                "--parameter", seen=f"{name} twice", expected="each parameter once", change="Leave one out."
+            )
         if not (name and equals):
             change = "Write, for example, --parameter headway=1.5."
             raise InputError("--parameter", seen=repr(text), expected="NAME=VALUE", change=change)
@@ -202,10 +206,12 @@ def _with_progress(file: TextIO) -> Iterator[str]:
 def _position(header: list[str], name: str, source: Path) -> int:
     """Return where the header has the column ``name``, which must be there once."""
     if header.count(name) != 1:
+        from accelerated_evaluation.encounters.reading import listed
+
         times = "more than one" if name in header else "no"
         raise InputError(
             f"{source}, row 1",
-            seen=f"{times} column {name} among: {', '.join(header) or 'none'}",
+            seen=f"{times} column {name} among: {listed(header, name) if header else 'none'}",
             expected=f"a header with {', '.join(INPUTS)}",
             change="Correct the header.",
         )
@@ -217,6 +223,8 @@ def _numbers(chunk: list[Row], column: int, header: list[str], source: Path) -> 
     numbers = []
     for row in chunk:
         try:
+            if "_" in row.fields[column]:  # Python would take 1_0 for 10
+                raise ValueError
             numbers.append(float(row.fields[column]))
         except ValueError as error:
             raise InputError(

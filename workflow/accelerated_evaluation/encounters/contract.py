@@ -2,6 +2,7 @@
 
 import os
 
+import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.encounters.reading import read_parquet, require_file
@@ -63,6 +64,15 @@ def read_encounters(path: str | os.PathLike) -> pd.DataFrame:
             str(path),
             seen=f"columns {', '.join(map(str, table.columns))}",
             expected=f"the columns of an encounter table: {', '.join(COLUMNS)}",
+            change="Write the file with the ingest step.",
+        )
+    numbers = table[list(NUMBERS)]
+    are_numbers = all(kind.kind in "iuf" for kind in numbers.dtypes)
+    if not are_numbers or not (np.isfinite(numbers) & (numbers >= 0)).all(axis=None):
+        raise InputError(
+            str(path),
+            seen="speeds, ranges or times that are missing, infinite, below 0 or no numbers",
+            expected="an encounter table as the ingest step writes it",
             change="Write the file with the ingest step.",
         )
     return table

@@ -13,13 +13,16 @@ import pandas as pd
 from accelerated_evaluation.errors import InputError
 
 SHOWN = 5  # columns that a message shows of many
+MOST_COLUMNS = 10_000  # of a table that is read; pandas takes a minute for ten times as many
 LONGEST, LONGEST_REASON = 40, 300  # characters of a name, and of another library's message, that are shown
 
 
 def require_file(path: str | os.PathLike, change: str) -> None:
     """Raise InputError, with ``change`` as the advice, unless ``path`` is a file."""
-    if not Path(path).is_file():
-        raise InputError(str(path), seen="no such file", expected="a file to read", change=change)
+    path = Path(path)
+    if not path.is_file():
+        seen = "a folder" if path.is_dir() else "a device or a pipe" if path.exists() else "no such file"
+        raise InputError(str(path), seen=seen, expected="a file to read", change=change)
 
 
 def require_columns(path: str | os.PathLike, seen: Sequence[str], named: Mapping[str, str]) -> None:
@@ -41,14 +44,19 @@ def require_columns(path: str | os.PathLike, seen: Sequence[str], named: Mapping
     """
     for key, name in named.items():
         if name not in seen:
-            shown = dict.fromkeys([*get_close_matches(name, seen, n=1), *seen[:SHOWN]])
-            more = f" and {len(seen) - SHOWN:,} more" if len(seen) > SHOWN else ""
             raise InputError(
                 f"{path}, column {name!r}",
-                seen=f"only the columns {', '.join(map(cut, shown)) or 'without a name'}{more}",
+                seen=f"only the columns {listed(seen, name)}",
                 expected=f"the column that {key} states",
                 change="Correct the name there, or the header of the table.",
             )
+
+
+def listed(names: Sequence[str], wanted: str) -> str:
+    """Return names for a message: the one most like what is wanted, the first few, and how many are left."""
+    shown = dict.fromkeys([*get_close_matches(wanted, names, n=1), *names[:SHOWN]])
+    more = f" and {len(names) - SHOWN:,} more" if len(names) > SHOWN else ""
+    return f"{', '.join(map(cut, shown)) or 'without a name'}{more}"
 
 
 def read_parquet(path: str | os.PathLike, named: Mapping[str, str] = MappingProxyType({})) -> pd.DataFrame:
@@ -78,6 +86,8 @@ def read_csv(path: str | os.PathLike, named: Mapping[str, str] = MappingProxyTyp
         header = [name for name in first or [] if name]
         if first is not None:  # pandas tells what is wrong with an empty file
             require_columns(path, header, named)
+        if len(header) > MOST_COLUMNS:
+            raise ValueError(f"{len(header):,} columns, more than {MOST_COLUMNS:,}")
         table = pd.read_csv(path, dtype=str, encoding="utf-8-sig")
     except (ValueError, csv.Error) as error:  # pandas' and Unicode errors derive from ValueError
         raise _unreadable(path, error, expected) from error
@@ -90,7 +100,8 @@ def read_csv(path: str | os.PathLike, named: Mapping[str, str] = MappingProxyTyp
 
 def cut(text: str) -> str:
     """Return a text for a message: quoted, and its beginning alone if it is long."""
-    return repr(text if len(text) <= LONGEST else f"{text[:LONGEST]}...")
+    quoted = repr(text[: LONGEST + 1])  # a control character takes four characters or more
+    return quoted if len(quoted) <= LONGEST + 2 else f"{quoted[:LONGEST]}...'"
 
 
 def _unreadable(path: str | os.PathLike, reason: object, expected: str) -> InputError:

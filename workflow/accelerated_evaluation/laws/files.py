@@ -2,16 +2,19 @@
 
 import math
 import os
-from pathlib import Path
+from itertools import product
 
+import numpy as np
 import pandas as pd
 
+from accelerated_evaluation.encounters.reading import require_file
 from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.files import read_json, write_json
 from accelerated_evaluation.laws import LAWS, Law
 
 FORMAT = "accelerated-evaluation law"
 VERSION = 2
+PLACES = (-4.0, 0.0, 4.0)  # normal scores at which a law that was read is tried
 
 
 def write_law(path: str | os.PathLike, law: Law) -> None:
@@ -37,8 +40,7 @@ def read_law(path: str | os.PathLike, encounters: pd.DataFrame) -> Law:
         If the file is missing, is not a law of this version, or does not fit to the encounters.
     """
     change = "Fit the law anew, or name a law file that this version wrote."
-    if not Path(path).is_file():
-        raise InputError(str(path), seen="no such file", expected="a law file", change=change)
+    require_file(path, change)
     try:
         content = read_json(path)
         kind = content["format"], content["version"]
@@ -48,9 +50,24 @@ def read_law(path: str | os.PathLike, encounters: pd.DataFrame) -> Law:
             seen = f"a law of kind {content['kind']!r}"
             raise InputError(str(path), seen=seen, expected=f"one of {', '.join(LAWS)}", change=change)
         cap = content["closing_speed_max"]["value"]
-        return LAWS[content["kind"]].from_content(
+        law = LAWS[content["kind"]].from_content(
             content, encounters, content["description"], math.inf if cap is None else float(cap)
         )
+        _require_cut_ins(law)
+        return law
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         seen = f"{type(error).__name__}: {error}"
         raise InputError(str(path), seen=seen, expected="a whole law file", change=change) from error
+
+
+def _require_cut_ins(law: Law) -> None:
+    """Raise ValueError if a law has no description, no cap above 0, or cut-ins that cannot be."""
+    if not isinstance(law.description, str):
+        raise ValueError(f"the description {law.description!r}")
+    if not law.closing_speed_max > 0:
+        raise ValueError(f"closing speeds up to {law.closing_speed_max:g} m/s")
+    with np.errstate(all="ignore"):
+        cut_ins = law.from_scores(np.array([*product(PLACES, repeat=3)]))
+    possible = (cut_ins.lead_speed >= 0) & (cut_ins.inverse_range > 0) & (cut_ins.inverse_ttc >= 0)
+    if not (possible & np.isfinite([*vars(cut_ins).values()]).all(axis=0)).all():
+        raise ValueError("cut-ins with a range that is not above 0, or with a speed below 0 or without end")

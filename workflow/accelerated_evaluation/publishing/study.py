@@ -54,7 +54,10 @@ class Study:
         return path
 
     def _table(self, name: str) -> pd.DataFrame:
-        return pd.read_csv(self.path(name))
+        table = pd.read_csv(self.path(name))
+        if "study" in table:  # pandas would take a name such as NaN or 007 for a number
+            table["study"] = self.results.name
+        return table
 
     def _law(self, name: str) -> IndependentLaw:
         return read_law(self.path(name), self.encounters)

@@ -21,7 +21,7 @@ from accelerated_evaluation.methods.estimate import Stopping
 from accelerated_evaluation.methods.surrogate import state as sampler_state
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.track.campaign import Campaign, Run, Source
-from accelerated_evaluation.track.limits import Limits
+from accelerated_evaluation.track.limits import UNLIMITED, Limits
 from accelerated_evaluation.track.told import Told
 from accelerated_evaluation.vehicles.events import Event
 
@@ -82,8 +82,7 @@ def read_campaign(path: str | os.PathLike) -> Campaign:
         If the file is missing, is no campaign of this version, or was changed by hand or damaged.
     """
     change = "Name the file of a campaign, or begin one with `accelerated-evaluation campaign new`."
-    if not Path(path).is_file():
-        raise InputError(str(path), seen="no such file", expected="the file of a campaign", change=change)
+    require_file(path, change)
     try:
         content = read_json(path)
     except ValueError:
@@ -102,19 +101,66 @@ def read_campaign(path: str | os.PathLike) -> Campaign:
             expected="a file as the program wrote it",
             change="Restore a copy of the file; what happened on the track is told with `campaign tell`.",
         )
-    goal, limits = content["goal"], content.get("limits", {})
-    beyond = limits.pop("probability_beyond", 0.0)
-    return Campaign(
-        Source(**content["law"]),
-        Source(**content["encounters"]),
-        content["description"],
-        Event(**content["event"]),
+    try:
+        return _campaign(content, str(path))
+    except sampler_state.MISFIT as error:  # but the checksum is its own
+        raise InputError(
+            str(path),
+            seen=f"a content that does not fit together ({type(error).__name__}: {error})",
+            expected="a file as the program wrote it",
+            change="Restore a copy of the file; what happened on the track is told with `campaign tell`.",
+        ) from error
+
+
+def _campaign(content: Mapping[str, Any], where: str) -> Campaign:
+    """Return the campaign that a content holds; raise one of `MISFIT` if it holds none."""
+    goal = sampler_state.decode(dict[str, float], content["goal"])
+    limits = {"probability_beyond": 0.0} | sampler_state.decode(dict[str, Any], content.get("limits", {}))
+    beyond = sampler_state.decode(float, limits.pop("probability_beyond"))
+    campaign = Campaign(
+        sampler_state.decode(Source, content["law"]),
+        sampler_state.decode(Source, content["encounters"]),
+        sampler_state.decode(str, content["description"]),
+        sampler_state.decode(Event, content["event"]),
         stopping(goal["confidence"], goal["relative_half_width"]),
-        _sampler(content["sampler"], str(path)),
-        Limits(**limits),
+        _sampler(content["sampler"], where),
+        sampler_state.decode(Limits, asdict(UNLIMITED) | limits),
         beyond,
         [_run(run) for run in content["runs"]],
     )
+    _require_whole(campaign)
+    return campaign
+
+
+def _require_whole(campaign: Campaign) -> None:
+    """Raise ValueError if the parts of a campaign contradict each other."""
+    numbers = [0, *(run.batch for run in campaign.runs)]
+    pending = campaign.sampler.progress.pending
+    open_batch = (
+        [run for run in campaign.runs if run.batch == campaign.batches] if campaign.outstanding else []
+    )
+    for holds, what in (
+        (0 < campaign.goal.alpha < 1 and 0 < campaign.goal.beta < 1, "a goal between 0 and 1"),
+        (0 <= campaign.beyond <= 1, "a probability beyond the limits from 0 to 1"),
+        (all(value is None or value > 0 for value in vars(campaign.limits).values()), "limits above 0"),
+        (
+            campaign.event.quantity in ("crash", "impact_speed", "min_range", "min_ttc"),
+            "an event that is measured",
+        ),
+        (campaign.sampler.dimension == 3, "a sampler of three normal scores"),
+        (
+            [run.number for run in campaign.runs] == [*range(1, len(campaign.runs) + 1)],
+            "runs that are numbered from 1",
+        ),
+        (set(np.diff(numbers)) <= {0, 1}, "runs in the order of their batches"),
+        (len(open_batch) == (0 if pending is None else len(pending.z)), "one open batch, the sampler's"),
+        (
+            campaign.sampler.simulations + len(open_batch) == len(campaign.runs),
+            "as many runs as the sampler knows",
+        ),
+    ):
+        if not holds:
+            raise ValueError(f"without {what}")
 
 
 def stopping(confidence: float, relative_half_width: float) -> Stopping:
@@ -132,9 +178,12 @@ def _plain(run: Run) -> dict[str, Any]:
 
 
 def _run(plain: Mapping[str, Any]) -> Run:
-    told = None if plain["told"] is None else Told(**plain["told"])
-    cut_in = (plain[name] for name in ("number", "batch", "lead_speed", "range", "closing_speed"))
-    return Run(*cut_in, told)
+    """Return a run from what the file has."""
+    told = plain["told"]
+    if told is not None:  # what was not measured is left out
+        told = vars(Told(crash=False)) | told
+    own = {name: plain[CUT_IN.get(name, name)] for name in get_type_hints(Run)}
+    return sampler_state.decode(Run, own | {"told": told})
 
 
 def _laid_out(value: Any, margin: str = "") -> str:  # noqa: ANN401
@@ -174,7 +223,8 @@ def _sampler(content: Mapping[str, Any], where: str) -> Sampler:
     generator = sampler_state.generator_in(old["generator"])
     sampler = Sampler(old["dimension"], generator, old["batch_size"], fingerprint=old["fingerprint"])
     sampler.progress = progress
-    return sampler
+    # What was carried over is checked as a state of this version is.
+    return Sampler.resume(sampler_state.State.from_json(sampler.state().to_json(), where))
 
 
 def _carried_over(old: Mapping[str, Any], dimension: int) -> sampler_state.Progress:
@@ -184,10 +234,9 @@ def _carried_over(old: Mapping[str, Any], dimension: int) -> sampler_state.Progr
     """
     types = get_type_hints(sampler_state.Progress)
     try:
-        estimates = sampler_state._decode(types["estimates"], old["estimates"])
-    except (KeyError, TypeError):
+        estimates = sampler_state.decode(types["estimates"], old["estimates"])
+    except sampler_state.MISFIT:
         estimates = []
     progress = sampler_state.Progress.start(dimension)
-    z = np.array(old["z"], float).reshape(-1, dimension)
-    flags, scores = np.array(old["happened"], bool), np.array(old["score"], float)
-    return replace(progress, z=z, happened=flags, score=scores, estimates=estimates)
+    z, flags, scores = (sampler_state.decode(types[name], old[name]) for name in ("z", "happened", "score"))
+    return replace(progress, z=z.reshape(-1, dimension), happened=flags, score=scores, estimates=estimates)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 
 import pandas as pd
 
-from accelerated_evaluation.encounters.reading import read_csv, require_file
+from accelerated_evaluation.encounters.reading import listed, read_csv, require_file
 from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.files import write_csv
 from accelerated_evaluation.track.campaign import Campaign, Run
@@ -46,7 +46,7 @@ def read_results(path: str | os.PathLike, campaign: Campaign) -> dict[int, Told]
     table.columns = [str(name).strip() for name in table.columns]
     for name in ("run", "crash"):
         if name not in table:
-            seen = f"columns {', '.join(table.columns)}"
+            seen = f"only the columns {listed(list(table.columns), name)}"
             change = "Fill in the table that `campaign ask` wrote."
             raise InputError(str(path), seen=seen, expected=f"a column {name}", change=change)
     results: dict[int, Told] = {}
@@ -128,7 +128,7 @@ def _check(measured: Mapping[str, float | None], *, crash: bool, run: Run, where
     kind = "with a crash" if crash else "without a crash"
     rules = {
         "min_range": (
-            (lambda value: value <= 0, f"0 or less {kind}")
+            (lambda value: -math.inf < value <= 0, f"0 or less {kind}")
             if crash
             else (
                 lambda value: 0 < value <= run.range_ + TOLERANCES["range"],

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from accelerated_evaluation.encounters.reading import listed
 from accelerated_evaluation.errors import InputError, StudyError
 from accelerated_evaluation.files import is_disk_full
 
@@ -99,7 +100,7 @@ def header_of(path: Path, needed: Iterable[str]) -> list[str]:
         raise InputError(
             f"{path}, row 1",
             seen=f"{'no' if missing else 'more than one'} column {', '.join(missing or wrong)} among: "
-            f"{', '.join(header) or 'none, the file is empty'}",
+            f"{listed(header, wrong[0]) if header else 'none, the file is empty'}",
             expected=f"a comma-separated header with {', '.join(needed)}",
             change="Correct the header, or state the source that fits the files in data.source.",
         )

@@ -18,11 +18,31 @@ from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.files import read_json, write_json
 from accelerated_evaluation.methods.surrogate.combining import BatchEstimate
-from accelerated_evaluation.methods.surrogate.constants import REACH
+from accelerated_evaluation.methods.surrogate.constants import POOL, REACH
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.methods.surrogate.two_phase import Flags, TwoPhaseBatch
 
 FORMAT, VERSION = "accelerated-evaluation sampler state", 3
+
+# What is raised where a content does not fit together.
+MISFIT = (KeyError, TypeError, ValueError, OverflowError, AttributeError, StopIteration)
+
+# Fields that files of this version may lack, because they were written before there was such a field.
+LATER = {"predecessor"}
+
+# Between which numbers a field can be, where that is known; other numbers would fail only when they are used.
+LARGEST = float(np.finfo(float).max)
+RANGES = {
+    **dict.fromkeys(("looks", "searched", "learnt_at"), (0, 1e12)),
+    **dict.fromkeys(("sites", "probability", "controlled"), (-1e100, 1e100)),
+    **dict.fromkeys(("z", "centres"), (-1e6, 1e6)),
+    "dimension": (1, 1e6),
+    "batch_size": (1, POOL // 4),
+    "theta": (-20, 20),  # logarithms of lengths and of the amplitude
+    "rarest": (0, REACH),
+    "weight": (0, 1e100),
+    "inclusion": (1e-100, 1.001),  # with a margin for rounding
+}
 
 
 @dataclass(frozen=True)
@@ -135,8 +155,8 @@ class State:
         damage = "a checksum that does not belong to the content, so the file is damaged"
         if content.get("checksum") == _checksum(content.get("state")):
             try:
-                return _whole(_decode(cls, content["state"]))
-            except (KeyError, TypeError, ValueError, OverflowError, AttributeError, StopIteration) as error:
+                return _whole(decode(cls, content["state"]))
+            except MISFIT as error:
                 damage = f"a state that does not fit together ({error})"  # but the checksum is its own
         raise InputError(
             where,
@@ -188,16 +208,37 @@ def _checksum(state: Any) -> str:  # noqa: ANN401
 
 
 def _whole(state: State) -> State:
-    """Return a state that was read, with the shapes of its arrays; raise ValueError if they do not fit."""
-    progress = state.progress
-    # The list of no runs at all has lost its second dimension.
-    progress.z = progress.z.reshape(-1, state.dimension)
-    progress.looks = progress.looks.reshape(-1, 2)
-    runs = {len(progress.z), len(progress.happened), len(progress.score)}
-    if len(runs) > 1:
-        raise ValueError(f"points, flags and scores of {sorted(runs)} runs")
+    """Return a state that was read; raise ValueError if its arrays do not fit together."""
+    progress, d = state.progress, state.dimension
+    runs, others = len(progress.happened), 0
+    if state.predecessor is not None:
+        state.predecessor.check(d)
+        others = len(state.predecessor.happened)
+    if progress.z.size == 0:  # the list of no runs at all has lost its second dimension
+        progress.z = progress.z.reshape(0, d)
+    if progress.looks.size == 0:
+        progress.looks = progress.looks.reshape(0, 2)
+    _require_shape("theta", state.theta, d + 1 + (others > 0))
+    _require_shape("sites", state.sites, 2, min(state.sites.size // 2, runs + others))
+    _require_shape("z", progress.z, runs, d)
+    _require_shape("score", progress.score, runs)
+    _require_shape("looks", progress.looks, len(progress.looks), 2)
+    if progress.centres is not None:
+        _require_shape("centres", progress.centres, max(len(progress.centres), 1), d)
+    if (batch := progress.pending) is not None:
+        asked = max(len(batch.z), 1)
+        for name, value in vars(batch).items():
+            if isinstance(value, np.ndarray):
+                _require_shape(name, value, asked, *[d] * (name == "z"))
+    if (state.sites[0] <= 0).any():
+        raise ValueError("a site with a precision that is not above 0")
     generator_in(state.generator)
     return state
+
+
+def _require_shape(name: str, array: Array, *shape: int) -> None:
+    if array.shape != shape:
+        raise ValueError(f"{name} has the shape {array.shape}, and {shape} was expected")
 
 
 def generator_in(state: Mapping[str, Any]) -> np.random.Generator:
@@ -219,19 +260,40 @@ def _encode(value: Any) -> Any:  # noqa: ANN401
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
-def _decode(annotation: Any, value: Any) -> Any:  # noqa: ANN401
-    """Return a value of the annotated type from what `_encode` made of it."""
-    if value is None:
-        return None
+def decode(annotation: Any, value: Any) -> Any:  # noqa: ANN401
+    """Return a value of the annotated type from what `_encode` made of it; raise ValueError for any other."""
     if isinstance(annotation, UnionType):  # a batch, or something that may be None
+        if value is None and type(None) in get_args(annotation):
+            return None
         choices = [choice for choice in get_args(annotation) if choice is not type(None)]
         name = value["kind"] if len(choices) > 1 else choices[0].__name__
-        return _decode(next(choice for choice in choices if choice.__name__ == name), value)
+        return decode(next(choice for choice in choices if choice.__name__ == name), value)
     if is_dataclass(annotation):
         types = get_type_hints(annotation)
-        return annotation(**{name: _decode(types[name], value[name]) for name in types if name in value})
-    if get_origin(annotation) is list:
-        return [_decode(get_args(annotation)[0], item) for item in value]
-    if get_origin(annotation) is np.ndarray:
-        return np.array(value, dtype=get_args(get_args(annotation)[1])[0])
+        types = {name: kind for name, kind in types.items() if name in value or name not in LATER}
+        return annotation(**{name: _within(name, decode(types[name], value[name])) for name in types})
+    kind = get_origin(annotation) or annotation
+    if kind is np.ndarray:
+        return _array(value, get_args(get_args(annotation)[1])[0])
+    if type(value) is not kind and (type(value), kind) != (int, float):
+        raise ValueError(f"{value!r:.40} where a value of the type {kind.__name__} was expected")
+    return [decode(get_args(annotation)[0], item) for item in value] if kind is list else kind(value)
+
+
+def _array(value: Any, kind: type) -> np.ndarray:  # noqa: ANN401
+    """Return a list as an array of flags or of numbers."""
+    array = np.array(value)
+    if not isinstance(value, list) or (
+        array.size and array.dtype.kind not in ("b" if kind is np.bool_ else "iuf")
+    ):
+        raise ValueError(f"{value!r:.40} where a list of type {kind.__name__} was expected")
+    return array.astype(kind)
+
+
+def _within(name: str, value: Any) -> Any:  # noqa: ANN401
+    """Return a value of a field; raise ValueError if it is none that a sampler can have written."""
+    if isinstance(value, int | float | np.ndarray):
+        low, high = RANGES.get(name, (-LARGEST, LARGEST))
+        if not np.all((np.asarray(value) >= low) & (np.asarray(value) <= high)):  # nor if it is NaN
+            raise ValueError(f"{name} outside of {low:g} to {high:g}")
     return value
