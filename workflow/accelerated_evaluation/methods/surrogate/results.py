@@ -49,7 +49,7 @@ def estimate(progress: Progress, batch_size: int, stopping: Stopping, certificat
     else:
         bound = bound_without_event(progress.looks[:, 0].sum(), stopping.alpha)
         probability, interval = (1.0, (1 - bound, 1.0)) if events else (0.0, (0.0, bound))
-    estimating = len(that_count(progress.estimates)) * batch_size
+    estimating = sum(batch.runs for batch in that_count(progress.estimates))
     return Estimate(
         probability,
         *interval,
