@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from accelerated_evaluation.files import write_csv
 from accelerated_evaluation.methods.importance_sampling import crude_simulations
+from accelerated_evaluation.publishing.tables import reproducible
 from methods import PLUG_IN, Target, methods_of
 from problems import problems
 
@@ -134,7 +135,8 @@ def main() -> None:
     runs = pd.concat([pd.read_csv(path) for path in arguments.runs], ignore_index=True)
     references = {Path(path).stem: json.loads(Path(path).read_text()) for path in arguments.references}
     made = table(runs, references)
-    write_csv(arguments.output, with_kept(made, pd.read_csv(arguments.keep)) if arguments.keep else made)
+    whole = with_kept(made, pd.read_csv(arguments.keep)) if arguments.keep else made
+    write_csv(arguments.output, reproducible(whole))
 
 
 if __name__ == "__main__":
