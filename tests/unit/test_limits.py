@@ -67,7 +67,7 @@ def test_the_estimate_alone_has_the_limits_of_the_records(motorway, monkeypatch)
     """The command ``estimate`` is given them in place of ``auto``, as the study is."""
     seen = []
 
-    def stop(config, replicates, law):
+    def stop(config, *settings):
         seen.append(config["filters"])
         raise InputError("here", seen="enough", expected="no more", change="Nothing.")
 
