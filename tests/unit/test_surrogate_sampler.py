@@ -94,6 +94,12 @@ def test_half_of_everything():
     assert all(0 <= course.result.low < course.result.high <= 1 for course in of)
 
 
+def test_a_probability_is_at_most_1():
+    found = [estimate(half_plane(-3.0), seed) for seed in range(4)]
+    assert all(result.low <= result.probability <= result.high == 1 for result in found)
+    assert all(abs(result.probability - norm.cdf(3.0)) < 0.2 for result in found)
+
+
 def test_event_everywhere():
     result = estimate(half_plane(-99.0), 1, replace(STOPPING, maximum_simulations=60))
     assert result.events > 0

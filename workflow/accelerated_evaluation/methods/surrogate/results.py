@@ -44,6 +44,7 @@ def estimate(progress: Progress, batch_size: int, stopping: Stopping, certificat
     if combined is not None:
         probability, half_width = combined.probability, combined.half_width(stopping.alpha)
         interval = max(probability - half_width, 0.0), min(probability + half_width, 1.0)
+        probability = min(probability, 1.0)  # the mean of unbiased estimates may lie above
     elif 0 < events < progress.happened.size:
         probability, interval = math.nan, (0.0, 1.0)
     else:
