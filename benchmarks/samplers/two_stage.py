@@ -77,9 +77,8 @@ def two_stage(problem: Problem, counter: Counter, generator: np.random.Generator
         kriging.ran.append(int(doubt.argmax()))
         kriging.add(population.z[kriging.ran[-1:]])
     mean, deviation = kriging.predict(population.z)
-    missing = population.estimate(ndtr(-abs(mean) / deviation))[
-        0
-    ]  # the probability predicted on the wrong side
+    # The probability that is predicted on the wrong side.
+    missing, _ = population.estimate(ndtr(-abs(mean) / deviation))
     final = shells(generator, FIRST, FINAL, dimension)
     probability, error = final.estimate(kriging.mean(final.z) <= 0)
     *interval, enough = with_interval(probability, error, target)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from accelerated_evaluation.methods.surrogate.constants import JITTER, SEARCH_RUNS
 from accelerated_evaluation.methods.surrogate.graded import GradedSurrogate
-from accelerated_evaluation.methods.surrogate.search import draw_approach, graded, thinned, to_beat
+from accelerated_evaluation.methods.surrogate.kernel import thinned
+from accelerated_evaluation.methods.surrogate.search import draw_approach, graded, to_beat
 from accelerated_evaluation.methods.surrogate.wide_laws import draw_wide, rarity
 from scipy.stats import multivariate_normal
 
@@ -112,7 +113,7 @@ def test_flags_without_scores_lead_to_the_event():
 
 def test_the_smallest_outcomes_are_kept():
     outcome = np.random.default_rng(4).normal(size=3 * SEARCH_RUNS)
-    kept = thinned(outcome)
+    kept = thinned(np.argsort(outcome, kind="stable"), SEARCH_RUNS)
     assert len(np.unique(kept)) == SEARCH_RUNS
     assert (np.sort(outcome)[: SEARCH_RUNS // 2] == np.sort(outcome[kept])[: SEARCH_RUNS // 2]).all()
-    assert list(thinned(outcome[:50])) == list(range(50))
+    assert list(thinned(np.argsort(outcome[:50], kind="stable"), SEARCH_RUNS)) == list(range(50))

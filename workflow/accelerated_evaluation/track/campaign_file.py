@@ -27,6 +27,7 @@ from accelerated_evaluation.vehicles.events import Event
 
 FORMAT, VERSION = "accelerated-evaluation campaign", 2
 READABLE = (1, VERSION)  # campaigns of version 1 have no limits
+RESTORE = "Restore a copy of the file; what happened on the track is told with `campaign tell`."
 CUT_IN = {"range_": "range"}  # attributes of a run that have another name in the file
 
 
@@ -99,7 +100,7 @@ def read_campaign(path: str | os.PathLike) -> Campaign:
             str(path),
             seen="a checksum that does not belong to the content",
             expected="a file as the program wrote it",
-            change="Restore a copy of the file; what happened on the track is told with `campaign tell`.",
+            change=RESTORE,
         )
     try:
         return _campaign(content, str(path))
@@ -108,7 +109,7 @@ def read_campaign(path: str | os.PathLike) -> Campaign:
             str(path),
             seen=f"a content that does not fit together ({type(error).__name__}: {error})",
             expected="a file as the program wrote it",
-            change="Restore a copy of the file; what happened on the track is told with `campaign tell`.",
+            change=RESTORE,
         ) from error
 
 

@@ -39,6 +39,8 @@ from accelerated_evaluation.methods.surrogate.kernel import (
     covariance_between,
     covariance_of_runs,
     evidence_gradient,
+    negative_log_posterior,
+    thinned,
 )
 
 LOG_ROOT_2PI = 0.5 * math.log(2 * math.pi)
@@ -99,10 +101,7 @@ def that_matter(runs: Array, event: NDArray[np.bool_], most: int) -> NDArray[np.
     if event.any() and not event.all():
         distance[event] = cKDTree(runs[~event]).query(runs[event])[0]
         distance[~event] = cKDTree(runs[event]).query(runs[~event])[0]
-    order = np.argsort(distance, kind="stable")
-    near, others = order[: most // 2], np.sort(order[most // 2 :])
-    even = others[np.linspace(0, len(others) - 1, most - len(near)).round().astype(int)]
-    return np.sort(np.append(near, even))
+    return thinned(np.argsort(distance, kind="stable"), most)
 
 
 @dataclass(frozen=True)
@@ -251,5 +250,4 @@ class EventSurrogate:
         inverse = dtrtrs(factor, np.diag(root), lower=1)[0]
         outer = 0.5 * (np.outer(weights, weights) - inverse.T @ inverse)
         gradient = evidence_gradient(runs, covariance, slope, outer, variance)
-        score = (theta - self._centre) / self._scale
-        return 0.5 * score @ score - evidence, score / self._scale - gradient
+        return negative_log_posterior(evidence, gradient, (theta - self._centre) / self._scale, self._scale)

@@ -27,6 +27,7 @@ from accelerated_evaluation.methods.surrogate.kernel import (
     covariance_between,
     covariance_of_runs,
     evidence_gradient,
+    negative_log_posterior,
 )
 
 
@@ -83,5 +84,4 @@ class GradedSurrogate:
         outer = 0.5 * (np.outer(weights, weights) - inverse)
         gradient = evidence_gradient(runs, covariance, slope, outer, variance)
         gradient = np.append(gradient, 2 * noise_variance * np.trace(outer))
-        score = (theta - self._centre) / self._scale
-        return 0.5 * score @ score - evidence, score / self._scale - gradient
+        return negative_log_posterior(evidence, gradient, (theta - self._centre) / self._scale, self._scale)

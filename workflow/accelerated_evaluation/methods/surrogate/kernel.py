@@ -1,13 +1,14 @@
-"""Covariance of the Gaussian processes of the sampler, amplitude^2 (1 + Matern 5/2), and its derivatives.
+"""What the two Gaussian processes of the sampler share: covariance, derivatives, prior, and choice of runs.
 
-The Matern covariance has one length a dimension. The constant 1 is the variance of an unknown mean. Points
-are given in units of the lengths.
+The covariance is amplitude^2 (1 + Matern 5/2), with one length a dimension. The constant 1 is the variance
+of an unknown mean. Points are given in units of the lengths.
 """
 
 import math
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.methods.surrogate.constants import JITTER
@@ -83,3 +84,37 @@ def evidence_gradient(runs: Array, covariance: Array, slope: Array, outer: Array
     slope = slope * (variance * outer)
     by_length = [(slope * np.subtract.outer(x, x) ** 2).sum() for x in runs.T]
     return np.array([*by_length, 2 * (outer * covariance).sum()])
+
+
+def negative_log_posterior(
+    evidence: float, gradient: Array, score: Array, scale: Array
+) -> tuple[float, Array]:
+    """Return the negative log posterior density of the parameters under a normal prior, and its gradient.
+
+    Parameters
+    ----------
+    evidence, gradient
+        Log evidence, and its gradient by the parameters, shape (k,).
+    score, scale
+        Distance of the parameters from their prior mean in standard deviations, and these, shape (k,).
+    """
+    return 0.5 * score @ score - evidence, score / scale - gradient
+
+
+def thinned(order: NDArray[np.intp], most: int) -> NDArray[np.intp]:
+    """Return which runs to condition on, at most ``most``: half of them from the beginning of an order.
+
+    The others are thinned evenly, in the order in which they were made.
+
+    Parameters
+    ----------
+    order
+        All runs, those that matter most first.
+    most
+        Largest number of runs to return.
+    """
+    if len(order) <= most:
+        return np.sort(order)
+    first, others = order[: most // 2], np.sort(order[most // 2 :])
+    even = others[np.linspace(0, len(others) - 1, most - len(first)).round().astype(int)]
+    return np.sort(np.append(first, even))

@@ -14,6 +14,7 @@ from scipy.stats import rankdata
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.methods.surrogate.constants import CANDIDATES, SEARCH_RUNS
 from accelerated_evaluation.methods.surrogate.graded import GradedSurrogate
+from accelerated_evaluation.methods.surrogate.kernel import thinned
 from accelerated_evaluation.methods.surrogate.wide_laws import draw_at, rarity
 
 
@@ -80,24 +81,10 @@ def draw_approach(
     at = steps / runs * rarest
     candidates = draw_at(at, z.shape[1], generator)
     outcome = graded(happened, score)
-    learnt = thinned(outcome)
+    learnt = thinned(np.argsort(outcome, kind="stable"), SEARCH_RUNS)  # the smallest outcomes first
     mean, deviation = GradedSurrogate(z[learnt], outcome[learnt]).expect(candidates)
     goal = to_beat(rarity(z), outcome, happened, at)
     share = ndtr((goal - mean) / deviation).reshape(runs, each) ** 2
     marks = np.cumsum(share, axis=1)
     chosen = (marks < generator.random((runs, 1)) * marks[:, -1:]).sum(1)
     return candidates.reshape(runs, each, -1)[np.arange(runs), chosen]
-
-
-def thinned(outcome: Array) -> NDArray[np.intp]:
-    """Return which runs to learn from, at most `SEARCH_RUNS`: half of them those of smallest outcome.
-
-    The others are thinned evenly, in the order in which they were made.
-    """
-    n = len(outcome)
-    if n <= SEARCH_RUNS:
-        return np.arange(n)
-    order = np.argsort(outcome, kind="stable")
-    half = SEARCH_RUNS // 2
-    others = np.sort(order[half:])
-    return np.sort(np.append(order[:half], others[np.linspace(0, len(others) - 1, half).round().astype(int)]))
