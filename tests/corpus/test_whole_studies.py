@@ -6,8 +6,6 @@ They take minutes, so `make test-studies` runs them, and `make test` does not. T
 
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -268,15 +266,7 @@ def test_the_study_ends_whole(shared, name):
     study = re.sub(r"\W", "-", name)
     config = merged(TINY, STUDIES[name]) | {"study": study}
     (shared.folder / f"{study}.yaml").write_text(yaml.safe_dump(config, allow_unicode=True))
-    command = [sys.executable, str(HERE / "quick_snakemake.py"), "--cores", "1"]
-    run = subprocess.run(
-        [*command, "--configfile", f"{study}.yaml"],
-        cwd=shared.folder,
-        env=shared.environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    run = shared.run(config=f"{study}.yaml", cores=1, quick=True)
     output = run.stdout + run.stderr
     assert run.returncode == 0, output[-8000:]
     assert "Traceback" not in output

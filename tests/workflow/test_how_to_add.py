@@ -96,7 +96,7 @@ def extended(tmp_path_factory, project_in):
     }
     settings["models"]["inverse_ttc"] = {"tail": "toy exponential"}
     (project.folder / "toys.yaml").write_text(yaml.safe_dump(settings))
-    run = project.run(config="toys.yaml")
+    run = project.run(config="toys.yaml", quick=True)
     assert run.returncode == 0, (run.stdout + run.stderr)[-5000:]
     return project
 

@@ -42,7 +42,7 @@ def test_a_study_that_is_run_again_simulates_nothing_again(project):
     log = project.folder / "simulated.txt"
 
     def run(*options):
-        done = project.run(*RESULTS, *options, config="slow.yaml")
+        done = project.run(*RESULTS, *options, config="slow.yaml", quick=True)
         assert done.returncode == 0, done.stderr[-5000:]
         return [(project.folder / path).read_bytes() for path in RESULTS], log.read_text()
 
