@@ -6,6 +6,7 @@ Nothing here shares code with the extraction that it tests.
 """
 
 import argparse
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -40,7 +41,7 @@ def pair(kind: str, first: int, direction: int, start: float, generator: np.rand
     """Make two vehicles: their ``tracks`` and ``meta``, and what is ``planted``, None if nothing is."""
     lane, other = generator.permutation(LANES[direction])
     lengths = generator.uniform(4, 5.5), generator.uniform(4, 18)  # of the host, of the other
-    speeds, gap, moment = _draw(kind, generator)
+    speeds, gap, moment = draw(kind, generator)
     # Positions of the fronts along the road, such that the gap is as drawn in the frame of the moment
     time = np.round(np.arange(0, 2 * moment, 1 / RATE), 6)
     change = int(np.searchsorted(time, moment - 1e-9))
@@ -74,8 +75,8 @@ def pair(kind: str, first: int, direction: int, start: float, generator: np.rand
     return {"tracks": tracks, "meta": meta, "planted": planted}
 
 
-def _draw(kind: str, generator: np.random.Generator) -> tuple[tuple[float, float], float, float]:
-    """Return the speeds of host and other [m/s], the gap [m] and the moment [s]."""
+def draw(kind: str, generator: np.random.Generator) -> tuple[tuple[float, float], float, float]:
+    """Draw the speeds of host and other [m/s], the gap [m] and the moment [s]."""
     other = generator.uniform(21, 44)
     gap = 5 + generator.exponential(25)
     closing = generator.exponential(0.045 * gap) if generator.random() < 0.7 else -generator.uniform(0, 3)
@@ -113,16 +114,7 @@ def _track(
 def write_recording(folder: Path, number: int, pairs: int, generator: np.random.Generator) -> pd.DataFrame:
     """Write the three files of one recording, and return the cut-ins that are planted in it, units SI."""
     folder.mkdir(parents=True, exist_ok=True)
-    made = [
-        pair(
-            KINDS[0] if generator.random() < 0.6 else generator.choice(OTHERS),
-            first=1 + 2 * index,
-            direction=1 + index % 2,
-            start=1 / RATE + PAUSE * (index // 2),
-            generator=generator,
-        )
-        for index in range(pairs)
-    ]
+    made = make_pairs(pair, pairs, OTHERS, 1, generator)
     tracks = pd.concat([track for one in made for track in one["tracks"]])
     tracks = tracks.reindex(columns=TRACKS.split(","), fill_value=0)  # the others are not needed
     meta = pd.DataFrame(
@@ -142,9 +134,44 @@ def write_recording(folder: Path, number: int, pairs: int, generator: np.random.
     tracks.round(4).to_csv(f"{name}_tracks.csv", index=False)
     meta.round(4).to_csv(f"{name}_tracksMeta.csv", index=False)
     pd.DataFrame([recording]).to_csv(f"{name}_recordingMeta.csv", index=False)
+    return planted_in(made, f"{number:02d}")
+
+
+def make_pairs(
+    pair: Callable[..., dict], count: int, others: Sequence[str], first: int, generator: np.random.Generator
+) -> list[dict]:
+    """Make the pairs of a recording, in both directions in turn, of which three in five are cut-ins.
+
+    Parameters
+    ----------
+    pair
+        Makes one.
+    count
+        How many.
+    others
+        Kinds of pairs that are no plain cut-ins.
+    first
+        Number of the first vehicle, which is also its first frame.
+    generator
+        Draws the kind, and whatever `pair` draws.
+    """
+    return [
+        pair(
+            CUT_IN if generator.random() < 0.6 else generator.choice(others),
+            first=first + 2 * index,
+            direction=1 + index % 2,
+            start=first / RATE + PAUSE * (index // 2),
+            generator=generator,
+        )
+        for index in range(count)
+    ]
+
+
+def planted_in(made: Sequence[dict], recording: str) -> pd.DataFrame:
+    """Return the cut-ins that are planted in the pairs of a recording, units SI."""
     columns = ["time", "lead_speed", "range", "closing_speed", "vehicle", "host"]
     planted = pd.DataFrame([one["planted"] for one in made if one["planted"]], columns=columns)
-    return planted.assign(recording=f"{number:02d}")
+    return planted.assign(recording=recording)
 
 
 def _meta(
@@ -163,21 +190,39 @@ def _meta(
 
 
 def write_recordings(
-    folder: Path, recordings: int, pairs: int, generator: np.random.Generator
+    folder: Path,
+    recordings: int,
+    pairs: int,
+    generator: np.random.Generator,
+    write: Callable[..., pd.DataFrame] = write_recording,
 ) -> pd.DataFrame:
-    """Write some recordings, numbered from 1, and return their planted cut-ins in the order of the files."""
-    made = [write_recording(folder, number, pairs, generator) for number in range(1, recordings + 1)]
+    """Write some recordings, numbered from 1, and return their planted cut-ins in the order of the files.
+
+    Parameters
+    ----------
+    folder
+        Where to.
+    recordings, pairs
+        How many recordings, and how many pairs of vehicles in each.
+    generator
+        Draws the pairs.
+    write
+        Writes one recording, in its format.
+    """
+    made = [write(folder, number, pairs, generator) for number in range(1, recordings + 1)]
     return pd.concat(made, ignore_index=True)
 
 
-def main() -> None:
+def main(name: str = "highD", write: Callable[..., pd.DataFrame] = write_recording) -> None:
     """Write recordings into a folder, with the cut-ins that are planted in them beside it."""
-    parser = argparse.ArgumentParser(description="Write recordings in the format of highD.")
+    parser = argparse.ArgumentParser(description=f"Write recordings in the format of {name}.")
     parser.add_argument("folder", type=Path, help="to write; FOLDER_planted.csv gets what is planted")
     parser.add_argument("--recordings", type=int, default=12, help="(default: %(default)s)")
     parser.add_argument("--pairs", type=int, default=400, help="a recording (default: %(default)s)")
     given = parser.parse_args()
-    planted = write_recordings(given.folder, given.recordings, given.pairs, np.random.default_rng(2016))
+    planted = write_recordings(
+        given.folder, given.recordings, given.pairs, np.random.default_rng(2016), write
+    )
     planted.to_csv(given.folder.with_name(f"{given.folder.name}_planted.csv"), index=False)
 
 

@@ -222,7 +222,7 @@ INCONSISTENT = {
     "tried edges that fall": ({"sensitivity__lead_speed_edges": [[5, 25, 15, 35]]}, "increasing order"),
     "unknown source": (
         {"data__source": "smpd"},
-        "source of records: one of highd, osi, spmd, spmd_raw",
+        "source of records: one of exid, highd, osi, spmd, spmd_raw",
     ),
     "outliers of a sample": ({"data__sample": 1000}, "no outlier rows with a sample"),
     "no table": ({"data__source": "table"}, "the path of the table"),

@@ -198,3 +198,5 @@ def test_export_refuses_what_it_cannot_do(exported, capsys, tmp_path):
         assert cli.main(["export", str(tmp_path / "other"), *command[2:], *arguments]) == 2
         assert message in capsys.readouterr().err
         assert list(Path(tmp_path).iterdir()) == []
+    assert cli.main(["export", "/dev/null/set", *command[2:]]) == 2
+    assert '/dev/null: seen "File exists"; expected a file' in capsys.readouterr().err

@@ -258,10 +258,12 @@ def test_which_vehicles_are_slow(here):
         ("slurm", {}, "simulations, 'slurm': seen (no program sbatch|sbatch: )"),
     ],
 )
-def test_executors_that_cannot_be_used(monkeypatch, executor, options, message):
+def test_executors_that_cannot_be_used(monkeypatch, tmp_path, executor, options, message):
     if executor != "proceses":
         pytest.importorskip("dask_jobqueue", reason="Dask, the extra 'cluster', is not installed")
-    monkeypatch.setenv("SLURM_CONF", "/nowhere/slurm.conf")  # where Slurm is installed, it does not answer
+    # Where Slurm is installed, it refuses at once; without a file it would look for a cluster for a minute.
+    (tmp_path / "slurm.conf").write_text("nonsense\n")
+    monkeypatch.setenv("SLURM_CONF", str(tmp_path / "slurm.conf"))
     changed = SIMULATIONS | {"executor": executor, "options": options}
     with pytest.raises(InputError, match=message), workers_of(changed):
         pass

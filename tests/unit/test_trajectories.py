@@ -231,6 +231,7 @@ def test_a_missing_file_beside_the_tracks_is_told(tmp_path):
         ("01_tracks.csv", "\n1,1,", "\n1,one,", r'01_tracks\.csv, row 2: .*"one"'),
         ("01_tracksMeta.csv", "class", "kind", r"01_tracksMeta\.csv, row 1: seen no column class"),
         ("01_tracksMeta.csv", "Car", "Car,1", r"01_tracksMeta\.csv, row 2: .*Columns"),
+        ("01_tracksMeta.csv", "\n2,Car,2", "", r"01_tracksMeta\.csv: seen no row for vehicle 2;"),
         ("01_recordingMeta.csv", ",25", ",0", r"frameRate: seen 0\.0"),
         ("01_recordingMeta.csv", "\n1,25", "", "frameRate: seen no row"),
         ("01_recordingMeta.csv", ",25", ",5", r"ratio 0\.2;.*frameRate"),

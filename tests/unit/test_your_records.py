@@ -53,6 +53,8 @@ def test_the_commands_of_the_guide_run_as_they_stand(project):
     assert len(encounters) == (planted["closing_speed"] > 0).sum() == account["rows_kept"].iloc[-1]
     cut_ins = pd.read_parquet(folder / "results/cut_ins.parquet")
     assert len(cut_ins) == len(pd.read_csv(folder / "data/raw/safety_pilot_planted.csv"))
+    exits = pd.read_csv(folder / "results/exits.csv")
+    assert len(exits) == len(pd.read_csv(folder / "data/raw/exits_planted.csv"))
 
 
 def test_the_configuration_of_the_guide_has_ten_lines_and_is_valid(tmp_path):
@@ -67,11 +69,15 @@ def test_the_configuration_of_the_guide_has_ten_lines_and_is_valid(tmp_path):
     [
         ("spmd_raw.rule", {"gap": 0.5, "absence": 1, "stay": 0.5}),
         ("highd.rule", {"gap": 0.5, "absence": 1, "stay": 0.5}),
+        ("exid.rule", {"gap": 0.5, "absence": 1, "stay": 0.5}),
         ("spmd_raw.link", {"time": 0.5, "range": 3, "transversal": 1}),
         ("spmd_raw.aside", {"time": 3, "transversal": 1}),
         ("spmd_raw.host_gap", 0.2),
         ("spmd_raw.turn_signal", 3),
         ("highd.settled", 1),
+        ("exid.settled", 1),
+        ("exid.lead_classes", ["car", "van", "truck"]),
+        ("exid.host_classes", ["car"]),
     ],
 )
 def test_the_defaults_that_the_guide_explains_are_those_of_the_configuration(key, default):
@@ -81,7 +87,7 @@ def test_the_defaults_that_the_guide_explains_are_those_of_the_configuration(key
 
 def test_every_setting_of_the_rule_is_explained():
     data = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())["data"]
-    for section in ("spmd_raw", "highd"):
+    for section in ("spmd_raw", "highd", "exid"):
         names = set(data[section]) - {"description", "path", "outlier_rows", "rule"} | set(
             data[section]["rule"]
         )

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 
 from accelerated_evaluation.commands import COMMANDS
-from accelerated_evaluation.errors import StudyError, explained
+from accelerated_evaluation.errors import StudyError, unusable
 
 EXIT = "Bad input ends with one line on standard error and exit status 2, and nothing half-written is left."
 
@@ -27,7 +27,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         arguments.run(arguments)
     except (StudyError, OSError) as error:
-        print("error:", *str(explained(error)).split(), file=sys.stderr)
+        print("error:", *str(unusable(error)).split(), file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("stopped from the keyboard", file=sys.stderr)

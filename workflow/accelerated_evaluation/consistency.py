@@ -209,7 +209,13 @@ CHECKS = (
             lambda source, path, name=name: source != name or path is not None,
             f"the path of the {what}, as the source is {name}",
         )
-        for name, what in (("table", "table"), ("spmd_raw", "folder"), ("highd", "folder"), ("osi", "folder"))
+        for name, what in (
+            ("table", "table"),
+            ("spmd_raw", "folder"),
+            ("highd", "folder"),
+            ("exid", "folder"),
+            ("osi", "folder"),
+        )
     ),
     Check(
         ("data.table.columns.closing.quantity", "data.table.columns.closing.unit"),

@@ -72,5 +72,18 @@ def explained(error: Exception) -> Exception:
     return forbidden(error.filename) if is_forbidden else error
 
 
+def unusable(error: Exception) -> Exception:
+    """Return what tells a user which file or folder cannot be used; an error of no file as it is."""
+    told = explained(error)
+    if not isinstance(told, OSError) or not told.filename:
+        return told
+    return InputError(
+        str(told.filename),
+        seen=f'"{told.strerror}"',
+        expected="a file that can be read, or a folder in which files can be made",
+        change="Name another.",
+    )
+
+
 def _rebuild_input_error(where: str, seen: str, expected: str, change: str) -> InputError:
     return InputError(where, seen=seen, expected=expected, change=change)

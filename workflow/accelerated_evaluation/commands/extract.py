@@ -11,7 +11,7 @@ Find the cut-ins in raw recordings, and write them as a table that the source ta
 STUDY.yaml is the configuration of a study, or the part of one that says where the recordings are:
 
   data:
-    source: spmd_raw               # or highd, osi
+    source: spmd_raw               # or highd, exid, osi
     spmd_raw: {path: my/recordings}
 
 files written, whole or not at all:
@@ -61,7 +61,7 @@ class Extract:
             raise InputError(
                 f"{arguments.study}, data.source",
                 seen=data["source"],
-                expected="a source of recordings, such as spmd_raw, highd or osi",
+                expected="a source of recordings, such as spmd_raw, highd, exid or osi",
                 change="A source of finished cut-ins needs no extraction.",
             )
         account, exposure = pd.DataFrame(cut_ins.attrs["account"]), cut_ins.attrs["exposure"]

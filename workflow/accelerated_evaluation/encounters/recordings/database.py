@@ -148,14 +148,16 @@ def readable(path: Path) -> Iterator[None]:
         yield
     except (duckdb.DataError, duckdb.ProgrammingError) as error:
         line = re.search(r"CSV Error on Line: (\d+)", str(error))
-        if line is None:
+        if line is None and not isinstance(error, duckdb.ConversionException):
             raise
         cause = re.search(
-            r"(Error when converting .*|Expected Number of .*|Value with .*|.*unicode.*)", str(error)
+            r"(Error when converting .*|Could not convert .*|Expected Number of .*|Value with .*"
+            r"|.*unicode.*)",
+            str(error),
         )
-        seen = cause[0] if cause else str(error).splitlines()[1]
+        seen = cause[0] if cause else str(error).splitlines()[-1]
         raise InputError(
-            f"{path}, row {line[1]}",
+            f"{path}, row {line[1]}" if line else str(path),
             seen=" ".join(seen.split()),
             expected="as many cells as the header has, numbers where numbers belong, and UTF-8",
             change="Correct or remove this row, or export the file anew.",

@@ -37,13 +37,14 @@ CANDIDATES = """
         s.time = s.seen AS first_lane,
         NOT list_contains({lead_classes}, coalesce(m.class, '')) AS other_lead,
         s.until - s.time < {stay} AS brief,
-        w.id IS NULL AS without_host,
+        h.id IS NULL AS without_host,
+        NOT coalesce({same_lane}, FALSE) AS elsewhere,
         NOT list_contains({host_classes}, coalesce(o.class, '')) AS other_host,
         coalesce(s.time - w.time < {settled} AND w.time > w.seen, FALSE) AS unsettled,
         coalesce(range <= 0, FALSE) AS overlaps
     FROM stays AS s JOIN frames AS f ON f.id = s.id AND f.time = s.time LEFT JOIN meta AS m ON m.id = s.id
         LEFT JOIN frames AS h ON h.id = f.host AND h.time = f.time LEFT JOIN meta AS o ON o.id = f.host
-        LEFT JOIN stays AS w ON w.id = h.id AND w.lane = s.lane AND s.time BETWEEN w.time AND w.until
+        LEFT JOIN stays AS w ON w.id = h.id AND w.lane = h.lane AND s.time BETWEEN w.time AND w.until
 """
 # The distance of each vehicle is rounded to a micrometre, so that the sum does not depend on its order.
 COUNTS = """
@@ -62,7 +63,12 @@ COUNTS = """
 
 
 def changes_of_lane(
-    connection: "DuckDBPyConnection", settings: Mapping[str, Any], *, range_: str, complete: str
+    connection: "DuckDBPyConnection",
+    settings: Mapping[str, Any],
+    *,
+    range_: str,
+    complete: str,
+    same_lane: str = "h.lane = f.lane",
 ) -> tuple[pd.DataFrame, dict[str, float]]:
     """Return the changes of lane of one recording, in order of time, and what was counted and added up.
 
@@ -76,13 +82,18 @@ def changes_of_lane(
         The range [m] in SQL, of the frames ``f`` of the vehicle, ``h`` of its host, and ``m`` of its meta.
     complete
         The condition in SQL that a row of ``tracks`` was used.
+    same_lane
+        The condition in SQL that the host is in the lane of the vehicle, in the same frames. Another one is
+        needed where ``lane`` numbers the lanes of each vehicle for itself.
     """
     rule, settled = settings["rule"], milliseconds(settings["settled"])
     classes = {key: literal(settings[key]) for key in ("lead_classes", "host_classes")}
     connection.execute(
         STAYS.format(stays=stays_sql("frames", vehicle="id", lane="lane", rule=settings["rule"]))
     )
-    query = CANDIDATES.format(range=range_, stay=milliseconds(rule["stay"]), settled=settled, **classes)
+    query = CANDIDATES.format(
+        range=range_, same_lane=same_lane, stay=milliseconds(rule["stay"]), settled=settled, **classes
+    )
     candidates = connection.execute(f"{query} ORDER BY s.time, s.id").df()
     counts = connection.execute(COUNTS.format(complete=complete, **classes)).df().iloc[0].to_dict()
     return candidates, counts
@@ -132,6 +143,7 @@ def _reasons(settings: Mapping[str, Any]) -> dict[tuple[str, str], str]:
         ("lane", f"in the lane for less than {settings['rule']['stay']:g} s"): "brief",
         ("class", "not of the classes in lead_classes"): "other_lead",
         ("host", "no vehicle behind in the new lane"): "without_host",
+        ("host", "the vehicle that is named as behind is not behind in the same lane"): "elsewhere",
         ("host", "the vehicle behind is not of the classes in host_classes"): "other_host",
         (
             "host",

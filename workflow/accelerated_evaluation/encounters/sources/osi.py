@@ -55,7 +55,7 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        As `highd.read` returns.
+        As `recordings.drone.read_recordings` returns.
 
     Raises
     ------
