@@ -16,6 +16,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SHARED = ROOT / ".." / "shared/data/benchmark/segment_5_15.json"
 sys.path.append(str(ROOT / "benchmarks" / "samplers"))
 
+import certificate  # noqa: E402
 import house  # noqa: E402
 import methods  # noqa: E402
 import reference  # noqa: E402
@@ -119,6 +120,21 @@ def test_near_misses_are_the_event_that_the_papers_methods_estimate():
     crashes = problem.cut_in.simulate(problem.cut_in.law.from_scores(z)).crash
     assert happened[crashes].all()
     assert happened.sum() > crashes.sum()
+
+
+@pytest.mark.parametrize("asked", certificate.CERTIFICATES, ids=str)
+def test_a_hidden_part_is_as_small_and_as_near_as_its_certificate_allows(asked):
+    """Its point nearest to 0 has the stated distance; a half-space, or a ball of radius 1 / curvature."""
+    distance = norm.isf(1.2 * asked.share * norm.sf(4.5))
+    radius = 1 / asked.curvature if asked.curvature else 100.0
+    inside = [[-distance - 1e-6, 0.0, 0.0], [-distance - radius, 0.0, radius - 1e-6]]
+    outside = [[-distance + 1e-6, 0.0, 0.0], [-distance - radius, 0.0, radius + 1e-6]]
+    assert certificate.hidden_part(np.array(inside), asked).all()
+    assert not certificate.hidden_part(np.array(outside[: 2 if asked.curvature else 1]), asked).any()
+    event = certificate.with_a_hidden_part(asked)
+    happened, score = event.evaluate(np.array([[4.6, 0.0, 0.0], [-6.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
+    assert happened.tolist() == [True, True, False]
+    assert score[1] > score[2] > 0 > score[0]  # the score leads away from the hidden part
 
 
 def test_counter_counts_every_call_and_refuses_those_beyond_the_limit():

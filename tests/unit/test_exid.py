@@ -1,21 +1,22 @@
 """Cut-ins in trajectories in the format of exiD: each choice of the rule, planted cut-ins, bad input."""
 
-import copy
 import math
 import sys
 from dataclasses import replace
-from itertools import pairwise
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.configuration import load
 from accelerated_evaluation.encounters.contract import complete
 from accelerated_evaluation.encounters.filters import Account, apply_filters
 from accelerated_evaluation.encounters.recordings.drone import read_recordings
-from accelerated_evaluation.encounters.sources import SOURCES, exid
+from accelerated_evaluation.encounters.sources import exid
 from accelerated_evaluation.errors import InputError
+from drone_checks import FRAMES, LENGTH, MOMENT, RATE, adds_up, settings, stays, write_shuffled
+from drone_checks import agree as agree_within
+from drone_checks import extract as extract_from
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "benchmarks" / "recordings"))
@@ -23,11 +24,8 @@ sys.path.append(str(ROOT / "benchmarks" / "recordings"))
 import exits  # noqa: E402
 import trajectories  # noqa: E402
 
-RATE = 25
-MOMENT = 75  # frame of the change of lane
-FRAMES = 150
+extract = partial(extract_from, "exid")
 HOST, LEAD = 0, 1  # numbers begin at 0 in this format
-LENGTH = 4.0
 LANE, BESIDE = 1, 2  # counted from the left
 HEADING = 300.0  # [degrees], of a straight road
 COLUMNS = ["trackId", "frame", "xCenter", "yCenter", "heading", "length", "lonVelocity", "laneChange"]
@@ -72,11 +70,6 @@ def pair(gap=30.0, host_lane=lambda f: LANE, lane=comes, host=HOST, lead=LEAD, *
         *frames(HOST, front=at[HOST], speed=30.0, lane=host_lane, lead=ahead, rear=nobody, **values),
         *frames(LEAD, front=at[LEAD], speed=27.0, lane=lane, lead=nobody, rear=behind, **values),
     ]
-
-
-def stays(*lanes):
-    """Return the lane of each frame, from pairs of a first frame and a lane."""
-    return lambda frame: [lane for first, lane in lanes if frame >= first or first == 0][-1]
 
 
 CARS = {HOST: "car", LEAD: "car"}
@@ -127,20 +120,6 @@ def write(folder, cases=CASES, **tracks):
     return folder
 
 
-def settings(folder, source="exid", **changes):
-    section = copy.deepcopy(load()["data"][source]) | {"path": str(folder)}
-    for key, value in changes.items():
-        if key.startswith("rule__"):
-            section["rule"][key.removeprefix("rule__")] = value
-        else:
-            section[key] = value
-    return section
-
-
-def extract(folder, source="exid", **changes):
-    return SOURCES[source](settings(folder, source, **changes))
-
-
 @pytest.fixture(scope="module")
 def cut_ins(tmp_path_factory):
     return extract(write(tmp_path_factory.mktemp("recordings")))
@@ -160,12 +139,8 @@ def test_a_cut_in_has_the_values_of_its_first_frame_in_the_lane(cut_ins, name):
 
 
 def test_the_account_adds_up_and_says_why_a_change_of_lane_is_no_cut_in(cut_ins):
-    lines = cut_ins.attrs["account"]
-    assert lines[0]["rows_in"] == sum(len(rows) for rows, _, _ in CASES.values())
-    for before, line in pairwise(lines):
-        assert line["rows_in"] == before["rows_kept"] == before["rows_in"] - before["rows_dropped"]
-    assert lines[-1]["rows_kept"] == len(cut_ins) == sum(count for *_, count in CASES.values())
-    dropped = {line["reason"]: line["rows_dropped"] for line in lines}
+    assert adds_up(cut_ins, CASES)
+    dropped = {line["reason"]: line["rows_dropped"] for line in cut_ins.attrs["account"]}
     assert dropped["the vehicle that is named as behind is not behind in the same lane"] == 1
     assert dropped["no vehicle behind in the new lane"] >= 2
 
@@ -187,18 +162,10 @@ def generated(tmp_path_factory):
     return folder, trajectories.write_recordings(folder, 2, 50, generator, exits.write_recording)
 
 
-def agree(found, planted):
-    """Whether the planted cut-ins were found, no others, and with their values.
-
-    A vehicle between two lanes drives on another radius than its host, and is turned by two degrees: that
-    makes up to 0.7 % of the range, and 0.05 m/s.
-    """
-    both = planted.merge(found, on=["recording", "vehicle", "host"], suffixes=("", "_found"))
-    same = np.allclose(both["time"], both["time_found"], rtol=0, atol=1e-6)
-    same &= np.allclose(both["range_found"], both["range"], rtol=0.007, atol=0.05)
-    for name in ("lead_speed", "closing_speed"):
-        same &= np.allclose(both[name], both[f"{name}_found"], rtol=0, atol=0.05)
-    return same and len(both) == len(planted) == len(found)
+# A vehicle between two lanes drives on another radius than its host, and is turned by two degrees: that makes
+# up to 0.7 % of the range, and 0.05 m/s.
+TOLERANCES = {"time": (0, 1e-6), "range": (0.007, 0.05), "lead_speed": (0, 0.05), "closing_speed": (0, 0.05)}
+agree = partial(agree_within, tolerances=TOLERANCES)
 
 
 def test_all_planted_cut_ins_are_found_in_both_directions_and_none_is_invented(generated):
@@ -233,13 +200,13 @@ def test_a_range_that_is_measured_in_another_way_does_not_agree(generated, right
     folder, planted = generated
     assert right in exid.RANGE
     form = replace(exid.FORMAT, range_=exid.RANGE.replace(right, wrong))
-    assert not agree(read_recordings(settings(folder), form), planted)
+    assert not agree(read_recordings(settings("exid", folder), form), planted)
 
 
 def test_to_count_every_change_of_lanelet_invents_cut_ins(generated):
     folder, planted = generated
     statement = exid.FRAMES.replace(exid.CHANGED, "laneletId <> lag(laneletId) OVER one")
-    found = read_recordings(settings(folder), replace(exid.FORMAT, frames=statement))
+    found = read_recordings(settings("exid", folder), replace(exid.FORMAT, frames=statement))
     assert not agree(found, planted)
     both = found.merge(planted, on=["recording", "vehicle"], suffixes=("", "_planted"), how="left")
     invented = ~(abs(both["time"] - both["time_planted"]) < 0.5 / RATE)
@@ -259,9 +226,7 @@ def test_cut_ins_too_far_ahead_are_left_to_the_filters_of_the_study(generated):
 def test_the_order_of_rows_does_not_count(tmp_path):
     trajectories.write_recordings(tmp_path / "a", 1, 20, np.random.default_rng(4), exits.write_recording)
     (tmp_path / "b").mkdir()
-    for file in (tmp_path / "a").iterdir():
-        shuffled = pd.read_csv(file, dtype=str).sample(frac=1, random_state=1)
-        shuffled.to_csv(tmp_path / "b" / file.name, index=False)
+    write_shuffled(tmp_path / "a", tmp_path / "b")
     again, first = extract(tmp_path / "b"), extract(tmp_path / "a")
     pd.testing.assert_frame_equal(again, first, check_exact=True)
     assert again.attrs == first.attrs
@@ -314,13 +279,13 @@ def test_formats_without_lanes_are_told_by_their_columns(tmp_path, source):
         r"inD, rounD and uniD: trackId and xCenter, but no laneletId or laneChange; .*do not say which lane"
     )
     with pytest.raises(InputError, match=told):
-        extract(tmp_path, source)
+        extract_from(source, tmp_path)
 
 
 def test_the_formats_of_motorways_name_each_others_source(tmp_path):
     write(tmp_path / "exid", ["cut-in"])
     with pytest.raises(InputError, match=r"columns of exiD .*those of highD .*Set data.source to exid"):
-        extract(tmp_path / "exid", "highd")
+        extract_from("highd", tmp_path / "exid")
     trajectories.write_recording(tmp_path / "highd", 1, 2, np.random.default_rng(1))
     with pytest.raises(InputError, match=r"columns of highD .*those of exiD .*Set data.source to highd"):
         extract(tmp_path / "highd")

@@ -7,6 +7,7 @@ import pytest
 from accelerated_evaluation.publishing.readme import (
     BENCHMARKS,
     CLAIMS,
+    GUIDE,
     README,
     SAMPLERS,
     TABLES,
@@ -16,7 +17,7 @@ from accelerated_evaluation.publishing.readme import (
 
 
 @pytest.mark.skipif(not CLAIMS.exists(), reason="the tables of the real events are not in this copy")
-@pytest.mark.parametrize("path", [README, BENCHMARKS], ids=["README", "benchmarks"])
+@pytest.mark.parametrize("path", [README, BENCHMARKS, GUIDE], ids=["README", "benchmarks", "sampler"])
 def test_readme_shows_the_published_results(path):
     assert with_tables(path) == path.read_text(encoding="utf-8")
 
@@ -52,6 +53,16 @@ def test_texts_tell_what_the_main_problem_takes():
     numbers = [f"{row.calls_mean:,.0f}" for row in (ours, paper, nais)]
     assert f"takes {numbers[0]} simulations on average" in readme
     assert f"method {numbers[1]}, the best public tool {numbers[2]}" in readme
+
+
+@pytest.mark.parametrize("problem", ["segment_5_15", "range_1", "range_2", "near_miss_1e-5"])
+def test_the_guide_to_the_sampler_tells_what_it_takes_now(problem):
+    row = pd.read_csv(SAMPLERS).set_index(["problem", "method"]).loc[(problem, "surrogate")]
+    told = (
+        f"| {row.seeds:,.0f} | 0.3 | {row.calls_mean:.0f} | {row.calls_p95:.0f} | {row.error:.2f} | "
+        f"{row.bias:+.0%} | {row.coverage80:.0%} | {row.failed * row.seeds:.0f} |"
+    )
+    assert told in GUIDE.read_text(encoding="utf-8").replace(" %", "%")
 
 
 @pytest.mark.skipif(not CLAIMS.exists(), reason="the tables of the real events are not in this copy")

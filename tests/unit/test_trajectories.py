@@ -1,27 +1,24 @@
 """Cut-ins in trajectories in the format of highD: each choice of the rule, planted cut-ins, bad input."""
 
-import copy
 import sys
-from itertools import pairwise
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.configuration import load
-from accelerated_evaluation.encounters.sources import SOURCES
 from accelerated_evaluation.errors import InputError
+from drone_checks import FRAMES, LENGTH, MOMENT, RATE, adds_up, stays, write_shuffled
+from drone_checks import agree as agree_within
+from drone_checks import extract as extract_from
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "benchmarks" / "recordings"))
 
 import trajectories  # noqa: E402
 
-RATE = 25
-MOMENT = 75  # frame of the change of lane
-FRAMES = 150
+extract = partial(extract_from, "highd")
 HOST, LEAD = 1, 2
-LENGTH = 4.0
 LANE, BESIDE = 3, 2
 
 
@@ -44,11 +41,6 @@ def pair(
         *frames(HOST, front=200.0, speed=30.0, lane=host_lane, **values),
         *frames(LEAD, front=200.0 + gap + LENGTH, speed=27.0, lane=lane, follower=host, **values),
     ]
-
-
-def stays(*lanes):
-    """Return the lane of each frame, from pairs of a first frame and a lane."""
-    return lambda frame: [lane for first, lane in lanes if frame >= first][-1]
 
 
 CARS = {HOST: "Car", LEAD: "Car"}
@@ -92,16 +84,6 @@ def write(folder, cases=CASES, **tracks):
         recording = pd.DataFrame({"id": [int(number)], "frameRate": [RATE]})
         recording.to_csv(folder / f"{number}_recordingMeta.csv", index=False)
     return folder
-
-
-def extract(folder, **changes):
-    section = copy.deepcopy(load()["data"]["highd"]) | {"path": str(folder)}
-    for key, value in changes.items():
-        if key.startswith("rule__"):
-            section["rule"][key.removeprefix("rule__")] = value
-        else:
-            section[key] = value
-    return SOURCES["highd"](section)
 
 
 def counts(cut_ins):
@@ -154,12 +136,8 @@ def test_each_setting_changes_just_the_cases_that_it_is_about(tmp_path, changes,
 
 
 def test_the_account_adds_up_from_rows_to_cut_ins(cut_ins):
-    lines = cut_ins.attrs["account"]
-    assert lines[0]["rows_in"] == sum(len(rows) for rows, _, _ in CASES.values())
-    for before, line in pairwise(lines):
-        assert line["rows_in"] == before["rows_kept"] == before["rows_in"] - before["rows_dropped"]
-    assert lines[-1]["rows_kept"] == len(cut_ins)
-    by_reason = {line["reason"]: line for line in lines}
+    assert adds_up(cut_ins, CASES)
+    by_reason = {line["reason"]: line for line in cut_ins.attrs["account"]}
     number = {of: number for number, of in NAMES.items()}["beside each other"]
     assert by_reason["range not above 0"]["example_rows"] == f"recording {number} vehicle 2 at 3.04 s"
 
@@ -180,12 +158,8 @@ def generated(tmp_path_factory):
     return folder, trajectories.write_recordings(folder, 2, 80, np.random.default_rng(3))
 
 
-def agree(found, planted):
-    """Whether the planted cut-ins were found, no others, and with their values."""
-    both = planted.merge(found, on=["recording", "vehicle", "host"], suffixes=("", "_found"))
-    values = ["time", "lead_speed", "range", "closing_speed"]
-    same = all(np.allclose(both[name], both[f"{name}_found"], atol=2e-4, rtol=0) for name in values)
-    return same and len(both) == len(planted) == len(found)
+VALUES = ["time", "lead_speed", "range", "closing_speed"]
+agree = partial(agree_within, tolerances=dict.fromkeys(VALUES, (0, 2e-4)))
 
 
 def test_all_planted_cut_ins_are_found_in_both_directions_and_none_is_invented(generated):
@@ -207,8 +181,7 @@ def test_a_rule_without_one_of_its_parts_misses_or_invents_cut_ins(generated, wr
 
 def test_the_order_of_rows_does_not_count(generated, tmp_path):
     folder, _ = generated
-    for file in folder.iterdir():
-        pd.read_csv(file, dtype=str).sample(frac=1, random_state=1).to_csv(tmp_path / file.name, index=False)
+    write_shuffled(folder, tmp_path)
     again, first = extract(tmp_path), extract(folder)
     pd.testing.assert_frame_equal(again, first, check_exact=True)
     assert again.attrs == first.attrs

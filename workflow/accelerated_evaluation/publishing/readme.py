@@ -1,4 +1,4 @@
-"""The tables of results in ``README.md`` and ``benchmarks/README.md``, made from the published tables.
+"""The tables of results in the READMEs and in the guide to the sampler, made from the published tables.
 
 ``python -m accelerated_evaluation.publishing.readme`` writes them anew.
 """
@@ -16,11 +16,13 @@ from accelerated_evaluation.publishing.paper_numbers import PAPER_PROBABILITY
 ROOT = Path(__file__).resolve().parents[3]
 ANSWER = ROOT / "figures" / "spmd" / "tables" / "answer.csv"
 CLAIMS = ROOT / "figures" / "spmd" / "tables" / "claims.csv"
+CERTIFICATES = ROOT / "benchmarks" / "results" / "certificates.csv"
 SAMPLERS = ROOT / "benchmarks" / "results" / "samplers.csv"
 VEHICLES = ROOT / "benchmarks" / "results" / "vehicles.csv"
 WORLDS = ROOT / "benchmarks" / "results" / "worlds.csv"
 README = ROOT / "README.md"
 BENCHMARKS = ROOT / "benchmarks" / "README.md"
+GUIDE = ROOT / "docs" / "sampler.md"
 COMMAND = "python -m accelerated_evaluation.publishing.readme"
 SHOWN = (
     "crash probability of one lane change",
@@ -150,6 +152,24 @@ def worlds_table(worlds: pd.DataFrame) -> str:
     return _markdown(headings, table)
 
 
+def certificates_table(certificates: pd.DataFrame) -> str:
+    """Return what each certificate costs, and how often it misses a hidden part, as Markdown."""
+    headings = ("share, curvature", "main problem", "range ≤ 1 m", "of these, draws of the wide law")
+    headings += ("hidden part missed",)
+    table = []
+    for (share, curvature), rows in certificates.groupby(["share", "curvature"], sort=False):
+        by = rows.set_index("problem")
+        main, near, hidden = by.loc["segment_5_15"], by.loc["range_1"], by.loc["hidden"]
+        cells = (
+            f"{share:g}, {curvature:g}",
+            *(f"{row.calls_mean:,.0f} (95 %: {row.calls_p95:,.0f})" for row in (main, near)),
+            f"{main.looks:,.0f}, {near.looks:,.0f}",
+            f"{hidden.missed * hidden.seeds:.0f} of {hidden.certified * hidden.seeds:.0f}",
+        )
+        table.append(cells)
+    return _markdown(headings, table)
+
+
 def _markdown(headings: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
     lines = [headings, ("---",) * len(headings), *rows]
     return "".join(f"| {' | '.join(cells)} |\n".replace("|  |", "| |") for cells in lines)
@@ -183,6 +203,7 @@ TABLES = {
     "learners": Table(BENCHMARKS, SAMPLERS, learners_table),
     "vehicles": Table(BENCHMARKS, VEHICLES, vehicles_table),
     "worlds": Table(BENCHMARKS, WORLDS, worlds_table),
+    "certificates": Table(GUIDE, CERTIFICATES, certificates_table),
 }
 
 
@@ -207,5 +228,5 @@ def _number(value: float) -> str:
 
 
 if __name__ == "__main__":
-    for file in (README, BENCHMARKS):
+    for file in dict.fromkeys(table.text for table in TABLES.values()):
         write_text(file, with_tables(file))
