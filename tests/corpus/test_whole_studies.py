@@ -236,7 +236,7 @@ STUDIES = {
     ),
     "a reference driver beside itself": {
         "vehicle": {"name": "fsm"},
-        "compared_vehicles": {"acc_aeb": {"headway": 0.5, "aeb": False}},
+        "compared_vehicles": {"tailgater": {"name": "acc_aeb", "parameters": {"headway": 0.5, "aeb": False}}},
         "models": {"closing_speed_max": 1},
         "crash_map": {"grid": {"closing_speed_max": 1}},
     },

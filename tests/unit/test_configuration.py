@@ -1,5 +1,6 @@
 import copy
 import pickle
+import sys
 from functools import reduce
 from operator import getitem
 from pathlib import Path
@@ -13,6 +14,10 @@ from accelerated_evaluation.errors import InputError
 from jsonschema import Draft202012Validator
 
 REPOSITORY = Path(__file__).resolve().parents[2]
+sys.path.append(str(REPOSITORY / "tests" / "corpus"))
+
+from test_whole_studies import STUDIES, TINY, merged  # noqa: E402
+
 SCHEMA = yaml.safe_load((REPOSITORY / "workflow" / "schemas" / "config.schema.yaml").read_text())
 
 
@@ -44,6 +49,11 @@ def parts_of(schema, path=()):
 
 
 # ---------------------------------------------------------------- the shipped files
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_whole_studies_that_other_tests_run_have_valid_configurations(name):
+    load(given=merged(TINY, STUDIES[name]))
 
 
 @pytest.mark.parametrize("name", ["config", "smoke"])
