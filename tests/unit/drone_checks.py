@@ -47,6 +47,13 @@ def adds_up(cut_ins, cases):
     )
 
 
+def is_driving_of(exposure, *speeds):
+    """Tell whether the exposure is that of vehicles that drive through all frames at these speeds [m/s]."""
+    hours = (FRAMES - 1) / RATE / 3600
+    driven = [len(speeds) * hours, 3.6 * sum(speeds) * hours]
+    return np.allclose([exposure["hours"], exposure["kilometres"]], driven, rtol=1e-6, atol=0)
+
+
 def write_shuffled(folder, other):
     """Write the files of a folder into another one, with their rows in another order."""
     for file in folder.iterdir():

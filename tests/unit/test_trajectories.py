@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.errors import InputError
-from drone_checks import FRAMES, LENGTH, MOMENT, RATE, adds_up, stays, write_shuffled
+from drone_checks import FRAMES, LENGTH, MOMENT, RATE, adds_up, is_driving_of, stays, write_shuffled
 from drone_checks import agree as agree_within
 from drone_checks import extract as extract_from
 
@@ -144,9 +144,7 @@ def test_the_account_adds_up_from_rows_to_cut_ins(cut_ins):
 
 def test_exposure_is_the_driving_of_all_vehicles_of_the_host_classes(tmp_path):
     exposure = extract(write(tmp_path, ["cut-in", "truck before a car"])).attrs["exposure"]
-    seconds = (FRAMES - 1) / RATE
-    assert exposure["hours"] == pytest.approx(3 * seconds / 3600, rel=1e-12)
-    assert exposure["kilometres"] == pytest.approx((30 + 27 + 30) * seconds / 1000, rel=1e-9)
+    assert is_driving_of(exposure, 30, 27, 30)
 
 
 # ---------------------------------------------------------------- planted cut-ins
