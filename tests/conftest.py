@@ -9,6 +9,9 @@ from pathlib import Path
 
 import pytest
 
+# A user's Python keeps what it prints in buffers. Machines that test often switch that off, which hides errors.
+os.environ.pop("PYTHONUNBUFFERED", None)
+
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 PARTS = ("Snakefile", "workflow", "notebooks", "docs", "config", "data", "profiles", "environment.txt")

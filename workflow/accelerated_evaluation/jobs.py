@@ -47,8 +47,9 @@ def job(log: str | os.PathLike) -> Iterator[None]:
             message = "error: no space left on the disk; free some and run the study again\n"
     if message:
         _tell(message, terminal)
+    os.dup2(terminal, 2)  # also after an error: what a full disk has left in a buffer would end in status 120
+    if message:
         sys.exit(1)
-    os.dup2(terminal, 2)
 
 
 def _tell(message: str, terminal: int) -> None:

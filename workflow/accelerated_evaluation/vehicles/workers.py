@@ -1,5 +1,6 @@
 """Workers that simulate batches: processes of this machine, or of a Dask cluster."""
 
+import ctypes
 import faulthandler
 import importlib
 import json
@@ -206,12 +207,15 @@ def _loaded(description: str) -> CheckedVehicle:
 def _silenced(nowhere: TextIO) -> Iterator[None]:
     """Send what is printed in the block, by compiled code and other programs too, to an open file."""
     kept = [os.dup(stream) for stream in (1, 2)]
+    flush_all = ctypes.CDLL(None).fflush  # compiled code keeps what it prints in a buffer, and tells it later
+    flush_all(None)
     try:
         for stream in (1, 2):
             os.dup2(nowhere.fileno(), stream)
         with redirect_stdout(nowhere), redirect_stderr(nowhere):
             yield
     finally:
+        flush_all(None)
         for stream, copy in zip((1, 2), kept, strict=True):
             os.dup2(copy, stream)
             os.close(copy)
