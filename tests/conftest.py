@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-# A user's Python keeps what it prints in buffers. Machines that test often switch that off, which hides errors.
+# A user's Python keeps what it prints in buffers. Machines that test often switch that off, and hide errors.
 os.environ.pop("PYTHONUNBUFFERED", None)
 
 HERE = Path(__file__).resolve().parent
