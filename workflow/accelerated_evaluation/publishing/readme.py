@@ -1,4 +1,4 @@
-"""The tables of results in the READMEs and in the guide to the sampler, made from the published tables.
+"""The tables of results in the READMEs and in two guides, made from the published tables.
 
 ``python -m accelerated_evaluation.publishing.readme`` writes them anew.
 """
@@ -17,12 +17,14 @@ ROOT = Path(__file__).resolve().parents[3]
 ANSWER = ROOT / "figures" / "spmd" / "tables" / "answer.csv"
 CLAIMS = ROOT / "figures" / "spmd" / "tables" / "claims.csv"
 CERTIFICATES = ROOT / "benchmarks" / "results" / "certificates.csv"
+RECORDINGS = ROOT / "benchmarks" / "results" / "recordings.csv"
 SAMPLERS = ROOT / "benchmarks" / "results" / "samplers.csv"
 VEHICLES = ROOT / "benchmarks" / "results" / "vehicles.csv"
 WORLDS = ROOT / "benchmarks" / "results" / "worlds.csv"
 README = ROOT / "README.md"
 BENCHMARKS = ROOT / "benchmarks" / "README.md"
 GUIDE = ROOT / "docs" / "sampler.md"
+YOUR_RECORDS = ROOT / "docs" / "your_records.md"
 COMMAND = "python -m accelerated_evaluation.publishing.readme"
 SHOWN = (
     "crash probability of one lane change",
@@ -152,6 +154,25 @@ def worlds_table(worlds: pd.DataFrame) -> str:
     return _markdown(headings, table)
 
 
+def recordings_table(recordings: pd.DataFrame) -> str:
+    """Return what recordings of each size take, and which of their cut-ins are found, as Markdown."""
+    headings = ("rows of targets", "CSV", "processor time", "a million rows", "peak memory")
+    headings += ("temporary files", "planted", "found", "invented")
+    table = [
+        (
+            f"{row.target_rows:,}",
+            f"{row.gb:.2f} GB",
+            f"{row.cpu_s:.0f} s",
+            f"{row.cpu_s / row.target_rows * 1e6:.1f} s",
+            f"{row.peak_gb:.2f} GB",
+            f"{row.temporary_gb:.2f} GB",
+            *(f"{count:,}" for count in (row.planted, row.found, row.invented)),
+        )
+        for row in recordings.itertuples()
+    ]
+    return _markdown(headings, table)
+
+
 def certificates_table(certificates: pd.DataFrame) -> str:
     """Return what each certificate costs, and how often it misses a hidden part, as Markdown."""
     headings = ("share, curvature", "main problem", "range ≤ 1 m", "of these, draws of the wide law")
@@ -203,6 +224,8 @@ TABLES = {
     "learners": Table(BENCHMARKS, SAMPLERS, learners_table),
     "vehicles": Table(BENCHMARKS, VEHICLES, vehicles_table),
     "worlds": Table(BENCHMARKS, WORLDS, worlds_table),
+    "recordings": Table(BENCHMARKS, RECORDINGS, recordings_table),
+    "size": Table(YOUR_RECORDS, RECORDINGS, recordings_table),
     "certificates": Table(GUIDE, CERTIFICATES, certificates_table),
 }
 
