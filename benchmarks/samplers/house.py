@@ -1,6 +1,5 @@
 """The methods of this project, each asked for its estimate by the one call that all of them have."""
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -10,9 +9,9 @@ import numpy as np
 import yaml
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.estimate import Estimate as Found
-from methods import NORMAL_95, Counter, Estimate, Outcome, Target, adapter
+from accelerated_evaluation.methods.surrogate.combining import interval
+from methods import Counter, Estimate, Outcome, Target, adapter, normal_95
 from problems import Problem
-from scipy.special import stdtrit
 
 CONFIG = Path(__file__).resolve().parents[2] / "config" / "config.yaml"
 SEARCH_SAMPLE = 300  # cut-ins an iteration: the paper's 1,000 cost more than they gain at this target
@@ -39,13 +38,16 @@ def house(name: str) -> Callable[[Problem, np.random.Generator, Target], Outcome
         found = method.estimate(asked, replace(target, minimum_events=events), generator)
         # Simulations that were drawn at once beyond the moment of stopping are neither used nor counted.
         counter.calls = found.simulations
-        return found.probability, found.low, found.high, reach_95(found), found.converged
+        return found.probability, found.low, found.high, *interval_95(found), found.converged
 
     run.__name__ = name
     return adapter(run)
 
 
-def reach_95(found: Found) -> float:
-    """Return how many times as wide the 95 % interval is: by Student's t where the method counts batches."""
-    degrees = found.diagnostics.get("batches", math.inf) - 1
-    return float(stdtrit(degrees, 0.975) / stdtrit(degrees, 0.9)) if 1 <= degrees < math.inf else NORMAL_95
+def interval_95(found: Found) -> tuple[float, float]:
+    """Return the 95 % interval of the same error: the sampler's own where the method counts batches."""
+    batches = found.diagnostics.get("batches", 0)
+    if batches < 2:
+        return normal_95(found.probability, found.low, found.high)
+    error = max(found.diagnostics["observed_error"], found.diagnostics["predicted_error"])
+    return interval(found.probability, error, batches, 0.05)

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 import openturns as ot
 from accelerated_evaluation.distributions.protocol import Array
-from methods import NORMAL_95, Counter, Estimate, Target, adapter
+from methods import Counter, Estimate, Target, adapter, normal_95
 from problems import Problem
 
 # FORM: it starts from this normal score of the last variable, TTC^-1, and 0 of the others; a minimum of the
@@ -46,8 +46,8 @@ def finished(algorithm: ot.EventSimulation, target: Target) -> Estimate:
 def with_interval(probability: float, error: float, target: Target) -> Estimate:
     """Return an estimate with the normal interval of its standard error."""
     reach = target.reach * error
-    converged = error <= target.cov * probability
-    return probability, probability - reach, probability + reach, NORMAL_95, converged
+    low, high = probability - reach, probability + reach
+    return probability, low, high, *normal_95(probability, low, high), error <= target.cov * probability
 
 
 def in_levels(algorithm: ot.EventSimulation, size: int, target: Target) -> Estimate:

@@ -42,8 +42,8 @@ def summary(runs: pd.DataFrame, reference: float) -> dict[str, float]:
     Parameters
     ----------
     runs
-        A row a seed: ``probability``, ``ci_low``, ``ci_high``, ``reach_95``, ``calls``, ``converged``; NaN
-        where the method broke down.
+        A row a seed: ``probability``, ``ci_low``, ``ci_high``, ``ci95_low``, ``ci95_high``, ``calls``,
+        ``converged``; NaN where the method broke down.
 
     Returns
     -------
@@ -61,8 +61,10 @@ def summary(runs: pd.DataFrame, reference: float) -> dict[str, float]:
     n, seeds = len(known), len(runs)
     cov = known.std() if n > 1 else math.nan
     error = math.sqrt(np.square(known - 1).mean()) if n else math.nan
-    covered = ((runs["ci_low"] <= reference) & (reference <= runs["ci_high"])).mean()
-    reach = runs["reach_95"] * (runs["ci_high"] - runs["ci_low"]) / 2
+    covered, covered_95 = (
+        ((runs[f"{name}_low"] <= reference) & (reference <= runs[f"{name}_high"])).mean()
+        for name in ("ci", "ci95")
+    )
     calls, failed = runs["calls"].mean(), ~ratio.between(0.5, 2)
     return {
         "seeds": seeds,
@@ -72,7 +74,7 @@ def summary(runs: pd.DataFrame, reference: float) -> dict[str, float]:
         "bias": known.mean() - 1,
         "failed": failed.mean(),
         "coverage80": covered,
-        "coverage95": (abs(runs["probability"] - reference) <= reach).mean(),
+        "coverage95": covered_95,
         "claimed": runs.loc[failed, "converged"].mean(),
         "cov_se": _error_of_deviation(known),
         "bias_se": cov / math.sqrt(n) if n else math.nan,

@@ -168,7 +168,8 @@ def test_summary_by_hand():
             "ci_high": [1.0e-6, 1.3e-6, 1.1e-6, 5.0e-6, 1.0e-7, math.nan],
             "calls": [100, 100, 200, 200, 300, 300],
             "converged": [True, True, True, True, False, False],
-            "reach_95": [1.5] * 6,
+            "ci95_low": [0.5e-6, 0.9e-6, 0.8e-6, 0.5e-6, 0.0, math.nan],
+            "ci95_high": [1.1e-6, 1.4e-6, 1.2e-6, 7.0e-6, 2.0e-7, math.nan],
         }
     )
     row = summarise.summary(runs, 1e-6)
@@ -178,14 +179,14 @@ def test_summary_by_hand():
     assert row["error"] == pytest.approx(math.sqrt((0.2**2 + 0.2**2 + 0 + 2**2 + 1) / 5))
     assert row["failed"] == pytest.approx(3 / 6)  # three times too much, zero, and nothing
     assert row["coverage80"] == pytest.approx(3 / 6)
-    assert row["coverage95"] == pytest.approx(3 / 6)
+    assert row["coverage95"] == pytest.approx(4 / 6)
     assert row["claimed"] == pytest.approx(1 / 3)
     assert row["effective_calls"] == pytest.approx(200 * (row["error"] / (0.2 / 1.2815516)) ** 2)
 
 
 def test_table_adds_crude_monte_carlo_by_theory():
     run = {"method": "nais", "probability": 1e-3, "ci_low": 0.0, "ci_high": 1.0, "calls": 900}
-    run |= {"converged": True, "reach_95": 1.5}
+    run |= {"converged": True, "ci95_low": 0.0, "ci95_high": 1.0}
     runs = pd.DataFrame([{"problem": name} | run for name in ("circle", "weak_aeb") for _ in range(3)])
     known = {"probability": 1e-3, "standard_error": 0.0}
     table = summarise.table(runs, {"circle": known, "weak_aeb": known})

@@ -48,7 +48,8 @@ def test_vehicles_are_estimated_beside_their_exact_probability():
 
 def test_table_tells_a_vehicle_without_an_estimate():
     run = {"law": "answer", "vehicle": "reg157", "exact": 0.01, "exact_se": 1e-4, "problem": "answer reg157"}
-    run |= {"probability": math.nan, "ci_low": 0.0, "ci_high": 1.0, "reach_95": 1.5, "calls": 1000}
+    run |= {"probability": math.nan, "ci_low": 0.0, "ci_high": 1.0, "calls": 1000}
+    run |= {"ci95_low": 0.0, "ci95_high": 1.0}
     runs = pd.DataFrame([run | {"seed": seed, "converged": False} for seed in range(4)])
     (row,) = vehicles.table(runs).to_dict("records")
     assert (row["seeds"], row["failed"], row["claimed"], row["calls_mean"]) == (4, 1, 0, 1000)

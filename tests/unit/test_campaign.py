@@ -13,6 +13,7 @@ from accelerated_evaluation import cli
 from accelerated_evaluation.methods import METHODS, Stopping
 from accelerated_evaluation.methods.estimate import Estimate
 from accelerated_evaluation.methods.surrogate import state as sampler_state
+from accelerated_evaluation.methods.surrogate.combining import interval
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.randomness import child_generator
 from accelerated_evaluation.track.campaign_file import read_campaign, write_campaign
@@ -20,7 +21,6 @@ from accelerated_evaluation.track.results import read_results
 from accelerated_evaluation.track.status import forecast, status_of
 from accelerated_evaluation.vehicles import load_vehicle
 from law_folder import LAW, begin_campaign, write_law_folder
-from scipy.stats import t
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "benchmarks"))
@@ -118,8 +118,11 @@ def test_the_forecast_is_the_least_number_of_batches_that_meets_the_goal():
     found = Estimate(1e-6, 0, 2e-6, 0.2, 100, 100, 20, False, diagnostics)
     runs = forecast(found, 10, GOAL)
     assert runs % 10 == 0
-    reach = [t.ppf(0.9, 9 + more) * 0.5 * (10 / (10 + more)) ** 0.5 for more in (runs // 10 - 1, runs // 10)]
-    assert reach[1] <= GOAL.beta < reach[0]
+    half_widths = []
+    for more in (runs // 10 - 1, runs // 10):
+        low, high = interval(1.0, 0.5 * (10 / (10 + more)) ** 0.5, 10 + more, GOAL.alpha)
+        half_widths.append((high - low) / 2)
+    assert half_widths[1] <= GOAL.beta < half_widths[0]
     assert forecast(found, 10, Stopping(0.2, 0.05)) > 50 * runs
     assert forecast(replace(found, probability=np.nan), 10, GOAL) is None
 

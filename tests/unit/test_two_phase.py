@@ -14,6 +14,7 @@ from accelerated_evaluation.methods.surrogate.constants import (
     USABLE,
     WORTHLESS,
 )
+from scipy import stats
 
 
 @pytest.fixture
@@ -249,5 +250,32 @@ def test_combined_estimate_by_hand(observed, predicted, larger):
     assert combined.observed_variance == pytest.approx(shares * observed)
     assert combined.predicted_variance == pytest.approx(shares * predicted * 2.5**2)
     # Student's t with one degree of freedom has its 90 % quantile at tan(0.4 pi).
-    half_width = np.tan(0.4 * np.pi) * np.sqrt(shares * larger)
-    assert combined.half_width(0.2) == pytest.approx(half_width)
+    reach = np.tan(0.4 * np.pi) * np.sqrt(shares * larger) / 2.5
+    low, high = combined.interval(0.2)
+    assert (low, high) == pytest.approx((2.5 / (1 + reach), 2.5 / (1 - reach) if reach < 1 else np.inf))
+    assert combined.half_width(0.2) == pytest.approx((high - low) / 2)
+
+
+@pytest.mark.parametrize(("error", "batches", "alpha"), [(0.156, 18, 0.2), (0.3, 4, 0.05), (2.0, 10, 0.2)])
+def test_interval_ends_where_the_estimate_is_as_far_off_as_its_relative_error_allows(error, batches, alpha):
+    low, high = combining.interval(3.0, error, batches, alpha)
+    quantile = stats.t.ppf(1 - alpha / 2, batches - 1)
+    assert (3.0 - low) / (error * low) == pytest.approx(quantile)
+    if quantile * error < 1:
+        assert (high - 3.0) / (error * high) == pytest.approx(quantile)
+    else:
+        assert high == np.inf
+
+
+def test_interval_holds_as_often_as_it_says_where_the_error_is_a_share_of_the_truth():
+    """The wrong interval, symmetric about the estimate, misses mostly on one side and must be told apart."""
+    generator, n, batches = np.random.default_rng(5), 20_000, 12
+    each = generator.normal(1.0, 0.5, (n, batches))
+    estimate, error = each.mean(1), 0.5 / np.sqrt(batches)  # the error is known, and no share of the estimate
+    ends = [combining.interval(y, error, 10**6, 0.2) for y in estimate]
+    too_low = np.mean([high < 1 for _, high in ends])
+    too_high = np.mean([low > 1 for low, _ in ends])
+    se = np.sqrt(0.1 * 0.9 / n)
+    assert [too_low, too_high] == pytest.approx([0.1, 0.1], abs=4 * se)
+    symmetric_too_low = np.mean(estimate * (1 + stats.norm.ppf(0.9) * error) < 1)
+    assert symmetric_too_low > 0.1 + 10 * se

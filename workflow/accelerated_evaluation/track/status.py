@@ -83,8 +83,9 @@ def forecast(found: Estimate, batch_size: int, goal: Stopping) -> int | None:
         return None
     more = np.arange(1, MOST_BATCHES + 1)
     error = max(found.diagnostics["observed_error"], found.diagnostics["predicted_error"])
-    reach = stdtrit(batches + more - 1, 1 - goal.alpha / 2)
-    enough = np.flatnonzero(reach * error * np.sqrt(batches / (batches + more)) <= goal.beta)
+    reach = stdtrit(batches + more - 1, 1 - goal.alpha / 2) * error * np.sqrt(batches / (batches + more))
+    # The half-width of P / (1 + reach) to P / (1 - reach) is P reach / (1 - reach^2).
+    enough = np.flatnonzero(reach <= goal.beta * (1 - reach**2))
     return int(more[enough[0]]) * batch_size if enough.size else None
 
 

@@ -64,14 +64,47 @@ class Combined:
     predicted_variance: float
     batches: int
 
-    def half_width(self, alpha: float) -> float:
-        """Half-width of the 100 (1 - alpha) % interval by Student's t.
+    def interval(self, alpha: float) -> tuple[float, float]:
+        """Return the 100 (1 - alpha) % interval by Student's t, whose end may be infinite.
 
         The larger of the two variances is taken: the observed one misses what was not seen, and the predicted
         one misses what the surrogate does not know.
         """
-        variance = max(self.observed_variance, self.predicted_variance)
-        return float(stdtrit(self.batches - 1, 1 - alpha / 2) * math.sqrt(variance))
+        error = math.sqrt(max(self.observed_variance, self.predicted_variance)) / self.probability
+        return interval(self.probability, error, self.batches, alpha)
+
+    def half_width(self, alpha: float) -> float:
+        """Return half the width of the 100 (1 - alpha) % interval."""
+        low, high = self.interval(alpha)
+        return (high - low) / 2
+
+
+def interval(probability: float, error: float, batches: int, alpha: float) -> tuple[float, float]:
+    """Return all values that an estimate does not contradict, given how large its relative error is.
+
+    What is known of an estimate Y is its coefficient of variation c: its standard deviation is c P, a share
+    of the true P and not of Y. So the interval holds every P for which |Y - P| is at most t c P. It reaches
+    farther up than down, as it should: an estimate that has met less of the event than it might have is low,
+    and believes that it is exact.
+
+    Parameters
+    ----------
+    probability
+        The estimate Y.
+    error
+        Its coefficient of variation c.
+    batches
+        Number of batches, one more than the degrees of freedom of Student's t.
+    alpha
+        The interval is one of 100 (1 - alpha) %.
+
+    Returns
+    -------
+    tuple of float
+        Y / (1 + t c) and Y / (1 - t c); the second is infinite where t c is 1 or more.
+    """
+    reach = float(stdtrit(batches - 1, 1 - alpha / 2)) * error
+    return probability / (1 + reach), probability / (1 - reach) if reach < 1 else math.inf
 
 
 def estimate_batch(batch: TwoPhaseBatch, happened: Flags) -> BatchEstimate:

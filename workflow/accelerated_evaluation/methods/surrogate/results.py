@@ -42,9 +42,10 @@ def estimate(progress: Progress, batch_size: int, stopping: Stopping, certificat
     """
     events, combined = int(np.count_nonzero(progress.happened)), combined_estimate(progress, stopping.alpha)
     if combined is not None:
-        probability, half_width = combined.probability, combined.half_width(stopping.alpha)
-        interval = max(probability - half_width, 0.0), min(probability + half_width, 1.0)
-        probability = min(probability, 1.0)  # the mean of unbiased estimates may lie above
+        # The mean of unbiased estimates of a probability may lie above 1.
+        probability = min(combined.probability, 1.0)
+        low, high = combined.interval(stopping.alpha)
+        interval = min(low, 1.0), min(high, 1.0)
     elif 0 < events < progress.happened.size:
         probability, interval = math.nan, (0.0, 1.0)
     else:
