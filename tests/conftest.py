@@ -15,7 +15,7 @@ os.environ.pop("PYTHONUNBUFFERED", None)
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 PARTS = ("Snakefile", "workflow", "notebooks", "docs", "config", "data", "profiles", "environment.txt")
-PARTS += ("benchmarks/results/worlds.csv",)
+PARTS += ("benchmarks/results/worlds.csv", "benchmarks/results/worlds_causes.csv")
 
 
 class Project:

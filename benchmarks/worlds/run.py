@@ -3,29 +3,12 @@
 import argparse
 import time
 
-import numpy as np
 import pandas as pd
 from accelerated_evaluation.files import write_csv
-from accelerated_evaluation.fitting.support import SUPPORT
 from accelerated_evaluation.randomness import child_generator
-from kinds import World, worlds
+from kinds import worlds
 from procedures import PROCEDURES
-from setting import ROOT, Setting, read_setting
-
-
-def simulate_records(world: World, setting: Setting, generator: np.random.Generator) -> pd.DataFrame:
-    """Draw as many cut-ins as were recorded, and repeat rows as often as they repeat in the record."""
-    size = setting.lead_speeds.size
-    events = world.draw(generator.choice(setting.lead_speeds, size), generator)
-    inverse_range = 1 / np.minimum(events.range_, SUPPORT.range_max)
-    columns = events.lead_speed, inverse_range, events.closing_speed * inverse_range
-    lengths = generator.permutation(setting.run_lengths)
-    return pd.DataFrame(
-        {
-            name: np.repeat(column, lengths)
-            for name, column in zip(("lead_speed", "inverse_range", "inverse_ttc"), columns, strict=True)
-        }
-    )
+from setting import ROOT, read_setting, simulate_records
 
 
 def main() -> None:

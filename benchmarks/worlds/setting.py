@@ -12,6 +12,7 @@ from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.encounters.segments import assign_segments
 from accelerated_evaluation.files import atomic_path
 from accelerated_evaluation.fitting.family import Events, Family, Fitter, members_at
+from accelerated_evaluation.fitting.support import SUPPORT
 from accelerated_evaluation.laws.independent import IndependentLaw
 from accelerated_evaluation.laws.paper import fit_paper_laws
 from accelerated_evaluation.randomness import child_generator
@@ -20,7 +21,7 @@ from accelerated_evaluation.truth.lines import Lines
 from accelerated_evaluation.truth.mapping import map_crashes
 from accelerated_evaluation.truth.sensitivity import Levels
 from accelerated_evaluation.vehicles.acc_aeb import AccAeb
-from kinds import worlds
+from kinds import World, worlds
 
 ROOT = 2016  # root of all randomness, as in the study
 MEMBERS = members_at((0.9, 0.95, 0.98))  # fewer thresholds than in the study, to save time
@@ -66,6 +67,21 @@ def prepare(config: dict) -> Setting:
     mean = np.mean([masses / masses.sum() for masses in laws], axis=0)
     thinned = lines.thinned(mean, LINES, child_generator(ROOT, "worlds", "lines"))
     return Setting(speed, lengths, family, law, Levels.of(law), thinned)
+
+
+def simulate_records(world: World, setting: Setting, generator: np.random.Generator) -> pd.DataFrame:
+    """Draw as many cut-ins as were recorded, and repeat rows as often as they repeat in the record."""
+    size = setting.lead_speeds.size
+    events = world.draw(generator.choice(setting.lead_speeds, size), generator)
+    inverse_range = 1 / np.minimum(events.range_, SUPPORT.range_max)
+    columns = events.lead_speed, inverse_range, events.closing_speed * inverse_range
+    lengths = generator.permutation(setting.run_lengths)
+    return pd.DataFrame(
+        {
+            name: np.repeat(column, lengths)
+            for name, column in zip(("lead_speed", "inverse_range", "inverse_ttc"), columns, strict=True)
+        }
+    )
 
 
 def read_setting(path: str | Path) -> Setting:

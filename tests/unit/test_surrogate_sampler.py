@@ -54,7 +54,7 @@ def test_half_plane_takes_few_simulations_and_is_covered(half_planes):
     assert np.mean([result.simulations for result in results]) < 300
     for result in results:
         half_width = (result.high - result.low) / 2
-        assert result.probability == pytest.approx((result.low + result.high) / 2)
+        assert 2 / result.probability == pytest.approx(1 / result.low + 1 / result.high)
         assert half_width <= STOPPING.beta * result.probability * (1 + 1e-12)
     covered = sum(result.low <= HALF_PLANE <= result.high for result in results)
     assert covered >= binom.ppf(1e-3, len(results), 1 - STOPPING.alpha)

@@ -31,6 +31,7 @@ WORKFLOW_CRATE = "https://w3id.org/workflowhub/workflow-ro-crate/1.0"
 TERMS = "https://w3id.org/ro/terms/workflow-run/context"
 PARTS = ("workflow", "notebooks", "config", "docs", "profiles", "Snakefile", "Makefile", "pyproject.toml")
 PARTS += ("environment.txt", "README.md", "LICENSE", "CITATION.cff", "benchmarks/results/worlds.csv")
+PARTS += ("benchmarks/results/worlds_causes.csv",)
 INSTALLED = "environment_installed.txt"
 SNAKEMAKE = "https://snakemake.github.io"
 TYPES = {".parquet": "application/vnd.apache.parquet", ".smk": "text/x-python", ".npz": "application/zip"}

@@ -21,6 +21,7 @@ RECORDINGS = ROOT / "benchmarks" / "results" / "recordings.csv"
 SAMPLERS = ROOT / "benchmarks" / "results" / "samplers.csv"
 VEHICLES = ROOT / "benchmarks" / "results" / "vehicles.csv"
 WORLDS = ROOT / "benchmarks" / "results" / "worlds.csv"
+CAUSES = ROOT / "benchmarks" / "results" / "worlds_causes.csv"
 README = ROOT / "README.md"
 BENCHMARKS = ROOT / "benchmarks" / "README.md"
 GUIDE = ROOT / "docs" / "sampler.md"
@@ -154,6 +155,23 @@ def worlds_table(worlds: pd.DataFrame) -> str:
     return _markdown(headings, table)
 
 
+def causes_table(causes: pd.DataFrame) -> str:
+    """Return what a threshold does by chance, and the choice among laws to the width, as Markdown."""
+    headings = ("kind", "worlds", "10 %", "median", "90 %", "80 % covers", "upper / lower")
+    headings += ("80 % of the true law alone covers", "its upper / lower")
+    table = [
+        (
+            row.kind,
+            f"{row.worlds:.0f}",
+            *(f"{ratio:.2f}" for ratio in (row.ratio_10, row.ratio_50, row.ratio_90)),
+            *(f"{row.coverage80:.0%}", f"{row.width80:.1f}"),
+            *(f"{row.true_law_coverage80:.0%}", f"{row.true_law_width80:.1f}"),
+        )
+        for row in causes.itertuples()
+    ]
+    return _markdown(headings, table)
+
+
 def recordings_table(recordings: pd.DataFrame) -> str:
     """Return what recordings of each size take, and which of their cut-ins are found, as Markdown."""
     headings = ("rows of targets", "CSV", "processor time", "a million rows", "peak memory")
@@ -224,6 +242,7 @@ TABLES = {
     "learners": Table(BENCHMARKS, SAMPLERS, learners_table),
     "vehicles": Table(BENCHMARKS, VEHICLES, vehicles_table),
     "worlds": Table(BENCHMARKS, WORLDS, worlds_table),
+    "causes": Table(BENCHMARKS, CAUSES, causes_table),
     "recordings": Table(BENCHMARKS, RECORDINGS, recordings_table),
     "size": Table(YOUR_RECORDS, RECORDINGS, recordings_table),
     "certificates": Table(GUIDE, CERTIFICATES, certificates_table),
