@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from accelerated_evaluation.distributions import BoundedExponential, Empirical, PiecewiseMixture
 from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.distributions.tails import interval_probability
 from accelerated_evaluation.fitting.conditional import (
     Places,
     SpeedLaw,
@@ -77,12 +78,24 @@ class DependentStratum(Stratum):
     def second(self, lead_speed: ArrayLike, inverse_range: ArrayLike, closing_speed: ArrayLike) -> Array:
         """Return the score of the closing speed; infinite where that is."""
         arrays = np.broadcast_arrays(*_floats(lead_speed, inverse_range, closing_speed))
-        speed, inverse_range, closing = (array.ravel() for array in arrays)
-        score = np.empty(speed.size)
-        for part in _parts(speed.size):
-            given = self.speeds.given(self._places(speed[part], 1 / inverse_range[part]))
-            score[part] = given.cumulative(closing[part])
+        (score,) = self._scores(*(array.ravel() for array in arrays))
         return score.reshape(arrays[0].shape)
+
+    def closing_speed_probability(
+        self, lead_speed: Array, inverse_range: Array, start: Array, end: Array
+    ) -> Array:
+        """Return P(start <= closing speed < end) at given v_L and R^-1; see `Stratum`."""
+        scores = self._scores(lead_speed, inverse_range, start, end)
+        return interval_probability(self.factors.second, *scores)
+
+    def _scores(self, lead_speed: Array, inverse_range: Array, *closing_speeds: Array) -> Array:
+        """Return the scores of several closing speeds at each of n places, shape (speeds, n)."""
+        scores = np.empty((len(closing_speeds), lead_speed.size))
+        for part in _parts(lead_speed.size):
+            given = self.speeds.given(self._places(lead_speed[part], 1 / inverse_range[part]))
+            for score, closing in zip(scores, closing_speeds, strict=True):
+                score[part] = given.cumulative(closing[part])
+        return scores
 
     def log_first_slope(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
         """Return the log derivative of the first score by R^-1."""

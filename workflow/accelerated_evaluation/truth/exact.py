@@ -63,34 +63,6 @@ def capped_intervals(
     return intervals.line[reached], intervals.start[reached], end[reached]
 
 
-def line_probabilities(
-    crash_map: CrashMap, stratum: Stratum, closing_speed_max: float, event: Event = CRASH
-) -> Array:
-    """Return the probability of an event on the lines of each cell, given that a cut-in lies on them.
-
-    Parameters
-    ----------
-    crash_map
-        Of the vehicle under test.
-    stratum
-        The law in one stratum.
-    closing_speed_max
-        Cap of the law on closing speeds [m/s].
-    event
-        One of the map's.
-
-    Returns
-    -------
-    numpy.ndarray
-        Probabilities, shape (cells, 2).
-    """
-    line, start, end = capped_intervals(crash_map, event, closing_speed_max)
-    probability = stratum.closing_speed_probability(
-        crash_map.lead_speed[line], crash_map.inverse_range[line], start, end
-    )
-    return np.bincount(line, probability, crash_map.inverse_range.size).reshape(-1, LINES_PER_CELL)
-
-
 def cell_weights(crash_map: CrashMap, stratum: Stratum) -> Array:
     """Return the probability of each cell of v_L and R^-1 in one stratum, shape (cells,).
 
@@ -110,6 +82,38 @@ def cell_weights(crash_map: CrashMap, stratum: Stratum) -> Array:
     return stratum.cell_probability(crash_map.cells.lead_speed, crash_map.cells.inverse_range)
 
 
+def weighed_lines(
+    crash_map: CrashMap, stratum: Stratum, closing_speed_max: float, event: Event = CRASH
+) -> Array:
+    """Return the probability of each cell, times that of an event on each of its lines.
+
+    Parameters
+    ----------
+    crash_map
+        Of the vehicle under test.
+    stratum
+        The law in one stratum.
+    closing_speed_max
+        Cap of the law on closing speeds [m/s].
+    event
+        One of the map's.
+
+    Returns
+    -------
+    numpy.ndarray
+        Probabilities, shape (cells, 2). The probability of the event in a cell is the mean of its two.
+    """
+    weights = cell_weights(crash_map, stratum)
+    line, start, end = capped_intervals(crash_map, event, closing_speed_max)
+    met = weights[line // LINES_PER_CELL] > 0  # a segment of v_L meets a part of the map alone
+    line = line[met]
+    probability = stratum.closing_speed_probability(
+        crash_map.lead_speed[line], crash_map.inverse_range[line], start[met], end[met]
+    )
+    lines = np.bincount(line, probability, crash_map.inverse_range.size).reshape(-1, LINES_PER_CELL)
+    return weights[:, None] * lines
+
+
 def _outside(what: str, seen: str, mapped: str) -> InputError:
     change = "Make the map for the limits of this law (configuration keys filters and crash_map)."
     return InputError(f"{what} of the law", seen=seen, expected=f"within the map: {mapped}", change=change)
@@ -127,10 +131,10 @@ def exact_probabilities(crash_map: CrashMap, law: Law, event: Event = CRASH) -> 
     event
         One of the map's.
     """
-    values = {}
-    for name, stratum in law.strata.items():
-        lines = line_probabilities(crash_map, stratum, law.closing_speed_max, event)
-        values[name] = cell_weights(crash_map, stratum)[:, None] * lines
+    values = {
+        name: weighed_lines(crash_map, stratum, law.closing_speed_max, event)
+        for name, stratum in law.strata.items()
+    }
     everything = sum(law.shares[name] * lines for name, lines in values.items())
     return {name: summed(lines) for name, lines in (values | {ALL: everything}).items()}
 

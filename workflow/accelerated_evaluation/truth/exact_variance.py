@@ -10,7 +10,7 @@ from accelerated_evaluation.distributions import Distribution, Mixture
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.laws import Factors, Law, Stratum
 from accelerated_evaluation.truth.crash_map import LINES_PER_CELL, Cells, CrashMap
-from accelerated_evaluation.truth.exact import ALL, capped_intervals, cell_weights, line_probabilities
+from accelerated_evaluation.truth.exact import ALL, capped_intervals, weighed_lines
 from accelerated_evaluation.vehicles.events import CRASH
 
 _NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(8)
@@ -96,8 +96,7 @@ def cell_moments(crash_map: CrashMap, stratum: Stratum, proposal: Factors, closi
     # An infinite factor times one that has underflowed to zero is not a number here, and counts as zero. If
     # the variance is infinite, some other cell, in which nothing underflows, shows it.
     second = np.nan_to_num(second, nan=0.0, posinf=np.inf)
-    first = line_probabilities(crash_map, stratum, closing_speed_max).mean(axis=1)
-    return np.stack([cell_weights(crash_map, stratum) * first, second])
+    return np.stack([weighed_lines(crash_map, stratum, closing_speed_max).mean(axis=1), second])
 
 
 def _log_square(f: Distribution, proposal: Distribution, x: Array) -> Array:
