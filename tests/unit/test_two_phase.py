@@ -33,7 +33,10 @@ PREDICTION = two_phase.Prediction(0.3, 4.0)
 def points(weight, probability):
     """Return a pool whose places do not matter, with a wide law that is h and rarities of 5."""
     n = len(weight)
-    return two_phase.Pool(np.zeros((n, 2)), np.asarray(weight), probability, np.ones(n), np.full(n, 5.0))
+    foreseen = np.asarray(probability) / 2  # what counts is calibrated
+    return two_phase.Pool(
+        np.zeros((n, 2)), np.asarray(weight), foreseen, probability, np.ones(n), np.full(n, 5.0)
+    )
 
 
 def batch(weight, control, inclusion, controlled, controlled_square=0.0, *, aimed=True):
@@ -46,6 +49,7 @@ def batch(weight, control, inclusion, controlled, controlled_square=0.0, *, aime
         controlled_square,
         np.full(len(weight), aimed),
         1.0,
+        np.zeros(len(weight)),
         PREDICTION,
     )
 
@@ -100,11 +104,16 @@ def test_the_defence_is_worth_draws_of_the_wide_law():
 def test_the_cut_wide_law_keeps_its_mass():
     """The law of uniform rarity, cut at a third of its reach, is three times as dense there."""
     rarity = (np.arange(600) + 0.5) / 600 * REACH
-    pool = two_phase.Pool(np.zeros((600, 2)), np.ones(600), np.zeros(600), np.ones(600), rarity)
+    weight, nowhere = np.ones(600), np.zeros(600)
+    weight[-1] = 0  # so far out that no cut-in belongs to it
+    pool = two_phase.Pool(np.zeros((600, 2)), weight, nowhere, nowhere, np.ones(600), rarity)
     within = pool.within(REACH / 3)
     assert within.mean() == pytest.approx(1)
     assert set(within.round(9)) == {0.0, 3.0}
-    assert (pool.guard(REACH / 3) > 0).all()
+    assert (pool.guard(REACH / 3)[:-1] > 0).all()
+    assert pool.guard(REACH / 3)[-1] == 0
+    prediction = two_phase.predict(pool, two_phase.expect(pool, 0.0), 3, 600, 0.2)
+    assert prediction == two_phase.Prediction(0.0, WORTHLESS)
 
 
 def test_systematic_sample_includes_by_pi(pool):

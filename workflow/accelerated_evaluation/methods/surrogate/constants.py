@@ -88,6 +88,17 @@ FLOOR = 0.1
 # Squared coefficient of variation of a run where the surrogate expects no event; JSON has no infinity.
 WORTHLESS = 1e100
 
+# ---- the calibration of the surrogate
+
+# Prior standard deviation of the logarithm of a slope: some thirty runs outweigh it. Where the slopes are
+# sought, which is three such deviations and more.
+SLOPE_SPREAD = 0.3
+LOG_SLOPE_BOUNDS = (-1.2, 1.5)
+
+# A probability nearer to 0 or 1 than this counts as this far from it, so that one surprise does not end all
+# belief.
+SUREST = 1e-6
+
 # ---- the certificate
 
 # The bound on what was not seen holds with confidence 1 - UNSEEN_ALPHA.

@@ -2,7 +2,8 @@
 
 The event is a set in the space of normal scores, z ~ N(0, I). Every batch takes the same three steps.
 
-1. Surrogate. The flags of all runs so far give p(z), the probability that the event happens at z.
+1. Surrogate. The flags of all runs so far give p(z), the probability that the event happens at z, which is
+   calibrated by what it foretold before; see `calibration`.
 2. First phase, without simulations. A pool of points z_j ~ h has the weights w_j = phi(z_j) / h(z_j), where h
    follows the places that mattered under the last surrogate, and is in part a wide law.
 3. Second phase. From the pool n runs are chosen, most of them where w_j times the error of the surrogate is
@@ -25,6 +26,7 @@ from threadpoolctl import ThreadpoolController
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
 from accelerated_evaluation.methods.surrogate import results
+from accelerated_evaluation.methods.surrogate.calibration import Calibration
 from accelerated_evaluation.methods.surrogate.certificate import BY_DEFAULT, Certificate
 from accelerated_evaluation.methods.surrogate.combining import estimate_batch
 from accelerated_evaluation.methods.surrogate.constants import (
@@ -155,6 +157,7 @@ class Sampler:
         if isinstance(batch, TwoPhaseBatch):
             self._looked(batch.wide_runs, batch.prediction.reach)
             progress.estimates.append(estimate_batch(batch, happened))
+            progress.foreseen = np.append(progress.foreseen, batch.foreseen)
             return
         rarest = min(rarity(batch.z[happened]).min(initial=REACH), progress.rarest)
         if isinstance(batch, WideBatch):
@@ -269,7 +272,14 @@ class Sampler:
             z = law.draw(size, self._generator)
             log_weight = law.log_normal_ratio(z)
         wide = np.exp(log_weight - log_normal_to_wide(z))
-        return Pool(z, np.exp(log_weight), self._surrogate.probability(z), wide, rarity(z))
+        foreseen = self._surrogate.probability(z)
+        return Pool(z, np.exp(log_weight), foreseen, self._calibration(foreseen), wide, rarity(z))
+
+    @property
+    def _calibration(self) -> Calibration:
+        """How the surrogate's probabilities are to be read, by all runs of the second phase."""
+        foreseen, happened = self.progress.foreseen, self.progress.happened
+        return Calibration.learn(foreseen, happened[len(happened) - len(foreseen) :])
 
     def _look_ahead(self, defence: float) -> tuple[Prediction, float]:
         """Return what the next batch will be worth, and the largest weight of a point of the fringe.

@@ -22,13 +22,10 @@ from accelerated_evaluation.methods.surrogate.constants import POOL, REACH
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.methods.surrogate.two_phase import Flags, TwoPhaseBatch
 
-FORMAT, VERSION = "accelerated-evaluation sampler state", 3
+FORMAT, VERSION = "accelerated-evaluation sampler state", 4
 
 # What is raised where a content does not fit together.
 MISFIT = (KeyError, TypeError, ValueError, OverflowError, AttributeError, StopIteration)
-
-# Fields that files of this version may lack, because they were written before there was such a field.
-LATER = {"predecessor"}
 
 # Between which numbers a field can be, where that is known; other numbers would fail only when they are used.
 LARGEST = float(np.finfo(float).max)
@@ -42,6 +39,7 @@ RANGES = {
     "rarest": (0, REACH),
     "weight": (0, 1e100),
     "inclusion": (1e-100, 1.001),  # with a margin for rounding
+    "foreseen": (0, 1),
 }
 
 
@@ -75,6 +73,9 @@ class Progress:
         which the law was cut, shape (k, 2).
     estimates
         Of all batches of the second phase.
+    foreseen
+        Probabilities that the surrogate gave to all runs of the second phase, which are the last m, before
+        they were made, shape (m,).
     pending
         The batch that was asked for and whose outcomes were not told yet.
     centres
@@ -92,6 +93,7 @@ class Progress:
     score: Array
     looks: Array = field(default_factory=lambda: np.empty((0, 2)))
     estimates: list[BatchEstimate] = field(default_factory=list)
+    foreseen: Array = field(default_factory=lambda: np.empty(0))
     pending: Batch | None = None
     centres: Array | None = None
     searched: float = 0.0
@@ -223,6 +225,7 @@ def _whole(state: State) -> State:
     _require_shape("z", progress.z, runs, d)
     _require_shape("score", progress.score, runs)
     _require_shape("looks", progress.looks, len(progress.looks), 2)
+    _require_shape("foreseen", progress.foreseen, min(len(progress.foreseen), runs))
     if progress.centres is not None:
         _require_shape("centres", progress.centres, max(len(progress.centres), 1), d)
     if (batch := progress.pending) is not None:
@@ -270,7 +273,6 @@ def decode(annotation: Any, value: Any) -> Any:  # noqa: ANN401
         return decode(next(choice for choice in choices if choice.__name__ == name), value)
     if is_dataclass(annotation):
         types = get_type_hints(annotation)
-        types = {name: kind for name, kind in types.items() if name in value or name not in LATER}
         return annotation(**{name: _within(name, decode(types[name], value[name])) for name in types})
     kind = get_origin(annotation) or annotation
     if kind is np.ndarray:

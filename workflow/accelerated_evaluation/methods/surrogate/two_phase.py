@@ -40,8 +40,8 @@ class Pool:
         The points, shape (m, d).
     weight
         phi / h, with h the law that the points were drawn from.
-    probability
-        Of the event, by the surrogate.
+    foreseen, probability
+        Of the event, by the surrogate as it is, and calibrated.
     wide
         Density of the wide law over h.
     rarity
@@ -50,6 +50,7 @@ class Pool:
 
     z: Array
     weight: Array
+    foreseen: Array
     probability: Array
     wide: Array
     rarity: Array
@@ -59,8 +60,11 @@ class Pool:
         return np.where(self.rarity <= reach, self.wide * REACH / reach, 0.0)
 
     def guard(self, reach: float) -> Array:
-        """Return how the defensive share is spread: as the wide law, and to the share `EVEN` evenly."""
-        return EVEN + (1 - EVEN) * self.within(reach)
+        """Return how the defensive share is spread: as the wide law, and to the share `EVEN` evenly.
+
+        Points so far out that their weight is 0 get nothing: there may be no cut-in for such scores.
+        """
+        return np.where(self.weight > 0, EVEN, 0.0) + (1 - EVEN) * self.within(reach)
 
 
 @dataclass(frozen=True)
@@ -126,6 +130,8 @@ class TwoPhaseBatch:
         Whether the event was held possible at the runs, shape (n,), so that they were aimed at.
     wide_runs
         Number of draws of the wide law, cut at the prediction's reach, that the defence stands for.
+    foreseen
+        Probabilities that the surrogate gives to the runs, before calibration, shape (n,).
     prediction
         What was expected of the batch before it was drawn.
     """
@@ -138,6 +144,7 @@ class TwoPhaseBatch:
     controlled_square: float
     aimed: Flags
     wide_runs: float
+    foreseen: Array
     prediction: Prediction
 
 
@@ -186,7 +193,8 @@ def predict(pool: Pool, expected: Expectation, runs: int, pool_size: int, defenc
     inclusion = inclusion_probabilities(
         weight * expected.spread, pool.guard(reach_of(probability)), runs_here, defence
     )
-    second_phase = (weight * weight * expected.error / inclusion).sum() / size**2
+    square = weight * weight * expected.error
+    second_phase = np.divide(square, inclusion, out=square, where=inclusion > 0).sum() / size**2
     first_phase = max((weight * weight * expected.probability).mean() - probability**2, 0.0) / size
     return Prediction(probability, float(runs_here * (second_phase + first_phase) / probability**2))
 
@@ -202,11 +210,11 @@ def inclusion_probabilities(size: Array, guard: Array, n: float, defence: float)
     size
         What the probabilities should be proportional to, shape (m,).
     guard
-        How the defensive share is spread, positive, shape (m,).
+        How the defensive share is spread, positive where anything can be, shape (m,).
     n
         Sum of the probabilities.
     defence
-        Defensive share, which is mixed into the size first, so that every probability is positive.
+        Defensive share, which is mixed into the size first, so that the probabilities are positive there.
     """
     size = size if size.any() else guard
     size = (1 - defence) * size / size.sum() + defence * guard / guard.sum()
@@ -293,5 +301,6 @@ def draw_batch(
         controlled_square=float(w * w @ control),
         aimed=expected.probability[chosen] > 0,
         wide_runs=draws_of_the_wide_law(pool.within(prediction.reach), inclusion),
+        foreseen=pool.foreseen[chosen],
         prediction=prediction,
     )

@@ -1,0 +1,63 @@
+"""What the surrogate's probabilities are worth, by how often they came true.
+
+Before every run of the second phase the surrogate says how probable an event is there, and afterwards the
+flag is known. So its runs test it, one after the other (Dawid 1984). Its prior does not fit every event: the
+smooth boundary of a half-space is farther from any doubt than it says, and a fine structure is nearer.
+"""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+from scipy.special import log_ndtr, ndtr, ndtri
+
+from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.methods.surrogate.constants import LOG_SLOPE_BOUNDS, SLOPE_SPREAD, SUREST
+from accelerated_evaluation.methods.surrogate.two_phase import Flags
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """p becomes Phi(b Phi^-1(p)), with one slope b where p is below one half, and one above.
+
+    Attributes
+    ----------
+    unlikely, likely
+        The two slopes. Above 1 the surrogate has been less sure than it should be, below 1 surer.
+    """
+
+    unlikely: float = 1.0
+    likely: float = 1.0
+
+    @classmethod
+    def learn(cls, foreseen: Array, happened: Flags) -> Self:
+        """Return the slopes of highest posterior density; log b is normal about 0 before any run.
+
+        Parameters
+        ----------
+        foreseen
+            Probabilities that the surrogate gave to runs before they were made, shape (n,).
+        happened
+            Whether the event happened, shape (n,).
+        """
+        below = foreseen < 0.5
+        return cls(*(_slope(foreseen[side], happened[side]) for side in (below, ~below)))
+
+    def __call__(self, probability: Array) -> Array:
+        """Return calibrated probabilities, shape (n,)."""
+        probit = _probit(probability)
+        return ndtr(np.where(probit < 0, self.unlikely, self.likely) * probit)
+
+
+def _slope(foreseen: Array, happened: Flags) -> float:
+    towards = np.where(happened, 1, -1) * _probit(foreseen)
+
+    def surprise(log_slope: float) -> float:
+        return (log_slope / SLOPE_SPREAD) ** 2 / 2 - log_ndtr(np.exp(log_slope) * towards).sum()
+
+    return float(np.exp(minimize_scalar(surprise, bounds=LOG_SLOPE_BOUNDS, method="bounded").x))
+
+
+def _probit(probability: Array) -> Array:
+    return ndtri(np.clip(probability, SUREST, 1 - SUREST))
