@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from accelerated_evaluation.methods.surrogate.calibration import Calibration
-from scipy.special import ndtr, ndtri
+from accelerated_evaluation.methods.surrogate.constants import SLOPE_SPREAD
+from scipy.special import log_ndtr, ndtr, ndtri
 
 SLOPES = (0.7, 1.0, 1.8)
 
@@ -53,3 +54,18 @@ def test_one_surprise_does_not_end_all_belief():
     assert 0.3 < found.unlikely < 1
     # The other side has learnt nothing.
     assert found.likely == pytest.approx(1.0, abs=1e-4)
+
+
+def test_doubt_is_learnt_at_once_and_sureness_as_far_as_it_is_shown():
+    """Sureness differs from the slope of highest density by a standard deviation, here found on a grid."""
+    for slope, sure in ((0.6, False), (1.8, True)):
+        foreseen, happened = flags(slope, slope, 400, 5)
+        below = foreseen < 0.5
+        towards = np.where(happened[below], 1, -1) * ndtri(foreseen[below])
+        grid = np.linspace(-1.2, 1.5, 4001)
+        log_density = log_ndtr(np.exp(grid)[:, None] * towards).sum(1) - (grid / SLOPE_SPREAD) ** 2 / 2
+        density = np.exp(log_density - log_density.max())
+        mode, mean = grid[density.argmax()], (grid * density).sum() / density.sum()
+        deviation = np.sqrt(((grid - mean) ** 2 * density).sum() / density.sum())
+        found = np.log(Calibration.learn(foreseen, happened).unlikely)
+        assert found == pytest.approx(mode - sure * deviation, abs=0.2 * deviation)

@@ -3,6 +3,7 @@
 Before every run of the second phase the surrogate says how probable an event is there, and afterwards the
 flag is known. So its runs test it, one after the other (Dawid 1984). Its prior does not fit every event: the
 smooth boundary of a half-space is farther from any doubt than it says, and a fine structure is nearer.
+Doubt is learnt at once, and sureness only as far as the runs have shown it.
 """
 
 from dataclasses import dataclass
@@ -32,7 +33,10 @@ class Calibration:
 
     @classmethod
     def learn(cls, foreseen: Array, happened: Flags) -> Self:
-        """Return the slopes of highest posterior density; log b is normal about 0 before any run.
+        """Return the slopes that the runs bear out; log b is normal about 0 before any run.
+
+        They are those of highest posterior density, but above 1 less by a posterior standard deviation of the
+        logarithm, as Laplace approximates it.
 
         Parameters
         ----------
@@ -56,7 +60,12 @@ def _slope(foreseen: Array, happened: Flags) -> float:
     def surprise(log_slope: float) -> float:
         return (log_slope / SLOPE_SPREAD) ** 2 / 2 - log_ndtr(np.exp(log_slope) * towards).sum()
 
-    return float(np.exp(minimize_scalar(surprise, bounds=LOG_SLOPE_BOUNDS, method="bounded").x))
+    best = minimize_scalar(surprise, bounds=LOG_SLOPE_BOUNDS, method="bounded").x
+    u = np.exp(best) * towards
+    ratio = np.exp(-u * u / 2 - log_ndtr(u)) / np.sqrt(2 * np.pi)
+    # The second derivative of the surprise; of the runs it may be negative, and says nothing then.
+    information = SLOPE_SPREAD**-2 + max((u * ratio * (u * (u + ratio) - 1)).sum(), 0.0)
+    return float(np.exp(best if best < 0 else max(best - information**-0.5, 0.0)))
 
 
 def _probit(probability: Array) -> Array:

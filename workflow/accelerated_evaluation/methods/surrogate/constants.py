@@ -15,7 +15,7 @@ CANDIDATES = 1000
 
 # The search ends when it has had a run in every such step of rarity, for which the probability changes by the
 # factor exp(STEP), up to `BEYOND` the most probable event that it knows.
-STEP = 0.4
+STEP = 1 / 3
 
 # The search and the defence reach as far out as this beyond the rarity of the event: all that lies farther
 # out has less than 5 % of the probability.
