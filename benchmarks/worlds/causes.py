@@ -10,13 +10,13 @@ import argparse
 import numpy as np
 import pandas as pd
 from accelerated_evaluation.files import write_csv
-from accelerated_evaluation.fitting.family import Events, Member
+from accelerated_evaluation.fitting.family import Member
 from accelerated_evaluation.publishing.tables import reproducible
 from accelerated_evaluation.randomness import child_generator
 from accelerated_evaluation.truth.answer import threshold_table
 from accelerated_evaluation.truth.weighed import weigh
 from kinds import LEVEL, World, worlds
-from setting import ROOT, Setting, read_setting, simulate_records
+from setting import ROOT, Setting, distinct_events, read_setting, simulate_records
 from tqdm import tqdm
 
 DRAWS = 200  # of the posterior, for each threshold as well
@@ -36,9 +36,7 @@ def examine(kind: str, number: int, world: World, setting: Setting) -> dict[str,
     """
     records = simulate_records(world, setting, child_generator(ROOT, "worlds", kind, number))
     generator = child_generator(ROOT, "worlds", kind, number, "causes")
-    range_ = np.minimum(1 / records["inverse_range"], 75.0)
-    columns = {"range": range_, "closing_speed": records["inverse_ttc"] / records["inverse_range"]}
-    weighed = weigh(Events.of(records.assign(**columns)), generator, draws=DRAWS)
+    weighed = weigh(distinct_events(records)[0], generator, draws=DRAWS)
     true_law = [member == Member(LEVEL, TRUE_LAW[kind]) for member in weighed.members]
     only = np.tile(np.array(true_law, dtype=float), (DRAWS, 1))
     levels = threshold_table(weighed, setting.lines, generator)["probability"]

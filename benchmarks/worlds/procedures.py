@@ -3,14 +3,14 @@
 import numpy as np
 import pandas as pd
 from accelerated_evaluation.encounters.segments import assign_segments
-from accelerated_evaluation.fitting.family import Events, Fitter
+from accelerated_evaluation.fitting.family import Fitter
 from accelerated_evaluation.truth.posterior import draw_posterior
 from accelerated_evaluation.truth.scoring import held_out_scores
 from accelerated_evaluation.truth.sensitivity import fit_for_crashes
 from accelerated_evaluation.truth.weighing import bootstrapped_weights
 from kinds import independent_masses
 from scipy.special import ndtri
-from setting import MEMBERS, Setting, runs_of
+from setting import MEMBERS, Setting, distinct_events
 
 COVERAGES = (0.5, 0.8, 0.95)
 DRAWS = 100  # of the posterior, fewer than in the study
@@ -26,9 +26,7 @@ Intervals = dict[str, float]
 
 def ours(records: pd.DataFrame, setting: Setting, generator: np.random.Generator) -> Intervals:
     """Fit the family to distinct records, weigh its laws by held-out scores, and draw from the posterior."""
-    distinct, _ = runs_of(records)
-    speed, inverse_range, inverse_ttc = distinct.to_numpy().T
-    events = Events(speed, np.minimum(1 / inverse_range, 75.0), inverse_ttc / inverse_range)
+    events, _ = distinct_events(records)
     fitter = Fitter(events, MEMBERS)
     family = fitter.fit(setting.family)
     boundary = REGION * events.range_

@@ -47,14 +47,21 @@ def runs_of(records: pd.DataFrame) -> tuple[pd.DataFrame, Array]:
     return records[first], np.diff(np.flatnonzero(first), append=len(records))
 
 
-def prepare(config: dict) -> Setting:
-    """Fit, and map the crashes."""
-    records = pd.read_parquet(config["data"]["spmd"]["path"])
+def distinct_events(records: pd.DataFrame) -> tuple[Events, Array]:
+    """Return the distinct records as events, and how many rows each stands for."""
     distinct, lengths = runs_of(records)
     speed, inverse_range, inverse_ttc = (
         distinct[name].to_numpy() for name in ("lead_speed", "inverse_range", "inverse_ttc")
     )
-    events = Events(speed, np.minimum(1 / inverse_range, 75.0), inverse_ttc / inverse_range)
+    range_ = np.minimum(1 / inverse_range, SUPPORT.range_max)
+    return Events(speed, range_, inverse_ttc / inverse_range), lengths
+
+
+def prepare(config: dict) -> Setting:
+    """Fit, and map the crashes."""
+    records = pd.read_parquet(config["data"]["spmd"]["path"])
+    events, lengths = distinct_events(records)
+    speed = events.lead_speed
     family = Fitter(events, MEMBERS).fit()
     segmented = assign_segments(records, config["segments"]["lead_speed_edges"])
     law = fit_paper_laws(segmented, config["models"], config["filters"]["range_max"], "records", np.inf)[

@@ -11,7 +11,7 @@ from accelerated_evaluation.fitting.support import SUPPORT
 from accelerated_evaluation.truth.crash_map import Grid
 from accelerated_evaluation.truth.lines import Lines
 from accelerated_evaluation.truth.mapping import map_crashes
-from accelerated_evaluation.vehicles import Outcomes
+from rate_car import RateCar
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "benchmarks" / "worlds"))
@@ -22,17 +22,7 @@ from setting import Setting, runs_of, simulate_records  # noqa: E402
 
 SIZE = 8_000
 DRAWN = 400_000
-RATE = 0.3  # [1/s]
 SMOOTH = ("exponential", "heavy", "light", "two kinds")
-
-
-class RateCar:
-    """Crashes where TTC^-1 exceeds a rate."""
-
-    def simulate(self, lead_speed, range_, closing_speed):
-        crash = closing_speed > RATE * range_
-        near = np.where(closing_speed > 0, range_ / np.maximum(closing_speed, 1e-9), np.inf)
-        return Outcomes(crash, np.where(crash, 0.0, range_), near, np.where(crash, closing_speed, 0.0))
 
 
 @pytest.fixture(scope="module")

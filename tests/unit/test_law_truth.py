@@ -33,22 +33,13 @@ from accelerated_evaluation.truth.scoring import (
     time_to_collision_boundary,
 )
 from accelerated_evaluation.truth.weighing import bootstrapped_weights, mixture_scores, stacking_weights
-from accelerated_evaluation.vehicles import AccAeb, Outcomes
+from accelerated_evaluation.vehicles import AccAeb
+from rate_car import RATE, RateCar
 from scipy.stats import poisson
 
 SIZE = 12_000
 MEAN = 2.0  # [m/s], of the closing speeds that the tests draw
 MEMBERS = members_at((0.9,))
-RATE = 0.3  # [1/s]
-
-
-class RateCar:
-    """Crashes where the closing speed exceeds a tenth of the range a second, whatever the lead speed."""
-
-    def simulate(self, lead_speed, range_, closing_speed):
-        crash = closing_speed > RATE * range_
-        near = np.where(closing_speed > 0, range_ / np.maximum(closing_speed, 1e-9), np.inf)
-        return Outcomes(crash, np.where(crash, 0.0, range_), near, np.where(crash, closing_speed, 0.0))
 
 
 class ExponentialSpeeds:

@@ -114,6 +114,7 @@ class Sampler:
         self._generator = generator
         self.predecessor = predecessor
         self._surrogate = EventSurrogate(dimension, predecessor)
+        self._calibration = Calibration()
 
     # ---- simulations
 
@@ -245,6 +246,8 @@ class Sampler:
         if learn:
             progress.learnt_at = self.simulations
         self._surrogate.fit(progress.z, progress.happened, learn=learn, restart=first)
+        of_second_phase = progress.happened[self.simulations - len(progress.foreseen) :]
+        self._calibration = Calibration.learn(progress.foreseen, of_second_phase)
         return self._two_phase_batch(defence)
 
     def _is_searching(self) -> bool:
@@ -274,12 +277,6 @@ class Sampler:
         wide = np.exp(log_weight - log_normal_to_wide(z))
         foreseen = self._surrogate.probability(z)
         return Pool(z, np.exp(log_weight), foreseen, self._calibration(foreseen), wide, rarity(z))
-
-    @property
-    def _calibration(self) -> Calibration:
-        """How the surrogate's probabilities are to be read, by all runs of the second phase."""
-        foreseen, happened = self.progress.foreseen, self.progress.happened
-        return Calibration.learn(foreseen, happened[len(happened) - len(foreseen) :])
 
     def _look_ahead(self, defence: float) -> tuple[Prediction, float]:
         """Return what the next batch will be worth, and the largest weight of a point of the fringe.
