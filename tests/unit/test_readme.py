@@ -4,6 +4,7 @@ import re
 
 import pandas as pd
 import pytest
+from accelerated_evaluation.publishing.law_tables import threshold_ratio
 from accelerated_evaluation.publishing.readme import (
     BENCHMARKS,
     CLAIMS,
@@ -65,6 +66,19 @@ def test_the_guide_to_the_sampler_tells_what_it_takes_now(problem):
         f"{row.bias:+.0%} | {row.coverage80:.0%} | {row.failed * row.seeds:.0f} |"
     )
     assert told in GUIDE.read_text(encoding="utf-8").replace(" %", "%")
+
+
+@pytest.mark.parametrize("problem", ["ball_4", "plane_10", "segment_15_25", "impact_10"])
+def test_the_guide_to_the_sampler_names_the_dearest_problems(problem):
+    row = pd.read_csv(SAMPLERS).set_index(["problem", "method"]).loc[(problem, "surrogate")]
+    assert f"about {5 * round(row.calls_mean / 5)}" in " ".join(GUIDE.read_text(encoding="utf-8").split())
+
+
+@pytest.mark.skipif(not CLAIMS.exists(), reason="the tables of the real events are not in this copy")
+def test_the_benchmarks_tell_how_far_thresholds_move_the_answer():
+    moved = threshold_ratio(pd.read_csv(CLAIMS.parent / "answer_thresholds.csv"))
+    text = " ".join(BENCHMARKS.read_text(encoding="utf-8").split())
+    assert f"the answer moves by {moved:.2f} over the thresholds" in text
 
 
 @pytest.mark.skipif(not CLAIMS.exists(), reason="the tables of the real events are not in this copy")

@@ -90,8 +90,8 @@ WORTHLESS = 1e100
 
 # ---- the calibration of the surrogate
 
-# Prior standard deviation of the logarithm of a slope: some thirty runs outweigh it. Where the slopes are
-# sought, which is three such deviations and more.
+# Prior standard deviation of the logarithm of a slope, and where the logarithm is sought: at least four such
+# deviations to each side.
 SLOPE_SPREAD = 0.3
 LOG_SLOPE_BOUNDS = (-1.2, 1.5)
 
