@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from accelerated_evaluation.methods.surrogate.constants import JITTER, SEARCH_RUNS
-from accelerated_evaluation.methods.surrogate.graded import GradedSurrogate
+from accelerated_evaluation.methods.surrogate.constants import GRADED_RUNS, JITTER
+from accelerated_evaluation.methods.surrogate.graded import GradedSurrogate, end_of_events, graded
 from accelerated_evaluation.methods.surrogate.kernel import thinned
-from accelerated_evaluation.methods.surrogate.search import draw_approach, graded, to_beat
+from accelerated_evaluation.methods.surrogate.search import draw_approach, to_beat
 from accelerated_evaluation.methods.surrogate.wide_laws import draw_wide, rarity
 from scipy.stats import multivariate_normal
 
@@ -23,20 +23,23 @@ def matern(a, b, lengths):
     return (1 + r + r * r / 3) * np.exp(-r)
 
 
-def parameters(surrogate):
-    return surrogate._lengths, surrogate._variance
-
-
 def covariance(a, b, surrogate):
-    lengths, variance = parameters(surrogate)
+    lengths, variance = np.exp(surrogate.theta[:-2]), np.exp(2 * surrogate.theta[-2])
     return variance * (1 + matern(a, b, lengths))
+
+
+def fitted(z, outcome):
+    """Return the regression of outcomes, with lengths, amplitude and noise that were sought."""
+    surrogate = GradedSurrogate(z.shape[1])
+    surrogate.fit(z, outcome, learn=True)
+    return surrogate
 
 
 def test_regression_is_the_exact_posterior_of_a_gaussian():
     """The posterior follows from the joint normal law of the outcomes and the value at a new point."""
     z, score = scored(12)
     outcome = graded(np.zeros(12, bool), score)
-    surrogate, new = GradedSurrogate(z, outcome), np.array([[0.5, 0.2], [-6.0, 1.0]])
+    surrogate, new = fitted(z, outcome), np.array([[0.5, 0.2], [-6.0, 1.0]])
     noise = surrogate._factor @ surrogate._factor.T - covariance(z, z, surrogate)
     assert np.diag(noise) == pytest.approx(np.full(12, noise[0, 0]), abs=1e-9)
     both = covariance(z, z, surrogate) + noise[0, 0] * np.eye(12)
@@ -50,11 +53,37 @@ def test_regression_is_the_exact_posterior_of_a_gaussian():
     assert mean != pytest.approx(without_noise, abs=1e-4)
 
 
+def test_probability_of_an_event_is_that_of_the_posterior():
+    """Of many draws of the posterior at a point, a share is below the end of the events."""
+    z, score = scored(40)
+    happened = score < np.sort(score)[8]
+    outcome = graded(happened, score)
+    end = end_of_events(outcome, happened)
+    assert outcome[happened].max() < end < outcome[~happened].min()
+    surrogate, new = fitted(z, outcome), draw_wide(30, 2, np.random.default_rng(6))
+    mean, deviation = surrogate.expect(new)
+    draws = np.random.default_rng(7).normal(mean, deviation, (40_000, 30))
+    error = 4 * 0.5 / math.sqrt(40_000)
+    assert surrogate.probability(new, end) == pytest.approx((draws < end).mean(0), abs=error)
+    assert surrogate.probability(new, end + 1) != pytest.approx((draws < end).mean(0), abs=error)
+
+
+def test_lengths_stay_as_they_are_until_they_are_learnt():
+    z, score = scored(40)
+    outcome = graded(np.zeros(40, bool), score)
+    surrogate = GradedSurrogate(2)
+    before = surrogate.theta.copy()
+    surrogate.fit(z, outcome, learn=False)
+    assert (surrogate.theta == before).all()
+    surrogate.fit(z, outcome, learn=True)
+    assert surrogate.theta[1] - surrogate.theta[0] > 1  # the score does not change along the second direction
+
+
 def test_loss_and_gradient_of_the_regression():
     """The evidence is a normal density; central differences of 1e-4 are wrong by about 1e-8."""
     z, score = scored(25)
     outcome = graded(np.zeros(25, bool), score)
-    surrogate = GradedSurrogate(z, outcome)
+    surrogate = fitted(z, outcome)
     theta = np.log([2.0, 1.2, 1.5, 0.3])
 
     def loss(theta):
@@ -112,8 +141,8 @@ def test_flags_without_scores_lead_to_the_event():
 
 
 def test_the_smallest_outcomes_are_kept():
-    outcome = np.random.default_rng(4).normal(size=3 * SEARCH_RUNS)
-    kept = thinned(np.argsort(outcome, kind="stable"), SEARCH_RUNS)
-    assert len(np.unique(kept)) == SEARCH_RUNS
-    assert (np.sort(outcome)[: SEARCH_RUNS // 2] == np.sort(outcome[kept])[: SEARCH_RUNS // 2]).all()
-    assert list(thinned(np.argsort(outcome[:50], kind="stable"), SEARCH_RUNS)) == list(range(50))
+    outcome = np.random.default_rng(4).normal(size=3 * GRADED_RUNS)
+    kept = thinned(np.argsort(outcome, kind="stable"), GRADED_RUNS)
+    assert len(np.unique(kept)) == GRADED_RUNS
+    assert (np.sort(outcome)[: GRADED_RUNS // 2] == np.sort(outcome[kept])[: GRADED_RUNS // 2]).all()
+    assert list(thinned(np.argsort(outcome[:50], kind="stable"), GRADED_RUNS)) == list(range(50))

@@ -33,7 +33,7 @@ PREDICTION = two_phase.Prediction(0.3, 4.0)
 def points(weight, probability):
     """Return a pool whose places do not matter, with a wide law that is h and rarities of 5."""
     n = len(weight)
-    foreseen = np.asarray(probability) / 2  # what counts is calibrated
+    foreseen = np.column_stack([probability, probability]) / 2  # what counts is calibrated
     return two_phase.Pool(
         np.zeros((n, 2)), np.asarray(weight), foreseen, probability, np.ones(n), np.full(n, 5.0)
     )

@@ -11,15 +11,20 @@ from typing import Self
 
 import numpy as np
 from scipy.optimize import minimize_scalar
-from scipy.special import log_ndtr, ndtr, ndtri
+from scipy.special import expit, log_ndtr, ndtr, ndtri
 
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.methods.surrogate.constants import LOG_SLOPE_BOUNDS, SLOPE_SPREAD, SUREST
+from accelerated_evaluation.methods.surrogate.constants import (
+    LOG_SLOPE_BOUNDS,
+    MOST_TRUST,
+    SLOPE_SPREAD,
+    SUREST,
+)
 from accelerated_evaluation.methods.surrogate.two_phase import Flags
 
 
 @dataclass(frozen=True)
-class Calibration:
+class Slopes:
     """p becomes Phi(b Phi^-1(p)), with one slope b where p is below one half, and one above.
 
     Attributes
@@ -52,6 +57,50 @@ class Calibration:
         """Return calibrated probabilities, shape (n,)."""
         probit = _probit(probability)
         return ndtr(np.where(probit < 0, self.unlikely, self.likely) * probit)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """How far the two surrogates are believed: a mixture of what both say, each with its own slopes.
+
+    Attributes
+    ----------
+    flags, scores
+        Slopes of the surrogate of the flags, and of the regression of the scores.
+    trust
+        Share of the regression of the scores in the mixture.
+    """
+
+    flags: Slopes = Slopes()
+    scores: Slopes = Slopes()
+    trust: float = 0.0
+
+    @classmethod
+    def learn(cls, foreseen: Array, happened: Flags) -> Self:
+        """Return what the runs bear out.
+
+        The trust is the posterior probability that the scores foretell better, by Bayes' rule and with even
+        odds before any run, times `MOST_TRUST`. So the flags always keep a share, and no place that they
+        hold possible is ruled out by the scores alone.
+
+        Parameters
+        ----------
+        foreseen
+            Probabilities that the two surrogates gave to runs before they were made, shape (n, 2).
+        happened
+            Whether the event happened, shape (n,).
+        """
+        slopes = [Slopes.learn(said, happened) for said in foreseen.T]
+        flags, scores = (
+            np.log(np.where(happened, p, 1 - p)).sum()
+            for p in (slope(said) for slope, said in zip(slopes, foreseen.T, strict=True))
+        )
+        return cls(*slopes, float(MOST_TRUST * expit(scores - flags)))
+
+    def __call__(self, foreseen: Array) -> Array:
+        """Return calibrated probabilities, shape (m,), for what the two surrogates say, shape (m, 2)."""
+        by_flags, by_scores = self.flags(foreseen[:, 0]), self.scores(foreseen[:, 1])
+        return (1 - self.trust) * by_flags + self.trust * by_scores
 
 
 def _slope(foreseen: Array, happened: Flags) -> float:

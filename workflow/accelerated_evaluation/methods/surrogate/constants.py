@@ -21,9 +21,6 @@ STEP = 1 / 3
 # out has less than 5 % of the probability.
 BEYOND = 3.0
 
-# Most runs that the search learns from.
-SEARCH_RUNS = 300
-
 # Growth of the number of runs after which lengths and amplitude are learnt again. Learning takes as long as
 # several batches without it, and a few more runs hardly move its result.
 RELEARN = 1.3
@@ -95,6 +92,9 @@ WORTHLESS = 1e100
 SLOPE_SPREAD = 0.3
 LOG_SLOPE_BOUNDS = (-1.2, 1.5)
 
+# Largest share of the regression of the scores in what is believed; the rest is kept by the flags.
+MOST_TRUST = 0.95
+
 # A probability nearer to 0 or 1 than this counts as this far from it, so that one surprise does not end all
 # belief.
 SUREST = 1e-6
@@ -132,6 +132,9 @@ MOST_RUNS = 600
 NOISE, NOISE_SPREAD = 0.1, 1.0
 LOG_NOISE_BOUNDS = (-4.0, 0.0)
 GRADED_STEPS = 15
+
+# Most runs that this regression is conditioned on.
+GRADED_RUNS = 300
 
 # Share of the variance that is added to the diagonal of the covariance, so that repeated points do no harm.
 JITTER = 1e-6

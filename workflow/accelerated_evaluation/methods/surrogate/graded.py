@@ -1,7 +1,7 @@
-"""Surrogate of a graded outcome: what is expected at a point that was not simulated, and how surely.
+"""Surrogate of the graded outcome: what is expected at a point that was not simulated, and how surely.
 
-This is Gaussian process regression (Rasmussen and Williams 2006, section 2.2). Its lengths, its amplitude and
-its noise are those of highest posterior density.
+This is Gaussian process regression (Rasmussen and Williams 2006, section 2.2) of the ranks of the outcomes,
+events first. Its lengths, its amplitude and its noise are those of highest posterior density.
 """
 
 import math
@@ -9,10 +9,13 @@ import math
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs, dtrtrs
 from scipy.optimize import minimize
+from scipy.special import ndtr, ndtri
+from scipy.stats import rankdata
 
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.methods.surrogate.constants import (
     AMPLITUDE_SPREAD,
+    GRADED_RUNS,
     GRADED_STEPS,
     LEAST_VARIANCE,
     LENGTH,
@@ -28,44 +31,84 @@ from accelerated_evaluation.methods.surrogate.kernel import (
     covariance_of_runs,
     evidence_gradient,
     negative_log_posterior,
+    thinned,
 )
+from accelerated_evaluation.methods.surrogate.two_phase import Flags
 
 
-class GradedSurrogate:
-    """Gaussian process regression of outcomes of mean 0 and variance 1, with the covariance of `kernel`.
+def graded(happened: Flags, score: Array) -> Array:
+    """Return normal scores of the ranks of the outcomes, shape (n,): events first, then by the score.
+
+    Only the order of the scores has a meaning, so that nothing else of them is used.
 
     Parameters
     ----------
-    z
-        Normal scores of the runs, shape (n, d).
-    outcome
-        Their outcomes, shape (n,).
+    happened, score
+        Flags and scores of all runs, shape (n,).
+    """
+    _, place = np.unique(np.column_stack([~happened, score]), axis=0, return_inverse=True)
+    return ndtri((rankdata(place) - 0.5) / len(score))
+
+
+def end_of_events(outcome: Array, happened: Flags) -> float:
+    """Return the graded outcome half way between the events and all other runs."""
+    return float(outcome[happened].max() + outcome[~happened].min()) / 2
+
+
+class GradedSurrogate:
+    """Gaussian process regression of the graded outcome, with the covariance of `kernel`.
+
+    Parameters
+    ----------
+    dimension
+        Number d of normal scores.
+
+    Attributes
+    ----------
+    theta
+        Logarithms of the lengths, of the amplitude and of the noise, shape (d + 2,).
     """
 
-    def __init__(self, z: Array, outcome: Array) -> None:
-        d = z.shape[1]
-        self._z, self._outcome = z, outcome
-        self._centre = np.log([*[LENGTH * math.sqrt(d)] * d, 1.0, NOISE])
-        self._scale = np.array([*[LENGTH_SPREAD] * d, AMPLITUDE_SPREAD, NOISE_SPREAD])
-        bounds = [LOG_LENGTH_BOUNDS] * d + [LOG_AMPLITUDE_BOUNDS, LOG_NOISE_BOUNDS]
-        found = minimize(
-            self._loss,
-            self._centre,
-            method="L-BFGS-B",
-            jac=True,
-            bounds=bounds,
-            options={"maxiter": GRADED_STEPS},
-        )
-        self._lengths, self._variance = np.exp(found.x[:d]), math.exp(2 * found.x[d])
-        covariance, _ = covariance_of_runs(z / self._lengths, self._variance)
-        self._factor, self._weights = self._solve(covariance, math.exp(2 * found.x[-1]))
+    def __init__(self, dimension: int) -> None:
+        self._centre = np.log([*[LENGTH * math.sqrt(dimension)] * dimension, 1.0, NOISE])
+        self._scale = np.array([*[LENGTH_SPREAD] * dimension, AMPLITUDE_SPREAD, NOISE_SPREAD])
+        self._bounds = [LOG_LENGTH_BOUNDS] * dimension + [LOG_AMPLITUDE_BOUNDS, LOG_NOISE_BOUNDS]
+        self.theta = self._centre.copy()
+
+    def fit(self, z: Array, outcome: Array, *, learn: bool) -> None:
+        """Condition on runs, or on some of them where there are too many.
+
+        Parameters
+        ----------
+        z, outcome
+            Normal scores, shape (n, d), and graded outcomes, shape (n,).
+        learn
+            Whether to look for better lengths, amplitude and noise.
+        """
+        kept = thinned(np.argsort(outcome, kind="stable"), GRADED_RUNS)  # the smallest outcomes first
+        self._z, self._outcome = z[kept], outcome[kept]
+        if learn:
+            steps = {"maxiter": GRADED_STEPS}
+            found = minimize(
+                self._loss, self.theta, method="L-BFGS-B", jac=True, bounds=self._bounds, options=steps
+            )
+            self.theta = found.x
+        self._runs = self._z / np.exp(self.theta[:-2])
+        self._variance, noise_variance = np.exp(2 * self.theta[-2:])
+        covariance, _ = covariance_of_runs(self._runs, self._variance)
+        self._factor, self._weights = self._solve(covariance, noise_variance)
 
     def expect(self, z: Array) -> tuple[Array, Array]:
         """Return mean and standard deviation of the outcome without noise at points z, shapes (m,)."""
-        covariance = covariance_between(self._z / self._lengths, z / self._lengths, self._variance)[0]
+        covariance = covariance_between(self._runs, z / np.exp(self.theta[:-2]), self._variance)[0]
         scaled = dtrtrs(self._factor, covariance, lower=1)[0]
         variance = np.maximum(2 * self._variance - np.einsum("ij,ij->j", scaled, scaled), LEAST_VARIANCE)
         return covariance.T @ self._weights, np.sqrt(variance)
+
+    def probability(self, z: Array, below: float | Array) -> Array:
+        """Probability that the outcome at points z, shape (m, d), is below a number, or one for each."""
+        mean, deviation = self.expect(z)
+        return ndtr((below - mean) / deviation)
 
     def _solve(self, covariance: Array, noise_variance: float) -> tuple[Array, Array]:
         """Return the Cholesky factor of the covariance with noise, and its inverse times the outcomes."""

@@ -2,8 +2,8 @@
 
 The event is a set in the space of normal scores, z ~ N(0, I). Every batch takes the same three steps.
 
-1. Surrogate. The flags of all runs so far give p(z), the probability that the event happens at z, which is
-   calibrated by what it foretold before; see `calibration`.
+1. Surrogates. The flags and the scores of all runs so far give p(z), the probability that the event happens
+   at z, which is calibrated by what was foretold before; see `belief`.
 2. First phase, without simulations. A pool of points z_j ~ h has the weights w_j = phi(z_j) / h(z_j), where h
    follows the places that mattered under the last surrogate, and is in part a wide law.
 3. Second phase. From the pool n runs are chosen, most of them where w_j times the error of the surrogate is
@@ -16,6 +16,7 @@ Before these batches a search finds the event and its most probable part; see `s
 notebook 10 derive the method.
 """
 
+import math
 from dataclasses import replace
 from typing import Self
 
@@ -26,7 +27,7 @@ from threadpoolctl import ThreadpoolController
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
 from accelerated_evaluation.methods.surrogate import results
-from accelerated_evaluation.methods.surrogate.calibration import Calibration
+from accelerated_evaluation.methods.surrogate.belief import Belief
 from accelerated_evaluation.methods.surrogate.certificate import BY_DEFAULT, Certificate
 from accelerated_evaluation.methods.surrogate.combining import estimate_batch
 from accelerated_evaluation.methods.surrogate.constants import (
@@ -39,12 +40,11 @@ from accelerated_evaluation.methods.surrogate.constants import (
     POOL,
     POOL_PER_RUN,
     REACH,
-    RELEARN,
     START,
     STEP,
     WIDE_SHARE,
 )
-from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurrogate, Predecessor
+from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.methods.surrogate.search import draw_approach
 from accelerated_evaluation.methods.surrogate.state import (
     ApproachBatch,
@@ -113,8 +113,7 @@ class Sampler:
         self.progress = Progress.start(dimension)
         self._generator = generator
         self.predecessor = predecessor
-        self._surrogate = EventSurrogate(dimension, predecessor)
-        self._calibration = Calibration()
+        self._belief = Belief(dimension, predecessor)
 
     # ---- simulations
 
@@ -158,7 +157,7 @@ class Sampler:
         if isinstance(batch, TwoPhaseBatch):
             self._looked(batch.wide_runs, batch.prediction.reach)
             progress.estimates.append(estimate_batch(batch, happened))
-            progress.foreseen = np.append(progress.foreseen, batch.foreseen)
+            progress.foreseen = np.vstack([progress.foreseen, batch.foreseen])
             return
         rarest = min(rarity(batch.z[happened]).min(initial=REACH), progress.rarest)
         if isinstance(batch, WideBatch):
@@ -201,8 +200,9 @@ class Sampler:
             dimension=self.dimension,
             batch_size=self.batch_size,
             progress=replace(self.progress, estimates=[*self.progress.estimates]),
-            theta=self._surrogate.theta,
-            sites=self._surrogate.sites,
+            theta=self._belief.flags.theta,
+            sites=self._belief.flags.sites,
+            graded_theta=self._belief.scores.theta,
             generator=self._generator.bit_generator.state,
             predecessor=self.predecessor,
         )
@@ -219,7 +219,8 @@ class Sampler:
             predecessor=state.predecessor,
         )
         sampler.progress = state.progress
-        sampler._surrogate.theta, sampler._surrogate.sites = state.theta, state.sites
+        sampler._belief.flags.theta, sampler._belief.flags.sites = state.theta, state.sites
+        sampler._belief.scores.theta = state.graded_theta
         return sampler
 
     # ---- design of a batch
@@ -241,13 +242,7 @@ class Sampler:
             if self._is_searching():
                 known, reach = (progress.z, happened, score), self._search_reach
                 return ApproachBatch(draw_approach(self.batch_size, reach, *known, self._generator))
-        first = not progress.estimates
-        learn = first or self.simulations >= RELEARN * progress.learnt_at
-        if learn:
-            progress.learnt_at = self.simulations
-        self._surrogate.fit(progress.z, progress.happened, learn=learn, restart=first)
-        of_second_phase = progress.happened[self.simulations - len(progress.foreseen) :]
-        self._calibration = Calibration.learn(progress.foreseen, of_second_phase)
+        self._belief.fit(progress)
         return self._two_phase_batch(defence)
 
     def _is_searching(self) -> bool:
@@ -275,8 +270,8 @@ class Sampler:
             z = law.draw(size, self._generator)
             log_weight = law.log_normal_ratio(z)
         wide = np.exp(log_weight - log_normal_to_wide(z))
-        foreseen = self._surrogate.probability(z)
-        return Pool(z, np.exp(log_weight), foreseen, self._calibration(foreseen), wide, rarity(z))
+        foreseen = self._belief.foresee(z)
+        return Pool(z, np.exp(log_weight), foreseen, self._belief.calibrated(foreseen), wide, rarity(z))
 
     def _look_ahead(self, defence: float) -> tuple[Prediction, float]:
         """Return what the next batch will be worth, and the largest weight of a point of the fringe.
@@ -295,6 +290,8 @@ class Sampler:
             w = pool.weight
             fringe_limit = FRINGE_WEIGHT * (w @ (w * core)) / (w * core).sum()
             share = w * np.sqrt(core)
+            # A single point of huge weight must not become the centre of all (Ionides 2008).
+            share = np.minimum(share, share.mean() * math.sqrt(len(share)))
             self.progress.centres = pool.z[self._generator.choice(len(w), KERNELS, p=share / share.sum())]
         expected = expect(pool, fringe_limit)
         return predict(pool, expected, self.batch_size, self._pool_size, defence), fringe_limit

@@ -7,36 +7,19 @@ goes on among the points that are more probable, or hardly less, until it has lo
 """
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import ndtr, ndtri
-from scipy.stats import rankdata
 
 from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.methods.surrogate.constants import CANDIDATES, SEARCH_RUNS
-from accelerated_evaluation.methods.surrogate.graded import GradedSurrogate
-from accelerated_evaluation.methods.surrogate.kernel import thinned
+from accelerated_evaluation.methods.surrogate.constants import CANDIDATES
+from accelerated_evaluation.methods.surrogate.graded import GradedSurrogate, end_of_events, graded
+from accelerated_evaluation.methods.surrogate.two_phase import Flags
 from accelerated_evaluation.methods.surrogate.wide_laws import draw_at, rarity
 
 
-def graded(happened: NDArray[np.bool_], score: Array) -> Array:
-    """Return normal scores of the ranks of the outcomes, shape (n,): events first, then by the score.
-
-    Only the order of the scores has a meaning, so that nothing else of them is used.
-
-    Parameters
-    ----------
-    happened, score
-        Flags and scores of all runs, shape (n,).
-    """
-    _, place = np.unique(np.column_stack([~happened, score]), axis=0, return_inverse=True)
-    return ndtri((rankdata(place) - 0.5) / len(score))
-
-
-def to_beat(rarity: Array, outcome: Array, happened: NDArray[np.bool_], at: Array) -> Array:
+def to_beat(rarity: Array, outcome: Array, happened: Flags, at: Array) -> Array:
     """Return the outcome below which a point of some rarity is wanted, shape (m,).
 
-    Where an event is known, it is between the events and all else. Before, it is the smallest outcome of the
-    runs that are not rarer than the point, or of the least rare run.
+    Where an event is known, it is the end of the events. Before, it is the smallest outcome of the runs that
+    are not rarer than the point, or of the least rare run.
 
     Parameters
     ----------
@@ -46,7 +29,7 @@ def to_beat(rarity: Array, outcome: Array, happened: NDArray[np.bool_], at: Arra
         Rarity of the points, shape (m,).
     """
     if happened.any():
-        return np.full(len(at), (outcome[happened].max() + outcome[~happened].min()) / 2)
+        return np.full(len(at), end_of_events(outcome, happened))
     order = np.argsort(rarity)
     smallest = np.minimum.accumulate(outcome[order])
     return smallest[np.maximum(np.searchsorted(rarity[order], at) - 1, 0)]
@@ -56,7 +39,7 @@ def draw_approach(
     runs: int,
     rarest: float,
     z: Array,
-    happened: NDArray[np.bool_],
+    happened: Flags,
     score: Array,
     generator: np.random.Generator,
 ) -> Array:
@@ -81,10 +64,10 @@ def draw_approach(
     at = steps / runs * rarest
     candidates = draw_at(at, z.shape[1], generator)
     outcome = graded(happened, score)
-    learnt = thinned(np.argsort(outcome, kind="stable"), SEARCH_RUNS)  # the smallest outcomes first
-    mean, deviation = GradedSurrogate(z[learnt], outcome[learnt]).expect(candidates)
-    goal = to_beat(rarity(z), outcome, happened, at)
-    share = ndtr((goal - mean) / deviation).reshape(runs, each) ** 2
+    surrogate = GradedSurrogate(z.shape[1])
+    surrogate.fit(z, outcome, learn=True)
+    chance = surrogate.probability(candidates, to_beat(rarity(z), outcome, happened, at))
+    share = chance.reshape(runs, each) ** 2
     marks = np.cumsum(share, axis=1)
     chosen = (marks < generator.random((runs, 1)) * marks[:, -1:]).sum(1)
     return candidates.reshape(runs, each, -1)[np.arange(runs), chosen]

@@ -22,7 +22,7 @@ from accelerated_evaluation.methods.surrogate.constants import POOL, REACH
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.methods.surrogate.two_phase import Flags, TwoPhaseBatch
 
-FORMAT, VERSION = "accelerated-evaluation sampler state", 4
+FORMAT, VERSION = "accelerated-evaluation sampler state", 5
 
 # What is raised where a content does not fit together.
 MISFIT = (KeyError, TypeError, ValueError, OverflowError, AttributeError, StopIteration)
@@ -35,7 +35,7 @@ RANGES = {
     **dict.fromkeys(("z", "centres"), (-1e6, 1e6)),
     "dimension": (1, 1e6),
     "batch_size": (1, POOL // 4),
-    "theta": (-20, 20),  # logarithms of lengths and of the amplitude
+    **dict.fromkeys(("theta", "graded_theta"), (-20, 20)),  # logarithms of lengths, amplitude and noise
     "rarest": (0, REACH),
     "weight": (0, 1e100),
     "inclusion": (1e-100, 1.001),  # with a margin for rounding
@@ -74,8 +74,8 @@ class Progress:
     estimates
         Of all batches of the second phase.
     foreseen
-        Probabilities that the surrogate gave to all runs of the second phase, which are the last m, before
-        they were made, shape (m,).
+        Probabilities that the two surrogates gave to all runs of the second phase, which are the last m,
+        before they were made, shape (m, 2).
     pending
         The batch that was asked for and whose outcomes were not told yet.
     centres
@@ -93,7 +93,7 @@ class Progress:
     score: Array
     looks: Array = field(default_factory=lambda: np.empty((0, 2)))
     estimates: list[BatchEstimate] = field(default_factory=list)
-    foreseen: Array = field(default_factory=lambda: np.empty(0))
+    foreseen: Array = field(default_factory=lambda: np.empty((0, 2)))
     pending: Batch | None = None
     centres: Array | None = None
     searched: float = 0.0
@@ -120,6 +120,8 @@ class State:
         What was seen and concluded.
     theta, sites
         Of the surrogate: logarithms of its lengths and amplitude, and its sites; see `EventSurrogate`.
+    graded_theta
+        Of the regression of the scores; see `GradedSurrogate`.
     generator
         State of the bit generator.
     predecessor
@@ -132,6 +134,7 @@ class State:
     progress: Progress
     theta: Array
     sites: Array
+    graded_theta: Array
     generator: dict[str, Any]
     predecessor: Predecessor | None = None
 
@@ -221,18 +224,21 @@ def _whole(state: State) -> State:
     if progress.looks.size == 0:
         progress.looks = progress.looks.reshape(0, 2)
     _require_shape("theta", state.theta, d + 1 + (others > 0))
+    _require_shape("graded_theta", state.graded_theta, d + 2)
     _require_shape("sites", state.sites, 2, min(state.sites.size // 2, runs + others))
     _require_shape("z", progress.z, runs, d)
     _require_shape("score", progress.score, runs)
     _require_shape("looks", progress.looks, len(progress.looks), 2)
-    _require_shape("foreseen", progress.foreseen, min(len(progress.foreseen), runs))
+    if progress.foreseen.size == 0:
+        progress.foreseen = progress.foreseen.reshape(0, 2)
+    _require_shape("foreseen", progress.foreseen, min(len(progress.foreseen), runs), 2)
     if progress.centres is not None:
         _require_shape("centres", progress.centres, max(len(progress.centres), 1), d)
     if (batch := progress.pending) is not None:
         asked = max(len(batch.z), 1)
         for name, value in vars(batch).items():
             if isinstance(value, np.ndarray):
-                _require_shape(name, value, asked, *[d] * (name == "z"))
+                _require_shape(name, value, asked, *{"z": [d], "foreseen": [2]}.get(name, []))
     if (state.sites[0] <= 0).any():
         raise ValueError("a site with a precision that is not above 0")
     generator_in(state.generator)

@@ -40,8 +40,10 @@ class Pool:
         The points, shape (m, d).
     weight
         phi / h, with h the law that the points were drawn from.
-    foreseen, probability
-        Of the event, by the surrogate as it is, and calibrated.
+    foreseen
+        Probabilities of the event by the two surrogates as they are, shape (m, 2).
+    probability
+        Of the event, calibrated.
     wide
         Density of the wide law over h.
     rarity
@@ -131,7 +133,7 @@ class TwoPhaseBatch:
     wide_runs
         Number of draws of the wide law, cut at the prediction's reach, that the defence stands for.
     foreseen
-        Probabilities that the surrogate gives to the runs, before calibration, shape (n,).
+        Probabilities that the two surrogates give to the runs, before calibration, shape (n, 2).
     prediction
         What was expected of the batch before it was drawn.
     """
