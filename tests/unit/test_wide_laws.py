@@ -11,6 +11,7 @@ from accelerated_evaluation.methods.surrogate.wide_laws import (
     draw_wide,
     log_normal,
     log_normal_to_wide,
+    truncated,
 )
 from scipy.stats import chi2, kstest, multivariate_t
 
@@ -105,3 +106,11 @@ def test_kernels_by_silvermans_rule():
     assert z.shape == (1000, 2)
     # wide first, and exactly its share: few of its points come near the line of the centres
     assert (abs(z[:250, 1] - 3) > 1).mean() > 0.7 > 0.3 > (abs(z[250:, 1] - 3) > 1).mean()
+
+
+def test_no_single_weight_outweighs_all_others():
+    even = np.random.default_rng(6).uniform(1, 2, 1000)
+    assert (truncated(even) == even).all()
+    one = np.append(even, 1e9)
+    assert truncated(one)[-1] == pytest.approx(one.sum() / math.sqrt(1001))
+    assert (truncated(one)[:-1] == even).all()

@@ -16,7 +16,6 @@ Before these batches a search finds the event and its most probable part; see `s
 notebook 10 derive the method.
 """
 
-import math
 from dataclasses import replace
 from typing import Self
 
@@ -67,6 +66,7 @@ from accelerated_evaluation.methods.surrogate.wide_laws import (
     draw_wide,
     log_normal_to_wide,
     rarity,
+    truncated,
 )
 
 # The matrices are small, so that several threads do not pay, and bytes must not depend on the number of
@@ -289,9 +289,7 @@ class Sampler:
                 break
             w = pool.weight
             fringe_limit = FRINGE_WEIGHT * (w @ (w * core)) / (w * core).sum()
-            share = w * np.sqrt(core)
-            # A single point of huge weight must not become the centre of all (Ionides 2008).
-            share = np.minimum(share, share.mean() * math.sqrt(len(share)))
+            share = truncated(w * np.sqrt(core))
             self.progress.centres = pool.z[self._generator.choice(len(w), KERNELS, p=share / share.sum())]
         expected = expect(pool, fringe_limit)
         return predict(pool, expected, self.batch_size, self._pool_size, defence), fringe_limit

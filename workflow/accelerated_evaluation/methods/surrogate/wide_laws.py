@@ -67,6 +67,14 @@ def log_normal(z: Array) -> Array:
     return -0.5 * (z * z).sum(1) - z.shape[1] / 2 * math.log(2 * math.pi)
 
 
+def truncated(weight: Array) -> Array:
+    """Return weights that are at most their mean times the root of their number (Ionides 2008); shape (n,).
+
+    In many dimensions a single point may outweigh all others, and would become the centre of every kernel.
+    """
+    return np.minimum(weight, weight.mean() * math.sqrt(len(weight)))
+
+
 @dataclass(frozen=True)
 class KernelMixture:
     """Student-t kernels with d degrees of freedom about ``centres``, and a share of the wide law.

@@ -1,0 +1,69 @@
+"""What is believed of the event, against half-spaces whose every flag and score is known."""
+
+import numpy as np
+import pytest
+from accelerated_evaluation.methods.surrogate.belief import Belief
+from accelerated_evaluation.methods.surrogate.state import Progress
+from accelerated_evaluation.methods.surrogate.wide_laws import draw_wide
+
+DIMENSION = 6
+
+
+def near_the_boundary(n, seed):
+    """Return points about the design point of the half-space z_1 > 4.5."""
+    z = np.random.default_rng(seed).normal(size=(n, DIMENSION))
+    z[:, 0] += 4.5
+    return z
+
+
+def first_runs():
+    """Return some points of the wide law, and more near the boundary."""
+    return np.vstack([draw_wide(20, DIMENSION, np.random.default_rng(1)), near_the_boundary(60, 1)])
+
+
+def seen(z, *, misleading=False):
+    """Return what a sampler has seen of these points."""
+    progress = Progress.start(DIMENSION)
+    progress.z, progress.happened = z, z[:, 0] > 4.5
+    progress.score = np.sin(40 * z[:, 1]) if misleading else 4.5 - z[:, 0]
+    return progress
+
+
+def surprise(probability, z):
+    """Return the mean of -log of what was foretold for the flags that came true."""
+    p = np.clip(probability, 1e-6, 1 - 1e-6)
+    return -np.log(np.where(z[:, 0] > 4.5, p, 1 - p)).mean()
+
+
+@pytest.mark.parametrize("misleading", [False, True])
+def test_smooth_scores_foretell_more_than_flags_and_misleading_ones_less(misleading):
+    belief, new = Belief(DIMENSION, None), near_the_boundary(400, 2)
+    belief.fit(seen(first_runs(), misleading=misleading))
+    by_flags, by_scores = (surprise(said, new) for said in belief.foresee(new).T)
+    assert (by_scores > by_flags) if misleading else (by_scores < 0.7 * by_flags)
+
+
+@pytest.mark.parametrize("misleading", [False, True])
+def test_trust_is_learnt_from_what_was_foretold(misleading):
+    """What is believed ends near the better of the two, and far from the other."""
+    z, belief = first_runs(), Belief(DIMENSION, None)
+    belief.fit(seen(z, misleading=misleading))
+    runs = near_the_boundary(60, 3)
+    after = seen(np.vstack([z, runs]), misleading=misleading)
+    after.foreseen = belief.foresee(runs)
+    belief.fit(after)
+    new = near_the_boundary(400, 2)
+    foreseen = belief.foresee(new)
+    believed = surprise(belief.calibrated(foreseen), new)
+    better, worse = sorted(surprise(said, new) for said in foreseen.T)
+    assert believed < better + 0.1 * (worse - better) + 0.02
+
+
+def test_flags_speak_for_both_before_scores_say_anything():
+    belief, z = Belief(DIMENSION, None), draw_wide(30, DIMENSION, np.random.default_rng(4))
+    progress = seen(z)
+    progress.happened = np.zeros(30, bool)
+    belief.fit(progress)
+    by_flags, by_scores = belief.foresee(z).T
+    assert (by_flags == by_scores).all()
+    np.testing.assert_allclose(belief.calibrated(belief.foresee(z)), by_flags, rtol=1e-3, atol=2e-6)
