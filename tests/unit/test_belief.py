@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from accelerated_evaluation.methods.surrogate.belief import Belief
+from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.methods.surrogate.state import Progress
 from accelerated_evaluation.methods.surrogate.wide_laws import draw_wide
 
@@ -67,3 +68,16 @@ def test_flags_speak_for_both_before_scores_say_anything():
     by_flags, by_scores = belief.foresee(z).T
     assert (by_flags == by_scores).all()
     np.testing.assert_allclose(belief.calibrated(belief.foresee(z)), by_flags, rtol=1e-3, atol=2e-6)
+
+
+def test_scores_have_no_say_beside_a_predecessor():
+    """Its scores are not known, so that the regression would know much less than the flags."""
+    old = near_the_boundary(60, 5)
+    with_one = Belief(DIMENSION, Predecessor(old, old[:, 0] > 4.6))
+    alone, new = Belief(DIMENSION, None), near_the_boundary(50, 2)
+    for belief in (with_one, alone):
+        belief.fit(seen(first_runs()))
+    by_flags, by_scores = with_one.foresee(new).T
+    assert (by_flags == by_scores).all()
+    by_flags, by_scores = alone.foresee(new).T
+    assert (by_flags != by_scores).any()

@@ -23,7 +23,8 @@ class Belief:
     dimension
         Number d of normal scores.
     predecessor
-        Runs of a vehicle that is alike; None for none.
+        Runs of a vehicle that is alike; None for none. Their scores are not known, so that scores would know
+        much less than flags do, and have no say.
 
     Attributes
     ----------
@@ -34,6 +35,7 @@ class Belief:
     def __init__(self, dimension: int, predecessor: Predecessor | None) -> None:
         self.flags = EventSurrogate(dimension, predecessor)
         self.scores = GradedSurrogate(dimension)
+        self._scores_count = predecessor is None
         self._end_of_events: float | None = None
         self._calibration = Calibration()
 
@@ -46,7 +48,7 @@ class Belief:
             progress.learnt_at = runs
         self.flags.fit(z, happened, learn=learn, restart=first)
         self._end_of_events = None
-        if happened.any() and not happened.all():
+        if self._scores_count and happened.any() and not happened.all():
             outcome = graded(happened, progress.score)
             self.scores.fit(z, outcome, learn=learn)
             self._end_of_events = end_of_events(outcome, happened)
@@ -56,7 +58,8 @@ class Belief:
     def foresee(self, z: Array) -> Array:
         """Return what the two surrogates say of points z, shape (m, d), as it is: shape (m, 2).
 
-        Where scores say nothing yet, for want of events or of other runs, the flags speak for both.
+        Where scores have no say, or say nothing yet for want of events or of other runs, the flags speak for
+        both.
         """
         by_flags = self.flags.probability(z)
         known = self._end_of_events is not None
