@@ -19,6 +19,7 @@ CLAIMS = ROOT / "figures" / "spmd" / "tables" / "claims.csv"
 CERTIFICATES = ROOT / "benchmarks" / "results" / "certificates.csv"
 RECORDINGS = ROOT / "benchmarks" / "results" / "recordings.csv"
 SAMPLERS = ROOT / "benchmarks" / "results" / "samplers.csv"
+SUCCESSORS = ROOT / "benchmarks" / "results" / "successors.csv"
 VEHICLES = ROOT / "benchmarks" / "results" / "vehicles.csv"
 WORLDS = ROOT / "benchmarks" / "results" / "worlds.csv"
 CAUSES = ROOT / "benchmarks" / "results" / "worlds_causes.csv"
@@ -209,6 +210,33 @@ def certificates_table(certificates: pd.DataFrame) -> str:
     return _markdown(headings, table)
 
 
+def successors_table(successors: pd.DataFrame) -> str:
+    """Return what the runs of a like vehicle save, as Markdown; the first variant is the vehicle itself."""
+    headings = (
+        "variant",
+        "crash probability",
+        "ratio to the predecessor",
+        "ranked right at 60",
+        "error at 60",
+    )
+    headings += ("error at 60", "simulations to the end", "error", "80 % intervals hold", "simulations alone")
+    table = []
+    for row in successors.itertuples():
+        cells = (
+            row.variant,
+            f"{row.probability:.1e}",
+            f"{row.ratio:.2f}",
+            f"{row.ranked * row.seeds:.0f} of {row.seeds}" if row.ratio != 1 else "–",
+            f"{row.early_error:.2f}",
+            f"{row.simulations:.0f}",
+            f"{row.error:.2f}",
+            f"{row.holds * row.seeds:.0f} of {row.seeds}",
+            f"{row.simulations_alone:.0f}",
+        )
+        table.append(cells)
+    return _markdown(headings, table)
+
+
 def _markdown(headings: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
     lines = [headings, ("---",) * len(headings), *rows]
     return "".join(f"| {' | '.join(cells)} |\n".replace("|  |", "| |") for cells in lines)
@@ -246,6 +274,7 @@ TABLES = {
     "recordings": Table(BENCHMARKS, RECORDINGS, recordings_table),
     "size": Table(YOUR_RECORDS, RECORDINGS, recordings_table),
     "certificates": Table(GUIDE, CERTIFICATES, certificates_table),
+    "successors": Table(GUIDE, SUCCESSORS, successors_table),
 }
 
 
