@@ -68,6 +68,17 @@ def test_the_guide_to_the_sampler_tells_what_it_takes_now(problem):
     assert told in GUIDE.read_text(encoding="utf-8").replace(" %", "%")
 
 
+@pytest.mark.parametrize(
+    "path", sorted({table.text for table in TABLES.values()}), ids=lambda path: path.stem
+)
+def test_every_row_of_a_table_has_as_many_cells_as_its_head(path):
+    cells = 0
+    for line in path.read_text(encoding="utf-8").splitlines():
+        row = line.replace("\\|", "").count("|") if line.startswith("|") else 0
+        assert not cells or row in (0, cells), line
+        cells = row
+
+
 @pytest.mark.parametrize("problem", ["segment_15_25", "impact_10"])
 def test_the_guide_to_the_sampler_names_the_dearest_problems(problem):
     row = pd.read_csv(SAMPLERS).set_index(["problem", "method"]).loc[(problem, "surrogate")]

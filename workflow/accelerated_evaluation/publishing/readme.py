@@ -217,7 +217,6 @@ def successors_table(successors: pd.DataFrame) -> str:
         "crash probability",
         "ratio to the predecessor",
         "ranked right at 60",
-        "error at 60",
     )
     headings += ("error at 60", "simulations to the end", "error", "80 % intervals hold", "simulations alone")
     table = []

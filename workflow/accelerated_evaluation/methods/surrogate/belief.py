@@ -35,7 +35,7 @@ class Belief:
     def __init__(self, dimension: int, predecessor: Predecessor | None) -> None:
         self.flags = EventSurrogate(dimension, predecessor)
         self.scores = GradedSurrogate(dimension)
-        self._scores_count = predecessor is None
+        self._scores_have_a_say = predecessor is None
         self._end_of_events: float | None = None
         self._calibration = Calibration()
 
@@ -48,7 +48,7 @@ class Belief:
             progress.learnt_at = runs
         self.flags.fit(z, happened, learn=learn, restart=first)
         self._end_of_events = None
-        if self._scores_count and happened.any() and not happened.all():
+        if self._scores_have_a_say and happened.any() and not happened.all():
             outcome = graded(happened, progress.score)
             self.scores.fit(z, outcome, learn=learn)
             self._end_of_events = end_of_events(outcome, happened)

@@ -1,9 +1,9 @@
-"""What the surrogate's probabilities are worth, by how often they came true.
+"""What the probabilities of the two surrogates are worth, by how often they came true.
 
-Before every run of the second phase the surrogate says how probable an event is there, and afterwards the
-flag is known. So its runs test it, one after the other (Dawid 1984). Its prior does not fit every event: the
-smooth boundary of a half-space is farther from any doubt than it says, and a fine structure is nearer.
-Doubt is learnt at once, and sureness only as far as the runs have shown it.
+Before every run of the second phase both surrogates say how probable an event is there, and afterwards the
+flag is known. So the runs test them, one after the other (Dawid 1984). A prior does not fit every event: the
+smooth boundary of a half-space is farther from any doubt than the surrogate of the flags says, and a fine
+structure is nearer. Doubt is learnt at once, and sureness only as far as the runs have shown it.
 """
 
 from dataclasses import dataclass
@@ -80,8 +80,8 @@ class Calibration:
         """Return what the runs bear out.
 
         The trust is the posterior probability that the scores foretell better, by Bayes' rule and with even
-        odds before any run, times `MOST_TRUST`. So the flags always keep a share, and no place that they
-        hold possible is ruled out by the scores alone.
+        odds before any run, times `MOST_TRUST`. So the flags always keep a share, and the scores alone can
+        lower a probability by a factor of 20 at most.
 
         Parameters
         ----------
@@ -91,10 +91,8 @@ class Calibration:
             Whether the event happened, shape (n,).
         """
         slopes = [Slopes.learn(said, happened) for said in foreseen.T]
-        flags, scores = (
-            np.log(np.where(happened, p, 1 - p)).sum()
-            for p in (slope(said) for slope, said in zip(slopes, foreseen.T, strict=True))
-        )
+        calibrated = [slope(said) for slope, said in zip(slopes, foreseen.T, strict=True)]
+        flags, scores = (np.log(np.where(happened, p, 1 - p)).sum() for p in calibrated)
         return cls(*slopes, float(MOST_TRUST * expit(scores - flags)))
 
     def __call__(self, foreseen: Array) -> Array:

@@ -85,7 +85,7 @@ FLOOR = 0.1
 # Squared coefficient of variation of a run where the surrogate expects no event; JSON has no infinity.
 WORTHLESS = 1e100
 
-# ---- the calibration of the surrogate
+# ---- the calibration of the surrogates
 
 # Prior standard deviation of the logarithm of a slope, and where the logarithm is sought: at least four such
 # deviations to each side.

@@ -219,18 +219,15 @@ def _whole(state: State) -> State:
     if state.predecessor is not None:
         state.predecessor.check(d)
         others = len(state.predecessor.happened)
-    if progress.z.size == 0:  # the list of no runs at all has lost its second dimension
-        progress.z = progress.z.reshape(0, d)
-    if progress.looks.size == 0:
-        progress.looks = progress.looks.reshape(0, 2)
+    for name, columns in {"z": d, "looks": 2, "foreseen": 2}.items():
+        if getattr(progress, name).size == 0:  # an empty list has lost its second dimension
+            setattr(progress, name, np.empty((0, columns)))
     _require_shape("theta", state.theta, d + 1 + (others > 0))
     _require_shape("graded_theta", state.graded_theta, d + 2)
     _require_shape("sites", state.sites, 2, min(state.sites.size // 2, runs + others))
     _require_shape("z", progress.z, runs, d)
     _require_shape("score", progress.score, runs)
     _require_shape("looks", progress.looks, len(progress.looks), 2)
-    if progress.foreseen.size == 0:
-        progress.foreseen = progress.foreseen.reshape(0, 2)
     _require_shape("foreseen", progress.foreseen, min(len(progress.foreseen), runs), 2)
     if progress.centres is not None:
         _require_shape("centres", progress.centres, max(len(progress.centres), 1), d)
