@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from accelerated_evaluation.methods.surrogate import kernel
 from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurrogate
 from scipy.stats import multivariate_normal
 
@@ -46,6 +47,21 @@ def runs(n, seed=1, spread=1.5):
     z = np.random.default_rng(seed).normal(0, spread, (n, 2))
     distance = z @ [0.8, 0.6] - 0.5
     return z, distance > 0
+
+
+@pytest.mark.parametrize(("n", "m"), [(3, 7), (100, 1), (1000, 90), (5, 2 * kernel.BLOCK)])
+def test_covariances_are_those_of_the_formula_whatever_the_blocks(n, m):
+    generator = np.random.default_rng(n)
+    a, b = generator.normal(0, 3, (n, 3)), generator.normal(0, 3, (m, 3))
+    b[0] = a[0]  # at a distance of 0, where rounding may make the square negative
+    value, slope = kernel.covariance_between(a, b, 4.0, with_slope=True)
+    np.testing.assert_allclose(value, 4 * (1 + matern(a, b, np.ones(3))), rtol=1e-6)
+    # -2 d/d(r^2) of the correlation, by a small step of r^2
+    square, step = ((a[:, None] - b) ** 2).sum(-1), 1e-5
+    near, far = (np.sqrt(5 * (square + h)) for h in (step, 3 * step))
+    difference = ((1 + far + far**2 / 3) * np.exp(-far) - (1 + near + near**2 / 3) * np.exp(-near)) / step
+    np.testing.assert_allclose(slope, -difference, atol=2e-2)
+    assert abs(slope + 1.1 * difference).max() > 0.1  # a slope that is a tenth too small is seen
 
 
 @pytest.mark.parametrize("event", [[True, False], [True, False, True], [False, False, True]])

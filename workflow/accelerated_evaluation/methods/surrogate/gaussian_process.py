@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrf, dpotri, dpotrs, dtrtrs
+from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri, dtrtrs
 from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 from scipy.special import log_ndtr, ndtr
@@ -194,10 +194,13 @@ class EventSurrogate:
 
     def probability(self, z: Array) -> Array:
         """Probability of the event at points z, shape (m, d)."""
-        covariance = covariance_between(self._runs, self._placed(z) / self._lengths, self._variance)[0]
-        scaled = dtrtrs(self._factor, self._root[:, None] * covariance, lower=1)[0]
+        covariance = covariance_between(self._placed(z) / self._lengths, self._runs, self._variance)[0]
+        mean = covariance @ self._weights
+        covariance *= self._root
+        # The transpose is ordered as LAPACK has it, which need not copy it then.
+        scaled = dtrtrs(self._factor, covariance.T, lower=1, overwrite_b=1)[0]
         variance = np.maximum(2 * self._variance - np.einsum("ij,ij->j", scaled, scaled), 0.0)
-        return ndtr(covariance.T @ self._weights / np.sqrt(1 + variance))
+        return ndtr(mean / np.sqrt(1 + variance))
 
     def _placed(self, z: Array) -> Array:
         """Return points of the vehicle under test with all their coordinates."""
@@ -216,8 +219,9 @@ class EventSurrogate:
             factor = np.empty(covariance.shape, order="F")  # as LAPACK has it, which need not copy it then
             _scale_both_sides(covariance, root, factor)
             factor, _ = dpotrf(factor, lower=1, clean=1, overwrite_a=1)
-            inverse = dpotri(factor, lower=1)[0]
-            variance = np.maximum(1 - inverse.diagonal(), LEAST_VARIANCE) / precision
+            inverse = dtrtri(factor, lower=1)[0]
+            diagonal = np.einsum("ij,ij->j", inverse, inverse)  # of the inverse of I + S^1/2 K S^1/2
+            variance = np.maximum(1 - diagonal, LEAST_VARIANCE) / precision
             weights = shift - root * dpotrs(factor, root * (covariance @ shift), lower=1)[0]
             mean = covariance @ weights
             # The cavity is the posterior without the site itself.

@@ -100,10 +100,12 @@ class GradedSurrogate:
 
     def expect(self, z: Array) -> tuple[Array, Array]:
         """Return mean and standard deviation of the outcome without noise at points z, shapes (m,)."""
-        covariance = covariance_between(self._runs, z / np.exp(self.theta[:-2]), self._variance)[0]
-        scaled = dtrtrs(self._factor, covariance, lower=1)[0]
+        covariance = covariance_between(z / np.exp(self.theta[:-2]), self._runs, self._variance)[0]
+        mean = covariance @ self._weights
+        # The transpose is ordered as LAPACK has it, which need not copy it then.
+        scaled = dtrtrs(self._factor, covariance.T, lower=1, overwrite_b=1)[0]
         variance = np.maximum(2 * self._variance - np.einsum("ij,ij->j", scaled, scaled), LEAST_VARIANCE)
-        return covariance.T @ self._weights, np.sqrt(variance)
+        return mean, np.sqrt(variance)
 
     def probability(self, z: Array, below: float | Array) -> Array:
         """Probability that the outcome at points z, shape (m, d), is below a number, or one for each."""

@@ -4,58 +4,45 @@ The covariance is amplitude^2 (1 + Matern 5/2), with one length a dimension. The
 of an unknown mean. Points are given in units of the lengths.
 """
 
-import math
-
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.methods.surrogate.constants import JITTER
 
-
-@njit(cache=True)
-def _fill(
-    cross: Array, a_square: Array, b_square: Array, variance: float, value: Array, slope: Array
-) -> None:
-    """Fill in covariances, variance (1 + Matern 5/2), and slopes of the Matern correlation.
-
-    Parameters
-    ----------
-    cross
-        Twice the inner products of points a and b, shape (n, m).
-    a_square, b_square
-        Squared norms of the points, shapes (n,) and (m,).
-    variance
-        Square of the amplitude.
-    value
-        Where the covariances are put, shape (n, m).
-    slope
-        Where -2 times the derivatives of the correlations by the squared distance are put, shape (n, m);
-        empty if they are not wanted.
-    """
-    n, m = cross.shape
-    r, decay = np.empty(m), np.empty(m)
-    for i in range(n):
-        # One loop for each operation: the processor takes several roots at once, but single exponentials.
-        for j in range(m):
-            r[j] = math.sqrt(5 * max(a_square[i] + b_square[j] - cross[i, j], 0.0))
-        for j in range(m):
-            decay[j] = math.exp(-r[j])
-        for j in range(m):
-            value[i, j] = variance * ((1 + r[j] + r[j] * r[j] / 3) * decay[j] + 1)
-        if slope.size:
-            for j in range(m):
-                slope[i, j] = 5 / 3 * (1 + r[j]) * decay[j]
+# Covariances that are computed at once: so few that they stay in the cache of a processor.
+BLOCK = 32_768
 
 
 def covariance_between(
     a: Array, b: Array, variance: float, *, with_slope: bool = False
 ) -> tuple[Array, Array]:
-    """Return covariances, shape (n, m), of points in units of the lengths, and the slopes if wanted."""
-    cross = 2 * a @ b.T
-    value, slope = np.empty_like(cross), np.empty_like(cross) if with_slope else np.empty((0, 0))
-    _fill(cross, (a * a).sum(1), (b * b).sum(1), variance, value, slope)
+    """Return covariances of points in units of the lengths, shape (n, m), and slopes if wanted.
+
+    Parameters
+    ----------
+    a, b
+        Points, shapes (n, d) and (m, d).
+    variance
+        Square of the amplitude.
+    with_slope
+        Whether to return -2 times the derivatives of the correlations by the squared distance, shape (n, m),
+        too; they are empty otherwise.
+    """
+    value = np.empty((len(a), len(b)))
+    slope = np.empty_like(value) if with_slope else np.empty((0, len(b)))
+    # 5 |a - b|^2 = 5 (|a|^2 + |b|^2 - 2 a b) is one product of matrices.
+    left = np.column_stack([a, (a * a).sum(axis=1), np.ones(len(a))])
+    right = 5 * np.column_stack([-2 * b, np.ones(len(b)), (b * b).sum(axis=1)]).T
+    rows = max(BLOCK // max(len(b), 1), 1)
+    for first in range(0, len(a), rows):
+        block = slice(first, first + rows)
+        square = np.maximum(left[block] @ right, 0.0)
+        r = np.sqrt(square)
+        decay = np.exp(-r)
+        if with_slope:
+            slope[block] = 5 / 3 * (1 + r) * decay
+        value[block] = variance * ((1 + r + square / 3) * decay + 1)
     return value, slope
 
 
