@@ -54,10 +54,30 @@ def test_trust_is_learnt_from_what_was_foretold(misleading):
     after.foreseen = belief.foresee(runs)
     belief.fit(after)
     new = near_the_boundary(400, 2)
-    foreseen = belief.foresee(new)
-    believed = surprise(belief.calibrated(foreseen), new)
-    better, worse = sorted(surprise(said, new) for said in foreseen.T)
+    believed = surprise(belief.probability(new), new)
+    better, worse = sorted(surprise(said, new) for said in belief.foresee(new).T)
     assert believed < better + 0.1 * (worse - better) + 0.02
+
+
+def test_scores_that_foretold_too_badly_are_not_asked(monkeypatch):
+    """Their share would be below what can bring a point into the fringe, and the time is saved."""
+    z, belief = first_runs(), Belief(DIMENSION, None)
+    belief.fit(seen(z, misleading=True))
+    runs = near_the_boundary(120, 3)
+    after = seen(np.vstack([z, runs]), misleading=True)
+    after.foreseen = belief.foresee(runs)
+    belief.fit(after)
+    new = near_the_boundary(50, 2)
+    assert (belief.foresee(new)[:, 0] != belief.foresee(new)[:, 1]).any()  # they are still tested
+
+    def ask(*_):
+        raise AssertionError("the scores were asked")
+
+    expected = belief.probability(new)
+    monkeypatch.setattr(belief.scores, "probability", ask)
+    np.testing.assert_array_equal(belief.probability(new), expected)
+    with pytest.raises(AssertionError, match="asked"):
+        belief.foresee(new)
 
 
 def test_flags_speak_for_both_before_scores_say_anything():
@@ -67,7 +87,7 @@ def test_flags_speak_for_both_before_scores_say_anything():
     belief.fit(progress)
     by_flags, by_scores = belief.foresee(z).T
     assert (by_flags == by_scores).all()
-    np.testing.assert_allclose(belief.calibrated(belief.foresee(z)), by_flags, rtol=1e-3, atol=2e-6)
+    np.testing.assert_allclose(belief.probability(z), by_flags, rtol=1e-3, atol=2e-6)
 
 
 def test_scores_have_no_say_beside_a_predecessor():

@@ -28,15 +28,13 @@ def pool():
 
 
 PREDICTION = two_phase.Prediction(0.3, 4.0)
+USUAL = two_phase.Defence()
 
 
 def points(weight, probability):
     """Return a pool whose places do not matter, with a wide law that is h and rarities of 5."""
     n = len(weight)
-    foreseen = np.column_stack([probability, probability]) / 2  # what counts is calibrated
-    return two_phase.Pool(
-        np.zeros((n, 2)), np.asarray(weight), foreseen, probability, np.ones(n), np.full(n, 5.0)
-    )
+    return two_phase.Pool(np.zeros((n, 2)), np.asarray(weight), probability, np.ones(n), np.full(n, 5.0))
 
 
 def batch(weight, control, inclusion, controlled, controlled_square=0.0, *, aimed=True):
@@ -48,9 +46,9 @@ def batch(weight, control, inclusion, controlled, controlled_square=0.0, *, aime
         controlled,
         controlled_square,
         np.full(len(weight), aimed),
-        1.0,
-        np.zeros(len(weight)),
+        np.array([[1.0, 0.0, REACH]]),
         PREDICTION,
+        np.zeros((len(weight), 2)),
     )
 
 
@@ -106,14 +104,29 @@ def test_the_cut_wide_law_keeps_its_mass():
     rarity = (np.arange(600) + 0.5) / 600 * REACH
     weight, nowhere = np.ones(600), np.zeros(600)
     weight[-1] = 0  # so far out that no cut-in belongs to it
-    pool = two_phase.Pool(np.zeros((600, 2)), weight, nowhere, nowhere, np.ones(600), rarity)
-    within = pool.within(REACH / 3)
+    pool = two_phase.Pool(np.zeros((600, 2)), weight, nowhere, np.ones(600), rarity)
+    within = pool.within(0.0, REACH / 3)
     assert within.mean() == pytest.approx(1)
     assert set(within.round(9)) == {0.0, 3.0}
-    assert (pool.guard(REACH / 3)[:-1] > 0).all()
-    assert pool.guard(REACH / 3)[-1] == 0
-    prediction = two_phase.predict(pool, two_phase.expect(pool, 0.0), 3, 600, 0.2)
+    assert (pool.guard(REACH / 3, USUAL)[:-1] > 0).all()
+    assert pool.guard(REACH / 3, USUAL)[-1] == 0
+    prediction = two_phase.predict(pool, two_phase.expect(pool, 0.0), 3, 600, USUAL)
     assert prediction == two_phase.Prediction(0.0, WORTHLESS)
+
+
+def test_what_is_looked_for_gets_all_that_exceeds_the_usual_defence():
+    """Nine tenths of the runs are spread: two as usual, and seven beyond the rarity that is said."""
+    rarity = (np.arange(600) + 0.5) / 600 * REACH
+    pool = two_phase.Pool(np.zeros((600, 2)), np.ones(600), np.zeros(600), np.ones(600), rarity)
+    there = (rarity > 15.0) & (rarity <= 20.0)
+    guard = pool.guard(20.0, two_phase.Defence(0.9, beyond=15.0))
+    usual = pool.guard(20.0, USUAL)
+    assert guard.sum() / 600 == pytest.approx(0.9, rel=1e-3)
+    np.testing.assert_allclose(guard - 0.2 * usual, np.where(there, 0.7 * 12, 0.0), atol=1e-12)
+    # Where no part can be beyond, all of the larger share is spread as usual.
+    for beyond in (0.0, 20.0, 30.0):
+        np.testing.assert_array_equal(pool.guard(20.0, two_phase.Defence(0.9, beyond)), usual)
+        assert two_phase.Defence(0.9, beyond).zones(20.0) == [(0.0, 20.0)]
 
 
 def test_systematic_sample_includes_by_pi(pool):
@@ -196,20 +209,19 @@ def test_predicted_variance_by_hand(pool):
     drawn = points(w, p)
     expected = two_phase.expect(drawn, 0.0)
     p, error = expected.probability, expected.error
-    pi = two_phase.inclusion_probabilities(w * np.sqrt(error + FLOOR * p), drawn.guard(5.0), 3, 0.2)
+    pi = two_phase.inclusion_probabilities(w * np.sqrt(error + FLOOR * p), drawn.guard(5.0, USUAL), 3, 0.2)
     mean = sum(w * p) / 12
     second = sum(w[i] ** 2 * error[i] / pi[i] for i in range(12)) / 12**2
     first = (sum(w**2 * p) / 12 - mean**2) / 12
-    prediction = two_phase.predict(drawn, expected, 3, 12, 0.2)
+    prediction = two_phase.predict(drawn, expected, 3, 12, USUAL)
     assert prediction.probability == pytest.approx(mean)
     assert prediction.variation == pytest.approx(3 * (second + first) / mean**2)
     # Twice the runs out of a pool twice as large are worth the same each.
-    twice = two_phase.predict(drawn, expected, 6, 24, 0.2)
+    twice = two_phase.predict(drawn, expected, 6, 24, USUAL)
     assert (twice.probability, twice.variation) == pytest.approx((mean, prediction.variation))
     nothing = points(w, 0 * p)
-    assert two_phase.predict(nothing, two_phase.expect(nothing, 0.0), 3, 12, 0.2) == two_phase.Prediction(
-        0.0, WORTHLESS
-    )
+    prediction = two_phase.predict(nothing, two_phase.expect(nothing, 0.0), 3, 12, USUAL)
+    assert prediction == two_phase.Prediction(0.0, WORTHLESS)
 
 
 def of_batches(*known):

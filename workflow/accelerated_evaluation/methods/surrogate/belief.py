@@ -55,17 +55,17 @@ class Belief:
         foretold = len(progress.foreseen)
         self._calibration = Calibration.learn(progress.foreseen, happened[runs - foretold :])
 
-    def foresee(self, z: Array) -> Array:
+    def probability(self, z: Array) -> Array:
+        """Return the calibrated probability of the event at points z, shape (m, d)."""
+        return self._calibration(self.foresee(z, both=self._calibration.trust > 0))
+
+    def foresee(self, z: Array, *, both: bool = True) -> Array:
         """Return what the two surrogates say of points z, shape (m, d), as it is: shape (m, 2).
 
-        Where scores have no say, or say nothing yet for want of events or of other runs, the flags speak for
-        both.
+        Where scores have no say, or say nothing yet for want of events or of other runs, or are not asked,
+        the flags speak for both.
         """
         by_flags = self.flags.probability(z)
-        known = self._end_of_events is not None
-        by_scores = self.scores.probability(z, self._end_of_events) if known else by_flags
-        return np.column_stack([by_flags, by_scores])
-
-    def calibrated(self, foreseen: Array) -> Array:
-        """Return the probability of the event, shape (m,), for what the surrogates say, shape (m, 2)."""
-        return self._calibration(foreseen)
+        if not both or self._end_of_events is None:
+            return np.column_stack([by_flags, by_flags])
+        return np.column_stack([by_flags, self.scores.probability(z, self._end_of_events)])

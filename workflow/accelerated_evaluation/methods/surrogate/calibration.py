@@ -15,6 +15,7 @@ from scipy.special import expit, log_ndtr, ndtr, ndtri
 
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.methods.surrogate.constants import (
+    LEAST_TRUST,
     LOG_SLOPE_BOUNDS,
     MOST_TRUST,
     SLOPE_SPREAD,
@@ -81,7 +82,7 @@ class Calibration:
 
         The trust is the posterior probability that the scores foretell better, by Bayes' rule and with even
         odds before any run, times `MOST_TRUST`. So the flags always keep a share, and the scores alone can
-        lower a probability by a factor of 20 at most.
+        lower a probability by a factor of 20 at most. Below `LEAST_TRUST` it is 0.
 
         Parameters
         ----------
@@ -93,7 +94,8 @@ class Calibration:
         slopes = [Slopes.learn(said, happened) for said in foreseen.T]
         calibrated = [slope(said) for slope, said in zip(slopes, foreseen.T, strict=True)]
         flags, scores = (np.log(np.where(happened, p, 1 - p)).sum() for p in calibrated)
-        return cls(*slopes, float(MOST_TRUST * expit(scores - flags)))
+        trust = float(MOST_TRUST * expit(scores - flags))
+        return cls(*slopes, trust if trust >= LEAST_TRUST else 0.0)
 
     def __call__(self, foreseen: Array) -> Array:
         """Return calibrated probabilities, shape (m,), for what the two surrogates say, shape (m, 2)."""

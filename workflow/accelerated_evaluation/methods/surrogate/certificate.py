@@ -17,10 +17,11 @@ from functools import lru_cache
 from typing import Self
 
 import numpy as np
-from scipy.special import betaincc, chdtri, ndtr
+from scipy.special import betaincc, chdtri, ndtr, ndtri
 
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.methods.surrogate.constants import REACH, UNSEEN_ALPHA
+from accelerated_evaluation.methods.surrogate.wide_laws import rarity
 
 STEPS = 600  # of the integrals over the rarity, and of the distances that are tried
 RARITIES = (np.arange(STEPS) + 0.5) / STEPS * REACH
@@ -75,7 +76,7 @@ class Unseen:
         Parameters
         ----------
         looks
-            Number of draws, and the rarity at which the law was cut, shape (k, 2).
+            Number of draws, and the rarities between which they were, shape (k, 3).
         dimension
             Number of normal scores.
         reach
@@ -83,17 +84,45 @@ class Unseen:
         curvature
             Largest curvature of the mode, one over a length in normal scores.
         """
-        distances, caps = _caps(dimension, curvature)
-        expected = caps @ np.where(reach >= RARITIES, _draws_at(looks, RARITIES), 0.0) * REACH / STEPS
-        likely = np.flatnonzero(expected <= -math.log(UNSEEN_ALPHA))
-        nearest = distances[likely[0] if len(likely) else -1]
+        nearest = _caps(dimension, curvature)[0][_nearest(looks, dimension, reach, curvature)]
         return cls(float(looks[:, 0].sum()), float(ndtr(-nearest)), _bound_of_any_set(looks))
 
 
-def _draws_at(looks: Array, rarity: Array) -> Array:
+def look_beyond(looks: Array, dimension: int, reach: float, curvature: float, share: float) -> float:
+    """Return the rarity beyond which draws best meet the nearest mode that is not excluded.
+
+    No mode that must be excluded lies beyond it as a whole, so that it never exceeds the rarity of the
+    nearest point of the least probable of them.
+
+    Parameters
+    ----------
+    looks, dimension, reach, curvature
+        As for `Unseen.after`.
+    share
+        The probability from which on modes must be excluded.
+    """
+    distances, caps = _caps(dimension, curvature)
+    mode = _nearest(looks, dimension, reach, curvature)
+    nearest, farthest = rarity(np.outer([distances[mode], -ndtri(share)], np.eye(dimension)[0]))
+    cap, middle = (values[reach >= RARITIES][::-1] for values in (caps[mode], RARITIES))
+    begin = middle - REACH / STEPS / 2
+    mean = np.cumsum(cap) / (np.arange(len(cap)) + 1)  # from each of these rarities to the reach
+    mean[(begin < nearest) | (begin > farthest)] = 0.0
+    return float(begin[mean.argmax()]) if mean.any() else 0.0
+
+
+def _nearest(looks: Array, dimension: int, reach: float, curvature: float) -> int:
+    """Return which of the modes of `_caps` is the nearest that is not excluded, or the last."""
+    caps = _caps(dimension, curvature)[1]
+    expected = caps @ np.where(reach >= RARITIES, _draws_at(looks, RARITIES), 0.0) * REACH / STEPS
+    likely = np.flatnonzero(expected <= -math.log(UNSEEN_ALPHA))
+    return int(likely[0]) if len(likely) else len(caps) - 1
+
+
+def _draws_at(looks: Array, at: Array) -> Array:
     """Return the expected number of draws in all directions for a unit of rarity, shape (k,)."""
-    runs, reach = looks.T
-    return (runs / reach) @ (rarity <= reach[:, None])
+    runs, begin, end = looks.T[:, :, None]
+    return (runs / (end - begin) * ((begin < at) & (at <= end))).sum(axis=0)
 
 
 def _bound_of_any_set(looks: Array) -> float:

@@ -95,6 +95,10 @@ LOG_SLOPE_BOUNDS = (-1.2, 1.5)
 # Largest share of the regression of the scores in what is believed; the rest is kept by the flags.
 MOST_TRUST = 0.95
 
+# Where the share would be below this, it is 0, which saves the time of this regression. Such a share cannot
+# bring a point into the fringe, whatever the scores say there.
+LEAST_TRUST = FRINGE
+
 # A probability nearer to 0 or 1 than this counts as this far from it, so that one surprise does not end all
 # belief.
 SUREST = 1e-6

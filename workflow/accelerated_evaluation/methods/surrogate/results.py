@@ -6,10 +6,7 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
-from accelerated_evaluation.methods.surrogate.certificate import (
-    Certificate,
-    Unseen,
-)
+from accelerated_evaluation.methods.surrogate.certificate import Certificate, Unseen, look_beyond
 from accelerated_evaluation.methods.surrogate.combining import Combined, combine, that_count
 from accelerated_evaluation.methods.surrogate.state import Progress
 from accelerated_evaluation.methods.surrogate.two_phase import reach_of
@@ -75,11 +72,23 @@ def is_narrow(progress: Progress, stopping: Stopping) -> bool:
 
 def is_certified(progress: Progress, certificate: Certificate) -> bool:
     """Whether an unseen mode can have at most the certificate's share of the estimate."""
-    batches = that_count(progress.estimates)
-    if not batches:
-        return False
-    probability = combine(batches).probability
+    probability = _mean(progress)
     return _unseen(progress, probability, certificate).mode <= certificate.share * probability
+
+
+def where_to_look(progress: Progress, certificate: Certificate) -> float:
+    """Return the rarity beyond which to look for what the certificate must exclude; 0 for everywhere."""
+    probability = _mean(progress)
+    if not 0 < (share := certificate.share * probability) < 0.5:
+        return 0.0
+    known = progress.looks, progress.z.shape[1], reach_of(probability), certificate.curvature
+    return look_beyond(*known, share)
+
+
+def _mean(progress: Progress) -> float:
+    """Return the mean of the batches that count; 0 while none does."""
+    batches = that_count(progress.estimates)
+    return combine(batches).probability if batches else 0.0
 
 
 def _unseen(progress: Progress, probability: float, certificate: Certificate) -> Unseen:

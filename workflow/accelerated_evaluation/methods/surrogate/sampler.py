@@ -32,7 +32,6 @@ from accelerated_evaluation.methods.surrogate.combining import estimate_batch
 from accelerated_evaluation.methods.surrogate.constants import (
     BEYOND,
     CORE,
-    DEFENCE,
     DEFENCE_ALONE,
     FRINGE_WEIGHT,
     KERNELS,
@@ -54,6 +53,7 @@ from accelerated_evaluation.methods.surrogate.state import (
     generator_in,
 )
 from accelerated_evaluation.methods.surrogate.two_phase import (
+    Defence,
     Pool,
     Prediction,
     TwoPhaseBatch,
@@ -155,20 +155,16 @@ class Sampler:
         progress.score = np.append(progress.score, np.clip(score, -largest, largest))
         progress.pending = None
         if isinstance(batch, TwoPhaseBatch):
-            self._looked(batch.wide_runs, batch.prediction.reach)
+            progress.looks = np.vstack([progress.looks, batch.looks])
             progress.estimates.append(estimate_batch(batch, happened))
             progress.foreseen = np.vstack([progress.foreseen, batch.foreseen])
             return
         rarest = min(rarity(batch.z[happened]).min(initial=REACH), progress.rarest)
         if isinstance(batch, WideBatch):
-            self._looked(len(batch.z), REACH)
+            progress.looks = np.vstack([progress.looks, [len(batch.z), 0.0, REACH]])
         else:
             progress.searched += len(batch.z) / self._search_reach
         progress.rarest = rarest
-
-    def _looked(self, runs: float, reach: float) -> None:
-        """Remember that runs were drawn from the wide law, cut at a rarity, whatever was known."""
-        self.progress.looks = np.vstack([self.progress.looks, [runs, reach]])
 
     @property
     def simulations(self) -> int:
@@ -228,10 +224,12 @@ class Sampler:
     def _pending_batch(self, *, certify: bool = False) -> Batch:
         if self.progress.pending is None:
             with BLAS.limit(limits=1):
-                self.progress.pending = self._design(DEFENCE_ALONE if certify else DEFENCE)
+                beyond = results.where_to_look(self.progress, self.certificate) if certify else 0.0
+                defence = Defence(DEFENCE_ALONE, beyond) if certify else Defence()
+                self.progress.pending = self._design(defence)
         return self.progress.pending
 
-    def _design(self, defence: float) -> Batch:
+    def _design(self, defence: Defence) -> Batch:
         """Choose the next batch, by what is known so far."""
         progress = self.progress
         if self.predecessor is None:
@@ -270,10 +268,9 @@ class Sampler:
             z = law.draw(size, self._generator)
             log_weight = law.log_normal_ratio(z)
         wide = np.exp(log_weight - log_normal_to_wide(z))
-        foreseen = self._belief.foresee(z)
-        return Pool(z, np.exp(log_weight), foreseen, self._belief.calibrated(foreseen), wide, rarity(z))
+        return Pool(z, np.exp(log_weight), self._belief.probability(z), wide, rarity(z))
 
-    def _look_ahead(self, defence: float) -> tuple[Prediction, float]:
+    def _look_ahead(self, defence: Defence) -> tuple[Prediction, float]:
         """Return what the next batch will be worth, and the largest weight of a point of the fringe.
 
         Also moves the centres of the next pool to where w sqrt(p) is large. All this comes from a pool of its
@@ -294,9 +291,11 @@ class Sampler:
         expected = expect(pool, fringe_limit)
         return predict(pool, expected, self.batch_size, self._pool_size, defence), fringe_limit
 
-    def _two_phase_batch(self, defence: float) -> TwoPhaseBatch:
+    def _two_phase_batch(self, defence: Defence) -> TwoPhaseBatch:
         """Choose runs from a pool, as the module says in steps 2 and 3."""
         prediction, fringe_limit = self._look_ahead(defence)
         pool = self._pool(self._pool_size)
         expected = expect(pool, fringe_limit)
-        return draw_batch(pool, expected, prediction, self.batch_size, defence, self._generator)
+        return draw_batch(
+            pool, expected, prediction, self.batch_size, defence, self._belief.foresee, self._generator
+        )

@@ -22,7 +22,7 @@ from accelerated_evaluation.methods.surrogate.constants import POOL, REACH
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.methods.surrogate.two_phase import Flags, TwoPhaseBatch
 
-FORMAT, VERSION = "accelerated-evaluation sampler state", 5
+FORMAT, VERSION = "accelerated-evaluation sampler state", 6
 
 # What is raised where a content does not fit together.
 MISFIT = (KeyError, TypeError, ValueError, OverflowError, AttributeError, StopIteration)
@@ -31,7 +31,7 @@ MISFIT = (KeyError, TypeError, ValueError, OverflowError, AttributeError, StopIt
 LARGEST = float(np.finfo(float).max)
 RANGES = {
     **dict.fromkeys(("looks", "searched", "learnt_at"), (0, 1e12)),
-    **dict.fromkeys(("sites", "probability", "controlled"), (-1e100, 1e100)),
+    **dict.fromkeys(("sites", "probability", "controlled", "controlled_square"), (-1e100, 1e100)),
     **dict.fromkeys(("z", "centres"), (-1e6, 1e6)),
     "dimension": (1, 1e6),
     "batch_size": (1, POOL // 4),
@@ -39,7 +39,7 @@ RANGES = {
     "rarest": (0, REACH),
     "weight": (0, 1e100),
     "inclusion": (1e-100, 1.001),  # with a margin for rounding
-    "foreseen": (0, 1),
+    **dict.fromkeys(("control", "foreseen"), (0, 1)),
 }
 
 
@@ -69,8 +69,8 @@ class Progress:
     z, happened, score
         Normal scores of all runs, shape (n, d), whether the event happened, and their scores, shape (n,).
     looks
-        Draws of the wide law that the runs are worth, whatever was known: their number, and the rarity at
-        which the law was cut, shape (k, 2).
+        Draws of the wide law that the runs are worth, whatever was known: their number, and the rarities
+        between which they are, shape (k, 3).
     estimates
         Of all batches of the second phase.
     foreseen
@@ -91,7 +91,7 @@ class Progress:
     z: Array
     happened: Flags
     score: Array
-    looks: Array = field(default_factory=lambda: np.empty((0, 2)))
+    looks: Array = field(default_factory=lambda: np.empty((0, 3)))
     estimates: list[BatchEstimate] = field(default_factory=list)
     foreseen: Array = field(default_factory=lambda: np.empty((0, 2)))
     pending: Batch | None = None
@@ -219,7 +219,7 @@ def _whole(state: State) -> State:
     if state.predecessor is not None:
         state.predecessor.check(d)
         others = len(state.predecessor.happened)
-    for name, columns in {"z": d, "looks": 2, "foreseen": 2}.items():
+    for name, columns in {"z": d, "looks": 3, "foreseen": 2}.items():
         if getattr(progress, name).size == 0:  # an empty list has lost its second dimension
             setattr(progress, name, np.empty((0, columns)))
     _require_shape("theta", state.theta, d + 1 + (others > 0))
@@ -227,15 +227,16 @@ def _whole(state: State) -> State:
     _require_shape("sites", state.sites, 2, min(state.sites.size // 2, runs + others))
     _require_shape("z", progress.z, runs, d)
     _require_shape("score", progress.score, runs)
-    _require_shape("looks", progress.looks, len(progress.looks), 2)
+    _require_shape("looks", progress.looks, len(progress.looks), 3)
     _require_shape("foreseen", progress.foreseen, min(len(progress.foreseen), runs), 2)
     if progress.centres is not None:
         _require_shape("centres", progress.centres, max(len(progress.centres), 1), d)
     if (batch := progress.pending) is not None:
-        asked = max(len(batch.z), 1)
+        columns = {"z": [d], "foreseen": [2], "looks": [3]}
         for name, value in vars(batch).items():
             if isinstance(value, np.ndarray):
-                _require_shape(name, value, asked, *{"z": [d], "foreseen": [2]}.get(name, []))
+                rows = len(value) if name == "looks" else max(len(batch.z), 1)
+                _require_shape(name, value, rows, *columns.get(name, []))
     if (state.sites[0] <= 0).any():
         raise ValueError("a site with a precision that is not above 0")
     generator_in(state.generator)

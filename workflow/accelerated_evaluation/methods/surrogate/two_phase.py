@@ -10,6 +10,7 @@ proportional to w_j sqrt(E (1{event}_j - g_j)^2). Notebook 10 derives both.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,7 @@ from accelerated_evaluation.methods.surrogate.constants import (
     BEYOND,
     CONTROLLED,
     CORE,
+    DEFENCE,
     EVEN,
     FLOOR,
     FRINGE,
@@ -40,10 +42,8 @@ class Pool:
         The points, shape (m, d).
     weight
         phi / h, with h the law that the points were drawn from.
-    foreseen
-        Probabilities of the event by the two surrogates as they are, shape (m, 2).
     probability
-        Of the event, calibrated.
+        Of the event.
     wide
         Density of the wide law over h.
     rarity
@@ -52,21 +52,45 @@ class Pool:
 
     z: Array
     weight: Array
-    foreseen: Array
     probability: Array
     wide: Array
     rarity: Array
 
-    def within(self, reach: float) -> Array:
-        """Return the density over h of the wide law cut at a rarity, shape (m,)."""
-        return np.where(self.rarity <= reach, self.wide * REACH / reach, 0.0)
+    def within(self, begin: float, end: float) -> Array:
+        """Return the density over h of the wide law between two rarities, shape (m,)."""
+        there = (begin < self.rarity) & (self.rarity <= end)
+        return np.where(there, self.wide * REACH / (end - begin), 0.0)
 
-    def guard(self, reach: float) -> Array:
+    def guard(self, reach: float, defence: "Defence") -> Array:
         """Return how the defensive share is spread: as the wide law, and to the share `EVEN` evenly.
 
-        Points so far out that their weight is 0 get nothing: there may be no cut-in for such scores.
+        Points so far out that their weight is 0 get nothing: there may be no cut-in for such scores. Where an
+        unseen part is looked for, what exceeds the usual share goes beyond its nearest point.
         """
-        return np.where(self.weight > 0, EVEN, 0.0) + (1 - EVEN) * self.within(reach)
+        usual = np.where(self.weight > 0, EVEN, 0.0) + (1 - EVEN) * self.within(0.0, reach)
+        if not 0 < defence.beyond < reach:
+            return usual
+        return DEFENCE * usual + (defence.share - DEFENCE) * self.within(defence.beyond, reach)
+
+
+@dataclass(frozen=True)
+class Defence:
+    """Which runs are spread whatever the surrogate believes.
+
+    Attributes
+    ----------
+    share
+        Their share.
+    beyond
+        Rarity of the nearest point of a part that is looked for; 0 where none is.
+    """
+
+    share: float = DEFENCE
+    beyond: float = 0.0
+
+    def zones(self, reach: float) -> list[tuple[float, float]]:
+        """Return the ranges of rarities over which this share is spread alike."""
+        return [(0.0, self.beyond), (self.beyond, reach)] if 0 < self.beyond < reach else [(0.0, reach)]
 
 
 @dataclass(frozen=True)
@@ -130,12 +154,13 @@ class TwoPhaseBatch:
         Sums over the whole pool of w g and of w^2 g, with w as in ``weight``.
     aimed
         Whether the event was held possible at the runs, shape (n,), so that they were aimed at.
-    wide_runs
-        Number of draws of the wide law, cut at the prediction's reach, that the defence stands for.
-    foreseen
-        Probabilities that the two surrogates give to the runs, before calibration, shape (n, 2).
+    looks
+        Draws of the wide law that the defence stands for: their number, and the rarities between which they
+        are, shape (1 or 2, 3).
     prediction
         What was expected of the batch before it was drawn.
+    foreseen
+        Probabilities that the two surrogates give to the runs, before calibration, shape (n, 2).
     """
 
     z: Array
@@ -145,9 +170,9 @@ class TwoPhaseBatch:
     controlled: float
     controlled_square: float
     aimed: Flags
-    wide_runs: float
-    foreseen: Array
+    looks: Array
     prediction: Prediction
+    foreseen: Array
 
 
 def reach_of(probability: float) -> float:
@@ -170,7 +195,7 @@ def expect(pool: Pool, fringe_limit: float) -> Expectation:
     return Expectation(p, control, p * (1 - p) + (p - control) ** 2)
 
 
-def predict(pool: Pool, expected: Expectation, runs: int, pool_size: int, defence: float) -> Prediction:
+def predict(pool: Pool, expected: Expectation, runs: int, pool_size: int, defence: Defence) -> Prediction:
     """Predict P(event) and the variance of a batch from a pool that is not the batch's own.
 
     The pool must be another one because the prediction decides how much the batch counts, and that must not
@@ -192,9 +217,8 @@ def predict(pool: Pool, expected: Expectation, runs: int, pool_size: int, defenc
     if probability == 0:
         return Prediction(0.0, WORTHLESS)
     runs_here = runs * size / pool_size  # as many of this pool as of the batch's own, in proportion
-    inclusion = inclusion_probabilities(
-        weight * expected.spread, pool.guard(reach_of(probability)), runs_here, defence
-    )
+    guard = pool.guard(reach_of(probability), defence)
+    inclusion = inclusion_probabilities(weight * expected.spread, guard, runs_here, defence.share)
     square = weight * weight * expected.error
     second_phase = np.divide(square, inclusion, out=square, where=inclusion > 0).sum() / size**2
     first_phase = max((weight * weight * expected.probability).mean() - probability**2, 0.0) / size
@@ -272,7 +296,8 @@ def draw_batch(
     expected: Expectation,
     prediction: Prediction,
     runs: int,
-    defence: float,
+    defence: Defence,
+    foresee: Callable[[Array], Array],
     generator: np.random.Generator,
 ) -> TwoPhaseBatch:
     """Draw the runs of a batch from its pool.
@@ -287,12 +312,17 @@ def draw_batch(
         Number n of runs.
     defence
         Defensive share of the runs.
+    foresee
+        Function that returns what the two surrogates say of points, shape (n, 2).
     generator
         Source of all randomness.
     """
     w, control = pool.weight, expected.control
-    inclusion = inclusion_probabilities(w * expected.spread, pool.guard(prediction.reach), runs, defence)
+    guard = pool.guard(prediction.reach, defence)
+    inclusion = inclusion_probabilities(w * expected.spread, guard, runs, defence.share)
     chosen = draw_systematically(pool.z, w * np.sqrt(expected.probability), inclusion, generator)
+    zones = defence.zones(prediction.reach)
+    looks = [[draws_of_the_wide_law(pool.within(*zone), inclusion), *zone] for zone in zones]
     w = w / len(w)
     return TwoPhaseBatch(
         z=pool.z[chosen],
@@ -302,7 +332,7 @@ def draw_batch(
         controlled=float(w @ control),
         controlled_square=float(w * w @ control),
         aimed=expected.probability[chosen] > 0,
-        wide_runs=draws_of_the_wide_law(pool.within(prediction.reach), inclusion),
-        foreseen=pool.foreseen[chosen],
+        looks=np.array(looks),
         prediction=prediction,
+        foreseen=foresee(pool.z[chosen]),
     )
