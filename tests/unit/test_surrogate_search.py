@@ -9,6 +9,7 @@ from accelerated_evaluation.methods.surrogate.graded import GradedSurrogate, end
 from accelerated_evaluation.methods.surrogate.kernel import thinned
 from accelerated_evaluation.methods.surrogate.search import draw_approach, to_beat
 from accelerated_evaluation.methods.surrogate.wide_laws import draw_wide, rarity
+from sampler_checks import new_sampler
 from scipy.stats import multivariate_normal
 
 
@@ -138,6 +139,29 @@ def test_flags_without_scores_lead_to_the_event():
     happened = score < np.sort(score)[8]
     drawn = draw_approach(10, 40.0, z, happened, np.zeros(60), np.random.default_rng(3))
     assert (drawn[3:, 0] / np.linalg.norm(drawn[3:], axis=1)).mean() > 0.6
+
+
+def runs_to_the_first_event(seed):
+    """Of an event in one direction, to which about 1 in 25 draws of the wide law lead, and its score never."""
+
+    def misled(z):
+        far = np.linalg.norm(z, axis=1)
+        return (far > 4) & (z[:, 0] > 0.92 * far), -z[:, 1]
+
+    sampler = new_sampler(3, seed)
+    while not sampler.progress.happened.any() and sampler.simulations < 400:
+        sampler.tell(*misled(sampler.ask()))
+    return sampler.simulations
+
+
+def test_a_score_that_leads_astray_is_not_followed_forever(monkeypatch):
+    found = np.array([runs_to_the_first_event(seed) for seed in range(12)])
+    monkeypatch.setattr("accelerated_evaluation.methods.surrogate.sampler.PATIENCE", math.inf)
+    followed = np.array([runs_to_the_first_event(seed) for seed in range(12)])
+    late = followed > 80  # the others met the event before the patience ended, and are the same
+    assert (found[~late] == followed[~late]).all()
+    assert late.sum() >= 4
+    assert found[late].mean() < 0.7 * followed[late].mean()
 
 
 def test_the_smallest_outcomes_are_kept():

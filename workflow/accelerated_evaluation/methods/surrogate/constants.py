@@ -17,6 +17,9 @@ CANDIDATES = 1000
 # factor exp(STEP), up to `BEYOND` the most probable event that it knows.
 STEP = 1 / 3
 
+# Runs of the search for each unit of rarity, without an event, after which half of it follows the flags.
+PATIENCE = 1.0
+
 # The search and the defence reach as far out as this beyond the rarity of the event: all that lies farther
 # out has less than 5 % of the probability.
 BEYOND = 3.0

@@ -35,6 +35,7 @@ from accelerated_evaluation.methods.surrogate.constants import (
     DEFENCE_ALONE,
     FRINGE_WEIGHT,
     KERNELS,
+    PATIENCE,
     POOL,
     POOL_PER_RUN,
     REACH,
@@ -239,7 +240,9 @@ class Sampler:
                 return WideBatch(draw_wide(self.batch_size, self.dimension, self._generator))
             if self._is_searching():
                 known, reach = (progress.z, happened, score), self._search_reach
-                return ApproachBatch(draw_approach(self.batch_size, reach, *known, self._generator))
+                in_vain = not happened.any() and progress.searched >= PATIENCE
+                z = draw_approach(self.batch_size, reach, *known, self._generator, in_vain=in_vain)
+                return ApproachBatch(z)
         self._belief.fit(progress)
         return self._two_phase_batch(defence)
 

@@ -2,14 +2,17 @@
 
 The rarity of a point is -log P(|Z| > |z|). A score that falls as the event comes nearer may be smallest far
 out, where hardly any of the probability is. So the search divides the rarities into steps, and every step
-gets a run where a regression of the scores gives the event a good chance. Once an event is seen, the search
-goes on among the points that are more probable, or hardly less, until it has looked there closely enough.
+gets a run where a regression of the scores gives the event a good chance. Scores may also lead to where no
+event is: after a run for every unit of rarity without one, half of the runs go where no run is near instead.
+Once an event is seen, the search goes on among the points that are more probable, or hardly less, until it
+has looked there closely enough.
 """
 
 import numpy as np
 
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.methods.surrogate.constants import CANDIDATES
+from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurrogate
 from accelerated_evaluation.methods.surrogate.graded import GradedSurrogate, end_of_events, graded
 from accelerated_evaluation.methods.surrogate.two_phase import Flags
 from accelerated_evaluation.methods.surrogate.wide_laws import draw_at, rarity
@@ -42,6 +45,8 @@ def draw_approach(
     happened: Flags,
     score: Array,
     generator: np.random.Generator,
+    *,
+    in_vain: bool = False,
 ) -> Array:
     """Draw one point in each of equal steps of rarity, where the event is expected; shape (runs, d).
 
@@ -58,6 +63,9 @@ def draw_approach(
         Normal scores, shape (n, d), flags and scores, shape (n,), of all runs so far.
     generator
         Source of all randomness.
+    in_vain
+        Whether so much was searched without an event that the scores may lead astray. Then every run has even
+        odds to follow the surrogate of the flags instead, which gives a chance where no run is near.
     """
     each = max(CANDIDATES // runs, 2)
     steps = np.repeat(np.arange(runs), each) + generator.random(runs * each)
@@ -67,6 +75,11 @@ def draw_approach(
     surrogate = GradedSurrogate(z.shape[1])
     surrogate.fit(z, outcome, learn=True)
     chance = surrogate.probability(candidates, to_beat(rarity(z), outcome, happened, at))
+    if in_vain:
+        flags = EventSurrogate(z.shape[1])
+        flags.fit(z, happened, learn=False)
+        by_flags = np.repeat(generator.random(runs) < 0.5, each)
+        chance[by_flags] = flags.probability(candidates[by_flags])
     share = chance.reshape(runs, each) ** 2
     marks = np.cumsum(share, axis=1)
     chosen = (marks < generator.random((runs, 1)) * marks[:, -1:]).sum(1)
