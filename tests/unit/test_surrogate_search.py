@@ -142,7 +142,7 @@ def test_flags_without_scores_lead_to_the_event():
 
 
 def runs_to_the_first_event(seed):
-    """Of an event in one direction, to which about 1 in 25 draws of the wide law lead, and its score never."""
+    """Of an event in one direction, which about 1 in 25 draws of the wide law hit, and the score never."""
 
     def misled(z):
         far = np.linalg.norm(z, axis=1)
