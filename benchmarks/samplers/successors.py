@@ -98,6 +98,7 @@ def compare(name: str, truth: float, before: float, seeds: int, bar: tqdm) -> di
                 "simulations": end.simulations,
                 "error": end.probability / truth - 1,
                 "holds": end.low <= truth <= end.high,
+                "off": not truth / 2 <= end.probability <= 2 * truth,
                 "simulations_alone": without.simulations,
                 "error_alone": without.probability / truth - 1,
             }
@@ -105,7 +106,7 @@ def compare(name: str, truth: float, before: float, seeds: int, bar: tqdm) -> di
         bar.update()
     seen = pd.DataFrame(rows)
     errors = {column: np.sqrt(seen[column].pow(2).mean()) for column in seen if "error" in column}
-    means = seen[["ranked", "simulations", "holds", "simulations_alone"]].mean()
+    means = seen[["ranked", "simulations", "holds", "off", "simulations_alone"]].mean()
     return {"variant": name, "probability": truth, "ratio": truth / before, "seeds": seeds, **errors, **means}
 
 

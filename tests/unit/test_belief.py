@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from accelerated_evaluation.methods.surrogate.belief import Belief
-from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
+from accelerated_evaluation.methods.surrogate.constants import MOST_TRUST
+from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurrogate, Predecessor
 from accelerated_evaluation.methods.surrogate.state import Progress
 from accelerated_evaluation.methods.surrogate.wide_laws import draw_wide
 
@@ -74,7 +75,7 @@ def test_scores_that_foretold_too_badly_are_not_asked(monkeypatch):
         raise AssertionError("the scores were asked")
 
     expected = belief.probability(new)
-    monkeypatch.setattr(belief.scores, "probability", ask)
+    monkeypatch.setattr(belief, "_second", ask)
     np.testing.assert_array_equal(belief.probability(new), expected)
     with pytest.raises(AssertionError, match="asked"):
         belief.foresee(new)
@@ -90,14 +91,39 @@ def test_flags_speak_for_both_before_scores_say_anything():
     np.testing.assert_allclose(belief.probability(z), by_flags, rtol=1e-3, atol=2e-6)
 
 
-def test_scores_have_no_say_beside_a_predecessor():
-    """Its scores are not known, so that the regression would know much less than the flags."""
-    old = near_the_boundary(60, 5)
-    with_one = Belief(DIMENSION, Predecessor(old, old[:, 0] > 4.6))
-    alone, new = Belief(DIMENSION, None), near_the_boundary(50, 2)
-    for belief in (with_one, alone):
-        belief.fit(seen(first_runs()))
-    by_flags, by_scores = with_one.foresee(new).T
-    assert (by_flags == by_scores).all()
-    by_flags, by_scores = alone.foresee(new).T
-    assert (by_flags != by_scores).any()
+def beside_a_predecessor():
+    """Return a belief that knows a vehicle which is safe where the new one is not, and that vehicle."""
+    old = np.vstack([near_the_boundary(150, 5), 9.0 * np.eye(DIMENSION)[:1]])
+    old = Predecessor(old, old[:, 0] > 8.0)
+    return Belief(DIMENSION, old), old
+
+
+def test_beside_a_predecessor_the_own_flags_are_the_second_opinion():
+    """The scores of the predecessor are not known, so that the regression would know less than the flags."""
+    belief, old = beside_a_predecessor()
+    progress, new = seen(first_runs()[:20]), near_the_boundary(50, 2)
+    belief.fit(progress)
+    own = EventSurrogate(DIMENSION)
+    own.fit(progress.z, progress.happened, learn=False)
+    by_all, by_own = belief.foresee(new).T
+    np.testing.assert_allclose(by_own, own.probability(new))
+    assert np.median(by_own) > 3 * np.median(by_all)  # the predecessor was safe there
+    nothing = Belief(DIMENSION, old)
+    nothing.fit(Progress.start(DIMENSION))
+    by_all, by_own = nothing.foresee(new).T
+    assert (by_all == by_own).all()
+
+
+def test_a_predecessor_cannot_rule_out_what_the_own_flags_hold_possible():
+    """It lowers a chance by a factor of 20 at most, even where it was right in all runs so far."""
+    belief, _ = beside_a_predecessor()
+    z, runs = first_runs(), draw_wide(80, DIMENSION, np.random.default_rng(6))
+    runs = runs[runs[:, 0] < 0]  # where both are safe
+    progress = seen(np.vstack([z, runs]))
+    progress.foreseen = np.column_stack([np.full(len(runs), 1e-6), np.full(len(runs), 0.3)])
+    belief.fit(progress)
+    new = near_the_boundary(50, 2)
+    _, by_own = belief.foresee(new).T
+    trust = belief._calibration.trust
+    assert trust == pytest.approx(1 - MOST_TRUST)
+    assert (belief.probability(new) >= trust * belief._calibration.second(by_own) * (1 - 1e-9)).all()

@@ -92,7 +92,7 @@ def test_trust_follows_from_the_odds_of_what_came_true():
     found = Calibration.learn(foreseen, happened)
     assert found.trust == pytest.approx(MOST_TRUST * likelihood[1] / sum(likelihood))
     assert abs(found.trust - MOST_TRUST / 2) > 0.02
-    by_flags, by_scores = found.flags(foreseen[:, 0]), found.scores(foreseen[:, 1])
+    by_flags, by_scores = found.first(foreseen[:, 0]), found.second(foreseen[:, 1])
     mixed = by_flags + found.trust * (by_scores - by_flags)
     np.testing.assert_allclose(found(foreseen), mixed)
 

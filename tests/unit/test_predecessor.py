@@ -133,7 +133,7 @@ def test_a_campaign_begins_where_its_predecessor_met_the_event(first):
     def step(name, *arguments):
         return cli.main(["campaign", name, "next.json", *map(str, arguments)])
 
-    new = driven(step, "next.json", 2)
+    new = driven(step, "next.json", 4)
     assert new.sampler.progress.happened.any()  # a search takes 20 runs and more before it knows anything
     np.testing.assert_array_equal(new.sampler.predecessor.z, old.sampler.progress.z)
 

@@ -1,15 +1,19 @@
 """What is believed of the event at a point that was not simulated: what two surrogates say, calibrated.
 
 One surrogate learns from the flags of the runs alone, and is right wherever the event may be. The other one
-learns from the scores, which say more where the system is smooth, and mislead where it jumps. How far each is
-believed follows from what they foretold.
+learns from the scores, which say more where the system is smooth, and mislead where it jumps. Where a like
+vehicle is known, the first learns from its runs too, which mislead where the vehicles differ, and the second
+from the own flags alone. How far each is believed follows from what they foretold.
 """
+
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
 from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.methods.surrogate.calibration import Calibration
-from accelerated_evaluation.methods.surrogate.constants import RELEARN
+from accelerated_evaluation.methods.surrogate.constants import MOST_TRUST, RELEARN
 from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurrogate, Predecessor
 from accelerated_evaluation.methods.surrogate.graded import GradedSurrogate, end_of_events, graded
 from accelerated_evaluation.methods.surrogate.state import Progress
@@ -29,14 +33,14 @@ class Belief:
     Attributes
     ----------
     flags, scores
-        The surrogate of the flags, and the regression of the scores.
+        The surrogate of all flags, and the regression of the scores.
     """
 
     def __init__(self, dimension: int, predecessor: Predecessor | None) -> None:
         self.flags = EventSurrogate(dimension, predecessor)
         self.scores = GradedSurrogate(dimension)
-        self._scores_have_a_say = predecessor is None
-        self._end_of_events: float | None = None
+        self._own_flags = None if predecessor is None else EventSurrogate(dimension)
+        self._second: Callable[[Array], Array] | None = None
         self._calibration = Calibration()
 
     def fit(self, progress: Progress) -> None:
@@ -47,13 +51,18 @@ class Belief:
         if learn:
             progress.learnt_at = runs
         self.flags.fit(z, happened, learn=learn, restart=first)
-        self._end_of_events = None
-        if self._scores_have_a_say and happened.any() and not happened.all():
+        self._second = None
+        if self._own_flags is not None and runs:
+            # With the prior's lengths, so that nothing of it must be kept in a state.
+            self._own_flags.fit(z, happened, learn=False, restart=True)
+            self._second = self._own_flags.probability
+        elif self._own_flags is None and happened.any() and not happened.all():
             outcome = graded(happened, progress.score)
             self.scores.fit(z, outcome, learn=learn)
-            self._end_of_events = end_of_events(outcome, happened)
+            self._second = partial(self.scores.probability, below=end_of_events(outcome, happened))
         foretold = len(progress.foreseen)
-        self._calibration = Calibration.learn(progress.foreseen, happened[runs - foretold :])
+        least = 0.0 if self._own_flags is None else 1 - MOST_TRUST
+        self._calibration = Calibration.learn(progress.foreseen, happened[runs - foretold :], least)
 
     def probability(self, z: Array) -> Array:
         """Return the calibrated probability of the event at points z, shape (m, d)."""
@@ -62,10 +71,9 @@ class Belief:
     def foresee(self, z: Array, *, both: bool = True) -> Array:
         """Return what the two surrogates say of points z, shape (m, d), as it is: shape (m, 2).
 
-        Where scores have no say, or say nothing yet for want of events or of other runs, or are not asked,
-        the flags speak for both.
+        Where the second says nothing yet, for want of runs or of events among them, or is not asked, the
+        first speaks for both.
         """
         by_flags = self.flags.probability(z)
-        if not both or self._end_of_events is None:
-            return np.column_stack([by_flags, by_flags])
-        return np.column_stack([by_flags, self.scores.probability(z, self._end_of_events)])
+        by_second = self._second(z) if both and self._second is not None else by_flags
+        return np.column_stack([by_flags, by_second])

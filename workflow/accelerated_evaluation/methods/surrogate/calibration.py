@@ -66,22 +66,22 @@ class Calibration:
 
     Attributes
     ----------
-    flags, scores
-        Slopes of the surrogate of the flags, and of the regression of the scores.
+    first, second
+        Slopes of the two.
     trust
-        Share of the regression of the scores in the mixture.
+        Share of the second in the mixture.
     """
 
-    flags: Slopes = Slopes()
-    scores: Slopes = Slopes()
+    first: Slopes = Slopes()
+    second: Slopes = Slopes()
     trust: float = 0.0
 
     @classmethod
-    def learn(cls, foreseen: Array, happened: Flags) -> Self:
+    def learn(cls, foreseen: Array, happened: Flags, least: float = 0.0) -> Self:
         """Return what the runs bear out.
 
-        The trust is the posterior probability that the scores foretell better, by Bayes' rule and with even
-        odds before any run, times `MOST_TRUST`. So the flags always keep a share, and the scores alone can
+        The trust is the posterior probability that the second foretells better, by Bayes' rule and with even
+        odds before any run, times `MOST_TRUST`. So the first always keeps a share, and the second alone can
         lower a probability by a factor of 20 at most. Below `LEAST_TRUST` it is 0.
 
         Parameters
@@ -90,17 +90,19 @@ class Calibration:
             Probabilities that the two surrogates gave to runs before they were made, shape (n, 2).
         happened
             Whether the event happened, shape (n,).
+        least
+            Share that the second always keeps.
         """
         slopes = [Slopes.learn(said, happened) for said in foreseen.T]
         calibrated = [slope(said) for slope, said in zip(slopes, foreseen.T, strict=True)]
-        flags, scores = (np.log(np.where(happened, p, 1 - p)).sum() for p in calibrated)
-        trust = float(MOST_TRUST * expit(scores - flags))
-        return cls(*slopes, trust if trust >= LEAST_TRUST else 0.0)
+        first, second = (np.log(np.where(happened, p, 1 - p)).sum() for p in calibrated)
+        trust = float(MOST_TRUST * expit(second - first))
+        return cls(*slopes, max(trust if trust >= LEAST_TRUST else 0.0, least))
 
     def __call__(self, foreseen: Array) -> Array:
         """Return calibrated probabilities, shape (m,), for what the two surrogates say, shape (m, 2)."""
-        by_flags, by_scores = self.flags(foreseen[:, 0]), self.scores(foreseen[:, 1])
-        return (1 - self.trust) * by_flags + self.trust * by_scores
+        by_first, by_second = self.first(foreseen[:, 0]), self.second(foreseen[:, 1])
+        return (1 - self.trust) * by_first + self.trust * by_second
 
 
 def _slope(foreseen: Array, happened: Flags) -> float:

@@ -95,11 +95,12 @@ WORTHLESS = 1e100
 SLOPE_SPREAD = 0.3
 LOG_SLOPE_BOUNDS = (-1.2, 1.5)
 
-# Largest share of the regression of the scores in what is believed; the rest is kept by the flags.
+# Largest share of the second opinion in what is believed; the rest is kept by the first. Where a predecessor
+# is known, this is the largest share of either.
 MOST_TRUST = 0.95
 
-# Where the share would be below this, it is 0, which saves the time of this regression. Such a share cannot
-# bring a point into the fringe, whatever the scores say there.
+# Where the share of the scores would be below this, it is 0, which saves the time of their regression. Such a
+# share cannot bring a point into the fringe, whatever the scores say there.
 LEAST_TRUST = FRINGE
 
 # A probability nearer to 0 or 1 than this counts as this far from it, so that one surprise does not end all
