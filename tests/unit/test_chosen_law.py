@@ -93,7 +93,10 @@ def test_the_command_says_the_law_and_what_the_interval_is(config, capsys):
     assert "law of cut-ins: exponential 0.9\n" in told
     assert "interval of the sampling alone" in told
     folder = Path("results/motorway/estimate")
-    assert pd.read_csv(folder / "estimate.csv")["law"].tolist() == ["exponential 0.9"]
+    found = pd.read_csv(folder / "estimate.csv")
+    assert found["law"].tolist() == ["exponential 0.9"]
+    assert f"at most the probability {found['unseen_mode'][0]:.1g} if it fills a half-space, and " in told
+    assert f"{found['unseen_any'][0]:.1g} whatever its shape" in told
     encounters, _ = read_records(config)
     assert read_law(folder / "law.json", encounters).content()["excess"]["shape"] == "exponential"
 

@@ -100,7 +100,7 @@ def _add_new(command: argparse.ArgumentParser) -> None:
         "--predecessor",
         metavar="OTHER.json",
         type=Path,
-        help="campaign of a vehicle that is like this one; it saves about half of the runs",
+        help="campaign of a vehicle that is like this one; it saves about two fifths of the runs",
     )
     add_seed(command)
     limits = command.add_argument_group("limits of the proving ground, none by default; see docs/campaign.md")

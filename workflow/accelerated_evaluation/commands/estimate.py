@@ -78,7 +78,7 @@ class EstimateAlone:
             metavar="RUNS.csv",
             type=Path,
             help="runs.csv of an earlier estimate, of a vehicle like this one and under the same law; "
-            "it saves about half of the simulations",
+            "it saves about two fifths of the simulations",
         )
 
     @staticmethod
@@ -99,7 +99,9 @@ class EstimateAlone:
 
 
 def _told(found: "Alone", level: float) -> str:
-    """Return the estimates, and what they took, in lines of text."""
+    """Return the estimates, what they took and what they may have missed, in lines of text."""
+    from accelerated_evaluation.methods.surrogate.certificate import unseen_in_words
+
     lines = [f"law of cut-ins: {found.name}"]
     for row in found.tables["estimate"].to_dict("records"):
         verdict = "converged" if row["converged"] else "not converged"
@@ -109,6 +111,7 @@ def _told(found: "Alone", level: float) -> str:
             f"sampling alone {row['ci_low']:.2g} to {row['ci_high']:.2g}; {verdict} after "
             f"{row['learning'] + row['estimating']:,} encounters, {row['events']:,} of them crashes"
         )
+        lines.append(f"what may be unseen: {unseen_in_words(row)}")
     if (vehicle := found.vehicle) is not None:
         lines.append(
             f"simulated: {vehicle.simulated:,}; taken from the store: {vehicle.found:,}; "

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
+from accelerated_evaluation.methods.surrogate.certificate import unseen_in_words
 from accelerated_evaluation.track.campaign import Campaign
 from accelerated_evaluation.track.told import BEYOND
 
@@ -98,6 +99,7 @@ def in_words(campaign: Campaign, status: Status) -> str:
         f"{status.asked - status.told} outstanding; "
         f"{found.events} with the event in the {status.used} runs of whole batches",
         f"estimate    {_estimate(found)}",
+        f"unseen      {unseen_in_words(found.diagnostics)}",
         *_about_limits(campaign, status),
         f"goal        half-width at most {goal.beta:.0%} of the estimate, confidence {1 - goal.alpha:.0%}",
         f"may stop    {_advice(status)}",

@@ -12,6 +12,7 @@ docs/sampler.md derives both bounds.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Self
@@ -86,6 +87,15 @@ class Unseen:
         """
         nearest = _caps(dimension, curvature)[0][_nearest(looks, dimension, reach, curvature)]
         return cls(float(looks[:, 0].sum()), float(ndtr(-nearest)), _bound_of_any_set(looks))
+
+
+def unseen_in_words(diagnostics: Mapping[str, float]) -> str:
+    """Say the bounds ``unseen_mode``, for half-spaces, and ``unseen_any`` of an estimate's diagnostics."""
+    return (
+        f"with {1 - UNSEEN_ALPHA:.0%} confidence, a part of the event that no run has met has at most the "
+        f"probability {diagnostics['unseen_mode']:.1g} if it fills a half-space, and "
+        f"{diagnostics['unseen_any']:.1g} whatever its shape"
+    )
 
 
 def look_beyond(looks: Array, dimension: int, reach: float, curvature: float, share: float) -> float:
