@@ -37,6 +37,16 @@ def surprise(probability, z):
     return -np.log(np.where(z[:, 0] > 4.5, p, 1 - p)).mean()
 
 
+def put_to_the_test(runs, *, misleading):
+    """Return a belief that foretold some runs of the second phase, and then saw them."""
+    belief, z, later = Belief(DIMENSION, None), first_runs(), near_the_boundary(runs, 3)
+    belief.fit(seen(z, misleading=misleading))
+    after = seen(np.vstack([z, later]), misleading=misleading)
+    after.foreseen = belief.foresee(later)
+    belief.fit(after)
+    return belief
+
+
 @pytest.mark.parametrize("misleading", [False, True])
 def test_smooth_scores_foretell_more_than_flags_and_misleading_ones_less(misleading):
     belief, new = Belief(DIMENSION, None), near_the_boundary(400, 2)
@@ -48,13 +58,7 @@ def test_smooth_scores_foretell_more_than_flags_and_misleading_ones_less(mislead
 @pytest.mark.parametrize("misleading", [False, True])
 def test_trust_is_learnt_from_what_was_foretold(misleading):
     """What is believed ends near the better of the two, and far from the other."""
-    z, belief = first_runs(), Belief(DIMENSION, None)
-    belief.fit(seen(z, misleading=misleading))
-    runs = near_the_boundary(60, 3)
-    after = seen(np.vstack([z, runs]), misleading=misleading)
-    after.foreseen = belief.foresee(runs)
-    belief.fit(after)
-    new = near_the_boundary(400, 2)
+    belief, new = put_to_the_test(60, misleading=misleading), near_the_boundary(400, 2)
     believed = surprise(belief.probability(new), new)
     better, worse = sorted(surprise(said, new) for said in belief.foresee(new).T)
     assert believed < better + 0.1 * (worse - better) + 0.02
@@ -62,13 +66,7 @@ def test_trust_is_learnt_from_what_was_foretold(misleading):
 
 def test_scores_that_foretold_too_badly_are_not_asked(monkeypatch):
     """Their share would be below what can bring a point into the fringe, and the time is saved."""
-    z, belief = first_runs(), Belief(DIMENSION, None)
-    belief.fit(seen(z, misleading=True))
-    runs = near_the_boundary(120, 3)
-    after = seen(np.vstack([z, runs]), misleading=True)
-    after.foreseen = belief.foresee(runs)
-    belief.fit(after)
-    new = near_the_boundary(50, 2)
+    belief, new = put_to_the_test(120, misleading=True), near_the_boundary(50, 2)
     assert (belief.foresee(new)[:, 0] != belief.foresee(new)[:, 1]).any()  # they are still tested
 
     def ask(*_):
