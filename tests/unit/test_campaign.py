@@ -289,7 +289,7 @@ def test_the_tutorial_runs_as_it_is_written(tmp_path, monkeypatch):
     assert last == ["ask", "simulate", "tell", "new"]
     told = transcript.drive(TUTORIAL.read_text())
     assert re.search(r"may stop +yes", told)
-    assert re.search(r"unseen +with 95% confidence, .* if it fills a half-space, and", told)
+    assert re.search(r"unseen +a part of .* if a half-space, .* if of any shape \(95% confidence\)", told)
     renewed = transcript.with_transcript(TUTORIAL.read_text(), told, 1.25e-3)
     assert "".join(f"    {line}\n" for line in told.splitlines()) in renewed
     assert "The exact value under this law is 0.00125" in renewed

@@ -95,8 +95,8 @@ def test_the_command_says_the_law_and_what_the_interval_is(config, capsys):
     folder = Path("results/motorway/estimate")
     found = pd.read_csv(folder / "estimate.csv")
     assert found["law"].tolist() == ["exponential 0.9"]
-    assert f"at most the probability {found['unseen_mode'][0]:.1g} if it fills a half-space, and " in told
-    assert f"{found['unseen_any'][0]:.1g} whatever its shape" in told
+    bounds = f"{found['unseen_mode'][0]:.1g} if a half-space, {found['unseen_any'][0]:.1g} if of any shape"
+    assert f"no run has met: at most {bounds} (95% confidence)" in told
     encounters, _ = read_records(config)
     assert read_law(folder / "law.json", encounters).content()["excess"]["shape"] == "exponential"
 

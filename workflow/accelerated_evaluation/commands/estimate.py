@@ -111,7 +111,7 @@ def _told(found: "Alone", level: float) -> str:
             f"sampling alone {row['ci_low']:.2g} to {row['ci_high']:.2g}; {verdict} after "
             f"{row['learning'] + row['estimating']:,} encounters, {row['events']:,} of them crashes"
         )
-        lines.append(f"what may be unseen: {unseen_in_words(row)}")
+        lines.append(unseen_in_words(row))
     if (vehicle := found.vehicle) is not None:
         lines.append(
             f"simulated: {vehicle.simulated:,}; taken from the store: {vehicle.found:,}; "

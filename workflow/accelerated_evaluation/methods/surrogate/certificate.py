@@ -92,9 +92,8 @@ class Unseen:
 def unseen_in_words(diagnostics: Mapping[str, float]) -> str:
     """Say the bounds ``unseen_mode``, for half-spaces, and ``unseen_any`` of an estimate's diagnostics."""
     return (
-        f"with {1 - UNSEEN_ALPHA:.0%} confidence, a part of the event that no run has met has at most the "
-        f"probability {diagnostics['unseen_mode']:.1g} if it fills a half-space, and "
-        f"{diagnostics['unseen_any']:.1g} whatever its shape"
+        f"a part of the event that no run has met: at most {diagnostics['unseen_mode']:.1g} if a half-space, "
+        f"{diagnostics['unseen_any']:.1g} if of any shape ({1 - UNSEEN_ALPHA:.0%} confidence)"
     )
 
 
