@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from accelerated_evaluation.methods.surrogate import kernel
-from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurrogate
+from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurrogate, Predecessor
 from scipy.stats import multivariate_normal
 
 THETA = np.log([1.5, 0.8, 2.0])
@@ -157,16 +157,68 @@ def test_new_runs_join_the_earlier_ones():
     assert abs(before - together.probability(z)).max() > 0.05
 
 
-def test_restart_forgets_the_flags_of_earlier_runs():
+def test_learning_forgets_the_sites_of_earlier_runs():
     z, event = runs(60)
-    other = z[:, 0] < -0.5
     fresh, again, kept = (EventSurrogate(2) for _ in range(3))
-    fresh.fit(z, event, learn=False)
-    for surrogate, restart in ((again, True), (kept, False)):
-        surrogate.fit(z, other, learn=False)
-        surrogate.fit(z, event, learn=False, restart=restart)
+    for surrogate in (again, kept):
+        surrogate.fit(z, z[:, 0] < -0.5, learn=False)
+    for surrogate in (fresh, again):
+        surrogate.fit(z, event, learn=True)
+    kept.theta = fresh.theta
+    kept.fit(z, event, learn=False)
     assert again.probability(z).tolist() == fresh.probability(z).tolist()
     assert kept.probability(z).tolist() != fresh.probability(z).tolist()
+
+
+def slab(direction, n=120, seed=3):
+    """Return runs next to a thin slab, and whether they are in it."""
+    z = np.random.default_rng(seed).normal(0, 1.5, (n, 2))
+    across = z @ direction
+    z = z - 0.7 * across[:, None] * direction  # most runs are near it
+    return z, abs(z @ direction) < 0.25
+
+
+@pytest.mark.parametrize(("direction", "oblique"), [((0.8, 0.6), True), ((0.0, 1.0), False)])
+def test_axes_are_those_that_the_flags_bear_out(direction, oblique):
+    z, event = slab(np.array(direction))
+    along, turned = EventSurrogate(2), EventSurrogate(2)
+    wrong = np.array([[0.8, -0.6], [0.6, 0.8]])
+    axes = kernel.principal_axes(z[event]) if oblique else [wrong]
+    along.fit(z, event, learn=True)
+    turned.fit(z, event, learn=True, turned=axes)
+    assert along.axes.tolist() == np.eye(2).tolist()
+    assert (turned.axes == (axes[0] if oblique else np.eye(2))).all()
+    new, there = slab(np.array(direction), 400, seed=4)
+    by_axes, by_turned = (
+        np.log(np.where(there, p, 1 - p)).mean() for p in (along.probability(new), turned.probability(new))
+    )
+    assert by_turned > by_axes + 0.05 if oblique else by_turned == by_axes
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_lengths_are_measured_along_the_axes(known):
+    """A surrogate of points along other axes is the surrogate of the turned points."""
+    z, event = runs(40)
+    other, happened = runs(15, seed=2)
+    axes = np.array([[0.6, -0.8], [0.8, 0.6]])
+    turned = EventSurrogate(2, Predecessor(other, happened) if known else None)
+    plain = EventSurrogate(2, Predecessor(other @ axes, happened) if known else None)
+    turned.axes = axes
+    turned.theta[:2] = plain.theta[:2] = np.log([0.7, 3.0])
+    turned.fit(z, event, learn=False)
+    plain.fit(z @ axes, event, learn=False)
+    np.testing.assert_allclose(turned.probability(z), plain.probability(z @ axes), atol=1e-9)
+    assert abs(turned.probability(z) - plain.probability(z)).max() > 0.05
+
+
+def test_principal_axes():
+    points = np.random.default_rng(0).normal(size=(500, 3)) * [3.0, 1.0, 0.2]
+    turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    (axes,) = kernel.principal_axes(points @ turn.T)
+    # Columns of the turn in the order of growing spread; their angles err by about (1 / 3) / sqrt(500).
+    assert abs(np.sum(axes * turn[:, ::-1], axis=0)) == pytest.approx(np.ones(3), abs=0.01)
+    assert kernel.principal_axes(points[[0, 0, 0, 1, 2]]) == []
+    assert kernel.principal_axes(points[:4, :1])[0].shape == (1, 1)
 
 
 def test_repeated_points_are_no_obstacle():

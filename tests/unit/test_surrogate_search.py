@@ -125,8 +125,8 @@ def test_every_step_gets_a_run_where_the_score_falls(event):
     z, score = scored(60)
     happened = (score < np.sort(score)[3]) if event else np.zeros(60, bool)
     drawn = draw_approach(10, 30.0, z, happened, score, np.random.default_rng(2))
-    at = rarity(drawn)
-    assert ((at >= 3 * np.arange(10)) & (at <= 3 * (np.arange(10) + 1))).all()
+    ends = 30 * np.sqrt(np.arange(11) / 10)  # finer the rarer
+    assert ((ends[:-1] <= rarity(drawn)) & (rarity(drawn) <= ends[1:])).all()
     direction = drawn[:, 0] / np.linalg.norm(drawn, axis=1)
     # Of uniform directions the mean would be 0 with a standard error of .22; those in this half have .64.
     assert direction[3:].mean() > 0.8
@@ -142,11 +142,11 @@ def test_flags_without_scores_lead_to_the_event():
 
 
 def runs_to_the_first_event(seed):
-    """Of an event in one direction, which about 1 in 25 draws of the wide law hit, and the score never."""
+    """Of an event in one direction, which about 1 in 75 draws of the wide law hit, and the score never."""
 
     def misled(z):
         far = np.linalg.norm(z, axis=1)
-        return (far > 4) & (z[:, 0] > 0.92 * far), -z[:, 1]
+        return (far > 4) & (z[:, 0] > 0.97 * far), -z[:, 1]
 
     sampler = new_sampler(3, seed)
     while not sampler.progress.happened.any() and sampler.simulations < 400:
@@ -161,7 +161,7 @@ def test_a_score_that_leads_astray_is_not_followed_forever(monkeypatch):
     late = followed > 80  # the others met the event before the patience ended, and are the same
     assert (found[~late] == followed[~late]).all()
     assert late.sum() >= 4
-    assert found[late].mean() < 0.7 * followed[late].mean()
+    assert found[late].mean() < 0.8 * followed[late].mean()
 
 
 def test_the_smallest_outcomes_are_kept():

@@ -114,19 +114,20 @@ def test_the_cut_wide_law_keeps_its_mass():
     assert prediction == two_phase.Prediction(0.0, WORTHLESS)
 
 
-def test_what_is_looked_for_gets_all_that_exceeds_the_usual_defence():
-    """Nine tenths of the runs are spread: two as usual, and seven beyond the rarity that is said."""
+@pytest.mark.parametrize("share", [0.2, 0.9])
+def test_the_defence_is_where_something_is_looked_for(share):
+    """A quarter of the usual fifth of the runs is spread evenly, and all else beyond what is said."""
     rarity = (np.arange(600) + 0.5) / 600 * REACH
     pool = two_phase.Pool(np.zeros((600, 2)), np.ones(600), np.zeros(600), np.ones(600), rarity)
     there = (rarity > 15.0) & (rarity <= 20.0)
-    guard = pool.guard(20.0, two_phase.Defence(0.9, beyond=15.0))
-    usual = pool.guard(20.0, USUAL)
-    assert guard.sum() / 600 == pytest.approx(0.9, rel=1e-3)
-    np.testing.assert_allclose(guard - 0.2 * usual, np.where(there, 0.7 * 12, 0.0), atol=1e-12)
-    # Where no part can be beyond, all of the larger share is spread as usual.
+    guard = pool.guard(20.0, two_phase.Defence(share, beyond=15.0))
+    np.testing.assert_allclose(guard, 0.05 + np.where(there, (share - 0.05) * 12, 0.0), atol=1e-12)
+    # Where no part can be beyond, all of a larger share too is spread as usual.
     for beyond in (0.0, 20.0, 30.0):
-        np.testing.assert_array_equal(pool.guard(20.0, two_phase.Defence(0.9, beyond)), usual)
-        assert two_phase.Defence(0.9, beyond).zones(20.0) == [(0.0, 20.0)]
+        np.testing.assert_array_equal(
+            pool.guard(20.0, two_phase.Defence(share, beyond)), pool.guard(20.0, USUAL)
+        )
+        assert two_phase.Defence(share, beyond).zones(20.0) == [(0.0, 20.0)]
 
 
 def test_systematic_sample_includes_by_pi(pool):

@@ -16,6 +16,7 @@ from accelerated_evaluation.methods.surrogate.calibration import Calibration
 from accelerated_evaluation.methods.surrogate.constants import MOST_TRUST, RELEARN
 from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurrogate, Predecessor
 from accelerated_evaluation.methods.surrogate.graded import GradedSurrogate, end_of_events, graded
+from accelerated_evaluation.methods.surrogate.kernel import principal_axes
 from accelerated_evaluation.methods.surrogate.state import Progress
 
 
@@ -33,35 +34,43 @@ class Belief:
     Attributes
     ----------
     flags, scores
-        The surrogate of all flags, and the regression of the scores.
+        The surrogate of all flags, and the regression of the scores along the same axes.
     """
 
     def __init__(self, dimension: int, predecessor: Predecessor | None) -> None:
         self.flags = EventSurrogate(dimension, predecessor)
         self.scores = GradedSurrogate(dimension)
-        self._own_flags = None if predecessor is None else EventSurrogate(dimension)
+        self._has_predecessor = predecessor is not None
         self._second: Callable[[Array], Array] | None = None
         self._calibration = Calibration()
 
     def fit(self, progress: Progress) -> None:
-        """Learn from what was seen; now and then the lengths and the amplitudes too."""
+        """Learn from what was seen; now and then the axes, the lengths and the amplitudes too.
+
+        The axes tried are the principal ones of the events, and of the points that mattered in the last pool.
+        A thin event may lie across the normal scores, and the surrogate then finds its boundary much sooner
+        along its own axes.
+        """
         z, happened, runs = progress.z, progress.happened, len(progress.z)
-        first = not progress.estimates
-        learn = first or runs >= RELEARN * progress.learnt_at
+        learn = not progress.estimates or runs >= RELEARN * progress.learnt_at
+        turned: list[Array] = []
         if learn:
             progress.learnt_at = runs
-        self.flags.fit(z, happened, learn=learn, restart=first)
+            mattered = [] if progress.centres is None else [progress.centres]
+            turned = [axes for points in (*mattered, z[happened]) for axes in principal_axes(points)]
+        self.flags.fit(z, happened, learn=learn, turned=turned)
         self._second = None
-        if self._own_flags is not None and runs:
+        if self._has_predecessor and runs:
             # With the prior's lengths, so that nothing of it must be kept in a state.
-            self._own_flags.fit(z, happened, learn=False, restart=True)
-            self._second = self._own_flags.probability
-        elif self._own_flags is None and happened.any() and not happened.all():
+            own_flags = EventSurrogate(z.shape[1])
+            own_flags.fit(z, happened, learn=False)
+            self._second = own_flags.probability
+        elif not self._has_predecessor and happened.any() and not happened.all():
             outcome = graded(happened, progress.score)
-            self.scores.fit(z, outcome, learn=learn)
-            self._second = partial(self.scores.probability, below=end_of_events(outcome, happened))
+            self.scores.fit(z @ self.flags.axes, outcome, learn=learn)
+            self._second = partial(self._by_scores, below=end_of_events(outcome, happened))
         foretold = len(progress.foreseen)
-        least = 0.0 if self._own_flags is None else 1 - MOST_TRUST
+        least = 1 - MOST_TRUST if self._has_predecessor else 0.0
         self._calibration = Calibration.learn(progress.foreseen, happened[runs - foretold :], least)
 
     def probability(self, z: Array) -> Array:
@@ -77,3 +86,6 @@ class Belief:
         by_flags = self.flags.probability(z)
         by_second = self._second(z) if both and self._second is not None else by_flags
         return np.column_stack([by_flags, by_second])
+
+    def _by_scores(self, z: Array, below: float) -> Array:
+        return self.scores.probability(z @ self.flags.axes, below)

@@ -13,9 +13,9 @@ START = 20
 # Points of the wide law among which the runs of the search are chosen.
 CANDIDATES = 1000
 
-# The search ends when it has had a run in every such step of rarity, for which the probability changes by the
-# factor exp(STEP), up to `BEYOND` the most probable event that it knows.
-STEP = 1 / 3
+# The search ends when it has had on average a run in every such step of rarity, for which the probability
+# changes by the factor exp(STEP), up to `BEYOND` the most probable event that it knows.
+STEP = 1 / 2.75
 
 # Runs of the search for each unit of rarity, without an event, after which half of it follows the flags.
 PATIENCE = 1.0
@@ -24,9 +24,9 @@ PATIENCE = 1.0
 # out has less than 5 % of the probability.
 BEYOND = 3.0
 
-# Growth of the number of runs after which lengths and amplitude are learnt again. Learning takes as long as
-# several batches without it, and a few more runs hardly move its result.
-RELEARN = 1.3
+# Growth of the number of runs after which axes, lengths and amplitude are learnt again. Learning takes as
+# long as several batches without it, and a few more runs hardly move its result.
+RELEARN = 1.15
 
 # A surrogate is usable once it predicts a coefficient of variation per run below this.
 USABLE = 2.5

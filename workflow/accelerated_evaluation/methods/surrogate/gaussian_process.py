@@ -2,11 +2,14 @@
 
 This is Gaussian process classification of the event's flag: the probability is Phi(latent) with a Gaussian
 process as latent function. Its posterior is approximated by expectation propagation (Rasmussen and Williams
-2006, section 3.6). Its lengths and amplitude are those of highest posterior density.
+2006, section 3.6). Its lengths and amplitude are those of highest posterior density, along the axes for which
+this density is highest.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 
 import numpy as np
 from numba import njit
@@ -141,6 +144,8 @@ class EventSurrogate:
 
     Attributes
     ----------
+    axes
+        Directions in which the lengths are measured, one a column, shape (d, d).
     theta
         Logarithms of the lengths and of the amplitude, shape (d + 1,), or (d + 2,) with a predecessor.
     sites
@@ -152,13 +157,14 @@ class EventSurrogate:
         self._predecessor = predecessor
         lengths = [LENGTH * math.sqrt(dimension)] * dimension
         lengths += [VEHICLE_LENGTH] if predecessor else []
+        self.axes = np.eye(dimension)
         self.theta = np.log([*lengths, AMPLITUDE])
         self.sites = np.empty((2, 0))
         self._kept = np.arange(0)
         self._centre = self.theta.copy()
         self._scale = np.array([*[LENGTH_SPREAD] * len(lengths), AMPLITUDE_SPREAD])
 
-    def fit(self, z: Array, event: NDArray[np.bool_], *, learn: bool, restart: bool = False) -> None:
+    def fit(self, z: Array, event: NDArray[np.bool_], *, learn: bool, turned: Sequence[Array] = ()) -> None:
         """Condition on runs.
 
         Parameters
@@ -166,31 +172,41 @@ class EventSurrogate:
         z, event
             Normal scores, shape (n, d), and flags, shape (n,); earlier runs first.
         learn
-            Whether to look for better lengths and amplitude.
-        restart
-            Whether the flags of earlier runs have changed, so that their sites are of no use.
+            Whether to look for better axes, lengths and amplitude.
+        turned
+            Axes that are tried beside those of the normal scores, each of shape (d, d).
         """
-        z = self._placed(z)
         if self._predecessor is not None:
-            z = np.vstack([np.column_stack([self._predecessor.z, np.ones(len(self._predecessor.z))]), z])
             event = np.append(self._predecessor.happened, event)
         sign = np.where(event, 1.0, -1.0)
-        known = 0 if restart else self.sites.shape[1]
-        new = np.repeat([[FIRST_PRECISION], [0.0]], len(sign) - known, axis=1)
-        self.sites = np.hstack([self.sites[:, :known], new])
-        self._kept = that_matter(z / np.exp(self.theta[:-1]), event, MOST_RUNS)
-        z, sign = z[self._kept], sign[self._kept]
         if learn:
-            bounds = [LOG_LENGTH_BOUNDS] * (len(self.theta) - 1) + [LOG_AMPLITUDE_BOUNDS]
-            steps = {"maxiter": LEARNING_STEPS}
-            found = minimize(
-                self._loss, self.theta, (z, sign), "L-BFGS-B", jac=True, bounds=bounds, options=steps
-            )
-            self.theta = found.x
+            found = [self._learn(axes, z, sign) for axes in (np.eye(z.shape[1]), *turned)]
+            _, self.axes, self.theta = min(found, key=itemgetter(0))
+            self.sites = np.empty((2, 0))
+        runs, sign = self._keep(z, sign)
         self._lengths, self._variance = np.exp(self.theta[:-1]), math.exp(2 * self.theta[-1])
-        self._runs = z / self._lengths
+        self._runs = runs / self._lengths
         covariance, _ = covariance_of_runs(self._runs, self._variance)
         _, self._factor, self._root, self._weights = self._propagate(covariance, sign, tolerance=SETTLED)
+
+    def _learn(self, axes: Array, z: Array, sign: Array) -> tuple[float, Array, Array]:
+        """Return the least loss along some axes, sought from the prior on, the axes, and its theta."""
+        self.axes, self.theta, self.sites = axes, self._centre.copy(), np.empty((2, 0))
+        kept = self._keep(z, sign)
+        bounds = [LOG_LENGTH_BOUNDS] * (len(self.theta) - 1) + [LOG_AMPLITUDE_BOUNDS]
+        steps = {"maxiter": LEARNING_STEPS}
+        found = minimize(self._loss, self.theta, kept, "L-BFGS-B", jac=True, bounds=bounds, options=steps)
+        return float(found.fun), axes, found.x
+
+    def _keep(self, z: Array, sign: Array) -> tuple[Array, Array]:
+        """Return the runs to condition on, the predecessor's first, and their signs; new runs get sites."""
+        runs = self._placed(z)
+        if (other := self._predecessor) is not None:
+            runs = np.vstack([np.column_stack([other.z @ self.axes, np.ones(len(other.z))]), runs])
+        new = np.repeat([[FIRST_PRECISION], [0.0]], len(sign) - self.sites.shape[1], axis=1)
+        self.sites = np.hstack([self.sites, new])
+        self._kept = that_matter(runs / np.exp(self.theta[:-1]), sign > 0, MOST_RUNS)
+        return runs[self._kept], sign[self._kept]
 
     def probability(self, z: Array) -> Array:
         """Probability of the event at points z, shape (m, d)."""
@@ -203,7 +219,8 @@ class EventSurrogate:
         return ndtr(mean / np.sqrt(1 + variance))
 
     def _placed(self, z: Array) -> Array:
-        """Return points of the vehicle under test with all their coordinates."""
+        """Return points of the vehicle under test with all their coordinates, along the axes."""
+        z = z @ self.axes
         return z if self._predecessor is None else np.column_stack([z, np.zeros(len(z))])
 
     def _propagate(

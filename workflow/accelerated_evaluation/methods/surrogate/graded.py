@@ -83,14 +83,14 @@ class GradedSurrogate:
         z, outcome
             Normal scores, shape (n, d), and graded outcomes, shape (n,).
         learn
-            Whether to look for better lengths, amplitude and noise.
+            Whether to look for better lengths, amplitude and noise, from the prior's.
         """
         kept = thinned(np.argsort(outcome, kind="stable"), GRADED_RUNS)  # the smallest outcomes first
         self._z, self._outcome = z[kept], outcome[kept]
         if learn:
             steps = {"maxiter": GRADED_STEPS}
             found = minimize(
-                self._loss, self.theta, method="L-BFGS-B", jac=True, bounds=self._bounds, options=steps
+                self._loss, self._centre, method="L-BFGS-B", jac=True, bounds=self._bounds, options=steps
             )
             self.theta = found.x
         self._runs = self._z / np.exp(self.theta[:-2])

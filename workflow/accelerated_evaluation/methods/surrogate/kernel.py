@@ -88,6 +88,13 @@ def negative_log_posterior(
     return 0.5 * score @ score - evidence, score / scale - gradient
 
 
+def principal_axes(points: Array) -> list[Array]:
+    """Return the principal axes of points, shape (n, d), as columns of a matrix; none for too few points."""
+    if len(np.unique(points, axis=0)) <= points.shape[1]:
+        return []
+    return [np.linalg.eigh(np.atleast_2d(np.cov(points.T)))[1]]
+
+
 def thinned(order: NDArray[np.intp], most: int) -> NDArray[np.intp]:
     """Return which runs to condition on, at most ``most``: half of them from the beginning of an order.
 

@@ -32,6 +32,7 @@ from accelerated_evaluation.methods.surrogate.combining import estimate_batch
 from accelerated_evaluation.methods.surrogate.constants import (
     BEYOND,
     CORE,
+    DEFENCE,
     DEFENCE_ALONE,
     FRINGE_WEIGHT,
     KERNELS,
@@ -197,6 +198,7 @@ class Sampler:
             dimension=self.dimension,
             batch_size=self.batch_size,
             progress=replace(self.progress, estimates=[*self.progress.estimates]),
+            axes=self._belief.flags.axes,
             theta=self._belief.flags.theta,
             sites=self._belief.flags.sites,
             graded_theta=self._belief.scores.theta,
@@ -216,7 +218,8 @@ class Sampler:
             predecessor=state.predecessor,
         )
         sampler.progress = state.progress
-        sampler._belief.flags.theta, sampler._belief.flags.sites = state.theta, state.sites
+        flags = sampler._belief.flags
+        flags.axes, flags.theta, flags.sites = state.axes, state.theta, state.sites
         sampler._belief.scores.theta = state.graded_theta
         return sampler
 
@@ -225,8 +228,8 @@ class Sampler:
     def _pending_batch(self, *, certify: bool = False) -> Batch:
         if self.progress.pending is None:
             with BLAS.limit(limits=1):
-                beyond = results.where_to_look(self.progress, self.certificate) if certify else 0.0
-                defence = Defence(DEFENCE_ALONE, beyond) if certify else Defence()
+                beyond = results.where_to_look(self.progress, self.certificate)
+                defence = Defence(DEFENCE_ALONE if certify else DEFENCE, beyond)
                 self.progress.pending = self._design(defence)
         return self.progress.pending
 

@@ -48,10 +48,12 @@ def draw_approach(
     *,
     in_vain: bool = False,
 ) -> Array:
-    """Draw one point in each of equal steps of rarity, where the event is expected; shape (runs, d).
+    """Draw one point in each step of rarity, where the event is expected; shape (runs, d).
 
-    In each step it is one of several candidates of the wide law, taken with a probability in proportion to
-    the square of its chance to be in the event.
+    The steps are finer the rarer, because a part of the event that begins at some rarity is met beyond it
+    too, and more easily there: runs far out look for all parts, and runs near the origin for the nearest
+    alone. In each step the point is one of several candidates of the wide law, taken with a probability in
+    proportion to the square of its chance to be in the event.
 
     Parameters
     ----------
@@ -69,7 +71,8 @@ def draw_approach(
     """
     each = max(CANDIDATES // runs, 2)
     steps = np.repeat(np.arange(runs), each) + generator.random(runs * each)
-    at = steps / runs * rarest
+    # The square root makes the density of the runs grow like the rarity.
+    at = np.sqrt(steps / runs) * rarest
     candidates = draw_at(at, z.shape[1], generator)
     outcome = graded(happened, score)
     surrogate = GradedSurrogate(z.shape[1])

@@ -22,7 +22,7 @@ from accelerated_evaluation.methods.surrogate.constants import POOL, REACH
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.methods.surrogate.two_phase import Flags, TwoPhaseBatch
 
-FORMAT, VERSION = "accelerated-evaluation sampler state", 6
+FORMAT, VERSION = "accelerated-evaluation sampler state", 7
 
 # What is raised where a content does not fit together.
 MISFIT = (KeyError, TypeError, ValueError, OverflowError, AttributeError, StopIteration)
@@ -33,6 +33,7 @@ RANGES = {
     **dict.fromkeys(("looks", "searched", "learnt_at"), (0, 1e12)),
     **dict.fromkeys(("sites", "probability", "controlled", "controlled_square"), (-1e100, 1e100)),
     **dict.fromkeys(("z", "centres"), (-1e6, 1e6)),
+    "axes": (-1.001, 1.001),  # with a margin for rounding
     "dimension": (1, 1e6),
     "batch_size": (1, POOL // 4),
     **dict.fromkeys(("theta", "graded_theta"), (-20, 20)),  # logarithms of lengths, amplitude and noise
@@ -118,8 +119,9 @@ class State:
         Number of normal scores, and of simulations asked for at once.
     progress
         What was seen and concluded.
-    theta, sites
-        Of the surrogate: logarithms of its lengths and amplitude, and its sites; see `EventSurrogate`.
+    axes, theta, sites
+        Of the surrogate: its axes, logarithms of its lengths and amplitude, and its sites; see
+        `EventSurrogate`.
     graded_theta
         Of the regression of the scores; see `GradedSurrogate`.
     generator
@@ -132,6 +134,7 @@ class State:
     dimension: int
     batch_size: int
     progress: Progress
+    axes: Array
     theta: Array
     sites: Array
     graded_theta: Array
@@ -222,6 +225,7 @@ def _whole(state: State) -> State:
     for name, columns in {"z": d, "looks": 3, "foreseen": 2}.items():
         if getattr(progress, name).size == 0:  # an empty list has lost its second dimension
             setattr(progress, name, np.empty((0, columns)))
+    _require_shape("axes", state.axes, d, d)
     _require_shape("theta", state.theta, d + 1 + (others > 0))
     _require_shape("graded_theta", state.graded_theta, d + 2)
     _require_shape("sites", state.sites, 2, min(state.sites.size // 2, runs + others))
@@ -237,6 +241,8 @@ def _whole(state: State) -> State:
             if isinstance(value, np.ndarray):
                 rows = len(value) if name == "looks" else max(len(batch.z), 1)
                 _require_shape(name, value, rows, *columns.get(name, []))
+    if not np.allclose(state.axes.T @ state.axes, np.eye(d), atol=1e-6):
+        raise ValueError("axes that are not at right angles")
     if (state.sites[0] <= 0).any():
         raise ValueError("a site with a precision that is not above 0")
     generator_in(state.generator)

@@ -65,12 +65,13 @@ class Pool:
         """Return how the defensive share is spread: as the wide law, and to the share `EVEN` evenly.
 
         Points so far out that their weight is 0 get nothing: there may be no cut-in for such scores. Where an
-        unseen part is looked for, what exceeds the usual share goes beyond its nearest point.
+        unseen part is looked for, the wide law is that beyond its nearest point, and takes all that exceeds
+        the usual share.
         """
-        usual = np.where(self.weight > 0, EVEN, 0.0) + (1 - EVEN) * self.within(0.0, reach)
+        evenly = np.where(self.weight > 0, EVEN, 0.0)
         if not 0 < defence.beyond < reach:
-            return usual
-        return DEFENCE * usual + (defence.share - DEFENCE) * self.within(defence.beyond, reach)
+            return evenly + (1 - EVEN) * self.within(0.0, reach)
+        return DEFENCE * evenly + (defence.share - EVEN * DEFENCE) * self.within(defence.beyond, reach)
 
 
 @dataclass(frozen=True)
