@@ -225,6 +225,13 @@ def test_states_that_lack_something_are_refused_even_with_a_right_checksum(saved
     assert "does not fit together" in refused(saved).seen
 
 
+def test_axes_that_are_not_at_right_angles_are_refused(saved):
+    content = json.loads(saved.read_text())
+    content["state"]["axes"][0][0] += 0.01
+    saved.write_text(json.dumps(content | {"checksum": _checksum(content["state"])}))
+    assert "right angles" in refused(saved).seen
+
+
 def test_any_damage_to_the_bytes_of_a_state_is_refused(saved):
     generator, whole = np.random.default_rng(10), saved.read_bytes()
     for _ in range(100):
