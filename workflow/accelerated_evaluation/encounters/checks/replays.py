@@ -33,8 +33,8 @@ def replayed_crashes(records: Records) -> Finding:
         looked_at,
         f"{len(crashes):,} rows crash{_named(crashes)}, {len(nearly):,} nearly",
         len(crashes),
-        "Look at these rows with `accelerated-evaluation replay`: an error of the record, or the vehicle's? "
-        "Table data_quality has the answer without the rows that crash.",
+        "Look at these rows with the command accelerated-evaluation replay: an error of the record, or the "
+        "vehicle's? Table data_quality has the answer without the rows that crash.",
         [*crashes, *nearly],
     )
 
