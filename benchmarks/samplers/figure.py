@@ -59,7 +59,7 @@ def draw_panel(axes: Axes, rows: pd.DataFrame) -> None:
         )
         axes.plot(row.calls_mean, y, marker="|", color="black", markersize=5, markeredgewidth=0.6)
         axes.text(1.02, y, remark(row), transform=axes.get_yaxis_transform(), va="center", fontsize=5)
-    axes.set(xscale="log", xlim=(15, 3e6), ylim=(len(LABELS) - 0.4, -0.6))
+    axes.set(xscale="log", xlim=(8, 3e6), ylim=(len(LABELS) - 0.4, -0.6))
     axes.set_xticks([100, 10_000, 1_000_000])
     axes.minorticks_off()
     axes.set_yticks(range(len(LABELS)), LABELS.values())
