@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pandas as pd
 from accelerated_evaluation import cli
-from accelerated_evaluation.files import write_text
+from accelerated_evaluation.base.files import write_text
 from accelerated_evaluation.track.campaign_file import read_campaign
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -11,9 +11,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pandas as pd
-from accelerated_evaluation.configuration import load
-from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.files import write_csv, write_text
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.files import write_csv, write_text
+from accelerated_evaluation.study.configuration import load
 
 ROOT = Path(__file__).resolve().parents[1]
 MEASURED = ROOT / "benchmarks" / "results" / "rules.csv"

@@ -11,8 +11,9 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from accelerated_evaluation.vehicles import AccAeb, Outcomes, reference
-from accelerated_evaluation.vehicles.acc_aeb import simulate_encounters
+from accelerated_evaluation.vehicles import AccAeb, Outcomes
+from accelerated_evaluation.vehicles.builtin import reference
+from accelerated_evaluation.vehicles.builtin.acc_aeb import simulate_encounters
 from accelerated_evaluation.vehicles.checks import OUTCOMES
 
 SIZES = {"compiled, 1 core": 400_000, "compiled, 2 cores": 800_000, "NumPy": 20_000, "plain Python": 400}

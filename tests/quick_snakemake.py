@@ -21,10 +21,10 @@ from snakemake.script import PythonScript
 FORKS = multiprocessing.get_context("forkserver")
 IMPORTED = [
     "__main__",
-    "accelerated_evaluation.laws.paper",
-    "accelerated_evaluation.publishing.execution",
+    "accelerated_evaluation.laws.paper.models",
+    "accelerated_evaluation.publishing.book.execution",
     "accelerated_evaluation.publishing.study",
-    "accelerated_evaluation.truth.law_study",
+    "accelerated_evaluation.answer.study",
     "accelerated_evaluation.vehicles.loading",
     "matplotlib.pyplot",
     "scipy.stats",

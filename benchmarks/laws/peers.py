@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pyvinecopulib as pv
-from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.fitting.conditional import Places
-from accelerated_evaluation.fitting.family import Events
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.laws.smooth.conditional import Places
+from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from scipy.special import log_ndtr, logsumexp, ndtri
 from scipy.stats import norm
 from sklearn.mixture import GaussianMixture
@@ -62,7 +62,7 @@ class Margin:
 class Joint:
     """Margins of lead speed, range and closing speed, and what ties them."""
 
-    def __init__(self, events: Events) -> None:
+    def __init__(self, events: DistinctRecords) -> None:
         self.margins = [
             Margin.fit(x, tail=tail)
             for x, tail in ((events.lead_speed, False), (events.range_, False), (events.closing_speed, True))
@@ -83,7 +83,7 @@ class Vine(Joint):
 
     name = "vine copula"
 
-    def __init__(self, events: Events) -> None:
+    def __init__(self, events: DistinctRecords) -> None:
         super().__init__(events)
         places = Places(events.lead_speed, events.range_, *2 * [np.empty((0, 0))])
         # In a D-vine of order (closing speed, range, lead speed) the first is given the other two by
@@ -111,7 +111,7 @@ class Mixture(Joint):
 
     name = "Gaussian mixture of scores"
 
-    def __init__(self, events: Events) -> None:
+    def __init__(self, events: DistinctRecords) -> None:
         super().__init__(events)
         places = Places(events.lead_speed, events.range_, *2 * [np.empty((0, 0))])
         z = ndtri(self.scores(places, events.closing_speed))

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import yaml
-from accelerated_evaluation.files import write_csv
-from accelerated_evaluation.fitting.family import Events, Fitter, Member
-from accelerated_evaluation.fitting.rivals import IndependentTail
-from accelerated_evaluation.fitting.shapes import SHAPES
-from accelerated_evaluation.truth.scoring import held_out, held_out_scores
+from accelerated_evaluation.answer.scores import held_out, held_out_scores
+from accelerated_evaluation.base.files import write_csv
+from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, Member
+from accelerated_evaluation.laws.smooth.rivals import IndependentTail
+from accelerated_evaluation.laws.smooth.shapes import SHAPES
 from peers import PEERS
 
 HALVES = 2  # blocks, fewer than in the study, because a vine takes its time
@@ -19,14 +19,14 @@ REGIONS = (0.25, 0.35, 0.45)  # [1/s]
 OURS = (Member(), Member(0.95, "generalised"), Member(0.98, "two kinds"))
 
 
-def score(events: Events) -> pd.DataFrame:
+def score(events: DistinctRecords) -> pd.DataFrame:
     """Return the gain of each law over the paper's in each region [nats]."""
     regions = {f"gain_inverse_ttc_{q:g}": q * events.range_ for q in REGIONS}
     fitter = Fitter(events, OURS)
     own = held_out_scores(fitter, fitter.fit(), regions, HALVES, THIN)
     sums = {member.name: {at: own[at][k].sum() for at in regions} for k, member in enumerate(OURS)}
 
-    def independent(part: Events) -> IndependentTail:
+    def independent(part: DistinctRecords) -> IndependentTail:
         return IndependentTail.fit(part, 0.95, SHAPES["exponential"])
 
     for name, fit in {"paper": independent, **{peer.name: peer for peer in PEERS}}.items():
@@ -46,7 +46,7 @@ def main() -> None:
     records = pd.read_parquet(config["data"]["spmd"]["path"])
     columns = {"range": np.minimum(1 / records["inverse_range"], 75.0)}
     columns["closing_speed"] = records["inverse_ttc"] / records["inverse_range"]
-    write_csv(arguments.output, score(Events.of(records.assign(**columns))))
+    write_csv(arguments.output, score(DistinctRecords.of(records.assign(**columns))))
 
 
 if __name__ == "__main__":

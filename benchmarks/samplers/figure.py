@@ -5,7 +5,12 @@ import argparse
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from accelerated_evaluation.publishing.style import COLUMN_WIDTH, note_source, paper_style, save_figure
+from accelerated_evaluation.publishing.figures.style import (
+    COLUMN_WIDTH,
+    note_source,
+    paper_style,
+    save_figure,
+)
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D

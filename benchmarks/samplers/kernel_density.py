@@ -16,7 +16,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.base.arrays import Array
 from kriging import FIRST, Kriging, Population, shells
 from methods import Counter, Estimate, Target, adapter
 from peers import with_interval

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 from functools import reduce
 
 import numpy as np
-from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.base.arrays import Array
 from methods import Counter, Estimate, Target, adapter
 from peers import design_point, threshold_event, with_interval
 from problems import Problem

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import wraps
 
 import numpy as np
-from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.methods import METHODS, Stopping
 from accelerated_evaluation.methods.estimate import normal_reach
 from accelerated_evaluation.problem import Problem as CutInProblem

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 import openturns as ot
-from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.base.arrays import Array
 from methods import Counter, Estimate, Target, adapter, normal_95
 from problems import Problem
 

@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from accelerated_evaluation import problem as library
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.files import read_json
 from accelerated_evaluation.distributions import (
     BoundedExponential,
     BoundedNormal,
@@ -21,10 +23,8 @@ from accelerated_evaluation.distributions import (
     PiecewiseMixture,
     from_dict,
 )
-from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.files import read_json
 from accelerated_evaluation.laws import CutIns, Factors
-from accelerated_evaluation.laws.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.problem import ScoreProblem, SystemProblem
 from accelerated_evaluation.vehicles import AccAeb, Outcomes, Vehicle, load_vehicle
 from accelerated_evaluation.vehicles.events import Event

@@ -10,10 +10,10 @@ import argparse
 import math
 
 import numpy as np
-from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.files import write_json
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.files import write_json
+from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.problem import ScoreProblem
-from accelerated_evaluation.randomness import child_generator
 from problems import problems
 from scipy.spatial.distance import cdist
 from scipy.stats import chi2

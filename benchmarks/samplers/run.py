@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from dataclasses import asdict
 
 import pandas as pd
-from accelerated_evaluation.files import write_csv
-from accelerated_evaluation.randomness import child_generator
+from accelerated_evaluation.base.files import write_csv
+from accelerated_evaluation.base.randomness import child_generator
 from house import house
 from methods import HOUSE, LIMITS, PEERS, Target
 from problems import Problem, problems

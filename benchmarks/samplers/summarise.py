@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from accelerated_evaluation.files import write_csv
+from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.methods.importance_sampling import crude_simulations
-from accelerated_evaluation.publishing.tables import reproducible
+from accelerated_evaluation.publishing.tables.formats import reproducible
 from methods import PLUG_IN, Target, methods_of
 from problems import problems
 

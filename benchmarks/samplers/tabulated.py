@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 from accelerated_evaluation import problem as library
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.distributions import Distribution, Mixture, PiecewiseMixture
-from accelerated_evaluation.distributions.protocol import Array
 
 
 class Tabulated:

@@ -15,7 +15,7 @@ point, because a point of theirs stands for as much as any other.
 """
 
 import numpy as np
-from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.base.arrays import Array
 from kriging import FINAL, FIRST, Kriging, shells
 from methods import Counter, Estimate, Target, adapter
 from peers import with_interval

@@ -8,18 +8,18 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pandas as pd
-from accelerated_evaluation.configuration import load
-from accelerated_evaluation.files import write_csv
+from accelerated_evaluation.answer.chosen_law import choose_law
+from accelerated_evaluation.answer.estimation import read_records
+from accelerated_evaluation.base.files import write_csv
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.crash_map.exact import exact_probabilities
+from accelerated_evaluation.crash_map.mapping import map_crashes
+from accelerated_evaluation.crash_map.maps import CrashMap, Grid, read_crash_map, write_crash_map
+from accelerated_evaluation.crash_map.sampled import sample_crashes
 from accelerated_evaluation.laws import Law
-from accelerated_evaluation.preflight import compared_sections
 from accelerated_evaluation.problem import Problem as CutInProblem
-from accelerated_evaluation.randomness import child_generator
-from accelerated_evaluation.truth.alone import read_records
-from accelerated_evaluation.truth.chosen_law import choose_law
-from accelerated_evaluation.truth.crash_map import CrashMap, Grid, read_crash_map, write_crash_map
-from accelerated_evaluation.truth.exact import exact_probabilities
-from accelerated_evaluation.truth.mapping import map_crashes
-from accelerated_evaluation.truth.sampled_map import sample_crashes
+from accelerated_evaluation.study.configuration import load
+from accelerated_evaluation.study.preflight import compared_sections
 from accelerated_evaluation.vehicles import load_vehicle
 from problems import Problem
 from run import ROOT, repeated

@@ -8,7 +8,7 @@ import sys
 
 sys.path.insert(0, workflow.basedir)
 
-from accelerated_evaluation.dependencies import imported_modules
+from accelerated_evaluation.study.dependencies import imported_modules
 from vehicles import LAWS, vehicles
 
 HERE = "benchmarks/samplers"

@@ -9,14 +9,14 @@ import argparse
 
 import numpy as np
 import pandas as pd
-from accelerated_evaluation.files import write_csv
-from accelerated_evaluation.fitting.family import Member
-from accelerated_evaluation.publishing.tables import reproducible
-from accelerated_evaluation.randomness import child_generator
-from accelerated_evaluation.truth.answer import threshold_table
-from accelerated_evaluation.truth.weighed import weigh
+from accelerated_evaluation.answer.summary import threshold_table
+from accelerated_evaluation.answer.weighted_family import weight_laws
+from accelerated_evaluation.base.files import write_csv
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.laws.smooth.family import Member
+from accelerated_evaluation.publishing.tables.formats import reproducible
 from kinds import LEVEL, World, worlds
-from setting import ROOT, Setting, distinct_events, read_setting, simulate_records
+from setting import ROOT, WorldSettings, distinct_events, read_setting, simulate_records
 from tqdm import tqdm
 
 DRAWS = 200  # of the posterior, for each threshold as well
@@ -24,7 +24,7 @@ DRAWS = 200  # of the posterior, for each threshold as well
 TRUE_LAW = {"exponential": "exponential", "heavy": "generalised"}
 
 
-def examine(kind: str, number: int, world: World, setting: Setting) -> dict[str, float | str]:
+def examine(kind: str, number: int, world: World, setting: WorldSettings) -> dict[str, float | str]:
     """Return what the study's own procedure, with all thresholds, says of one world.
 
     Returns
@@ -36,14 +36,14 @@ def examine(kind: str, number: int, world: World, setting: Setting) -> dict[str,
     """
     records = simulate_records(world, setting, child_generator(ROOT, "worlds", kind, number))
     generator = child_generator(ROOT, "worlds", kind, number, "causes")
-    weighed = weigh(distinct_events(records)[0], generator, draws=DRAWS)
-    true_law = [member == Member(LEVEL, TRUE_LAW[kind]) for member in weighed.members]
+    weighted = weight_laws(distinct_events(records)[0], generator, draws=DRAWS)
+    true_law = [member == Member(LEVEL, TRUE_LAW[kind]) for member in weighted.members]
     only = np.tile(np.array(true_law, dtype=float), (DRAWS, 1))
-    levels = threshold_table(weighed, setting.lines, generator)["probability"]
+    levels = threshold_table(weighted, setting.lines, generator)["probability"]
     told = {"kind": kind, "world": number, "threshold_ratio": levels.max() / levels.min()}
     truth = float(world.masses(setting.lines).sum())
     for prefix, weights in (("", None), ("true_law_", only)):
-        posterior = weighed.draw({"crash": setting.lines}, generator, weights)["crash"]
+        posterior = weighted.draw({"crash": setting.lines}, generator, weights)["crash"]
         low, high = posterior.interval(0.8)
         told |= {f"{prefix}held": low <= truth <= high, f"{prefix}width": high / low}
     return told

@@ -4,14 +4,14 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Protocol
 
 import numpy as np
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.distributions import Distribution
-from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.fitting.conditional import Places, SpeedLaw
-from accelerated_evaluation.fitting.family import Events, Family, Member
-from accelerated_evaluation.fitting.shapes import Generalised
-from accelerated_evaluation.fitting.support import SUPPORT
-from accelerated_evaluation.laws.independent import IndependentLaw
-from accelerated_evaluation.truth.lines import Lines
+from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw
+from accelerated_evaluation.laws.smooth.family import DistinctRecords, LawFamily, Member
+from accelerated_evaluation.laws.smooth.shapes import Generalised
+from accelerated_evaluation.laws.smooth.support import SUPPORT
 
 LEVEL = 0.95  # of the threshold of the worlds with an excess
 SHARE = 0.03  # of the second kind of drivers
@@ -23,10 +23,10 @@ FASTER = 1.25  # ratio of their closing speeds
 class World(Protocol):
     """A law of cut-ins."""
 
-    def draw(self, lead_speed: Array, generator: np.random.Generator) -> Events:
+    def draw(self, lead_speed: Array, generator: np.random.Generator) -> DistinctRecords:
         """Draw a cut-in for each lead speed [m/s]."""
 
-    def masses(self, lines: Lines) -> Array:
+    def masses(self, lines: CrashLines) -> Array:
         """Return the probability of a crash in each interval of the lines."""
 
 
@@ -37,7 +37,7 @@ class Independent:
     law: IndependentLaw
     edges: ClassVar[Array] = np.array([15.0, 25.0])  # [m/s], of the segments
 
-    def draw(self, lead_speed: Array, generator: np.random.Generator) -> Events:
+    def draw(self, lead_speed: Array, generator: np.random.Generator) -> DistinctRecords:
         """Draw R^-1, then TTC^-1 in each segment."""
         inverse_range = self.law.inverse_range.rvs(generator, lead_speed.size)
         inverse_ttc, segment = np.empty(lead_speed.size), np.digitize(lead_speed, self.edges)
@@ -45,9 +45,9 @@ class Independent:
             here = segment == number
             inverse_ttc[here] = distribution.rvs(generator, int(here.sum()))
         range_ = np.minimum(1 / inverse_range, SUPPORT.range_max)
-        return Events(lead_speed, range_, inverse_ttc * range_)
+        return DistinctRecords(lead_speed, range_, inverse_ttc * range_)
 
-    def masses(self, lines: Lines) -> Array:
+    def masses(self, lines: CrashLines) -> Array:
         """Weigh the intervals with the law of each segment."""
         return independent_masses(lines, self.law, np.inf)
 
@@ -59,7 +59,7 @@ def by_rising_speed(law: IndependentLaw) -> list[Distribution]:
     ]
 
 
-def independent_masses(lines: Lines, law: IndependentLaw, cap: float) -> Array:
+def independent_masses(lines: CrashLines, law: IndependentLaw, cap: float) -> Array:
     """Return the crash probability of each interval under a law of the paper's kind, with a cap [m/s]."""
     cells = (law.inverse_range.sf(np.exp(edge) / SUPPORT.range_max) for edge in (lines.farther, lines.nearer))
     far, near = (
@@ -83,26 +83,26 @@ def independent_masses(lines: Lines, law: IndependentLaw, cap: float) -> Array:
 class Smooth:
     """Range given lead speed, and closing speed given both, with an excess above a smooth threshold."""
 
-    family: Family
+    family: LawFamily
     law: SpeedLaw
 
-    def draw(self, lead_speed: Array, generator: np.random.Generator) -> Events:
+    def draw(self, lead_speed: Array, generator: np.random.Generator) -> DistinctRecords:
         """Draw by the inverse of the cumulative hazards."""
         return draw_smooth(self.family, self.law, lead_speed, generator)
 
-    def masses(self, lines: Lines) -> Array:
+    def masses(self, lines: CrashLines) -> Array:
         """Weigh the intervals."""
         return lines.masses(self.family.ranges, self.law)
 
 
 def draw_smooth(
-    family: Family,
+    family: LawFamily,
     law: SpeedLaw,
     lead_speed: Array,
     generator: np.random.Generator,
     nearer: Array | float = 1.0,
     faster: Array | float = 1.0,
-) -> Events:
+) -> DistinctRecords:
     """Draw ranges, and closing speeds given them, nearer and faster where asked."""
     range_, speed = np.empty(lead_speed.size), np.empty(lead_speed.size)
     levels = generator.standard_exponential((2, lead_speed.size)) / np.array(
@@ -116,17 +116,17 @@ def draw_smooth(
             -family.ranges.cumulative(along_speed).inverse(levels[0, part])
         )
         speed[part] = law.given(Places.of(lead_speed[part], range_[part])).inverse(levels[1, part])
-    return Events(lead_speed, range_, faster * speed)
+    return DistinctRecords(lead_speed, range_, faster * speed)
 
 
 @dataclass(frozen=True)
 class TwoKindsOfDrivers:
     """A few drivers cut in at shorter ranges and with higher closing speeds, in body and tail."""
 
-    family: Family
+    family: LawFamily
     law: SpeedLaw
 
-    def draw(self, lead_speed: Array, generator: np.random.Generator) -> Events:
+    def draw(self, lead_speed: Array, generator: np.random.Generator) -> DistinctRecords:
         """Draw the kind of each driver first."""
         second = generator.random(lead_speed.size) < SHARE
         return draw_smooth(
@@ -138,14 +138,14 @@ class TwoKindsOfDrivers:
             np.where(second, FASTER, 1.0),
         )
 
-    def masses(self, lines: Lines) -> Array:
+    def masses(self, lines: CrashLines) -> Array:
         """Weigh the intervals with both kinds."""
         first = lines.masses(self.family.ranges, self.law)
         slower = replace(lines, start=lines.start / FASTER, end=lines.end / FASTER)
         speeds = slower.masses(self.family.ranges, self.law) / self._ranges(lines, 1.0)
         return (1 - SHARE) * first + SHARE * speeds * self._ranges(lines, NEARER)
 
-    def _ranges(self, lines: Lines, nearer: float) -> Array:
+    def _ranges(self, lines: CrashLines, nearer: float) -> Array:
         cumulative, finite = lines.places.nearer(self.family.ranges), np.isfinite(lines.nearer)
         far = np.exp(-nearer * cumulative.at(lines.farther))
         near = np.where(finite, np.exp(-nearer * cumulative.at(np.where(finite, lines.nearer, 0.0))), 0.0)
@@ -167,7 +167,7 @@ class Ended(Generalised):
         return np.expm1(parameters[0] * level) / parameters[0]
 
 
-def worlds(family: Family, law: IndependentLaw) -> dict[str, World]:
+def worlds(family: LawFamily, law: IndependentLaw) -> dict[str, World]:
     """Return all kinds of worlds, made from fits to the records."""
     tail = family.tails[Member(LEVEL, "exponential")]
     base = SpeedLaw(family.body, family.thresholds[LEVEL], tail)

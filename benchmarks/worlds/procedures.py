@@ -2,15 +2,15 @@
 
 import numpy as np
 import pandas as pd
-from accelerated_evaluation.encounters.segments import assign_segments
-from accelerated_evaluation.fitting.family import Fitter
-from accelerated_evaluation.truth.posterior import draw_posterior
-from accelerated_evaluation.truth.scoring import held_out_scores
-from accelerated_evaluation.truth.sensitivity import fit_for_crashes
-from accelerated_evaluation.truth.weighing import bootstrapped_weights
+from accelerated_evaluation.answer.posterior import draw_posterior
+from accelerated_evaluation.answer.scores import held_out_scores
+from accelerated_evaluation.answer.weights import bootstrapped_weights
+from accelerated_evaluation.crash_map.sensitivity import fit_for_crashes
+from accelerated_evaluation.laws.smooth.family import Fitter
+from accelerated_evaluation.records.segments import assign_segments
 from kinds import independent_masses
 from scipy.special import ndtri
-from setting import MEMBERS, Setting, distinct_events
+from setting import MEMBERS, WorldSettings, distinct_events
 
 COVERAGES = (0.5, 0.8, 0.95)
 DRAWS = 100  # of the posterior, fewer than in the study
@@ -24,7 +24,7 @@ ERROR = 0.2  # relative half-width of the paper's 80 % interval
 Intervals = dict[str, float]
 
 
-def ours(records: pd.DataFrame, setting: Setting, generator: np.random.Generator) -> Intervals:
+def ours(records: pd.DataFrame, setting: WorldSettings, generator: np.random.Generator) -> Intervals:
     """Fit the family to distinct records, weigh its laws by held-out scores, and draw from the posterior."""
     events, _ = distinct_events(records)
     fitter = Fitter(events, MEMBERS)
@@ -41,7 +41,7 @@ def ours(records: pd.DataFrame, setting: Setting, generator: np.random.Generator
     }
 
 
-def paper(records: pd.DataFrame, setting: Setting, generator: np.random.Generator) -> Intervals:
+def paper(records: pd.DataFrame, setting: WorldSettings, generator: np.random.Generator) -> Intervals:
     """Fit the paper's law to all rows, and estimate with the relative error at which the paper stops."""
     cap = CAP * float((records["inverse_ttc"] / records["inverse_range"]).max())
     law = fit_for_crashes(assign_segments(records, EDGES), setting.levels, 75.0, np.inf, cap)

@@ -4,8 +4,8 @@ import argparse
 import time
 
 import pandas as pd
-from accelerated_evaluation.files import write_csv
-from accelerated_evaluation.randomness import child_generator
+from accelerated_evaluation.base.files import write_csv
+from accelerated_evaluation.base.randomness import child_generator
 from kinds import worlds
 from procedures import PROCEDURES
 from setting import ROOT, read_setting, simulate_records

@@ -8,19 +8,19 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import yaml
-from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.encounters.segments import assign_segments
-from accelerated_evaluation.files import atomic_path
-from accelerated_evaluation.fitting.family import Events, Family, Fitter, members_at
-from accelerated_evaluation.fitting.support import SUPPORT
-from accelerated_evaluation.laws.independent import IndependentLaw
-from accelerated_evaluation.laws.paper import fit_paper_laws
-from accelerated_evaluation.randomness import child_generator
-from accelerated_evaluation.truth.crash_map import Grid
-from accelerated_evaluation.truth.lines import Lines
-from accelerated_evaluation.truth.mapping import map_crashes
-from accelerated_evaluation.truth.sensitivity import Levels
-from accelerated_evaluation.vehicles.acc_aeb import AccAeb
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.files import atomic_path
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.crash_map.lines import CrashLines
+from accelerated_evaluation.crash_map.mapping import map_crashes
+from accelerated_evaluation.crash_map.maps import Grid
+from accelerated_evaluation.crash_map.sensitivity import Levels
+from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.models import fit_paper_laws
+from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, LawFamily, members_at
+from accelerated_evaluation.laws.smooth.support import SUPPORT
+from accelerated_evaluation.records.segments import assign_segments
+from accelerated_evaluation.vehicles.builtin.acc_aeb import AccAeb
 from kinds import World, worlds
 
 ROOT = 2016  # root of all randomness, as in the study
@@ -30,15 +30,15 @@ TOP = 45.0  # [m/s], where the scan of the map ends
 
 
 @dataclass(frozen=True)
-class Setting:
+class WorldSettings:
     """Lead speeds and lengths of runs as recorded, fits, levels of the paper's knots, and thinned map."""
 
     lead_speeds: Array
     run_lengths: Array
-    family: Family
+    family: LawFamily
     law: IndependentLaw
     levels: Levels
-    lines: Lines
+    lines: CrashLines
 
 
 def runs_of(records: pd.DataFrame) -> tuple[pd.DataFrame, Array]:
@@ -47,17 +47,17 @@ def runs_of(records: pd.DataFrame) -> tuple[pd.DataFrame, Array]:
     return records[first], np.diff(np.flatnonzero(first), append=len(records))
 
 
-def distinct_events(records: pd.DataFrame) -> tuple[Events, Array]:
+def distinct_events(records: pd.DataFrame) -> tuple[DistinctRecords, Array]:
     """Return the distinct records as events, and how many rows each stands for."""
     distinct, lengths = runs_of(records)
     speed, inverse_range, inverse_ttc = (
         distinct[name].to_numpy() for name in ("lead_speed", "inverse_range", "inverse_ttc")
     )
     range_ = np.minimum(1 / inverse_range, SUPPORT.range_max)
-    return Events(speed, range_, inverse_ttc / inverse_range), lengths
+    return DistinctRecords(speed, range_, inverse_ttc / inverse_range), lengths
 
 
-def prepare(config: dict) -> Setting:
+def prepare(config: dict) -> WorldSettings:
     """Fit, and map the crashes."""
     records = pd.read_parquet(config["data"]["spmd"]["path"])
     events, lengths = distinct_events(records)
@@ -68,15 +68,15 @@ def prepare(config: dict) -> Setting:
         "two_pieces"
     ]
     grid = Grid(5, 35, 75, 30, 50, 12, TOP, 240)
-    lines = Lines.of(map_crashes(AccAeb(), grid, [], child_generator(ROOT, "worlds", "map")), speed)
+    lines = CrashLines.of(map_crashes(AccAeb(), grid, [], child_generator(ROOT, "worlds", "map")), speed)
     laws = [world.masses(lines) for world in worlds(family, law).values()]
     laws += [lines.masses(family.ranges, family.law(member)) for member in MEMBERS]
     mean = np.mean([masses / masses.sum() for masses in laws], axis=0)
     thinned = lines.thinned(mean, LINES, child_generator(ROOT, "worlds", "lines"))
-    return Setting(speed, lengths, family, law, Levels.of(law), thinned)
+    return WorldSettings(speed, lengths, family, law, Levels.of(law), thinned)
 
 
-def simulate_records(world: World, setting: Setting, generator: np.random.Generator) -> pd.DataFrame:
+def simulate_records(world: World, setting: WorldSettings, generator: np.random.Generator) -> pd.DataFrame:
     """Draw as many cut-ins as were recorded, and repeat rows as often as they repeat in the record."""
     size = setting.lead_speeds.size
     events = world.draw(generator.choice(setting.lead_speeds, size), generator)
@@ -91,7 +91,7 @@ def simulate_records(world: World, setting: Setting, generator: np.random.Genera
     )
 
 
-def read_setting(path: str | Path) -> Setting:
+def read_setting(path: str | Path) -> WorldSettings:
     """Read what this script wrote."""
     return pickle.loads(Path(path).read_bytes())
 

@@ -4,8 +4,8 @@ import argparse
 
 import numpy as np
 import pandas as pd
-from accelerated_evaluation.publishing.law_figures import fig24_worlds
-from accelerated_evaluation.publishing.style import save_figure
+from accelerated_evaluation.publishing.figures.laws import fig24_worlds
+from accelerated_evaluation.publishing.figures.style import save_figure
 from scipy.stats import beta
 
 COVERAGES = (0.5, 0.8, 0.95)

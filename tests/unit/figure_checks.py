@@ -1,6 +1,6 @@
 """What every published figure is held to."""
 
-from accelerated_evaluation.publishing.style import FORMATS, save_figure
+from accelerated_evaluation.publishing.figures.style import FORMATS, save_figure
 
 
 def check_bytes_and_legend(draw, name, folder):

@@ -4,9 +4,9 @@ import numpy as np
 import pandas as pd
 from accelerated_evaluation import cli
 from accelerated_evaluation.distributions import BoundedExponential, Empirical
-from accelerated_evaluation.encounters.contract import complete, write_encounters
 from accelerated_evaluation.laws.files import write_law
-from accelerated_evaluation.laws.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.records.encounter_table import complete, write_encounters
 
 SPEEDS = np.linspace(5, 15, 1000)
 LAW = IndependentLaw(

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.truth.crash_map import Grid
-from accelerated_evaluation.truth.mapping import map_crashes
+from accelerated_evaluation.crash_map.mapping import map_crashes
+from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.vehicles import AccAeb
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.fitting.family import Events, Fitter, members_at
-from accelerated_evaluation.fitting.support import SUPPORT
-from accelerated_evaluation.truth.crash_map import Grid
-from accelerated_evaluation.truth.lines import Lines
-from accelerated_evaluation.truth.mapping import map_crashes
+from accelerated_evaluation.crash_map.lines import CrashLines
+from accelerated_evaluation.crash_map.mapping import map_crashes
+from accelerated_evaluation.crash_map.maps import Grid
+from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, members_at
+from accelerated_evaluation.laws.smooth.support import SUPPORT
 from rate_car import RateCar
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -18,7 +18,7 @@ sys.path.append(str(ROOT / "benchmarks" / "worlds"))
 
 import causes  # noqa: E402
 import kinds  # noqa: E402
-from setting import Setting, runs_of, simulate_records  # noqa: E402
+from setting import WorldSettings, runs_of, simulate_records  # noqa: E402
 
 SIZE = 8_000
 DRAWN = 400_000
@@ -30,7 +30,7 @@ def events():
     generator = np.random.default_rng(1)
     lead_speed = generator.uniform(5, 34.9, SIZE)
     range_ = SUPPORT.range_max * generator.uniform(0, 1, SIZE) ** 0.5
-    return Events(lead_speed, range_, 2.0 * generator.standard_exponential(SIZE))
+    return DistinctRecords(lead_speed, range_, 2.0 * generator.standard_exponential(SIZE))
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def family(events):
 @pytest.fixture(scope="module")
 def lines(events):
     crash_map = map_crashes(RateCar(), Grid(5, 35, 75, 8, 60, 4, 45.0, 240), [], np.random.default_rng(2))
-    return Lines.of(crash_map, events.lead_speed)
+    return CrashLines.of(crash_map, events.lead_speed)
 
 
 def crash_share(world, events, seed):
@@ -68,7 +68,7 @@ def test_a_world_without_its_second_kind_of_drivers_is_told_apart(events, family
 
 def test_records_of_a_world_have_the_size_and_the_repeats_of_the_recorded_ones(events, family, lines):
     lengths = np.r_[np.full(40, 3), np.ones(SIZE - 40, int)]
-    setting = Setting(events.lead_speed, lengths, family, None, None, lines)
+    setting = WorldSettings(events.lead_speed, lengths, family, None, None, lines)
     world = kinds.worlds(family, None)["exponential"]
     records = simulate_records(world, setting, np.random.default_rng(4))
     distinct, found = runs_of(records)

@@ -10,12 +10,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import cli
+from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.methods import METHODS, Stopping
 from accelerated_evaluation.methods.estimate import Estimate
 from accelerated_evaluation.methods.surrogate import state as sampler_state
 from accelerated_evaluation.methods.surrogate.combining import interval
 from accelerated_evaluation.problem import Problem
-from accelerated_evaluation.randomness import child_generator
 from accelerated_evaluation.track.campaign_file import read_campaign, write_campaign
 from accelerated_evaluation.track.results import read_results
 from accelerated_evaluation.track.status import forecast, status_of
@@ -187,7 +187,7 @@ def test_a_table_that_is_filled_in_by_and_by(begun, capsys):
     table.to_csv("next/runs.csv", index=False)
     begun("tell", "next/runs.csv")
     assert "1 runs taken, 0 known already, 9 outstanding" in capsys.readouterr().out
-    assert read_campaign("c.json").runs[2].told.note == "wet road"
+    assert read_campaign("c.json").runs[2].outcome.note == "wet road"
 
 
 @pytest.mark.parametrize(
@@ -238,13 +238,13 @@ def test_a_file_keeps_all_of_a_campaign_and_reads_well(begun):
     note = 'wet { "number" } road, [ 1 ] Größe'
     drive().assign(note=note).to_csv("done.csv", index=False)
     begun("tell", "done.csv")
-    assert read_campaign("c.json").runs[0].told.note == note
+    assert read_campaign("c.json").runs[0].outcome.note == note
     text = Path("c.json").read_text()
     write_campaign("copy.json", read_campaign("c.json"))
     assert Path("copy.json").read_text() == text
     lines = [line for line in text.splitlines() if line.startswith('  {"number": ')]
     assert len(lines) == 10
-    assert all('"told": {"crash": ' in line for line in lines)
+    assert all('"outcome": {"crash": ' in line for line in lines)
 
 
 def test_an_event_that_is_measured_needs_its_measurement(begun, capsys):

@@ -7,11 +7,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import cli
-from accelerated_evaluation.encounters.contract import read_encounters
+from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.methods import METHODS, Stopping
 from accelerated_evaluation.problem import Problem
-from accelerated_evaluation.randomness import child_generator
+from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.track.campaign import Campaign
 from accelerated_evaluation.track.campaign_file import read_campaign
 from accelerated_evaluation.track.limits import UNLIMITED, Limits
@@ -122,7 +122,7 @@ def test_a_probability_beyond_that_no_draw_reaches():
 
 def test_a_run_beyond_the_limits_cannot_be_told(campaign, capsys):
     campaign("ask", "next", "--no-scenarios")
-    beyond = next(run.number for run in read_campaign("c.json").runs if run.told is not None)
+    beyond = next(run.number for run in read_campaign("c.json").runs if run.outcome is not None)
     Path("told.csv").write_text(f"run,crash\n{beyond},1\n")
     assert campaign("tell", "told.csv") == 2
     assert f"seen run {beyond}, which lies beyond the limits" in capsys.readouterr().err

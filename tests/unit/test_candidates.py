@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.fitting import candidate_estimators
-from accelerated_evaluation.fitting.candidate_families import FAMILIES
-from accelerated_evaluation.fitting.candidates import CandidateFit, compare, fit_candidates, score
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.laws.paper import candidate_estimators
+from accelerated_evaluation.laws.paper.candidate_families import FAMILIES
+from accelerated_evaluation.laws.paper.candidates import CandidateFit, compare, fit_candidates, score
 from scipy import optimize, stats
 
 LOWER = 0.2

@@ -7,11 +7,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import cli
-from accelerated_evaluation.configuration import load, resolved
-from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.answer.chosen_law import choose_law
+from accelerated_evaluation.answer.estimation import estimate_alone, read_records
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.files import read_law, write_law
-from accelerated_evaluation.truth.alone import estimate_alone, read_records
-from accelerated_evaluation.truth.chosen_law import choose_law
+from accelerated_evaluation.study.configuration import load, resolved
 from motorway import CONFIGURATION, motorway_table
 
 LIMIT = 0.35  # [1/s]

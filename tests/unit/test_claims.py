@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from accelerated_evaluation.configuration import load
 from accelerated_evaluation.distributions import BoundedExponential, Empirical, PiecewiseMixture
-from accelerated_evaluation.laws.independent import IndependentLaw
-from accelerated_evaluation.publishing.claims import PREMISES, claims_table, verdict
-from accelerated_evaluation.publishing.paper_claims import CLAIMS, Claim
-from accelerated_evaluation.publishing.spreads import Spread
-from accelerated_evaluation.publishing.tables import save_table
+from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.publishing.tables.claims import PREMISES, claims_table, verdict
+from accelerated_evaluation.publishing.tables.formats import save_table
+from accelerated_evaluation.publishing.tables.paper_claims import CLAIMS, Claim
+from accelerated_evaluation.publishing.tables.spreads import Spread
+from accelerated_evaluation.study.configuration import load
 
 ROOT = Path(__file__).resolve().parents[2]
 PAPER = ROOT / ".." / "shared" / "paper.tex"

@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 from accelerated_evaluation import cli
-from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.vehicles import load_vehicle
 from accelerated_evaluation.vehicles.checks import OUTCOMES
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 import yaml
-from accelerated_evaluation import configuration
-from accelerated_evaluation.configuration import ConfigurationError, load, parameter_table, validate
-from accelerated_evaluation.encounters.sources.table import UNITS
-from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.records.sources.table import UNITS
+from accelerated_evaluation.study import configuration
+from accelerated_evaluation.study.configuration import ConfigurationError, load, parameter_table, validate
 from jsonschema import Draft202012Validator
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -68,7 +68,7 @@ def test_table_in_the_readme_is_that_of_the_schema():
     readme = (REPOSITORY / "config" / "README.md").read_text()
     start, end = configuration.MARKS
     assert readme.split(start)[1].split(end)[0] == parameter_table(), (
-        "run: python -m accelerated_evaluation.configuration"
+        "run: python -m accelerated_evaluation.study.configuration"
     )
 
 

@@ -6,19 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.methods import Stopping
-from accelerated_evaluation.methods.importance_sampling import crude_simulations, first_converged, running
-from accelerated_evaluation.methods.intervals import Sums
-from accelerated_evaluation.truth import coverage
-from accelerated_evaluation.truth.coverage import (
+from accelerated_evaluation.methods import Stopping, coverage
+from accelerated_evaluation.methods.coverage import (
     INTERVALS,
     Stream,
     coverage_table,
-    foretold_size,
+    predicted_size,
     replicate_rows,
     stop_crude,
     stop_importance_sampling,
 )
+from accelerated_evaluation.methods.importance_sampling import crude_simulations, first_converged, running
+from accelerated_evaluation.methods.intervals import Sums
 
 STOPPING = Stopping(alpha=0.2, beta=0.2, minimum_events=20, maximum_simulations=20_000)
 EVENT_SHARE = 0.1
@@ -46,7 +45,7 @@ def rows_of(stop, replicates, weight_bound=None):
 
 def test_foretold_size_is_that_of_the_weights_variance(toy):
     pilot = 200_000
-    size = foretold_size(None, [{}, {}], np.random.default_rng(1), pilot, STOPPING)
+    size = predicted_size(None, [{}, {}], np.random.default_rng(1), pilot, STOPPING)
     cov = math.sqrt(2 / EVENT_SHARE - 1)  # E w^2 = 2 share, E w = share
     # Of E w^2 / (E w)^2: sqrt(E w^4 / (E w^2)^2 / n) and twice the relative error of the mean.
     error = math.sqrt(24 / (4 * EVENT_SHARE) / (2 * pilot)) + 2 * cov / math.sqrt(2 * pilot)

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.truth.crash_map import Grid, read_crash_map, write_crash_map
-from accelerated_evaluation.truth.mapping import HALVINGS, map_crashes
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.crash_map.mapping import HALVINGS, map_crashes
+from accelerated_evaluation.crash_map.maps import Grid, read_crash_map, write_crash_map
 from accelerated_evaluation.vehicles import AccAeb
 from accelerated_evaluation.vehicles.events import CRASH, Event
 from wall_car import WallCar

@@ -11,7 +11,7 @@ from accelerated_evaluation.distributions import (
     Empirical,
 )
 from accelerated_evaluation.laws import CutIns, Factors
-from accelerated_evaluation.laws.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.cross_entropy import search as cross_entropy
 from accelerated_evaluation.methods.cross_entropy.families import (

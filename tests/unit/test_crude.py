@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
+from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.distributions import BoundedExponential, Empirical
-from accelerated_evaluation.files import write_csv
-from accelerated_evaluation.laws.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.methods.crude import (
     Checkpoint,
     crude_course,

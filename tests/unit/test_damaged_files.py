@@ -18,13 +18,13 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import cli
-from accelerated_evaluation.encounters.contract import read_encounters
-from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.methods.estimate import Stopping
 from accelerated_evaluation.methods.surrogate import state
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
+from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.track import campaign_file
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st

@@ -5,15 +5,10 @@ import json
 from pathlib import Path
 
 import pytest
-from accelerated_evaluation.configuration import load
-from accelerated_evaluation.dependencies import (
-    content_digest,
-    imported_modules,
-    in_order,
-    value_digest,
-    without_unused,
-)
-from accelerated_evaluation.encounters.sources import SOURCES
+from accelerated_evaluation.base.digests import content_digest, value_digest
+from accelerated_evaluation.records.sources import SOURCES
+from accelerated_evaluation.study.configuration import load
+from accelerated_evaluation.study.dependencies import imported_modules, in_order, without_unused
 
 MODULES = {
     "__init__.py": "",

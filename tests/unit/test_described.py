@@ -21,11 +21,11 @@ from accelerated_evaluation.distributions import (
     from_dict,
     unit_to_power,
 )
-from accelerated_evaluation.fitting.pieces import EXPONENTIAL, PieceFamily, piece_kinds
-from accelerated_evaluation.fitting.piecewise import fit_piecewise
 from accelerated_evaluation.laws.files import read_law, write_law
-from accelerated_evaluation.laws.independent import IndependentLaw
-from accelerated_evaluation.publishing.model_tables import parameter_table
+from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.pieces import EXPONENTIAL, PieceFamily, piece_kinds
+from accelerated_evaluation.laws.paper.piecewise import fit_piecewise
+from accelerated_evaluation.publishing.tables.models import parameter_table
 
 KINDS = {
     "bounded exponential": BoundedExponential,

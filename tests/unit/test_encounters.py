@@ -5,26 +5,26 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.configuration import load
-from accelerated_evaluation.encounters.contract import (
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.tables import read_csv
+from accelerated_evaluation.records.encounter_table import (
     COLUMNS,
     NUMBERS,
     complete,
     read_encounters,
     write_encounters,
 )
-from accelerated_evaluation.encounters.filters import Account
-from accelerated_evaluation.encounters.ingest import ingest
-from accelerated_evaluation.encounters.reading import read_csv
-from accelerated_evaluation.encounters.segments import (
+from accelerated_evaluation.records.filters import Account
+from accelerated_evaluation.records.ingest import ingest
+from accelerated_evaluation.records.segments import (
     assign_segments,
     dependence,
     segment_counts,
     segment_names,
     tau_interval,
 )
-from accelerated_evaluation.encounters.sources import SOURCES, describe, read_source, spmd, table
-from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.records.sources import SOURCES, describe, read_source, spmd, table
+from accelerated_evaluation.study.configuration import load
 from scipy.io import loadmat
 from scipy.stats import binom, kendalltau
 

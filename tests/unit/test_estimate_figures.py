@@ -6,12 +6,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.publishing.estimate_figures import (
+from accelerated_evaluation.publishing.figures.estimates import (
     fig12_crash_probability,
     fig13_relative_half_width,
 )
-from accelerated_evaluation.publishing.looks import look_of
-from accelerated_evaluation.publishing.style import FORMATS, save_figure
+from accelerated_evaluation.publishing.figures.method_styles import style_of
+from accelerated_evaluation.publishing.figures.style import FORMATS, save_figure
 
 ALL = ("single", "piecewise", "heuristic")
 STEPS = np.arange(100, 1001, 100)
@@ -98,7 +98,7 @@ def test_half_widths_are_those_of_the_segment_alone(estimates, course):
 def test_methods_differ_by_more_than_colour(estimates, course):
     figure, _ = fig13_relative_half_width(estimates, course, "5-15", 0.2, "made up")
     lines = {line.get_label(): line.get_linestyle() for line in figure.axes[0].get_lines()}
-    assert [lines[method] for method in ALL] == [look_of(method)["linestyle"] for method in ALL]
+    assert [lines[method] for method in ALL] == [style_of(method)["linestyle"] for method in ALL]
     assert len({lines[method] for method in ALL}) == len(ALL)
 
 

@@ -6,6 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.crash_map.exact import (
+    ALL,
+    capped_intervals,
+    exact_probabilities,
+    exact_table,
+)
+from accelerated_evaluation.crash_map.mapping import map_crashes
+from accelerated_evaluation.crash_map.maps import Intervals
 from accelerated_evaluation.distributions import (
     BoundedExponential,
     BoundedNormal,
@@ -14,18 +23,9 @@ from accelerated_evaluation.distributions import (
     PiecewiseMixture,
 )
 from accelerated_evaluation.distributions.tails import interval_probability
-from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.laws import Factors
-from accelerated_evaluation.laws.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.problem import Problem
-from accelerated_evaluation.truth.crash_map import Intervals
-from accelerated_evaluation.truth.exact import (
-    ALL,
-    capped_intervals,
-    exact_probabilities,
-    exact_table,
-)
-from accelerated_evaluation.truth.mapping import map_crashes
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
 from accelerated_evaluation.vehicles.events import CRASH, events_from
 from wall_car import GRID, RANGE_LAWS, TTC_LAWS, WallCar, integral, law_of

@@ -10,7 +10,7 @@ import pytest
 
 RUN = """
 import sys
-from accelerated_evaluation.publishing.execution import run_notebook
+from accelerated_evaluation.publishing.book.execution import run_notebook
 run_notebook(sys.argv[1], {"number": 2}, sys.argv[1] + ".executed.ipynb")
 """
 SPAWN = """

@@ -9,14 +9,14 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import cli
-from accelerated_evaluation.encounters.contract import read_encounters
-from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.crash_map.exact import ALL, exact_probabilities
+from accelerated_evaluation.crash_map.mapping import map_crashes
+from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.files import read_law
+from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.track.export import page, table_of
 from accelerated_evaluation.track.weighted_set import SHELLS, draw_weighted_set
-from accelerated_evaluation.truth.crash_map import Grid
-from accelerated_evaluation.truth.exact import ALL, exact_probabilities
-from accelerated_evaluation.truth.mapping import map_crashes
 from accelerated_evaluation.vehicles import load_vehicle
 from law_folder import LAW, write_law_folder
 

@@ -6,19 +6,19 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation.crash_map.mapping import map_crashes
+from accelerated_evaluation.crash_map.maps import Grid
+from accelerated_evaluation.crash_map.sensitivity import Levels, study_sensitivity
+from accelerated_evaluation.crash_map.severity import impact_speed_table, severity_table
+from accelerated_evaluation.crash_map.uncertainty import bootstrap_probabilities, uncertainty_budget
 from accelerated_evaluation.distributions import BoundedExponential
-from accelerated_evaluation.fitting.pieces import EXPONENTIAL
 from accelerated_evaluation.laws import Factors
+from accelerated_evaluation.laws.paper.pieces import EXPONENTIAL
 from accelerated_evaluation.methods import METHODS, Stopping
+from accelerated_evaluation.methods.coverage import coverage_table
+from accelerated_evaluation.methods.coverage_study import coverage_replicates
 from accelerated_evaluation.methods.cross_entropy.proposals import Proposals
 from accelerated_evaluation.methods.importance_sampling import bound_without_event
-from accelerated_evaluation.truth.coverage import coverage_table
-from accelerated_evaluation.truth.coverage_study import coverage_replicates
-from accelerated_evaluation.truth.crash_map import Grid
-from accelerated_evaluation.truth.mapping import map_crashes
-from accelerated_evaluation.truth.sensitivity import Levels, study_sensitivity
-from accelerated_evaluation.truth.severity import impact_speed_table, severity_table
-from accelerated_evaluation.truth.uncertainty import bootstrap_probabilities, uncertainty_budget
 from accelerated_evaluation.vehicles import Outcomes
 from accelerated_evaluation.vehicles.events import events_from
 from toy_segment import CONFIG, PAPERS, SETTINGS, F, before

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.errors import StudyError
-from accelerated_evaluation.publishing.texts import attributes, fill
+from accelerated_evaluation.base.errors import StudyError
+from accelerated_evaluation.publishing.book.texts import attributes, fill
 
 
 @pytest.mark.parametrize(

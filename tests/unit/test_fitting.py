@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.configuration import load
+from accelerated_evaluation.base.errors import ConvergenceError, InputError
 from accelerated_evaluation.distributions import (
     BoundedExponential,
     BoundedNormal,
@@ -16,19 +16,19 @@ from accelerated_evaluation.distributions import (
     Pareto,
     PiecewiseMixture,
 )
-from accelerated_evaluation.errors import ConvergenceError, InputError
-from accelerated_evaluation.fitting.pieces import EXPONENTIAL, PieceFamily, mixture_kinds, piece_kinds
-from accelerated_evaluation.fitting.piecewise import (
-    fit_piecewise,
-    knots_at_quantiles,
-    knots_by_profile_likelihood,
-)
-from accelerated_evaluation.laws.paper import (
+from accelerated_evaluation.laws.paper.models import (
     choose_knots,
     fit_exponential_from_zero,
     fit_paper_laws,
     refit,
 )
+from accelerated_evaluation.laws.paper.pieces import EXPONENTIAL, PieceFamily, mixture_kinds, piece_kinds
+from accelerated_evaluation.laws.paper.piecewise import (
+    fit_piecewise,
+    knots_at_quantiles,
+    knots_by_profile_likelihood,
+)
+from accelerated_evaluation.study.configuration import load
 from scipy.optimize import minimize
 
 RECORDS = Path(__file__).resolve().parents[2] / "data" / "spmd" / "cut_ins.parquet"

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.vehicles import load_vehicle
 from accelerated_evaluation.vehicles.checks import OUTCOMES
-from accelerated_evaluation.vehicles.workers import Processes, simulate_batch
+from accelerated_evaluation.vehicles.external.workers import Processes, simulate_batch
 
 fmpy = pytest.importorskip("fmpy", reason="FMPy, the extra 'fmu', is not installed")
 COMPILER = shutil.which("cc") or shutil.which("gcc")

@@ -5,16 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.encounters.contract import complete
-from accelerated_evaluation.fitting.conditional import Places
-from accelerated_evaluation.fitting.family import Events, Fitter, Member, members_at
-from accelerated_evaluation.fitting.support import SUPPORT
-from accelerated_evaluation.laws.dependent import DependentLaw
-from accelerated_evaluation.laws.independent import recorded_lead_speeds
-from accelerated_evaluation.publishing.happened_figures import fig28_ways_to_crash, fig29_nearest_records
-from accelerated_evaluation.publishing.preventable_figure import fig30_preventable
-from accelerated_evaluation.truth.crash_map import Grid
-from accelerated_evaluation.truth.happened import (
+from accelerated_evaluation.answer.likeliest_crashes import (
     PLACE,
     WAYS,
     nearest_records,
@@ -22,12 +13,24 @@ from accelerated_evaluation.truth.happened import (
     traces_of,
     ways_to_crash,
 )
-from accelerated_evaluation.truth.law_study import LawStudy
-from accelerated_evaluation.truth.lines import Lines
-from accelerated_evaluation.truth.mapping import map_crashes
-from accelerated_evaluation.truth.preventable import CLOSING_SPEEDS, FORESEEN, preventable
-from accelerated_evaluation.truth.sampled_map import sample_crashes
-from accelerated_evaluation.truth.weighed import Weighed
+from accelerated_evaluation.answer.preventable import CLOSING_SPEEDS, FORESEEN, preventable
+from accelerated_evaluation.answer.study import LawStudy
+from accelerated_evaluation.answer.weighted_family import WeightedLaws
+from accelerated_evaluation.crash_map.lines import CrashLines
+from accelerated_evaluation.crash_map.mapping import map_crashes
+from accelerated_evaluation.crash_map.maps import Grid
+from accelerated_evaluation.crash_map.sampled import sample_crashes
+from accelerated_evaluation.laws.paper.independent import recorded_lead_speeds
+from accelerated_evaluation.laws.smooth.conditional import Places
+from accelerated_evaluation.laws.smooth.dependent import DependentLaw
+from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, Member, members_at
+from accelerated_evaluation.laws.smooth.support import SUPPORT
+from accelerated_evaluation.publishing.figures.likeliest_crashes import (
+    fig28_ways_to_crash,
+    fig29_nearest_records,
+)
+from accelerated_evaluation.publishing.figures.preventable import fig30_preventable
+from accelerated_evaluation.records.encounter_table import complete
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
 from figure_checks import check_bytes_and_legend
 
@@ -68,26 +71,26 @@ def events():
     generator = np.random.default_rng(1)
     lead_speed = generator.uniform(5, 34.9, SIZE)
     range_ = SUPPORT.range_max * generator.uniform(0, 1, SIZE) ** 0.5
-    return Events(lead_speed, range_, MEAN * generator.standard_exponential(SIZE))
+    return DistinctRecords(lead_speed, range_, MEAN * generator.standard_exponential(SIZE))
 
 
 @pytest.fixture(scope="module")
-def weighed(events):
+def weighted(events):
     fitter = Fitter(events, members_at((0.9,)))
     members = len(fitter.members)
-    return Weighed(fitter, fitter.fit(), np.zeros((SIZE, members)), np.full((20, members), 1 / members))
+    return WeightedLaws(fitter, fitter.fit(), np.zeros((SIZE, members)), np.full((20, members), 1 / members))
 
 
 @pytest.fixture(scope="module")
-def law(events, weighed):
+def law(events, weighted):
     table = pd.DataFrame({"lead_speed": events.lead_speed, "segment": "all"})
     speeds = recorded_lead_speeds(table, ["all"])
-    family = weighed.family
+    family = weighted.family
     return DependentLaw("made up", {"all": SIZE}, family.ranges, family.law(Member()), speeds)
 
 
 def lines_of(crash_map, events):
-    return Lines.of(crash_map, events.lead_speed)
+    return CrashLines.of(crash_map, events.lead_speed)
 
 
 def test_random_closing_speeds_find_stripes_that_a_scan_does_not(events, law):
@@ -109,23 +112,23 @@ def test_random_closing_speeds_agree_with_a_scan_that_is_right(events, law):
     assert two == pytest.approx(one, rel=0.05)
 
 
-def test_a_contradicted_map_is_resolved_and_the_others_stay(events, weighed):
+def test_a_contradicted_map_is_resolved_and_the_others_stay(events, weighted):
     """The vehicle with stripes gets a number, and it agrees with the replayed records then."""
     generator = np.random.default_rng(5)
     vehicles = {"under_test": RateCar(), "striped": StripedCar()}
     maps = {name: map_crashes(vehicle, GRID, [], generator) for name, vehicle in vehicles.items()}
     names = {"under_test": "crash", "striped": "crash of striped"}
     lines = {names[name]: lines_of(crash_map, events) for name, crash_map in maps.items()}
-    thinned = {name: weighed.thinned(part, generator) for name, part in lines.items()}
-    study = LawStudy(pd.DataFrame(), vehicles, weighed, dict(lines), thinned, {})
-    before = weighed.draw(study.thinned, np.random.default_rng(6))
+    thinned = {name: weighted.thinned(part, generator) for name, part in lines.items()}
+    study = LawStudy(pd.DataFrame(), vehicles, weighted, dict(lines), thinned, {})
+    before = weighted.draw(study.thinned, np.random.default_rng(6))
     assert study.compared({"under test": before["crash"], "striped": before["crash of striped"]})[
         "resolved"
     ].tolist() == [True, False]
     study.resolve(maps, np.random.default_rng(7))
     assert study.sampled == {"crash of striped"}
     assert study.lines["crash"] is lines["crash"]
-    after = weighed.draw(study.thinned, np.random.default_rng(6))
+    after = weighted.draw(study.thinned, np.random.default_rng(6))
     assert np.array_equal(after["crash"].probabilities, before["crash"].probabilities)
     table = study.compared({"under test": after["crash"], "striped": after["crash of striped"]})
     assert table["resolved"].tolist() == [True, True]
@@ -167,20 +170,20 @@ def test_a_vehicle_that_never_crashes_has_no_ways(events, law):
     assert ways_to_crash(lines, law, Safe(), np.random.default_rng(1)).empty
 
 
-def test_crashes_of_probability_zero_to_rounding_are_none(events, weighed, law):
+def test_crashes_of_probability_zero_to_rounding_are_none(events, weighted, law):
     lines = lines_of(map_crashes(RateCar(), GRID, [], np.random.default_rng(1)), events)
     beyond = replace(lines, start=np.full(lines.start.size, 1e6), end=np.full(lines.start.size, np.inf))
     assert ways_to_crash(lines, law, RateCar(), np.random.default_rng(1)).size
     assert ways_to_crash(beyond, law, RateCar(), np.random.default_rng(1)).empty
-    assert weighed.thinned(lines, np.random.default_rng(1), size=20).share.size < lines.share.size
-    assert weighed.thinned(beyond, np.random.default_rng(1), size=20) is beyond
+    assert weighted.thinned(lines, np.random.default_rng(1), size=20).share.size < lines.share.size
+    assert weighted.thinned(beyond, np.random.default_rng(1), size=20) is beyond
 
 
-def test_a_threshold_whose_laws_have_no_weight_is_told_with_equal_weights(weighed):
-    weights = np.zeros_like(weighed.weights)
+def test_a_threshold_whose_laws_have_no_weight_is_told_with_equal_weights(weighted):
+    weights = np.zeros_like(weighted.weights)
     weights[:, 0] = 1
-    at_level = replace(weighed, weights=weights).weights_at(0.9)
-    has_level = np.array([member.level == 0.9 for member in weighed.members])
+    at_level = replace(weighted, weights=weights).weights_at(0.9)
+    has_level = np.array([member.level == 0.9 for member in weighted.members])
     assert not has_level[0]
     np.testing.assert_allclose(at_level, np.tile(has_level / has_level.sum(), (len(weights), 1)))
 

@@ -12,11 +12,11 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.alive import release_dead_locks
-from accelerated_evaluation.errors import StudyError
-from accelerated_evaluation.files import atomic_path, read_json, write_csv, write_json, write_text
-from accelerated_evaluation.jobs import LOGGER_VARIABLE
-from accelerated_evaluation.randomness import child_generator
+from accelerated_evaluation.base.errors import StudyError
+from accelerated_evaluation.base.files import atomic_path, read_json, write_csv, write_json, write_text
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.study.jobs import LOGGER_VARIABLE
+from accelerated_evaluation.study.locks import release_dead_locks
 
 
 class Interruption(BaseException):
@@ -114,8 +114,8 @@ def test_a_generator_is_known_by_its_path_alone():
 
 SCRIPT = """
 import os, subprocess, sys, warnings
-from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.jobs import job
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.study.jobs import job
 with job(sys.argv[1]):
     print("progress", file=sys.stderr)
     warnings.warn("beware")
@@ -175,7 +175,7 @@ def test_a_full_disk_is_told_with_the_file_and_leaves_nothing(tmp_path):
 
 def test_what_a_killed_process_left_is_removed_by_the_next(tmp_path):
     path = tmp_path / "notebook.ipynb"
-    killed = "import os, sys; from accelerated_evaluation.files import atomic_path\n"
+    killed = "import os, sys; from accelerated_evaluation.base.files import atomic_path\n"
     killed += "with atomic_path(sys.argv[1]): os.kill(os.getpid(), 9)"
     subprocess.run([sys.executable, "-c", killed, str(path)], check=False)
     other = tmp_path / f".notebook.ipynb.{os.getpid()}.abc.ipynb"  # of a process that is alive
@@ -187,7 +187,7 @@ def test_what_a_killed_process_left_is_removed_by_the_next(tmp_path):
 
 HOLD = """
 import sys
-from accelerated_evaluation.alive import release_dead_locks
+from accelerated_evaluation.study.locks import release_dead_locks
 held = release_dead_locks(sys.argv[1])
 print("alive", flush=True)
 sys.stdin.read()

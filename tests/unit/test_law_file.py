@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pandas as pd
 import pytest
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.distributions import (
     BoundedExponential,
     BoundedNormal,
@@ -14,9 +15,8 @@ from accelerated_evaluation.distributions import (
     Pareto,
     PiecewiseMixture,
 )
-from accelerated_evaluation.errors import InputError
 from accelerated_evaluation.laws.files import read_law, write_law
-from accelerated_evaluation.laws.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.independent import IndependentLaw
 
 BODY = Mixture((0.1, 0.9), (BoundedNormal(0.1 / 3, 0.0, 0.166), BoundedNormal(0.07, 0.0, 0.166, -1e-17)))
 PIECEWISE = PiecewiseMixture((0.95, 0.05), (BODY, BoundedExponential(21.084581450393657, 0.166)))

@@ -3,28 +3,15 @@
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.fitting.conditional import Places, SpeedLaw
-from accelerated_evaluation.fitting.family import Events, Fitter, Member, members_at
-from accelerated_evaluation.fitting.rivals import ConditionalExtremes, IndependentTail
-from accelerated_evaluation.fitting.shapes import Exponential
-from accelerated_evaluation.fitting.support import SUPPORT
-from accelerated_evaluation.laws.dependent import DependentLaw
-from accelerated_evaluation.laws.files import read_law, write_law
-from accelerated_evaluation.laws.independent import recorded_lead_speeds
-from accelerated_evaluation.truth.answer import vehicle_table
-from accelerated_evaluation.truth.calibration import (
+from accelerated_evaluation.answer.calibration import (
     cell_counts,
     cells,
     mid_p,
     near_miss_counts,
     with_limits,
 )
-from accelerated_evaluation.truth.crash_map import Grid
-from accelerated_evaluation.truth.exact import ALL, exact_probabilities
-from accelerated_evaluation.truth.lines import Lines, crash_places
-from accelerated_evaluation.truth.mapping import map_crashes
-from accelerated_evaluation.truth.posterior import Posterior, budget, draw_posterior
-from accelerated_evaluation.truth.scoring import (
+from accelerated_evaluation.answer.posterior import Posterior, budget, draw_posterior
+from accelerated_evaluation.answer.scores import (
     censored_log_score,
     contiguous_blocks,
     held_out,
@@ -32,7 +19,20 @@ from accelerated_evaluation.truth.scoring import (
     threshold_weighted_crps,
     time_to_collision_boundary,
 )
-from accelerated_evaluation.truth.weighing import bootstrapped_weights, mixture_scores, stacking_weights
+from accelerated_evaluation.answer.summary import vehicle_table
+from accelerated_evaluation.answer.weights import bootstrapped_weights, mixture_scores, stacking_weights
+from accelerated_evaluation.crash_map.exact import ALL, exact_probabilities
+from accelerated_evaluation.crash_map.lines import CrashLines, crash_places
+from accelerated_evaluation.crash_map.mapping import map_crashes
+from accelerated_evaluation.crash_map.maps import Grid
+from accelerated_evaluation.laws.files import read_law, write_law
+from accelerated_evaluation.laws.paper.independent import recorded_lead_speeds
+from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw
+from accelerated_evaluation.laws.smooth.dependent import DependentLaw
+from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, Member, members_at
+from accelerated_evaluation.laws.smooth.rivals import ConditionalExtremes, IndependentTail
+from accelerated_evaluation.laws.smooth.shapes import Exponential
+from accelerated_evaluation.laws.smooth.support import SUPPORT
 from accelerated_evaluation.vehicles import AccAeb
 from rate_car import RATE, RateCar
 from scipy.stats import poisson
@@ -63,7 +63,7 @@ def events():
     generator = np.random.default_rng(1)
     lead_speed = generator.uniform(5, 34.9, SIZE)
     range_ = SUPPORT.range_max * generator.uniform(0, 1, SIZE) ** 0.5  # P(R < r) = (r / 75)^2
-    return Events(lead_speed, range_, MEAN * generator.standard_exponential(SIZE))
+    return DistinctRecords(lead_speed, range_, MEAN * generator.standard_exponential(SIZE))
 
 
 @pytest.fixture(scope="module")
@@ -199,7 +199,7 @@ def test_near_misses_are_expected_in_proportion():
 
 
 def test_exact_probability_of_a_smooth_law(crash_map, events, family):
-    lines = Lines.of(crash_map, events.lead_speed)
+    lines = CrashLines.of(crash_map, events.lead_speed)
     truth = crash_probability()
     law = family.law(Member())
     found = lines.probability(family.ranges, law)
@@ -211,7 +211,7 @@ def test_exact_probability_of_a_smooth_law(crash_map, events, family):
 
 
 def test_thinned_lines_are_unbiased(crash_map, events, family):
-    lines, law = Lines.of(crash_map, events.lead_speed), family.law(MEMBERS[1])
+    lines, law = CrashLines.of(crash_map, events.lead_speed), family.law(MEMBERS[1])
     whole, generator = lines.probability(family.ranges, law), np.random.default_rng(7)
     mass = lines.masses(family.ranges, family.law(Member()))
     drawn = [lines.thinned(mass, 60, generator).probability(family.ranges, law) for _ in range(60)]
@@ -219,7 +219,7 @@ def test_thinned_lines_are_unbiased(crash_map, events, family):
 
 
 def test_the_posterior_holds_the_truth_and_its_budget_adds_up(crash_map, events, family):
-    lines, generator = Lines.of(crash_map, events.lead_speed), np.random.default_rng(8)
+    lines, generator = CrashLines.of(crash_map, events.lead_speed), np.random.default_rng(8)
     weights = np.full((80, len(MEMBERS)), 1 / len(MEMBERS))
     posterior = draw_posterior({"crash": lines}, family, MEMBERS, weights, generator)["crash"]
     low, high = posterior.interval(0.95)
@@ -279,7 +279,7 @@ def test_a_dependent_law_is_read_back_as_it_was_written(law, encounters, tmp_pat
 
 
 def test_the_map_weighs_a_dependent_law_as_lines_do(law, crash_map, encounters, family):
-    lines = Lines.of(crash_map, encounters["lead_speed"].to_numpy())
+    lines = CrashLines.of(crash_map, encounters["lead_speed"].to_numpy())
     exact = exact_probabilities(crash_map, law)[ALL]
     # The two take the lead speed at the middle of a cell and on its lines.
     assert lines.probability(family.ranges, law.speeds) == pytest.approx(exact.probability, rel=0.02)
@@ -311,7 +311,7 @@ def test_conditional_extremes_are_one_distribution_above_their_threshold(events,
 def test_the_study_car_has_crashes_at_short_range_first(events, family):
     grid = Grid(5, 35, 75, 6, 12, 2, 45.0, 80)
     crash_map = map_crashes(AccAeb(), grid, [], np.random.default_rng(11))
-    lines = Lines.of(crash_map, events.lead_speed)
+    lines = CrashLines.of(crash_map, events.lead_speed)
     nearest = lines.start[np.argsort(lines.places.range_[lines.row])]
     assert nearest[:20].mean() < nearest[-20:].mean()
     assert events.places.splines.shape == (SIZE, 72)

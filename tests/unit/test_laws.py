@@ -9,7 +9,7 @@ import pytest
 from accelerated_evaluation.distributions import Empirical
 from accelerated_evaluation.distributions.tails import normal_score_quantile
 from accelerated_evaluation.laws import CutIns, Factors
-from accelerated_evaluation.laws.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from dependent_law import LOWER, POWER, closing_speed_tail, dependent_law, mean_over_cut_ins, rate, scale
 from scipy.stats import binomtest, kstest, spearmanr
 from wall_car import GRID, RANGE_LAWS, TTC_LAWS

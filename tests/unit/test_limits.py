@@ -7,22 +7,22 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import cli
-from accelerated_evaluation.configuration import ConfigurationError, completed, load, resolved, validate
-from accelerated_evaluation.encounters.limits import (
+from accelerated_evaluation.answer import estimation as alone
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, members_at
+from accelerated_evaluation.laws.smooth.support import Support
+from accelerated_evaluation.records.limits import (
     AUTO,
     AUTOMATIC,
     edges_of,
+    limits_in_words,
     limits_of,
-    told_limits,
     value_of,
     with_limits,
     with_values,
 )
-from accelerated_evaluation.encounters.sources import SOURCES
-from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.fitting.family import Events, Fitter, members_at
-from accelerated_evaluation.fitting.support import Support
-from accelerated_evaluation.truth import alone
+from accelerated_evaluation.records.sources import SOURCES
+from accelerated_evaluation.study.configuration import ConfigurationError, completed, load, resolved, validate
 from motorway import CONFIGURATION, motorway_table
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -60,7 +60,7 @@ def test_other_records_get_limits_of_their_own(motorway):
     edges = config["segments"]["lead_speed_edges"]
     assert (edges[0], edges[-1]) == (20, 45)
     assert config["crash_map"]["grid"]["closing_speed_max"] == config["models"]["closing_speed_max"]
-    assert "20 to 45 m/s" in told_limits(config)
+    assert "20 to 45 m/s" in limits_in_words(config)
 
 
 def test_the_estimate_alone_has_the_limits_of_the_records(motorway, monkeypatch):
@@ -99,7 +99,7 @@ def test_limits_are_kept_as_long_as_the_records_are_the_same(motorway, tmp_path,
     first = with_limits(motorway, files, kept)
     read = []
     monkeypatch.setattr(
-        "accelerated_evaluation.encounters.limits.read_source", lambda *_: read.append(1) or motorway_raw()
+        "accelerated_evaluation.records.limits.read_source", lambda *_: read.append(1) or motorway_raw()
     )
     assert with_limits(motorway, files, kept) == first
     assert read == []
@@ -161,9 +161,9 @@ def test_the_smooth_laws_tell_speeds_and_ranges_beyond_the_paper_apart():
 
     def ratio(support):
         """Median closing speed at 44 m/s over that at 36 m/s."""
-        events = Events(lead_speed, range_, closing, support)
+        events = DistinctRecords(lead_speed, range_, closing, support)
         body = Fitter(events, members_at((0.9,))).fit().body
-        at = Events(np.array([36.0, 44.0]), np.array([140.0, 140.0]), np.zeros(2), support)
+        at = DistinctRecords(np.array([36.0, 44.0]), np.array([140.0, 140.0]), np.zeros(2), support)
         low, high = at.places.body(body).inverse(np.log(2))
         return high / low
 

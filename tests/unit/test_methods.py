@@ -7,13 +7,13 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.configuration import load
 from accelerated_evaluation.distributions import BoundedExponential, Empirical, PiecewiseMixture
-from accelerated_evaluation.laws.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.methods import METHODS, Estimate, Method, Stopping
 from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMethod
 from accelerated_evaluation.methods.importance_sampling import draw_weights, estimate_from_weights
 from accelerated_evaluation.problem import Problem, SystemProblem
+from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.vehicles import Outcomes
 from scipy.stats import binom
 

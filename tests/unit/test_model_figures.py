@@ -16,15 +16,17 @@ from accelerated_evaluation.distributions import (
     PiecewiseMixture,
 )
 from accelerated_evaluation.laws import Factors
-from accelerated_evaluation.laws.independent import IndependentLaw
-from accelerated_evaluation.publishing import concept_figures, data_figures, model_figures
-from accelerated_evaluation.publishing.model_tables import (
+from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.publishing.figures import concept as concept_figures
+from accelerated_evaluation.publishing.figures import data as data_figures
+from accelerated_evaluation.publishing.figures import models as model_figures
+from accelerated_evaluation.publishing.figures.style import FORMATS, paper_style, save_figure
+from accelerated_evaluation.publishing.tables.models import (
     close_call_table,
     leaves,
     parameter_table,
     rank_table,
 )
-from accelerated_evaluation.publishing.style import FORMATS, paper_style, save_figure
 
 SOURCE = "simulated for a test"
 EDGES = (5, 15, 25, 35)

@@ -6,14 +6,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.publishing.claims import CLAIMS, _row
-from accelerated_evaluation.publishing.dot_chart import draw_intervals
-from accelerated_evaluation.publishing.estimate_figures import (
+from accelerated_evaluation.publishing.figures.dot_chart import draw_intervals
+from accelerated_evaluation.publishing.figures.estimates import (
     fig12_crash_probability,
     fig13_relative_half_width,
 )
-from accelerated_evaluation.publishing.spreads import Spread
-from accelerated_evaluation.publishing.truth_figures import fig15_sensitivity, fig17_severity
+from accelerated_evaluation.publishing.figures.exact import fig15_sensitivity, fig17_severity
+from accelerated_evaluation.publishing.tables.claims import CLAIMS, _row
+from accelerated_evaluation.publishing.tables.spreads import Spread
 
 METHODS = ("piecewise", "single")
 

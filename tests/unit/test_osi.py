@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import cli
-from accelerated_evaluation.configuration import load
-from accelerated_evaluation.encounters.recordings.osi_lanes import joined_lanes
-from accelerated_evaluation.encounters.sources import SOURCES, record_files
-from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.records.recordings.osi_lanes import joined_lanes
+from accelerated_evaluation.records.sources import SOURCES, record_files
+from accelerated_evaluation.study.configuration import load
 
 betterosi = pytest.importorskip("betterosi", reason="betterosi, the extra 'osi', is not installed")
 ROOT = Path(__file__).resolve().parents[2]

@@ -8,10 +8,10 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import pandas as pd
 import pytest
-from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.publishing import paper
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.publishing.archive import latex_paper as paper
+from accelerated_evaluation.publishing.figures.style import Print, paper_style, printed, save_figure
 from accelerated_evaluation.publishing.study import Study
-from accelerated_evaluation.publishing.style import Print, paper_style, printed, save_figure
 
 ROOT = Path(__file__).resolve().parents[2]
 ORIGIN = {"study": "my_study", "commit": "01" * 20, "configuration": "ab" * 32}

@@ -7,17 +7,17 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import cli
-from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.files import write_csv
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.methods.study import with_cut_ins
 from accelerated_evaluation.methods.surrogate import Surrogate
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
+from accelerated_evaluation.methods.surrogate.predecessor import read_predecessor
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.methods.surrogate.state import State
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.track.campaign_file import read_campaign
 from accelerated_evaluation.track.status import status_of
-from accelerated_evaluation.truth.predecessor import read_predecessor
 from accelerated_evaluation.vehicles import load_vehicle
 from law_folder import LAW, begin_campaign
 from sampler_checks import HALF_PLANE, STOPPING, drive, half_plane, numbers, standard_normal_event

@@ -12,7 +12,7 @@ import pytest
 from accelerated_evaluation.distributions import BoundedExponential, Empirical, Pareto
 from accelerated_evaluation.distributions.tails import normal_score_quantile
 from accelerated_evaluation.laws import Factors
-from accelerated_evaluation.laws.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.problem import Problem, SystemProblem
 from accelerated_evaluation.vehicles import AccAeb, Outcomes, load_vehicle
 from accelerated_evaluation.vehicles.events import CRASH, Event

@@ -13,20 +13,20 @@ from operator import getitem
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.configuration import ConfigurationError, load, read_yaml, validate
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.distributions import BoundedExponential, BoundedNormal, Pareto
-from accelerated_evaluation.encounters.filters import Account
-from accelerated_evaluation.encounters.ingest import ingest
-from accelerated_evaluation.encounters.segments import require_rows
-from accelerated_evaluation.encounters.sources import read_source
-from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.fitting.pieces import EXPONENTIAL, PieceFamily
-from accelerated_evaluation.fitting.piecewise import fit_piecewise, usable_knots
+from accelerated_evaluation.laws.paper.pieces import EXPONENTIAL, PieceFamily
+from accelerated_evaluation.laws.paper.piecewise import fit_piecewise, usable_knots
 from accelerated_evaluation.methods.surrogate.state import State, read_state
-from accelerated_evaluation.vehicles.built_in import VEHICLES
-from accelerated_evaluation.vehicles.checked import CheckedVehicle
+from accelerated_evaluation.records.filters import Account
+from accelerated_evaluation.records.ingest import ingest
+from accelerated_evaluation.records.segments import require_rows
+from accelerated_evaluation.records.sources import read_source
+from accelerated_evaluation.study.configuration import ConfigurationError, load, read_yaml, validate
+from accelerated_evaluation.vehicles.external.checked import CheckedVehicle
 from accelerated_evaluation.vehicles.parameters import required_names
 from accelerated_evaluation.vehicles.protocol import Outcomes
+from accelerated_evaluation.vehicles.registry import VEHICLES
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays

@@ -4,7 +4,7 @@ import dataclasses
 import json
 
 import pytest
-from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.methods.cross_entropy.proposals import Proposals, read_proposals, write_proposals
 from toy_segment import PAPERS, F, found, toy
 

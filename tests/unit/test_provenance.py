@@ -9,8 +9,14 @@ from types import SimpleNamespace
 import matplotlib.pyplot as plt
 import pandas as pd
 import pytest
-from accelerated_evaluation.publishing.provenance import PARTS, UNKNOWN, commit_of, described, origin_of
-from accelerated_evaluation.publishing.style import FORMATS, save_figure
+from accelerated_evaluation.publishing.archive.provenance import (
+    PARTS,
+    UNKNOWN,
+    commit_of,
+    described,
+    origin_of,
+)
+from accelerated_evaluation.publishing.figures.style import FORMATS, save_figure
 from PIL import Image
 
 ORIGIN = {"study": "mine", "commit": "0123456789" * 4, "configuration": "ab" * 32}

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.cli import main
-from accelerated_evaluation.configuration import load
-from accelerated_evaluation.encounters.filters import Account
-from accelerated_evaluation.encounters.sources import SOURCES, UNKNOWN, read_source, spmd_raw, table
-from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.records.filters import Account
+from accelerated_evaluation.records.sources import SOURCES, UNKNOWN, read_source, spmd_raw, table
+from accelerated_evaluation.study.configuration import load
 
 ROOT = Path(__file__).resolve().parents[2]
 HEADS = ROOT / ".." / "shared" / "data" / "spmd_raw_heads"

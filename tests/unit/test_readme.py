@@ -4,7 +4,6 @@ import re
 
 import pandas as pd
 import pytest
-from accelerated_evaluation.publishing.law_tables import threshold_ratio
 from accelerated_evaluation.publishing.readme import (
     BENCHMARKS,
     CLAIMS,
@@ -15,6 +14,7 @@ from accelerated_evaluation.publishing.readme import (
     with_table,
     with_tables,
 )
+from accelerated_evaluation.publishing.tables.laws import threshold_ratio
 
 
 @pytest.mark.skipif(not CLAIMS.exists(), reason="the tables of the real events are not in this copy")

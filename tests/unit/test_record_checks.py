@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.configuration import load
-from accelerated_evaluation.encounters.checks import (
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.records.checks import (
     CHECKS,
     FINE,
     LOOK,
@@ -16,9 +16,9 @@ from accelerated_evaluation.encounters.checks import (
     Records,
     inspect_records,
 )
-from accelerated_evaluation.encounters.contract import complete
-from accelerated_evaluation.encounters.sources import SOURCES
-from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.records.encounter_table import complete
+from accelerated_evaluation.records.sources import SOURCES
+from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.vehicles.loading import load_vehicle
 
 ROOT = Path(__file__).resolve().parents[2]

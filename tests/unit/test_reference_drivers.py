@@ -9,11 +9,11 @@ import numpy as np
 import pandas as pd
 import plain_drivers
 import pytest
-from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.vehicles import VEHICLES, load_vehicle
+from accelerated_evaluation.vehicles.builtin.driver_kernel import LANES, follow_slice
+from accelerated_evaluation.vehicles.builtin.threads import simulate_in_slices
 from accelerated_evaluation.vehicles.checks import OUTCOMES, checked_outcomes
-from accelerated_evaluation.vehicles.driver_kernel import LANES, follow_slice
-from accelerated_evaluation.vehicles.threads import simulate_in_slices
 
 SHARED = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "reference_drivers"
 PUBLISHED = {"cc_human": "CC_human_driver", "reg157": "Reg157", "rss": "RSS", "fsm": "FSM"}

@@ -4,13 +4,13 @@ import sys
 from collections.abc import Mapping
 
 import pytest
-from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.laws import LAWS, Law
 from accelerated_evaluation.methods import METHODS
-from accelerated_evaluation.registry import Registry
 
 INIT = """
-from accelerated_evaluation.registry import Registry
+from accelerated_evaluation.base.registry import Registry
 ANIMALS = Registry("animal", __name__, __path__)
 """
 MEMBER = """

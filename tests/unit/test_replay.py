@@ -5,9 +5,9 @@ import pandas as pd
 import pytest
 from accelerated_evaluation import cli
 from accelerated_evaluation.vehicles import load_vehicle
+from accelerated_evaluation.vehicles.builtin.traces import COLUMNS
 from accelerated_evaluation.vehicles.checks import OUTCOMES
 from accelerated_evaluation.vehicles.replay import trace_encounter
-from accelerated_evaluation.vehicles.traces import COLUMNS
 
 WIDTH = 1.9
 FOLLOWED = ["acc_aeb", "acc_only", "cc_human", "fsm", "reg157", "rss"]

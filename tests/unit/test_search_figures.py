@@ -6,13 +6,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.configuration import load
 from accelerated_evaluation.distributions import BoundedExponential, Empirical, PiecewiseMixture
-from accelerated_evaluation.laws.independent import IndependentLaw
-from accelerated_evaluation.publishing import flow_figures, search_figures
-from accelerated_evaluation.publishing.flow_chart import Arrow, Box
-from accelerated_evaluation.publishing.flow_figures import FLOW_ARROWS, flow_boxes
-from accelerated_evaluation.publishing.style import FORMATS, save_figure
+from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.publishing.figures import flow as flow_figures
+from accelerated_evaluation.publishing.figures import searches as search_figures
+from accelerated_evaluation.publishing.figures.flow import FLOW_ARROWS, flow_boxes
+from accelerated_evaluation.publishing.figures.flow_chart import Arrow, Box
+from accelerated_evaluation.publishing.figures.style import FORMATS, save_figure
+from accelerated_evaluation.study.configuration import load
 
 SETTINGS = load()["cross_entropy"]
 KNOT = 0.2

@@ -5,14 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.distributions import BoundedExponential, BoundedNormal
-from accelerated_evaluation.encounters.segments import assign_segments
-from accelerated_evaluation.fitting.pieces import PieceFamily
-from accelerated_evaluation.laws.paper import fit_paper_laws
-from accelerated_evaluation.truth.crash_map import Grid
-from accelerated_evaluation.truth.exact import ALL, exact_probabilities
-from accelerated_evaluation.truth.mapping import map_crashes
-from accelerated_evaluation.truth.sensitivity import (
+from accelerated_evaluation.crash_map.exact import ALL, exact_probabilities
+from accelerated_evaluation.crash_map.mapping import map_crashes
+from accelerated_evaluation.crash_map.maps import Grid
+from accelerated_evaluation.crash_map.sensitivity import (
     Levels,
     Refit,
     fit_for_crashes,
@@ -20,6 +16,10 @@ from accelerated_evaluation.truth.sensitivity import (
     study_cap,
     study_sensitivity,
 )
+from accelerated_evaluation.distributions import BoundedExponential, BoundedNormal
+from accelerated_evaluation.laws.paper.models import fit_paper_laws
+from accelerated_evaluation.laws.paper.pieces import PieceFamily
+from accelerated_evaluation.records.segments import assign_segments
 from accelerated_evaluation.vehicles import AccAeb
 
 CAP = 23.49

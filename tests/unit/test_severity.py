@@ -3,13 +3,13 @@
 import mpmath
 import numpy as np
 import pytest
+from accelerated_evaluation.crash_map.exact import ALL, exact_probabilities
+from accelerated_evaluation.crash_map.exact_variance import exact_variation, variation_table
+from accelerated_evaluation.crash_map.mapping import map_crashes
+from accelerated_evaluation.crash_map.severity import impact_speed_table, severity_table
 from accelerated_evaluation.distributions import BoundedExponential, PiecewiseMixture
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.problem import Problem
-from accelerated_evaluation.truth.exact import ALL, exact_probabilities
-from accelerated_evaluation.truth.exact_variance import exact_variation, variation_table
-from accelerated_evaluation.truth.mapping import map_crashes
-from accelerated_evaluation.truth.severity import impact_speed_table, severity_table
 from accelerated_evaluation.vehicles.events import events_from
 from wall_car import GRID, LOWER, RANGE_LAWS, TTC_LAWS, WallCar, integral, law_of
 

@@ -6,18 +6,18 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.configuration import load
+from accelerated_evaluation.answer import law_table as law_scores
+from accelerated_evaluation.answer.weighted_family import weight_laws
+from accelerated_evaluation.base.errors import ConvergenceError, InputError
+from accelerated_evaluation.crash_map.sensitivity import Levels
 from accelerated_evaluation.distributions import BoundedExponential
-from accelerated_evaluation.encounters.segments import MINIMUM_ROWS, assign_segments, require_rows
-from accelerated_evaluation.errors import ConvergenceError, InputError
-from accelerated_evaluation.fitting.family import FEWEST, LEVELS, Events, Member
-from accelerated_evaluation.fitting.pieces import EXPONENTIAL, PieceFamily
-from accelerated_evaluation.fitting.piecewise import fit_piecewise, usable_knots
-from accelerated_evaluation.laws.paper import choose_knots, fit_paper_laws, refit, simpler_pieces
-from accelerated_evaluation.publishing.record_figures import fig26_sample_size
-from accelerated_evaluation.truth import law_scores
-from accelerated_evaluation.truth.sensitivity import Levels
-from accelerated_evaluation.truth.weighed import weigh
+from accelerated_evaluation.laws.paper.models import choose_knots, fit_paper_laws, refit, simpler_pieces
+from accelerated_evaluation.laws.paper.pieces import EXPONENTIAL, PieceFamily
+from accelerated_evaluation.laws.paper.piecewise import fit_piecewise, usable_knots
+from accelerated_evaluation.laws.smooth.family import FEWEST, LEVELS, DistinctRecords, Member
+from accelerated_evaluation.publishing.figures.records import fig26_sample_size
+from accelerated_evaluation.records.segments import MINIMUM_ROWS, assign_segments, require_rows
+from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.vehicles import AccAeb
 
 RECORDS = Path(__file__).parents[2] / "data/spmd/cut_ins.parquet"
@@ -150,12 +150,12 @@ def test_a_variable_that_hardly_varies_is_refused(recorded, column, what):
 
 def test_laws_of_few_records_have_tails_above_thresholds_that_some_exceed(recorded):
     rows = recorded.iloc[:: len(recorded) // 200].assign(range=lambda table: 1 / table["inverse_range"])
-    weighed = weigh(Events.of(rows), np.random.default_rng(1), draws=20)
-    levels = {member.level for member in weighed.members} - {None}
+    weighted = weight_laws(DistinctRecords.of(rows), np.random.default_rng(1), draws=20)
+    levels = {member.level for member in weighted.members} - {None}
     assert levels < set(LEVELS)
-    assert all(weighed.family.exceedances[level].index.size >= FEWEST for level in levels)
-    assert np.isfinite(weighed.scores).all()
-    assert weighed.weights.sum(axis=1) == pytest.approx(1)
+    assert all(weighted.family.exceedances[level].index.size >= FEWEST for level in levels)
+    assert np.isfinite(weighted.scores).all()
+    assert weighted.weights.sum(axis=1) == pytest.approx(1)
 
 
 def test_a_rival_whose_fit_overflows_has_no_scores(recorded, monkeypatch):
@@ -169,12 +169,12 @@ def test_a_rival_whose_fit_overflows_has_no_scores(recorded, monkeypatch):
         log_density = cumulative
 
     rows = recorded.iloc[:: len(recorded) // 200].assign(range=lambda table: 1 / table["inverse_range"])
-    weighed = weigh(Events.of(rows), np.random.default_rng(1), draws=20, members=(Member(),))
+    weighted = weight_laws(DistinctRecords.of(rows), np.random.default_rng(1), draws=20, members=(Member(),))
     monkeypatch.setattr(law_scores, "regions", lambda events, _: {"all": np.zeros(events.size)})
     monkeypatch.setattr(law_scores, "rivals", lambda *_: {"a regression": lambda _: Overflown()})
     with pytest.warns(UserWarning, match="a regression cannot be fitted, and has no scores: its parameters"):
-        scores, crps = law_scores.score_laws(weighed, AccAeb())
-    assert set(scores) == set(crps) == {member.name for member in weighed.members}
+        scores, crps = law_scores.score_laws(weighted, AccAeb())
+    assert set(scores) == set(crps) == {member.name for member in weighted.members}
 
 
 def test_records_of_one_lead_speed_on_the_edge_of_a_cell_are_drawn():

@@ -4,16 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from accelerated_evaluation.errors import ConvergenceError
-from accelerated_evaluation.fitting import excess as excess_module
-from accelerated_evaluation.fitting.conditional import Places, Threshold, range_grid, speed_grid
-from accelerated_evaluation.fitting.excess import fit_excess, unit_information
-from accelerated_evaluation.fitting.family import Events, Fitter, members_at
-from accelerated_evaluation.fitting.regressions import REGRESSIONS
-from accelerated_evaluation.fitting.shapes import SHAPES, Exponential, Generalised, TwoKinds
-from accelerated_evaluation.fitting.smooth_hazard import Binned, fit_hazard
-from accelerated_evaluation.fitting.splines import Basis, Constant, Penalty, Tensor
-from accelerated_evaluation.fitting.support import SUPPORT, Support
+from accelerated_evaluation.base.errors import ConvergenceError
+from accelerated_evaluation.laws.smooth import excess as excess_module
+from accelerated_evaluation.laws.smooth.conditional import Places, Threshold, range_grid, speed_grid
+from accelerated_evaluation.laws.smooth.excess import fit_excess, unit_information
+from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, members_at
+from accelerated_evaluation.laws.smooth.regressions import REGRESSIONS
+from accelerated_evaluation.laws.smooth.shapes import SHAPES, Exponential, Generalised, TwoKinds
+from accelerated_evaluation.laws.smooth.smooth_hazard import Binned, fit_hazard
+from accelerated_evaluation.laws.smooth.splines import Basis, Constant, Penalty, Tensor
+from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
 from scipy import stats
 
 SIZE = 12_000
@@ -36,7 +36,9 @@ def events():
     generator = np.random.default_rng(1)
     lead_speed = generator.uniform(5, 35, SIZE)
     range_ = 75 * generator.uniform(0.01, 1, SIZE) ** 0.5  # P(R < r) rises with r^2
-    return Events(lead_speed, range_, mean_speed(lead_speed, range_) * generator.standard_exponential(SIZE))
+    return DistinctRecords(
+        lead_speed, range_, mean_speed(lead_speed, range_) * generator.standard_exponential(SIZE)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -210,7 +212,7 @@ def test_repeated_rows_are_one_event():
     import pandas as pd
 
     table = pd.DataFrame({"lead_speed": [7.0, 7, 8], "range": [9.0, 9, 9], "closing_speed": [1.0, 1, 1]})
-    assert Events.of(table).lead_speed.tolist() == [7, 8]
+    assert DistinctRecords.of(table).lead_speed.tolist() == [7, 8]
 
 
 @pytest.mark.parametrize("regression", REGRESSIONS, ids=lambda regression: regression.name)
@@ -247,7 +249,9 @@ def test_few_rounded_records_are_fitted_with_and_without_a_block():
     """Values on the edges of bins spend no time there, which alone would make their hazard infinite."""
     draw = np.random.default_rng(1).choice
     speeds, ranges = draw([22.7, 25.7], 60), draw(np.linspace(35, 73, 8), 60)
-    rounded = Events(speeds, ranges, draw([0.1, 0.5, 1.0, 1.5, 2.5], 60), Support((22.0, 26.0), 74.0, 3.0))
+    rounded = DistinctRecords(
+        speeds, ranges, draw([0.1, 0.5, 1.0, 1.5, 2.5], 60), Support((22.0, 26.0), 74.0, 3.0)
+    )
     fitter = Fitter(rounded)
     whole = fitter.fit()
     for fitted in (whole, fitter.refit(whole, np.arange(12))):

@@ -8,11 +8,11 @@ import matplotlib.pyplot as plt
 import nbformat
 import pandas as pd
 import pytest
-from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.publishing.catalogue import read_contents, require_captions
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.publishing.book.catalogue import read_contents, require_captions
+from accelerated_evaluation.publishing.figures.style import FORMATS
 from accelerated_evaluation.publishing.published import figure, show, table
 from accelerated_evaluation.publishing.study import Study
-from accelerated_evaluation.publishing.style import FORMATS
 
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
@@ -50,8 +50,8 @@ def study(tmp_path):
 def notebook(path, *cells):
     """Write a notebook that imports two published things, and has these cells of code."""
     imports = [
-        "from accelerated_evaluation.publishing.search_figures import fig08_thresholds",
-        "from accelerated_evaluation.publishing.truth_tables import exact_table",
+        "from accelerated_evaluation.publishing.figures.searches import fig08_thresholds",
+        "from accelerated_evaluation.publishing.tables.exact import exact_table",
     ]
     cells = [nbformat.v4.new_code_cell(code) for code in (*imports, *cells)]
     nbformat.write(nbformat.v4.new_notebook(cells=cells), path)

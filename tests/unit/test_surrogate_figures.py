@@ -6,9 +6,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.publishing import surrogate_figures
-from accelerated_evaluation.publishing.looks import look_of
-from accelerated_evaluation.publishing.surrogate_tables import PHASES, side_by_side, surrogate_table
+from accelerated_evaluation.publishing.figures import surrogate as surrogate_figures
+from accelerated_evaluation.publishing.figures.method_styles import style_of
+from accelerated_evaluation.publishing.tables.surrogate import PHASES, side_by_side, surrogate_table
 from figure_checks import check_bytes_and_legend
 
 FIGURES = ("fig19_surrogate_runs", "fig20_methods")
@@ -125,7 +125,7 @@ def test_every_simulation_of_one_replicate_is_drawn_by_phase_and_outcome(draw):
 
 def test_every_phase_has_a_look_of_its_own_and_every_method_too():
     assert tuple(surrogate_figures.PHASE_LOOKS) == PHASES
-    methods = {name: look_of(name) for name in ("single", "piecewise", "heuristic", "crude", "surrogate")}
+    methods = {name: style_of(name) for name in ("single", "piecewise", "heuristic", "crude", "surrogate")}
     for looks in (surrogate_figures.PHASE_LOOKS, methods):
         assert len({look["marker"] for look in looks.values()}) == len(looks)
 

@@ -7,7 +7,7 @@ from operator import getitem
 
 import numpy as np
 import pytest
-from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.surrogate import Surrogate, two_phase
 from accelerated_evaluation.methods.surrogate.sampler import Sampler

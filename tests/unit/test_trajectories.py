@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.base.errors import InputError
 from drone_checks import FRAMES, LENGTH, MOMENT, RATE, adds_up, is_driving_of, stays, write_shuffled
 from drone_checks import agree as agree_within
 from drone_checks import extract as extract_from

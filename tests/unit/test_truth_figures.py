@@ -6,14 +6,15 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.publishing import coverage_figures, truth_figures
-from accelerated_evaluation.publishing.coverage_tables import COVERAGE_COLUMNS, coverage_table
-from accelerated_evaluation.publishing.looks import look_of
-from accelerated_evaluation.publishing.truth_tables import (
+from accelerated_evaluation.methods.coverage import INTERVALS
+from accelerated_evaluation.publishing.figures import coverage as coverage_figures
+from accelerated_evaluation.publishing.figures import exact as truth_figures
+from accelerated_evaluation.publishing.figures.method_styles import style_of
+from accelerated_evaluation.publishing.tables.coverage import COVERAGE_COLUMNS, coverage_table
+from accelerated_evaluation.publishing.tables.exact import (
     needed_simulations,
     severity_digest,
 )
-from accelerated_evaluation.truth.coverage import INTERVALS
 from figure_checks import check_bytes_and_legend
 from scipy.special import ndtri
 from scipy.stats import beta
@@ -153,8 +154,8 @@ def test_estimates_of_all_segments_are_drawn_with_their_intervals(draw):
         "crude",
     ]
     axes = figure.axes[0]
-    assert drawn(axes, look_of("single")["marker"]) == [8e-7, 9.5e-7]
-    assert drawn(axes, look_of("crude")["marker"]) == [7.7e-7]
+    assert drawn(axes, style_of("single")["marker"]) == [8e-7, 9.5e-7]
+    assert drawn(axes, style_of("crude")["marker"]) == [7.7e-7]
     expected = [PAPER, *3 * [(0.8 * p, 1.2 * p) for p in (8e-7, 9.5e-7)], (6.3e-7, 9.3e-7)]
     assert np.sort(bars(axes), axis=0) == pytest.approx(np.sort(expected, axis=0))
     reach = -ndtri(0.1) * 4e-10

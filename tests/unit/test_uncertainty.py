@@ -3,16 +3,16 @@
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.fitting.pieces import PieceFamily
-from accelerated_evaluation.truth.crash_map import Grid
-from accelerated_evaluation.truth.mapping import map_crashes
-from accelerated_evaluation.truth.sensitivity import Levels, Refit
-from accelerated_evaluation.truth.uncertainty import (
+from accelerated_evaluation.crash_map.mapping import map_crashes
+from accelerated_evaluation.crash_map.maps import Grid
+from accelerated_evaluation.crash_map.sensitivity import Levels, Refit
+from accelerated_evaluation.crash_map.uncertainty import (
     bootstrap_probabilities,
     probabilities_of_choices,
     resampled_rows,
     uncertainty_budget,
 )
+from accelerated_evaluation.laws.paper.pieces import PieceFamily
 from accelerated_evaluation.vehicles import AccAeb
 
 CAP = 23.49  # [m/s]

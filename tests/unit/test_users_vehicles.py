@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.vehicles import Vehicle, load_vehicle
-from accelerated_evaluation.vehicles.checked import REPEATED
+from accelerated_evaluation.vehicles.external.checked import REPEATED
 
 USER_FILE = """
 import os

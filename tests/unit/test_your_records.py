@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 import yaml
-from accelerated_evaluation.configuration import load
+from accelerated_evaluation.study.configuration import load
 
 ROOT = Path(__file__).resolve().parents[2]
 GUIDE = (ROOT / "docs" / "your_records.md").read_text(encoding="utf-8")

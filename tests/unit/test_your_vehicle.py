@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import cli
-from accelerated_evaluation.configuration import load, read_yaml
+from accelerated_evaluation.study.configuration import load, read_yaml
 from accelerated_evaluation.vehicles import load_vehicle
 from accelerated_evaluation.vehicles.checks import OUTCOMES
 

@@ -4,7 +4,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from accelerated_evaluation.configuration import load
 from accelerated_evaluation.distributions import (
     BoundedExponential,
     BoundedNormal,
@@ -13,7 +12,7 @@ from accelerated_evaluation.distributions import (
     PiecewiseMixture,
 )
 from accelerated_evaluation.laws import Factors
-from accelerated_evaluation.laws.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.cross_entropy.families import (
     PiecewiseFamily,
@@ -21,6 +20,7 @@ from accelerated_evaluation.methods.cross_entropy.families import (
 )
 from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMethod
 from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.vehicles import Outcomes
 
 SETTINGS = load()

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import mpmath
 import numpy as np
+from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.distributions import (
     BoundedExponential,
     BoundedNormal,
@@ -12,8 +13,7 @@ from accelerated_evaluation.distributions import (
     Pareto,
     PiecewiseMixture,
 )
-from accelerated_evaluation.laws.independent import IndependentLaw
-from accelerated_evaluation.truth.crash_map import Grid
+from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.vehicles import Outcomes
 
 GRID = Grid(

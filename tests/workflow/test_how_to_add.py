@@ -57,7 +57,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from accelerated_evaluation.vehicles.built_in import VEHICLES
+from accelerated_evaluation.vehicles.registry import VEHICLES
 from accelerated_evaluation.vehicles.protocol import Outcomes
 
 

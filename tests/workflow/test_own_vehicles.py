@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 import yaml
-from accelerated_evaluation.configuration import ConfigurationError, load
+from accelerated_evaluation.study.configuration import ConfigurationError, load
 
 ROOT = Path(__file__).resolve().parents[2]
 GUIDE = (ROOT / "docs" / "your_vehicle.md").read_text(encoding="utf-8")

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from accelerated_evaluation.publishing import paper
+from accelerated_evaluation.publishing.archive import latex_paper as paper
+from accelerated_evaluation.publishing.figures.style import Print
 from accelerated_evaluation.publishing.study import Study
-from accelerated_evaluation.publishing.style import Print
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -75,8 +75,19 @@ def test_every_pin_has_a_hash_and_none_names_a_host(lock):
 
 def test_rooms_import_only_rooms_to_their_left():
     library = ROOT / "workflow" / "accelerated_evaluation"
-    rooms = ["encounters", "distributions", "fitting", "laws", "vehicles", "problem", "methods", "truth"]
-    rooms += ["track", "publishing"]
+    rooms = [
+        "base",
+        "records",
+        "distributions",
+        "laws",
+        "vehicles",
+        "problem",
+        "crash_map",
+        "methods",
+        "answer",
+    ]
+    rooms += ["track", "study", "publishing", "commands"]
+    assert {path.stem for path in library.iterdir()} - {"__init__", "__pycache__", "cli"} == set(rooms)
     for index, room in enumerate(rooms):
         for path in [*(library / room).rglob("*.py"), *library.glob(f"{room}.py")]:
             imported = set(re.findall(r"^from accelerated_evaluation\.(\w+)", path.read_text(), re.MULTILINE))

@@ -29,9 +29,9 @@ STUDY = SEARCH | ESTIMATE | JUDGE | TRUTH | {"collect_estimates", *END}
 EDITS = {
     "leaves": (
         {
-            "fit_candidates": {"fitting/candidate_families.py", "laws/comparison.py"},
-            "bootstrap_uncertainty": {"truth/uncertainty_study.py"},
-            "run_07_conclusions": {"publishing/claims.py"},
+            "fit_candidates": {"laws/paper/candidate_families.py", "laws/paper/comparison.py"},
+            "bootstrap_uncertainty": {"crash_map/uncertainty_study.py"},
+            "run_07_conclusions": {"publishing/tables/claims.py"},
         },
         {"fit_candidates", "collect_candidates", "bootstrap_uncertainty", *END},
     ),
@@ -45,16 +45,16 @@ EDITS = {
     ),
     "vehicle": (
         {
-            **{key: {"vehicles/kernel.py"} for key in {"map_crashes", *DRIVEN}},
-            "inspect_records": {"vehicles/kernel.py"},
-            "search_proposals": {"vehicles/kernel.py"},
-            "run_crude_monte_carlo": {"vehicles/kernel.py"},
-            "estimate_surrogate": {"vehicles/kernel.py"},
+            **{key: {"vehicles/builtin/kernel.py"} for key in {"map_crashes", *DRIVEN}},
+            "inspect_records": {"vehicles/builtin/kernel.py"},
+            "search_proposals": {"vehicles/builtin/kernel.py"},
+            "run_crude_monte_carlo": {"vehicles/builtin/kernel.py"},
+            "estimate_surrogate": {"vehicles/builtin/kernel.py"},
         },
         STUDY | LAWS | DRIVEN | {"map_crashes", "inspect_records"},
     ),
     "records": (
-        {rule: {"encounters/filters.py"} for rule in ("inspect_records", "ingest_encounters")},
+        {rule: {"records/filters.py"} for rule in ("inspect_records", "ingest_encounters")},
         FIT | STUDY | LAWS | {"inspect_records"},
     ),
 }

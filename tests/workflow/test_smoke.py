@@ -7,10 +7,10 @@ import subprocess
 import time
 from pathlib import Path
 
-from accelerated_evaluation.configuration import load, resolved
+from accelerated_evaluation.answer.chosen_law import choose_law
+from accelerated_evaluation.answer.estimation import read_records
 from accelerated_evaluation.laws.files import write_law
-from accelerated_evaluation.truth.alone import read_records
-from accelerated_evaluation.truth.chosen_law import choose_law
+from accelerated_evaluation.study.configuration import load, resolved
 
 DATA = "Safety Pilot Model Deployment (real events), a sample of 6,000"
 TABLES = (

@@ -4,8 +4,8 @@ import argparse
 import sys
 from collections.abc import Sequence
 
+from accelerated_evaluation.base.errors import StudyError, unusable
 from accelerated_evaluation.commands import COMMANDS
-from accelerated_evaluation.errors import StudyError, unusable
 
 EXIT = "Bad input ends with one line on standard error and exit status 2, and nothing half-written is left."
 

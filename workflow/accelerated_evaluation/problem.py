@@ -10,15 +10,15 @@ from typing import Any, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.distributions import Distribution
-from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.distributions.tails import normal_score_quantile
-from accelerated_evaluation.encounters.contract import read_encounters
 from accelerated_evaluation.laws import CutIns, Factors, Law
 from accelerated_evaluation.laws.files import read_law
+from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.vehicles.events import CRASH, Event
+from accelerated_evaluation.vehicles.external.slow import loaded_for
 from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
-from accelerated_evaluation.vehicles.slow import loaded_for
 
 Response = tuple[NDArray[np.bool_], Array | None]
 

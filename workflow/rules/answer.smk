@@ -5,7 +5,7 @@
 # calibration and the scores of all laws on records that they have not seen, what the quality of the data does to the
 # answer, and what happens in the likeliest crashes and the nearest records.
 
-from accelerated_evaluation.fitting.support import Support
+from accelerated_evaluation.laws.smooth.support import Support
 
 NO_EVENTS = {name: [] for name in config["answer"]["events"]}
 ANSWERED = {

@@ -2,7 +2,7 @@
 #
 # In: the notebooks, the captions. Out: nothing; definitions only.
 
-from accelerated_evaluation.publishing.catalogue import (
+from accelerated_evaluation.publishing.book.catalogue import (
     read_contents,
     require_captions,
 )

@@ -9,25 +9,21 @@ import os
 from dataclasses import asdict
 from pathlib import Path
 
-from accelerated_evaluation.alive import release_dead_locks
-from accelerated_evaluation.configuration import (
+from accelerated_evaluation.study.locks import release_dead_locks
+from accelerated_evaluation.study.configuration import (
     WORKFLOW,
     completed,
     read_yaml,
     resolved,
     validate,
 )
-from accelerated_evaluation.dependencies import (
-    content_digest,
-    imported_modules,
-    value_digest,
-    without_unused,
-)
-from accelerated_evaluation.encounters.segments import segment_names
-from accelerated_evaluation.encounters.sources import SOURCES, describe, record_files
-from accelerated_evaluation.errors import StudyError
+from accelerated_evaluation.base.digests import content_digest, value_digest
+from accelerated_evaluation.study.dependencies import imported_modules, without_unused
+from accelerated_evaluation.records.segments import segment_names
+from accelerated_evaluation.records.sources import SOURCES, describe, record_files
+from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.methods import METHODS
-from accelerated_evaluation.preflight import (
+from accelerated_evaluation.study.preflight import (
     compared_sections,
     require_cores,
     require_named,
@@ -35,7 +31,7 @@ from accelerated_evaluation.preflight import (
     require_plain,
 )
 from accelerated_evaluation.vehicles.loading import section_files
-from accelerated_evaluation.vehicles.slow import is_slow
+from accelerated_evaluation.vehicles.external.slow import is_slow
 from snakemake.exceptions import WorkflowError
 
 # A job of a cluster runs on a machine of its own, which cannot tell whether the run that sent it is alive.

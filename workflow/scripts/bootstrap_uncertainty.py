@@ -1,12 +1,12 @@
 """Refit the model to resampled data, and set up the budget of the uncertainty."""
 
-from accelerated_evaluation.encounters.contract import read_encounters
-from accelerated_evaluation.files import write_csv
-from accelerated_evaluation.jobs import job
+from accelerated_evaluation.base.files import write_csv
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.crash_map.maps import read_crash_map
+from accelerated_evaluation.crash_map.uncertainty_study import study_uncertainty
 from accelerated_evaluation.laws.files import read_law
-from accelerated_evaluation.randomness import child_generator
-from accelerated_evaluation.truth.crash_map import read_crash_map
-from accelerated_evaluation.truth.uncertainty_study import study_uncertainty
+from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.study.jobs import job
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):

@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from accelerated_evaluation.jobs import job
-from accelerated_evaluation.publishing.book import Parts, build_book
-from accelerated_evaluation.publishing.book_pages import known_to_pages
+from accelerated_evaluation.publishing.book.pages import known_to_pages
+from accelerated_evaluation.publishing.book.site import Parts, build_book
 from accelerated_evaluation.publishing.study import Study
+from accelerated_evaluation.study.jobs import job
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):

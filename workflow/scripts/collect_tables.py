@@ -1,8 +1,8 @@
 """Join tables of one kind into one, in the order given: each output from the inputs of the same name."""
 
 import pandas as pd
-from accelerated_evaluation.files import write_csv
-from accelerated_evaluation.jobs import job
+from accelerated_evaluation.base.files import write_csv
+from accelerated_evaluation.study.jobs import job
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):

@@ -1,12 +1,12 @@
 """Weigh the crash maps with the laws: exact probabilities, severity, and the variation of every f*."""
 
-from accelerated_evaluation.encounters.contract import read_encounters
-from accelerated_evaluation.files import read_json, write_csv
-from accelerated_evaluation.jobs import job
+from accelerated_evaluation.base.files import read_json, write_csv
+from accelerated_evaluation.crash_map.exact_study import exact_tables
+from accelerated_evaluation.crash_map.maps import read_crash_map
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.methods.cross_entropy.proposals import read_proposals
-from accelerated_evaluation.truth.crash_map import read_crash_map
-from accelerated_evaluation.truth.exact_study import exact_tables
+from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.study.jobs import job
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):

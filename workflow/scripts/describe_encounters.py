@@ -1,9 +1,9 @@
 """Count the segments and test the independence that the model assumes."""
 
 import pandas as pd
-from accelerated_evaluation.encounters.segments import dependence, segment_counts
-from accelerated_evaluation.files import write_csv
-from accelerated_evaluation.jobs import job
+from accelerated_evaluation.base.files import write_csv
+from accelerated_evaluation.records.segments import dependence, segment_counts
+from accelerated_evaluation.study.jobs import job
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):

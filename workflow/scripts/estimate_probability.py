@@ -1,12 +1,12 @@
 """Estimate the crash probability by one method, in independent replicates."""
 
-from accelerated_evaluation.files import write_csv
-from accelerated_evaluation.jobs import job
+from accelerated_evaluation.base.files import write_csv
+from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.methods import METHODS, Stopping
 from accelerated_evaluation.methods.cross_entropy.proposals import read_proposals
 from accelerated_evaluation.methods.study import in_scope, study_method
 from accelerated_evaluation.problem import loaded_problem
-from accelerated_evaluation.randomness import child_generator
+from accelerated_evaluation.study.jobs import job
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):

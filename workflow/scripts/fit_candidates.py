@@ -1,10 +1,10 @@
 """Fit the candidate families to one variable in one segment, and the piecewise models beside them."""
 
-from accelerated_evaluation.encounters.contract import read_encounters
-from accelerated_evaluation.files import write_csv
-from accelerated_evaluation.jobs import job
-from accelerated_evaluation.laws.comparison import compare_with_candidates
+from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.laws.files import read_law
+from accelerated_evaluation.laws.paper.comparison import compare_with_candidates
+from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.study.jobs import job
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):

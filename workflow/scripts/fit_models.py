@@ -1,9 +1,9 @@
 """Fit the paper's laws to the encounters: the piecewise ones, and the single parametric one."""
 
-from accelerated_evaluation.encounters.contract import read_encounters
-from accelerated_evaluation.jobs import job
 from accelerated_evaluation.laws.files import write_law
-from accelerated_evaluation.laws.paper import fit_paper_laws
+from accelerated_evaluation.laws.paper.models import fit_paper_laws
+from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.study.jobs import job
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):

@@ -1,14 +1,14 @@
 """Read the lane changes of the configured source, filter and segment them, and account for every row."""
 
-from accelerated_evaluation.encounters.contract import write_encounters
-from accelerated_evaluation.encounters.filters import Account
-from accelerated_evaluation.encounters.ingest import ingest
-from accelerated_evaluation.encounters.segments import require_rows
-from accelerated_evaluation.encounters.sources import describe, read_source
-from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.files import write_csv, write_json
-from accelerated_evaluation.jobs import job
-from accelerated_evaluation.randomness import child_generator
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.files import write_csv, write_json
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.records.encounter_table import write_encounters
+from accelerated_evaluation.records.filters import Account
+from accelerated_evaluation.records.ingest import ingest
+from accelerated_evaluation.records.segments import require_rows
+from accelerated_evaluation.records.sources import describe, read_source
+from accelerated_evaluation.study.jobs import job
 
 
 def main(config: dict, outputs: dict[str, str], kept_account: str) -> None:

@@ -2,13 +2,13 @@
 
 import sys
 
-from accelerated_evaluation.encounters.checks import Records, inspect_records
-from accelerated_evaluation.encounters.sources import read_source
-from accelerated_evaluation.encounters.told import told
-from accelerated_evaluation.files import write_csv
-from accelerated_evaluation.jobs import job
-from accelerated_evaluation.randomness import child_generator
-from accelerated_evaluation.vehicles.slow import loaded_for
+from accelerated_evaluation.base.files import write_csv
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.records.checks import Records, inspect_records
+from accelerated_evaluation.records.report import report_in_words
+from accelerated_evaluation.records.sources import read_source
+from accelerated_evaluation.study.jobs import job
+from accelerated_evaluation.vehicles.external.slow import loaded_for
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
@@ -16,5 +16,5 @@ if __name__ == "__main__":
         raw = read_source(params.data, child_generator(params.seed, "sample"))
         with loaded_for(params.vehicle, params.simulations | {"workers": snakemake.threads}) as vehicle:
             report = inspect_records(Records.of(raw, dict(params.items()), vehicle.simulate))
-        print(told(report), file=sys.stderr)
+        print(report_in_words(report), file=sys.stderr)
         write_csv(snakemake.output.report, report)

@@ -3,14 +3,14 @@
 from collections.abc import Mapping
 from typing import Any
 
-from accelerated_evaluation.files import write_json
-from accelerated_evaluation.jobs import job
-from accelerated_evaluation.randomness import child_generator
-from accelerated_evaluation.truth.crash_map import Grid, write_crash_map
-from accelerated_evaluation.truth.mapping import map_crashes
+from accelerated_evaluation.base.files import write_json
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.crash_map.mapping import map_crashes
+from accelerated_evaluation.crash_map.maps import Grid, write_crash_map
+from accelerated_evaluation.study.jobs import job
 from accelerated_evaluation.vehicles.events import events_from
+from accelerated_evaluation.vehicles.external.slow import loaded_for
 from accelerated_evaluation.vehicles.protocol import Vehicle
-from accelerated_evaluation.vehicles.slow import loaded_for
 
 FACTORS = {"quarter": 0.25, "half": 0.5, "full": 1.0}
 

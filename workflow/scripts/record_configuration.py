@@ -1,7 +1,7 @@
 """Write the resolved configuration beside the results."""
 
-from accelerated_evaluation.files import write_json
-from accelerated_evaluation.jobs import job
+from accelerated_evaluation.base.files import write_json
+from accelerated_evaluation.study.jobs import job
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):

@@ -2,8 +2,7 @@
 
 import math
 
-from accelerated_evaluation.files import write_csv
-from accelerated_evaluation.jobs import job
+from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.methods.crude import (
     Checkpoint,
     crude_course,
@@ -12,6 +11,7 @@ from accelerated_evaluation.methods.crude import (
     simulate_batches,
 )
 from accelerated_evaluation.problem import loaded_problem
+from accelerated_evaluation.study.jobs import job
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):

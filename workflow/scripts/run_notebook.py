@@ -1,7 +1,7 @@
 """Run a parameterised notebook."""
 
-from accelerated_evaluation.jobs import job
-from accelerated_evaluation.publishing.execution import run_notebook
+from accelerated_evaluation.publishing.book.execution import run_notebook
+from accelerated_evaluation.study.jobs import job
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):

@@ -1,12 +1,12 @@
 """Search the accelerated distributions of one method, stratum by stratum, from one seed."""
 
-from accelerated_evaluation.files import write_csv
-from accelerated_evaluation.jobs import job
+from accelerated_evaluation.base.files import write_csv
+from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.cross_entropy.proposals import write_proposals
 from accelerated_evaluation.methods.study import search_strata
 from accelerated_evaluation.problem import loaded_problem
-from accelerated_evaluation.randomness import child_generator
+from accelerated_evaluation.study.jobs import job
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):

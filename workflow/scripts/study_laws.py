@@ -1,14 +1,14 @@
 """Weigh laws with dependence, and write the tables that the rule asks for, and the law of largest weight."""
 
-from accelerated_evaluation.encounters.contract import read_encounters
-from accelerated_evaluation.files import read_json, write_csv
-from accelerated_evaluation.fitting.support import Support
-from accelerated_evaluation.jobs import job
+from accelerated_evaluation.answer.study import LawStudy
+from accelerated_evaluation.base.files import read_json, write_csv
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.crash_map.maps import read_crash_map
 from accelerated_evaluation.laws.files import write_law
-from accelerated_evaluation.randomness import child_generator
-from accelerated_evaluation.truth.crash_map import read_crash_map
-from accelerated_evaluation.truth.law_study import LawStudy
-from accelerated_evaluation.vehicles.slow import all_loaded
+from accelerated_evaluation.laws.smooth.support import Support
+from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.study.jobs import job
+from accelerated_evaluation.vehicles.external.slow import all_loaded
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):

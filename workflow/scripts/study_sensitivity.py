@@ -1,14 +1,14 @@
 """Change one choice at a time, and tabulate the crash probability."""
 
 import pandas as pd
-from accelerated_evaluation.encounters.contract import read_encounters
-from accelerated_evaluation.files import write_csv
-from accelerated_evaluation.jobs import job
+from accelerated_evaluation.base.files import write_csv
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.crash_map.maps import read_crash_map
+from accelerated_evaluation.crash_map.sensitivity import study_cap, study_sensitivity
 from accelerated_evaluation.laws.files import read_law
-from accelerated_evaluation.randomness import child_generator
-from accelerated_evaluation.truth.crash_map import read_crash_map
-from accelerated_evaluation.truth.sensitivity import study_cap, study_sensitivity
-from accelerated_evaluation.vehicles.slow import loaded_for
+from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.study.jobs import job
+from accelerated_evaluation.vehicles.external.slow import loaded_for
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from logging import ERROR, WARNING, LogRecord
 from typing import Any
 
-from accelerated_evaluation.jobs import LOGGER_VARIABLE
+from accelerated_evaluation.study.jobs import LOGGER_VARIABLE
 from snakemake_interface_logger_plugins.base import LogHandlerBase
 from snakemake_interface_logger_plugins.common import LogEvent
 

@@ -6,7 +6,7 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from accelerated_evaluation.errors import StudyError, forbidden
+from accelerated_evaluation.base.errors import StudyError, forbidden
 
 # Beginnings of what Snakemake tells about itself, which the log under .snakemake/log keeps.
 NOISE = (
@@ -84,7 +84,7 @@ def fault_of_configuration(arguments: Sequence[str]) -> str:
     str
         Empty if all files can be read.
     """
-    from accelerated_evaluation.configuration import read_yaml  # takes time, which errors alone ask for
+    from accelerated_evaluation.study.configuration import read_yaml  # takes time, which errors alone ask for
 
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--configfile", "--configfiles", nargs="+", default=[])

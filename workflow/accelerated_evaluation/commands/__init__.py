@@ -7,8 +7,8 @@ import argparse
 from pathlib import Path
 from typing import Protocol
 
-from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.registry import Registry
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.registry import Registry
 
 
 class Command(Protocol):

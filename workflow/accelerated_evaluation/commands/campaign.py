@@ -3,8 +3,8 @@
 import argparse
 from pathlib import Path
 
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.commands import COMMANDS, LAW, add_law, add_seed, require_seed
-from accelerated_evaluation.errors import InputError
 
 LEAST = 1e-6  # half-width and confidence that can be asked for, and what they have to keep from 1
 DESCRIPTION = """\

@@ -4,8 +4,8 @@ import argparse
 from importlib.util import find_spec
 from pathlib import Path
 
+from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.commands import COMMANDS
-from accelerated_evaluation.errors import StudyError
 
 LICENCE = "https://spdx.org/licenses/MIT"
 DESCRIPTION = """\
@@ -48,7 +48,7 @@ class Crate:
         """Write the crate, and say where it is."""
         if find_spec("rocrate") is None:
             raise StudyError("the library rocrate is missing: pip install accelerated-evaluation[provenance]")
-        from accelerated_evaluation.publishing.crate import write_crate
+        from accelerated_evaluation.publishing.archive.crate import write_crate
         from accelerated_evaluation.publishing.study import Study
 
         name = arguments.study

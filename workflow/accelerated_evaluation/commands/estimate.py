@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from accelerated_evaluation.commands import COMMANDS
 
 if TYPE_CHECKING:  # takes seconds, which --help can do without
-    from accelerated_evaluation.truth.alone import Alone
+    from accelerated_evaluation.answer.estimation import Alone
 
 DESCRIPTION = """\
 Estimate the crash probability of a cut-in by the surrogate-guided method alone, which takes some 200
@@ -84,10 +84,10 @@ class EstimateAlone:
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
         """Estimate, write the tables, and say in words what was found."""
-        from accelerated_evaluation.configuration import load, resolved
-        from accelerated_evaluation.files import write_csv
+        from accelerated_evaluation.answer.estimation import estimate_alone
+        from accelerated_evaluation.base.files import write_csv
         from accelerated_evaluation.laws.files import write_law
-        from accelerated_evaluation.truth.alone import estimate_alone
+        from accelerated_evaluation.study.configuration import load, resolved
 
         config = resolved(load(arguments.config))
         found = estimate_alone(config, arguments.replicates, arguments.law, arguments.predecessor)
@@ -95,10 +95,10 @@ class EstimateAlone:
         for name, table in found.tables.items():
             write_csv(folder / f"{name}.csv", table)
         write_law(folder / "law.json", found.law)
-        print(_told(found, 1 - config["importance_sampling"]["alpha"]), f"tables: {folder}", sep="\n")
+        print(_in_words(found, 1 - config["importance_sampling"]["alpha"]), f"tables: {folder}", sep="\n")
 
 
-def _told(found: "Alone", level: float) -> str:
+def _in_words(found: "Alone", level: float) -> str:
     """Return the estimates, what they took and what they may have missed, in lines of text."""
     from accelerated_evaluation.methods.surrogate.certificate import unseen_in_words
 

@@ -41,9 +41,9 @@ class Export:
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
         """Draw the set and write it."""
-        from accelerated_evaluation.encounters.contract import read_encounters
+        from accelerated_evaluation.base.randomness import child_generator
         from accelerated_evaluation.laws.files import read_law
-        from accelerated_evaluation.randomness import child_generator
+        from accelerated_evaluation.records.encounter_table import read_encounters
         from accelerated_evaluation.track.campaign_file import source_of
         from accelerated_evaluation.track.export import write_set
         from accelerated_evaluation.track.weighted_set import draw_weighted_set

@@ -42,10 +42,10 @@ class Extract:
         """Read the recordings, and write the cut-ins, the account and the exposure."""
         import pandas as pd
 
-        from accelerated_evaluation.configuration import load
-        from accelerated_evaluation.encounters.sources import SOURCES
-        from accelerated_evaluation.errors import InputError
-        from accelerated_evaluation.files import atomic_path, write_csv, write_json
+        from accelerated_evaluation.base.errors import InputError
+        from accelerated_evaluation.base.files import atomic_path, write_csv, write_json
+        from accelerated_evaluation.records.sources import SOURCES
+        from accelerated_evaluation.study.configuration import load
 
         target = arguments.target
         if target.suffix not in (".csv", ".parquet"):

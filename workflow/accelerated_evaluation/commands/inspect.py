@@ -42,14 +42,14 @@ class Inspect:
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
         """Check the records and print the report."""
-        from accelerated_evaluation.configuration import load, resolved
-        from accelerated_evaluation.encounters.checks import STOP, Records, inspect_records
-        from accelerated_evaluation.encounters.limits import told_limits
-        from accelerated_evaluation.encounters.sources import read_source
-        from accelerated_evaluation.encounters.told import told
-        from accelerated_evaluation.files import write_csv
-        from accelerated_evaluation.randomness import child_generator
-        from accelerated_evaluation.vehicles.slow import loaded_for
+        from accelerated_evaluation.base.files import write_csv
+        from accelerated_evaluation.base.randomness import child_generator
+        from accelerated_evaluation.records.checks import STOP, Records, inspect_records
+        from accelerated_evaluation.records.limits import limits_in_words
+        from accelerated_evaluation.records.report import report_in_words
+        from accelerated_evaluation.records.sources import read_source
+        from accelerated_evaluation.study.configuration import load, resolved
+        from accelerated_evaluation.vehicles.external.slow import loaded_for
 
         is_config = arguments.records.suffix.lower() in (".yaml", ".yml")
         config = resolved(load([arguments.records]) if is_config else load(given=_table(arguments.records)))
@@ -59,7 +59,7 @@ class Inspect:
         raw = read_source(config["data"], child_generator(config["seed"], "sample"))
         with loaded_for(vehicle, config["simulations"]) as car:
             report = inspect_records(Records.of(raw, config, car.simulate))
-        print(told_limits(config), told(report), sep="\n")
+        print(limits_in_words(config), report_in_words(report), sep="\n")
         if arguments.report is not None:
             write_csv(arguments.report, report)
         if STOP in set(report["verdict"]):

@@ -42,7 +42,7 @@ class Paper:
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
         """Write the folder, and say where it is."""
-        from accelerated_evaluation.publishing.paper import write_paper
+        from accelerated_evaluation.publishing.archive.latex_paper import write_paper
         from accelerated_evaluation.publishing.study import Study
 
         name = arguments.study

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from accelerated_evaluation.commands import COMMANDS
-from accelerated_evaluation.vehicles.built_in import VEHICLES
+from accelerated_evaluation.vehicles.registry import VEHICLES
 from accelerated_evaluation.vehicles.replay import trace_encounter, write_trace
 
 DESCRIPTION = """\

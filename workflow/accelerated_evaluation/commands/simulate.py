@@ -13,13 +13,13 @@ import numpy as np
 import yaml
 from tqdm import tqdm
 
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.files import atomic_path
 from accelerated_evaluation.commands import COMMANDS
-from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.files import atomic_path
-from accelerated_evaluation.vehicles.built_in import VEHICLES
 from accelerated_evaluation.vehicles.checks import INPUTS, OUTCOMES, checked_encounters
 from accelerated_evaluation.vehicles.loading import load_vehicle
 from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
+from accelerated_evaluation.vehicles.registry import VEHICLES
 
 CHUNK = 100_000  # rows in memory at a time
 DESCRIPTION = """\
@@ -206,7 +206,7 @@ def _with_progress(file: TextIO) -> Iterator[str]:
 def _position(header: list[str], name: str, source: Path) -> int:
     """Return where the header has the column ``name``, which must be there once."""
     if header.count(name) != 1:
-        from accelerated_evaluation.encounters.reading import listed
+        from accelerated_evaluation.base.tables import listed
 
         times = "more than one" if name in header else "no"
         raise InputError(

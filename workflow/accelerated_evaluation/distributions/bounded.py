@@ -8,8 +8,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.distributions.described import Described
-from accelerated_evaluation.distributions.protocol import Array
 
 LEAST = 1e-150  # distances below it count as so long where they are divided by; its square is a number too
 

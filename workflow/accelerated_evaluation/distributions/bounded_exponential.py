@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.distributions.bounded import LEAST, Bounded
 from accelerated_evaluation.distributions.described import Parameter, distribution
-from accelerated_evaluation.distributions.protocol import Array
 
 
 @distribution("bounded exponential")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Self, TypeVar
 
-from accelerated_evaluation.registry import Registry
+from accelerated_evaluation.base.registry import Registry
 
 INFINITE = {"lower": -math.inf, "upper": math.inf}
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.base.arrays import Array
 
 
 class Empirical:

@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 from scipy.special import logsumexp
 
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.distributions.described import Described, distribution, from_dict
-from accelerated_evaluation.distributions.protocol import Array, Tiltable
+from accelerated_evaluation.distributions.protocol import Tiltable
 from accelerated_evaluation.distributions.roots import find_roots
 
 

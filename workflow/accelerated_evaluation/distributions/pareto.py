@@ -8,8 +8,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.distributions.described import Described, Parameter, distribution
-from accelerated_evaluation.distributions.protocol import Array
 
 
 @distribution("Pareto")

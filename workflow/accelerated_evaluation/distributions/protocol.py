@@ -3,9 +3,9 @@
 from typing import Protocol, Self, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from accelerated_evaluation.base.arrays import Array
 
 
 @runtime_checkable

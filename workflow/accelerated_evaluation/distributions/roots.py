@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.base.arrays import Array
 
 _LIMITS = np.finfo(float)
 _MOST_STEPS = 2046  # as many bisections as doubles have powers of two

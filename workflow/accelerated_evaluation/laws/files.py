@@ -7,9 +7,9 @@ from itertools import product
 import numpy as np
 import pandas as pd
 
-from accelerated_evaluation.encounters.reading import require_file
-from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.files import read_json, write_json
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.files import read_json, write_json
+from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.laws import LAWS, Law
 
 FORMAT = "accelerated-evaluation law"

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.distributions import Distribution, Empirical
-from accelerated_evaluation.distributions.protocol import Array
 from accelerated_evaluation.distributions.tails import interval_probability, normal_score_quantile
 
 

@@ -1,7 +1,7 @@
 """Methods that estimate the probability of an event: one module a method, one registry."""
 
+from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.methods.estimate import Estimate, Method, Stopping
-from accelerated_evaluation.registry import Registry
 
 METHODS: Registry[type[Method]] = Registry("method", __name__, __path__)
 

@@ -15,8 +15,9 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from accelerated_evaluation.dependencies import file_digest, value_digest
-from accelerated_evaluation.files import read_json, write_json
+from accelerated_evaluation.base.digests import file_digest, value_digest
+from accelerated_evaluation.base.files import read_json, write_json
+from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.estimate import Estimate, Method, Stopping
 from accelerated_evaluation.methods.intervals import (
@@ -26,7 +27,6 @@ from accelerated_evaluation.methods.intervals import (
     sequential_estimate,
 )
 from accelerated_evaluation.problem import Problem, ScoreProblem
-from accelerated_evaluation.randomness import child_generator
 
 ALL = "all"
 Counts = dict[str, list[int]]  # simulations and crashes of one batch, by segment

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws import Factors, Law
 from accelerated_evaluation.methods.estimate import Estimate, Stopping, normal_reach
 from accelerated_evaluation.problem import Problem

@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 from scipy.special import gammainccinv, gammaincinv
 
-from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.methods.estimate import Stopping, normal_reach
 
 

@@ -4,7 +4,7 @@ from typing import Any, ClassVar
 
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.methods import METHODS
-from accelerated_evaluation.methods.cross_entropy.families import Family, PiecewiseFamily
+from accelerated_evaluation.methods.cross_entropy.families import PiecewiseFamily, ProposalFamily
 from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMethod
 
 
@@ -15,7 +15,7 @@ class Piecewise(CrossEntropyMethod):
     name: ClassVar[str] = "piecewise"
     look: ClassVar[dict[str, Any]] = {"color": "#08306b", "linestyle": "-", "marker": "o"}
 
-    def start(self, f: Factors) -> tuple[Family, Family]:
+    def start(self, f: Factors) -> tuple[ProposalFamily, ProposalFamily]:
         """Start at f itself, with no piece lighter than the lower bound of the weights."""
         limits = self.cross_entropy["minimum_weight"], self.cross_entropy["minimum_piece_events"]
         return PiecewiseFamily.start(f.first, *limits), PiecewiseFamily.start(f.second, *limits)

@@ -4,7 +4,7 @@ from typing import Any, ClassVar
 
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.methods import METHODS
-from accelerated_evaluation.methods.cross_entropy.families import Family, SingleFamily
+from accelerated_evaluation.methods.cross_entropy.families import ProposalFamily, SingleFamily
 from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMethod
 
 
@@ -15,6 +15,6 @@ class Single(CrossEntropyMethod):
     name: ClassVar[str] = "single"
     look: ClassVar[dict[str, Any]] = {"color": "#b2182b", "linestyle": "--", "marker": "s"}
 
-    def start(self, f: Factors) -> tuple[Family, Family]:
+    def start(self, f: Factors) -> tuple[ProposalFamily, ProposalFamily]:
         """Start at the exponentials with the means of f."""
         return SingleFamily.start(f.first), SingleFamily.start(f.second)

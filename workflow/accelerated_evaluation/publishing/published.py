@@ -9,7 +9,8 @@ A new figure is a function here in this room, its place in a notebook, and its c
     show(study, fig25_example)      # in the notebook
 
 The name of the function is the name of its files and of its caption, ``workflow/report/fig25_example.rst``.
-Its parameters say what it reads of a `Study`. The workflow finds out both by itself (`publishing.catalogue`).
+Its parameters say what it reads of a `Study`. The workflow finds out both by itself, see
+`publishing.book.catalogue`.
 """
 
 import inspect
@@ -21,10 +22,10 @@ from typing import Any, TypeVar
 import pandas as pd
 from matplotlib.figure import Figure
 
-from accelerated_evaluation.publishing.provenance import described, origin_of
+from accelerated_evaluation.publishing.archive.provenance import described, origin_of
+from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, save_figure
 from accelerated_evaluation.publishing.study import Study
-from accelerated_evaluation.publishing.style import COLUMN_WIDTH, save_figure
-from accelerated_evaluation.publishing.tables import readable, save_table
+from accelerated_evaluation.publishing.tables.formats import readable, save_table
 
 Make = TypeVar("Make", bound=Callable[..., Any])
 WIDTH = 150 * COLUMN_WIDTH  # [px], of a figure in a notebook

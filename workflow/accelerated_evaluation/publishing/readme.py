@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pandas as pd
 
-from accelerated_evaluation.files import write_text
+from accelerated_evaluation.base.files import write_text
 from accelerated_evaluation.methods import METHODS
-from accelerated_evaluation.publishing.paper_numbers import PAPER_PROBABILITY
+from accelerated_evaluation.publishing.tables.paper_numbers import PAPER_PROBABILITY
 
 ROOT = Path(__file__).resolve().parents[3]
 ANSWER = ROOT / "figures" / "spmd" / "tables" / "answer.csv"

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from accelerated_evaluation.encounters.contract import read_encounters
-from accelerated_evaluation.encounters.sources import describe
-from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.files import read_json
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.files import read_json
 from accelerated_evaluation.laws.files import read_law
-from accelerated_evaluation.laws.independent import IndependentLaw
-from accelerated_evaluation.publishing.tables import as_markdown
+from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.publishing.tables.formats import as_markdown
+from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.records.sources import describe
 
 if TYPE_CHECKING:
     from accelerated_evaluation.laws import Factors
@@ -24,8 +24,8 @@ class Study:
 
     A figure or a table says by its parameters what it reads: a parameter ``estimates`` is given the property
     ``estimates`` of this class (`publishing.published.show`). From the code of this class, without running
-    it, `publishing.catalogue` finds out on which files a notebook depends. Each file is therefore named as
-    a literal in a call of `path`, `_table` or `_law`. A part in braces stands for several files.
+    it, `publishing.book.catalogue` finds out on which files a notebook depends. Each file is therefore named
+    as a literal in a call of `path`, `_table` or `_law`. A part in braces stands for several files.
 
     Parameters
     ----------

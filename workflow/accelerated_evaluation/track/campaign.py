@@ -12,17 +12,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Self
 
-from accelerated_evaluation.encounters.contract import read_encounters
-from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
-from accelerated_evaluation.randomness import child_generator
+from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.track.driven import BEYOND, DrivenOutcome, outcome_in_words, outcomes_of
 from accelerated_evaluation.track.limits import UNLIMITED, Limits, require_limits
 from accelerated_evaluation.track.scenarios import Scenario
-from accelerated_evaluation.track.told import BEYOND, Told, outcomes_of, told_in_words
 from accelerated_evaluation.vehicles.events import Event
 
 SMALLEST_BATCH, LARGEST_BATCH = 2, 500
@@ -31,7 +31,7 @@ MOST_EMPTY = 100  # batches in a row without a run within the limits
 
 @dataclass
 class Run:
-    """A run that was asked for: number and batch, counted from 1, the cut-in, and what was told of it.
+    """A run that was asked for: number and batch, counted from 1, the cut-in, and its outcome.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class Run:
     lead_speed: float
     range_: float
     closing_speed: float
-    told: Told | None = None
+    outcome: DrivenOutcome | None = None
 
     @property
     def scenario(self) -> Scenario:
@@ -147,7 +147,7 @@ class Campaign:
     @property
     def outstanding(self) -> list[Run]:
         """The runs that were asked for and not told yet."""
-        return [run for run in self.runs if run.told is None]
+        return [run for run in self.runs if run.outcome is None]
 
     def ask(self, law: Law, batch_size: int | None = None) -> list[Run]:
         """Return the runs to drive next: what is outstanding, or else a new batch.
@@ -193,7 +193,7 @@ class Campaign:
         """Number of batches that were asked for."""
         return self.runs[-1].batch if self.runs else 0
 
-    def tell(self, results: Mapping[int, Told], *, correct: bool = False) -> int:
+    def tell(self, results: Mapping[int, DrivenOutcome], *, correct: bool = False) -> int:
         """Take what happened in some runs, and hand the batch to the sampler once it is whole.
 
         Parameters
@@ -213,11 +213,11 @@ class Campaign:
         InputError
             If a run contradicts what was told of it before; nothing is taken then.
         """
-        news = {number: told for number, told in results.items() if self.runs[number - 1].told != told}
+        news = {number: told for number, told in results.items() if self.runs[number - 1].outcome != told}
         for number in news:
             self._require_open(number, correct=correct)
         for number, told in news.items():
-            self.runs[number - 1].told = told
+            self.runs[number - 1].outcome = told
         if news:
             self._hand_over()
         return len(news)
@@ -225,13 +225,13 @@ class Campaign:
     def _hand_over(self) -> None:
         """Tell the sampler of the open batch, once all its runs are told."""
         if not self.outstanding:
-            outcomes = outcomes_of(run.told for run in self.runs if run.batch == self.batches)
+            outcomes = outcomes_of(run.outcome for run in self.runs if run.batch == self.batches)
             self.sampler.tell(self.event.happens(outcomes), self.event.score(outcomes))
 
     def _require_open(self, number: int, *, correct: bool) -> None:
         """Refuse to change what is known of a run, unless it is being corrected before it was used."""
         run = self.runs[number - 1]
-        if run.told is None:
+        if run.outcome is None:
             return
         is_used = run.batch < self.batches or not self.outstanding
         change = "Restore the copy of the campaign's file from before, and tell all runs since then again."
@@ -241,7 +241,7 @@ class Campaign:
             raise InputError(
                 f"run {number}",
                 seen="another outcome than was told before",
-                expected=f"{told_in_words(run.told)}, as told before",
+                expected=f"{outcome_in_words(run.outcome)}, as told before",
                 change=change,
             )
 

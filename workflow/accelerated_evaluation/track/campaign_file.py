@@ -10,19 +10,19 @@ from typing import Any, get_type_hints
 
 import numpy as np
 
-from accelerated_evaluation.dependencies import file_digest
-from accelerated_evaluation.encounters.contract import read_encounters
-from accelerated_evaluation.encounters.reading import require_file
-from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.files import read_json, write_text
+from accelerated_evaluation.base.digests import file_digest
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.files import read_json, write_text
+from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.methods.estimate import Stopping
 from accelerated_evaluation.methods.surrogate import state as sampler_state
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
+from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.track.campaign import Campaign, Run, Source
+from accelerated_evaluation.track.driven import DrivenOutcome
 from accelerated_evaluation.track.limits import UNLIMITED, Limits
-from accelerated_evaluation.track.told import Told
 from accelerated_evaluation.vehicles.events import Event
 
 FORMAT, VERSION = "accelerated-evaluation campaign", 2
@@ -172,19 +172,19 @@ def stopping(confidence: float, relative_half_width: float) -> Stopping:
 def _plain(run: Run) -> dict[str, Any]:
     """Return a run as the file has it."""
     plain = {CUT_IN.get(name, name): value for name, value in vars(run).items()}
-    plain["told"] = None
-    if run.told is not None:
-        plain["told"] = {name: value for name, value in vars(run.told).items() if value not in (None, "")}
+    if run.outcome is not None:
+        plain["outcome"] = {
+            name: value for name, value in vars(run.outcome).items() if value not in (None, "")
+        }
     return plain
 
 
 def _run(plain: Mapping[str, Any]) -> Run:
     """Return a run from what the file has."""
-    told = plain["told"]
-    if told is not None:  # what was not measured is left out
-        told = vars(Told(crash=False)) | told
     own = {name: plain[CUT_IN.get(name, name)] for name in get_type_hints(Run)}
-    return sampler_state.decode(Run, own | {"told": told})
+    if own["outcome"] is not None:  # what was not measured is left out of the file
+        own["outcome"] = vars(DrivenOutcome(crash=False)) | own["outcome"]
+    return sampler_state.decode(Run, own)
 
 
 def _laid_out(value: Any, margin: str = "") -> str:  # noqa: ANN401

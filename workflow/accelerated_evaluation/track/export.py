@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.files import write_csv, write_text
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.files import write_csv, write_text
 from accelerated_evaluation.track.recipe import RECIPE
 from accelerated_evaluation.track.scenarios import (
     LANE_CHANGE,

@@ -11,8 +11,8 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws import Law, Stratum
 
 SPEEDS = 400  # bins of the recorded lead speeds, each of which stands for its mean

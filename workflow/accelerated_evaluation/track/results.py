@@ -6,11 +6,11 @@ from collections.abc import Iterable, Mapping
 
 import pandas as pd
 
-from accelerated_evaluation.encounters.reading import listed, read_csv, require_file
-from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.files import write_csv
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.files import write_csv
+from accelerated_evaluation.base.tables import listed, read_csv, require_file
 from accelerated_evaluation.track.campaign import Campaign, Run
-from accelerated_evaluation.track.told import BEYOND, Told, told_in_words
+from accelerated_evaluation.track.driven import BEYOND, DrivenOutcome, outcome_in_words
 from accelerated_evaluation.vehicles.events import Event
 
 FLAGS = {
@@ -29,7 +29,7 @@ MEASURED = ("min_range", "min_ttc", "impact_speed")
 TOLERANCES = {"lead_speed": 0.01, "range": 0.01, "closing_speed": 0.01}
 
 
-def read_results(path: str | os.PathLike, campaign: Campaign) -> dict[int, Told]:
+def read_results(path: str | os.PathLike, campaign: Campaign) -> dict[int, DrivenOutcome]:
     """Read a table of results: columns ``run`` and ``crash``, and what else was measured.
 
     Rows without a crash flag are runs that are still to be driven. The table that `ask` wrote, filled in, is
@@ -49,7 +49,7 @@ def read_results(path: str | os.PathLike, campaign: Campaign) -> dict[int, Told]
             seen = f"only the columns {listed(list(table.columns), name)}"
             change = "Fill in the table that `campaign ask` wrote."
             raise InputError(str(path), seen=seen, expected=f"a column {name}", change=change)
-    results: dict[int, Told] = {}
+    results: dict[int, DrivenOutcome] = {}
     for row, cells in enumerate(table.to_dict("records"), start=2):
         given = {
             name: str(cell).strip() for name, cell in cells.items() if not pd.isna(cell) and str(cell).strip()
@@ -58,12 +58,12 @@ def read_results(path: str | os.PathLike, campaign: Campaign) -> dict[int, Told]
             continue
         where = f"{path}, row {row}"
         run = _run_of(given, campaign, where)
-        told = _told(given, run, campaign.event, where)
+        told = _driven_outcome(given, run, campaign.event, where)
         if told is None:
             continue
         if results.setdefault(run.number, told) != told:
             seen = f"run {run.number} a second time, with another outcome"
-            expected = f"{told_in_words(results[run.number])}, as in the row before"
+            expected = f"{outcome_in_words(results[run.number])}, as in the row before"
             raise InputError(where, seen=seen, expected=expected, change="Remove the wrong row.")
     return results
 
@@ -81,7 +81,7 @@ def _run_of(given: Mapping[str, str], campaign: Campaign, where: str) -> Run:
             change="Correct the number, or ask for runs with `campaign ask` first.",
         )
     run = campaign.runs[int(number) - 1]
-    if run.told == BEYOND:
+    if run.outcome == BEYOND:
         raise InputError(
             f"{where}, column run",
             seen=f"run {run.number}, which lies beyond the limits of the campaign",
@@ -101,7 +101,7 @@ def _run_of(given: Mapping[str, str], campaign: Campaign, where: str) -> Run:
     return run
 
 
-def _told(given: Mapping[str, str], run: Run, event: Event, where: str) -> Told | None:
+def _driven_outcome(given: Mapping[str, str], run: Run, event: Event, where: str) -> DrivenOutcome | None:
     """Return what a row says of a run, None where it says nothing yet."""
     measured = {name: _number(given, name, f"{where}, column {name}") for name in MEASURED}
     if "crash" not in given:
@@ -120,7 +120,7 @@ def _told(given: Mapping[str, str], run: Run, event: Event, where: str) -> Told 
         _refuse(where, needed, "nothing", "a number: the event of this campaign is defined by it")
     if measured["min_ttc"] == math.inf:
         measured["min_ttc"] = None  # it never closed in; JSON has no infinity
-    return Told(crash, **measured, note=given.get("note", ""))
+    return DrivenOutcome(crash, **measured, note=given.get("note", ""))
 
 
 def _check(measured: Mapping[str, float | None], *, crash: bool, run: Run, where: str) -> None:

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from accelerated_evaluation.errors import StudyError
-from accelerated_evaluation.files import atomic_path
+from accelerated_evaluation.base.errors import StudyError
+from accelerated_evaluation.base.files import atomic_path
 
 if TYPE_CHECKING:  # an optional extra
     from scenariogeneration import xosc

@@ -9,7 +9,7 @@ from scipy.special import stdtrit
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
 from accelerated_evaluation.methods.surrogate.certificate import unseen_in_words
 from accelerated_evaluation.track.campaign import Campaign
-from accelerated_evaluation.track.told import BEYOND
+from accelerated_evaluation.track.driven import BEYOND
 
 MOST_BATCHES = 10_000  # that a forecast looks ahead
 
@@ -47,8 +47,8 @@ class Status:
 
 def status_of(campaign: Campaign) -> Status:
     """Say where a campaign stands; the open batch counts for nothing before it is whole."""
-    to_drive = [run for run in campaign.runs if run.told != BEYOND]
-    told = sum(run.told is not None for run in to_drive)
+    to_drive = [run for run in campaign.runs if run.outcome != BEYOND]
+    told = sum(run.outcome is not None for run in to_drive)
     # The open batch is one of which a run is outstanding.
     used = sum(run.batch < campaign.batches or not campaign.outstanding for run in to_drive)
     spared, estimate = len(campaign.runs) - len(to_drive), campaign.estimate()

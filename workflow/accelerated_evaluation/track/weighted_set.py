@@ -16,8 +16,8 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws import CutIns, Law
 
 PLACES = 20_000  # lead speeds and ranges that the shells are weighed at

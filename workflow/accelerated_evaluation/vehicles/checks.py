@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.vehicles.protocol import Array, Outcomes
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.vehicles.protocol import Outcomes
 
 INPUTS = ("lead_speed", "range", "closing_speed")
 OUTCOMES = ("crash", "min_range", "min_ttc", "impact_speed")

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from accelerated_evaluation.vehicles.protocol import Array, Outcomes
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.vehicles.protocol import Outcomes
 
 
 @dataclass(frozen=True, order=True)

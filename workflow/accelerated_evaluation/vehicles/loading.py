@@ -9,12 +9,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from accelerated_evaluation.errors import InputError, StudyError
-from accelerated_evaluation.vehicles.built_in import VEHICLES
-from accelerated_evaluation.vehicles.checked import CheckedVehicle, kept_alive, told
-from accelerated_evaluation.vehicles.foreign import ForeignVehicle
+from accelerated_evaluation.base.errors import InputError, StudyError
+from accelerated_evaluation.vehicles.external.checked import CheckedVehicle, error_in_words, kept_alive
+from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
 from accelerated_evaluation.vehicles.parameters import parameter_names, required_names
 from accelerated_evaluation.vehicles.protocol import Vehicle
+from accelerated_evaluation.vehicles.registry import VEHICLES
 
 
 def load_vehicle(name: str, **parameters: Any) -> Vehicle:  # noqa: ANN401
@@ -110,7 +110,9 @@ def _load_user_vehicle(name: str, parameters: dict[str, Any]) -> CheckedVehicle:
         raise
     except BaseException as error:  # a vehicle that calls sys.exit must not end the study without a word
         change = "Correct the class or the vehicle's parameters."
-        raise _load_error(name, told(error), f"{class_name} made from {parameters}", change) from error
+        raise _load_error(
+            name, error_in_words(error), f"{class_name} made from {parameters}", change
+        ) from error
 
 
 def _load_module(name: str, path: Path) -> ModuleType:
@@ -130,7 +132,9 @@ def _load_module(name: str, path: Path) -> ModuleType:
         del sys.modules[module_name]
         if isinstance(error, KeyboardInterrupt):
             raise
-        raise _load_error(name, told(error), "a file that Python can import", "Correct the file.") from error
+        raise _load_error(
+            name, error_in_words(error), "a file that Python can import", "Correct the file."
+        ) from error
     return module
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from accelerated_evaluation.errors import InputError
+from accelerated_evaluation.base.errors import InputError
 
 
 def parameter_names(vehicle_class: type) -> list[str]:

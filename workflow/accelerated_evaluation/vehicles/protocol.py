@@ -6,7 +6,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from accelerated_evaluation.base.arrays import Array
 
 
 @dataclass(frozen=True)

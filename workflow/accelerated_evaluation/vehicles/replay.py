@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.files import atomic_path, write_csv
-from accelerated_evaluation.vehicles.built_in import VEHICLES
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.files import atomic_path, write_csv
 from accelerated_evaluation.vehicles.loading import load_vehicle
+from accelerated_evaluation.vehicles.registry import VEHICLES
 
 
 def trace_encounter(name: str, lead_speed: float, range_: float, closing_speed: float) -> pd.DataFrame:

@@ -6,11 +6,11 @@ from typing import Protocol, Self
 
 import numpy as np
 
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.distributions import BoundedExponential, PiecewiseMixture, Tiltable, match_mean
-from accelerated_evaluation.distributions.protocol import Array
 
 
-class Family(Protocol):
+class ProposalFamily(Protocol):
     """A parametric family of f* for one variable, at its present parameters."""
 
     @property

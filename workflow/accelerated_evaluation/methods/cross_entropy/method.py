@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from accelerated_evaluation.laws import Factors
-from accelerated_evaluation.methods.cross_entropy.families import Family
+from accelerated_evaluation.methods.cross_entropy.families import ProposalFamily
 from accelerated_evaluation.methods.cross_entropy.proposals import Proposals
 from accelerated_evaluation.methods.cross_entropy.search import Search, Settings, Shift, search
 from accelerated_evaluation.methods.estimate import Estimate, Method, Stopping
@@ -55,7 +55,7 @@ class CrossEntropyMethod(Method):
         return "importance_sampling", cls.name, scope, replicate
 
     @abstractmethod
-    def start(self, f: Factors) -> tuple[Family, Family]:
+    def start(self, f: Factors) -> tuple[ProposalFamily, ProposalFamily]:
         """Return the families of both coordinates, at the parameters where the search begins."""
 
     def shift(self) -> Shift | None:

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Self
 
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.files import read_json, write_json
 from accelerated_evaluation.distributions import from_dict
-from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.files import read_json, write_json
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.methods.cross_entropy.search import Search
 

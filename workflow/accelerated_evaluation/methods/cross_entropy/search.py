@@ -6,9 +6,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws import Factors
-from accelerated_evaluation.methods.cross_entropy.families import Family, PiecewiseFamily
+from accelerated_evaluation.methods.cross_entropy.families import PiecewiseFamily, ProposalFamily
 from accelerated_evaluation.problem import Problem, Sample
 
 
@@ -61,8 +61,8 @@ class Search:
         Why the search ended before the event itself had taught f*; empty if it had.
     """
 
-    first: Family
-    second: Family
+    first: ProposalFamily
+    second: ProposalFamily
     trace: list[dict[str, float]] = field(default_factory=list)
     unfinished: str = ""
 
@@ -76,7 +76,7 @@ class Search:
         """Simulations spent so far."""
         return int(self.trace[-1]["simulations_total"]) if self.trace else 0
 
-    def advance(self, first: Family, second: Family, row: dict[str, float]) -> "Search":
+    def advance(self, first: ProposalFamily, second: ProposalFamily, row: dict[str, float]) -> "Search":
         """Return the next state, its parameters written into the row of the trace."""
         parameters = {
             f"{coordinate}_{name}": value
@@ -98,7 +98,7 @@ class Shift:
 def search(
     problem: Problem,
     stratum: str,
-    start: tuple[Family, Family],
+    start: tuple[ProposalFamily, ProposalFamily],
     settings: Settings,
     generator: np.random.Generator,
     *,
@@ -214,7 +214,7 @@ def _draw_level(
     return sample, min(threshold, float(np.partition(scores, rank - 1)[rank - 1]))
 
 
-def _shifted(family: Family, step: float, events: Array) -> Family:
+def _shifted(family: ProposalFamily, step: float, events: Array) -> ProposalFamily:
     """Shift truncation points up by one step where the tail is full and keeps a step below all events."""
     if not (step > 0 and isinstance(family, PiecewiseFamily) and family.tail_is_full):
         return family

@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.methods.surrogate.calibration import Calibration
 from accelerated_evaluation.methods.surrogate.constants import MOST_TRUST, RELEARN
 from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurrogate, Predecessor

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.special import expit, log_ndtr, ndtr, ndtri
 
-from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.methods.surrogate.constants import (
     LEAST_TRUST,
     LOG_SLOPE_BOUNDS,

@@ -20,7 +20,7 @@ from typing import Self
 import numpy as np
 from scipy.special import betaincc, chdtri, ndtr, ndtri
 
-from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.methods.surrogate.constants import REACH, UNSEEN_ALPHA
 from accelerated_evaluation.methods.surrogate.wide_laws import rarity
 

@@ -19,7 +19,7 @@ from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 from scipy.special import log_ndtr, ndtr
 
-from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.methods.surrogate.constants import (
     AMPLITUDE,
     AMPLITUDE_SPREAD,

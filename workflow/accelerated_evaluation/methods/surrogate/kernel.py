@@ -7,7 +7,7 @@ of an unknown mean. Points are given in units of the lengths.
 import numpy as np
 from numpy.typing import NDArray
 
-from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.methods.surrogate.constants import JITTER
 
 # Covariances that are computed at once: so few that they stay in the cache of a processor.

@@ -76,7 +76,7 @@ def is_certified(progress: Progress, certificate: Certificate) -> bool:
     return _unseen(progress, probability, certificate).mode <= certificate.share * probability
 
 
-def where_to_look(progress: Progress, certificate: Certificate) -> float:
+def where_to_search(progress: Progress, certificate: Certificate) -> float:
     """Return the rarity beyond which to look for what the certificate must exclude; 0 for everywhere."""
     probability = _mean(progress)
     if not 0 < (share := certificate.share * probability) < 0.5:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from threadpoolctl import ThreadpoolController
 
-from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
 from accelerated_evaluation.methods.surrogate import results
 from accelerated_evaluation.methods.surrogate.belief import Belief
@@ -228,7 +228,7 @@ class Sampler:
     def _pending_batch(self, *, certify: bool = False) -> Batch:
         if self.progress.pending is None:
             with BLAS.limit(limits=1):
-                beyond = results.where_to_look(self.progress, self.certificate)
+                beyond = results.where_to_search(self.progress, self.certificate)
                 defence = Defence(DEFENCE_ALONE if certify else DEFENCE, beyond)
                 self.progress.pending = self._design(defence)
         return self.progress.pending

@@ -10,7 +10,7 @@ has looked there closely enough.
 
 import numpy as np
 
-from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.methods.surrogate.constants import CANDIDATES
 from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurrogate
 from accelerated_evaluation.methods.surrogate.graded import GradedSurrogate, end_of_events, graded

@@ -14,9 +14,9 @@ from typing import Any, Self, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from accelerated_evaluation.distributions.protocol import Array
-from accelerated_evaluation.errors import InputError
-from accelerated_evaluation.files import read_json, write_json
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.files import read_json, write_json
 from accelerated_evaluation.methods.surrogate.combining import BatchEstimate
 from accelerated_evaluation.methods.surrogate.constants import POOL, REACH
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.methods.surrogate.constants import (
     BEYOND,
     CONTROLLED,

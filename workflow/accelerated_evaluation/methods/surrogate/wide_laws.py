@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from scipy.special import chdtr, chdtrc, chdtri, gammaincinv, gammaln
 
-from accelerated_evaluation.distributions.protocol import Array
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.methods.surrogate.constants import REACH, SMALLEST_SPREAD
 
 

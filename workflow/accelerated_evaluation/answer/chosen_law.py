@@ -1,0 +1,111 @@
+"""The law of cut-ins that a user names: fitted to the records at once, or that of a finished study."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from threadpoolctl import threadpool_limits
+
+from accelerated_evaluation.answer.weighted_family import weight_laws
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.laws import Law
+from accelerated_evaluation.laws.files import read_law
+from accelerated_evaluation.laws.paper.models import fit_paper_laws
+from accelerated_evaluation.laws.smooth.dependent import DependentLaw
+from accelerated_evaluation.laws.smooth.family import MEMBERS, DistinctRecords, Fitter, Member
+from accelerated_evaluation.laws.smooth.support import Support
+from accelerated_evaluation.records.sources import describe
+
+ANSWER, PAPER = "answer", "paper"
+OF_PAPER = ("two_pieces", "three_pieces", "single")
+SMOOTH = {member.name: member for member in MEMBERS}
+FILE = ".json"
+
+
+def require_law(choice: str) -> None:
+    """Raise InputError unless `choose_law` knows the name of a law, or it names a law file that is there."""
+    if choice.endswith(FILE):
+        if not Path(choice).is_file():
+            change = "Correct its path."
+            raise InputError("--law", seen=f"no file {choice}", expected="a law file", change=change)
+    elif choice not in (ANSWER, PAPER, *OF_PAPER, *SMOOTH):
+        raise InputError(
+            "--law",
+            seen=repr(choice),
+            expected=f"{ANSWER}, {PAPER}, {', '.join(OF_PAPER)}, a law of the family ({', '.join(SMOOTH)}), "
+            f"or a law file, which ends in {FILE}",
+            change="Correct the name.",
+        )
+
+
+def choose_law(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any]) -> tuple[str, Law]:
+    """Return the law that a user names, and what it is called.
+
+    Parameters
+    ----------
+    choice
+        ``answer``: of the smooth laws with dependence, fitted and weighed as the study does it, the one of
+        the largest weight; what the study writes to ``laws/answer.json``. ``paper``: the paper's law that the
+        configuration names. The name of a law of either kind. Or the path of a law file, which ends in
+        ``.json``, that was fitted to the same encounters.
+    encounters
+        Encounter table.
+    config
+        A complete, valid configuration.
+
+    Raises
+    ------
+    InputError
+        If the name is not known, if the file does not belong to the encounters, or if there are too few
+        records for the law.
+    """
+    require_law(choice)
+    if choice.endswith(FILE):
+        return choice, _of_file(choice, encounters)
+    if choice == ANSWER or choice in SMOOTH:
+        with threadpool_limits(1, "blas"):  # as in the jobs of the study: the same digits on any machine
+            law = _smooth(choice, encounters, config)
+        return law.description, law
+    models = config["models"]
+    name = models["inverse_range"]["variant"] if choice == PAPER else choice
+    limits = config["filters"]["range_max"], describe(config["data"]), models["closing_speed_max"]
+    return name, fit_paper_laws(encounters, models, *limits)[name]
+
+
+def _smooth(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any]) -> DependentLaw:
+    """Fit one law with dependence, or all, to find the one that the records bear out best."""
+    events = DistinctRecords.of(encounters, Support.configured(config))
+    if choice == ANSWER:
+        generator = child_generator(config["seed"], "laws", "weigh")
+        weighted = weight_laws(events, generator, draws=config["answer"]["draws"])
+        return DependentLaw.fitted(weighted.family, weighted.heaviest, encounters, events.support)
+    family = Fitter(events, tuple(dict.fromkeys((Member(), SMOOTH[choice])))).fit()
+    if SMOOTH[choice].level is not None and SMOOTH[choice] not in family.tails:
+        raise InputError(
+            "--law",
+            seen=f"{choice!r}, whose threshold fewer than ten of the {events.size:,} distinct records exceed",
+            expected="a threshold that more records exceed",
+            change=f"Choose a lower one, or {ANSWER}.",
+        )
+    return DependentLaw.fitted(family, SMOOTH[choice], encounters, events.support)
+
+
+def _of_file(path: str, encounters: pd.DataFrame) -> Law:
+    """Read a law, and see that it was fitted to these encounters."""
+    law = read_law(path, encounters)
+    counts = encounters["segment"].value_counts()
+    recorded = {segment: count / len(encounters) for segment, count in counts.items()}
+    if dict(law.shares) != recorded:
+        raise InputError(
+            path,
+            seen=f"a law with the segments {_shares(law.shares)}",
+            expected=f"the segments of these records: {_shares(recorded)}",
+            change="Give the configuration of the study that the law is from.",
+        )
+    return law
+
+
+def _shares(shares: Mapping[str, float]) -> str:
+    return ", ".join(f"{segment} m/s ({share:.3%})" for segment, share in sorted(shares.items()))

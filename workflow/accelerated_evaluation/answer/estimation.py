@@ -1,0 +1,115 @@
+"""The surrogate-guided estimate alone, without the rest of the study: for vehicles that are slow."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import pandas as pd
+from tqdm import tqdm
+
+from accelerated_evaluation.answer.chosen_law import ANSWER, choose_law, require_law
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.laws import Law
+from accelerated_evaluation.methods import METHODS, Estimate
+from accelerated_evaluation.methods.study import ALL, study_method
+from accelerated_evaluation.methods.surrogate.predecessor import read_predecessor
+from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.records.filters import Account
+from accelerated_evaluation.records.ingest import ingest
+from accelerated_evaluation.records.segments import require_rows
+from accelerated_evaluation.records.sources import read_source
+from accelerated_evaluation.vehicles.external.slow import SlowVehicle, loaded_for
+
+METHOD = "surrogate"
+
+
+@dataclass(frozen=True)
+class Alone:
+    """What the estimate alone gives.
+
+    Attributes
+    ----------
+    tables
+        ``estimate``, one row a replicate, with the ``law``; ``runs``, one row a simulation; ``account`` of
+        the records. Under the paper's law, the first two are what the whole study has under ``estimates`` for
+        this method and all segments.
+    name
+        What the law is called.
+    law
+        The law that the estimates are under.
+    vehicle
+        The slow vehicle, which has counted its simulations; None where the vehicle is none.
+    """
+
+    tables: Mapping[str, pd.DataFrame]
+    name: str
+    law: Law
+    vehicle: SlowVehicle | None
+
+
+def estimate_alone(
+    config: Mapping[str, Any],
+    replicates: int = 1,
+    law: str = ANSWER,
+    predecessor: str | os.PathLike | None = None,
+) -> Alone:
+    """Fit a law to the records, and estimate the crash probability under it by the surrogate.
+
+    Parameters
+    ----------
+    config
+        A complete, valid configuration.
+    replicates
+        Independent repetitions; under the paper's law the first ones of those that the whole study makes.
+    law
+        Which law; see `chosen_law.choose_law`.
+    predecessor
+        Table of the simulations of a vehicle that is like this one, under the same law.
+
+    Raises
+    ------
+    InputError
+        If the records, the law, the predecessor or the vehicle cannot be used. What was simulated before is
+        kept in the store.
+    """
+    require_law(law)
+    with loaded_for(config["vehicle"], config["simulations"]) as vehicle:  # first, as it is soonest refused
+        encounters, account = read_records(config)
+        name, chosen = choose_law(law, encounters, config)
+        known = None if predecessor is None else read_predecessor(predecessor, chosen)
+        method = replace(METHODS[METHOD].configured(config), predecessor=known)
+        with tqdm(desc="simulations", unit="", disable=None) as bar:
+            tables = study_method(
+                replace(method, on_batch=lambda estimate: _show(bar, estimate)),
+                Problem(chosen, vehicle),
+                method.stopping(config),
+                [child_generator(config["seed"], *method.stream(ALL, k)) for k in range(replicates)],
+                {"study": config["study"], "scope": ALL, "method": METHOD},
+            )
+    named = {"estimate": tables["estimates"].assign(law=name), "runs": tables["runs"]}
+    slow = vehicle if isinstance(vehicle, SlowVehicle) else None
+    return Alone(named | {"account": account.table()}, name, chosen, slow)
+
+
+def read_records(config: Mapping[str, Any]) -> tuple[pd.DataFrame, Account]:
+    """Read and filter the records of a configuration.
+
+    Returns
+    -------
+    encounters : pandas.DataFrame
+        The encounter table, as the rule ``ingest_encounters`` of the study makes it.
+    account : Account
+        What became of every record.
+    """
+    raw = read_source(config["data"], child_generator(config["seed"], "sample"))
+    account = Account.of(raw)
+    encounters = ingest(raw, config, account)
+    require_rows(encounters)
+    return encounters, account
+
+
+def _show(bar: tqdm, estimate: Estimate) -> None:
+    """Show how far an estimate is."""
+    bar.n = estimate.simulations
+    bar.set_postfix_str(f"{estimate.events} crashes, {estimate.low:.2g} to {estimate.high:.2g}")

@@ -1,0 +1,163 @@
+"""The table of laws: how each scores on unseen records near the crash set, and which are refused."""
+
+import warnings
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import pandas as pd
+from numpy.linalg import LinAlgError
+from tqdm import tqdm
+
+from accelerated_evaluation.answer.scores import (
+    FittedLaw,
+    held_out,
+    held_out_scores,
+    threshold_weighted_crps,
+    time_to_collision_boundary,
+)
+from accelerated_evaluation.answer.weighted_family import WeightedLaws, region
+from accelerated_evaluation.answer.weights import mixture_scores, stacking_weights
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import ConvergenceError
+from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, LawFamily
+from accelerated_evaluation.laws.smooth.regressions import REGRESSIONS, fit_regression
+from accelerated_evaluation.laws.smooth.rivals import ConditionalExtremes, IndependentTail
+from accelerated_evaluation.laws.smooth.shapes import Exponential, Generalised
+from accelerated_evaluation.laws.smooth.smooth_hazard import fit_hazard
+from accelerated_evaluation.vehicles.protocol import Vehicle
+
+INVERSE_TTC = (0.25, 0.35, 0.45)  # [1/s]
+SIMULATED_TTC = (2.0, 3.0, 4.0)  # [s]
+PAPER = "paper: independent, exponential 0.95"
+TOGETHER = "all laws, weighed"
+KNOT = 0.95
+EXTREME = 0.98  # level of the threshold of conditional extremes
+ERRORS = 2.5  # standard errors by which a refused law lies behind the best
+THIN_CRPS = 20
+
+
+def regions(events: DistinctRecords, vehicle: Vehicle) -> dict[str, Array]:
+    """Return the boundaries of all regions [m/s] by the name of their column."""
+    inside = {f"inverse_ttc_{q:g}": q * events.range_ for q in INVERSE_TTC}
+    for ttc in SIMULATED_TTC:
+        boundary = time_to_collision_boundary(vehicle, ttc, events.support)
+        inside[f"simulated_ttc_{ttc:g}"] = boundary(events.lead_speed, events.range_)
+    return inside
+
+
+def rivals(fitter: Fitter, family: LawFamily) -> dict[str, Callable[[DistinctRecords], FittedLaw]]:
+    """Return how to fit each rival, the paper's law first."""
+
+    def extremes(events: DistinctRecords) -> ConditionalExtremes:
+        body = fit_hazard(fitter.grids[1], fitter.count_speeds(events), start=family.body)
+        return ConditionalExtremes.fit(events, body, EXTREME, Exponential())
+
+    fits = {
+        PAPER: lambda events: IndependentTail.fit(events, KNOT, Exponential()),
+        "independent, generalised 0.95": lambda events: IndependentTail.fit(events, KNOT, Generalised()),
+        f"conditional extremes {EXTREME:g}": extremes,
+    }
+    for regression in REGRESSIONS:
+        whole = fit_regression(regression, fitter.events)
+        fits[f"regression: {regression.name}"] = lambda events, r=regression, w=whole: fit_regression(
+            r, events, w
+        )
+    return fits
+
+
+def score_laws(
+    weighted: WeightedLaws, vehicle: Vehicle
+) -> tuple[dict[str, dict[str, Array]], dict[str, Array]]:
+    """Score the family and its rivals in all regions.
+
+    Returns
+    -------
+    scores : dict
+        Held-out log scores by law and region, shape (events,).
+    crps : dict
+        Negative threshold-weighted CRPS by law, in the first region.
+    """
+    fitter, family = weighted.fitter, weighted.family
+    inside = regions(fitter.events, vehicle)
+    first = dict([next(iter(inside.items()))])
+    weighted = {"thin": THIN_CRPS, "score": threshold_weighted_crps}
+    by_member = held_out_scores(fitter, family, inside)
+    crps_by_member = held_out_scores(fitter, family, first, **weighted)
+    scores, crps = {}, {}
+    for place, member in enumerate(fitter.members):
+        scores[member.name] = {region: values[place] for region, values in by_member.items()}
+        crps[member.name] = next(iter(crps_by_member.values()))[place]
+    for name, fit in tqdm(rivals(fitter, family).items(), desc="rivals", unit=" laws"):
+        try:
+            of_rival = held_out(fit, fitter.events, inside)
+            crps_of_rival = next(iter(held_out(fit, fitter.events, first, **weighted).values()))
+            failed = "its parameters overflow" if np.isnan([*of_rival.values()]).any() else ""
+        except (ConvergenceError, LinAlgError) as error:
+            failed = str(error)
+        if failed:
+            warnings.warn(f"{name} cannot be fitted, and has no scores: {failed}", stacklevel=2)
+        else:
+            scores[name], crps[name] = of_rival, crps_of_rival
+    return scores, crps
+
+
+def law_table(
+    weighted: WeightedLaws,
+    scores: Mapping[str, Mapping[str, Array]],
+    crps: Mapping[str, Array],
+    probabilities: Mapping[str, float],
+) -> pd.DataFrame:
+    """Tabulate the gain of each law over the paper's, its weight, and whether the records refuse it.
+
+    A law is refused if it calls a held-out record impossible, or if in some region its score lies behind
+    that of the best law by more than two and a half standard errors of their difference.
+
+    Parameters
+    ----------
+    weighed
+        The family with its weights.
+    scores, crps
+        As `score_laws` returns them.
+    probabilities
+        Crash probabilities of the laws that are weighed.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``law``; a gain [nats] for each region; ``behind``, the largest distance to the best law in
+        standard errors; ``impossible`` records; ``crps_gain``, the relative gain of the CRPS; ``weight``;
+        ``probability``; ``refused``.
+    """
+    mean_weights = weighted.weights.mean(axis=0)
+    inside = weighted.events.closing_speed > region(weighted.events) * weighted.events.range_
+    stacked = stacking_weights(weighted.scores, inside)
+    names = [member.name for member in weighted.members]
+    own = pd.DataFrame({"weight": mean_weights, "stacking": stacked}, index=names)
+    together = {
+        region: mixture_scores(np.array([scores[name][region] for name in names]), mean_weights)
+        for region in scores[PAPER]
+    }
+    best = {at: max(scores, key=lambda law, at=at: scores[law][at].sum()) for at in together}
+    rows = []
+    for law, of_law in {TOGETHER: together, **scores}.items():
+        gains = {f"gain_{at}": float((of_law[at] - scores[PAPER][at]).sum()) for at in together}
+        behind = max(errors_behind(scores[best[at]][at], of_law[at]) for at in together)
+        impossible = int(np.isneginf(of_law[next(iter(together))]).sum())
+        rows.append({"law": law} | gains | {"behind": behind, "impossible": impossible})
+    table = pd.DataFrame(rows).set_index("law", drop=False)
+    table["crps_gain"] = pd.Series(
+        {law: float(1 - part.sum() / crps[PAPER].sum()) for law, part in crps.items()}
+    )
+    table[["weight", "stacking"]] = own.reindex(table.index).fillna(0.0)
+    table["probability"] = pd.Series(dict(probabilities))
+    table["refused"] = (table["impossible"] > 0) | (table["behind"] > ERRORS)
+    return table.reset_index(drop=True)
+
+
+def errors_behind(best: Array, other: Array) -> float:
+    """Return by how many standard errors of the difference a law's scores lie behind the best law's."""
+    difference = best - other
+    if not np.all(np.isfinite(difference)):
+        return float("inf")
+    error = float(np.sqrt(difference.size * difference.var()))
+    return float(difference.sum() / error) if error else 0.0

@@ -1,0 +1,116 @@
+"""What happens: the likeliest ways to crash, the records that came nearest, and their traces."""
+
+import numpy as np
+import pandas as pd
+from scipy.cluster.vq import kmeans2
+from scipy.special import ndtri, ndtri_exp
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.crash_map.lines import CrashLines, crash_places
+from accelerated_evaluation.laws.smooth.dependent import DependentLaw, DependentStratum
+from accelerated_evaluation.laws.smooth.family import DistinctRecords
+from accelerated_evaluation.vehicles.builtin.traces import COLUMNS
+from accelerated_evaluation.vehicles.events import CRASH
+from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
+
+WAYS = 12
+DRAWN = 4000  # crashes that are put into groups
+PLACE = ("lead_speed", "range", "closing_speed")
+SHOWN = ("kind", "number", "probability", *PLACE, "crash", "min_range", "min_ttc", "impact_speed")
+
+
+def ways_to_crash(
+    lines: CrashLines, law: DependentLaw, vehicle: Vehicle, generator: np.random.Generator
+) -> pd.DataFrame:
+    """Find the likeliest ways to crash: groups of the crashes of a law, each with a crash from its middle.
+
+    Crashes are drawn from the law and put into groups by k-means in normal scores, where distances count what
+    the law takes for different. So the groups cover all crashes, whose probability they share among them.
+
+    Parameters
+    ----------
+    lines
+        On which the vehicle crashes.
+    law
+        Of the cut-ins.
+    vehicle
+        The car under test.
+    generator
+        Draws crashes, and starts the groups.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns SHOWN: ``kind`` is "crash", and ``probability`` that of the group; the likeliest come first.
+        No rows if the vehicle never crashes, or so rarely that the probability is 0 to rounding.
+    """
+    if not lines.masses(law.ranges, law.speeds).any():
+        return pd.DataFrame(columns=SHOWN)
+    place = crash_places(lines, law.ranges, law.speeds, DRAWN, generator)
+    z = normal_scores(law, *place)
+    middles, group = kmeans2(z, WAYS, minit="++", seed=generator, missing="warn")
+    rows = []
+    for number, middle in enumerate(middles):
+        members = np.flatnonzero(group == number)
+        if members.size:
+            nearest = members[np.argmin(((z[members] - middle) ** 2).sum(axis=1))]
+            rows.append((members.size / DRAWN, *(column[nearest] for column in place)))
+    rows.sort(reverse=True)
+    table = pd.DataFrame(rows, columns=["probability", *PLACE])
+    table["probability"] *= lines.probability(law.ranges, law.speeds)
+    return _tabulated(table, "crash", vehicle)
+
+
+def normal_scores(law: DependentLaw, lead_speed: Array, range_: Array, closing_speed: Array) -> Array:
+    """Return the normal scores of cut-ins, shape (n, 3): of v_L, of R given v_L, and of C given both.
+
+    Parameters
+    ----------
+    law
+        Of the cut-ins.
+    lead_speed, range_, closing_speed
+        v_L [m/s], R [m] and C [m/s], shape (n,).
+    """
+    recorded = np.sort(np.concatenate([speeds.values for _, speeds in law.lead_speeds.items()]))  # noqa: PD011
+    rank = (np.searchsorted(recorded, lead_speed, side="left") + 0.5) / (recorded.size + 1)
+    stratum: DependentStratum = next(iter(law.strata.values()))  # the law is the same in all segments
+    exponents = stratum.first(lead_speed, 1 / range_), stratum.second(lead_speed, 1 / range_, closing_speed)
+    return np.column_stack([ndtri(rank), *(-ndtri_exp(-exponent) for exponent in exponents)])
+
+
+def nearest_records(events: DistinctRecords, vehicle: Vehicle) -> pd.DataFrame:
+    """Find the distinct records that come nearest to a crash when the vehicle replays them.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns SHOWN: ``kind`` is "record", and ``probability`` is NaN; crashes first, and then the others by
+        the smallest time to collision.
+    """
+    place = events.lead_speed, events.range_, events.closing_speed
+    outcomes = vehicle.simulate(*place)
+    order = np.lexsort([CRASH.score(outcomes), -outcomes.impact_speed, ~outcomes.crash])[:WAYS]
+    table = pd.DataFrame(dict(zip(PLACE, (column[order] for column in place), strict=True)))
+    return _tabulated(table.assign(probability=np.nan), "record", vehicle)
+
+
+def traces_of(shown: pd.DataFrame, vehicle: Vehicle) -> pd.DataFrame:
+    """Follow the encounters of a table; ``kind``, ``number`` and the columns of `traces.COLUMNS`.
+
+    There are no rows where the vehicle's states are not known, as those of a user's own.
+    """
+    parts = [pd.DataFrame(columns=["kind", "number", *COLUMNS])]
+    if hasattr(vehicle, "trace"):
+        for row in shown.to_dict("records"):
+            trace = vehicle.trace(*(row[name] for name in PLACE))
+            trace.insert(0, "number", row["number"])
+            trace.insert(0, "kind", row["kind"])
+            parts.append(trace)
+    return pd.concat(parts[1:] or parts, ignore_index=True)
+
+
+def _tabulated(table: pd.DataFrame, kind: str, vehicle: Vehicle) -> pd.DataFrame:
+    """Return encounters with numbers from 1 and what they end in."""
+    outcomes: Outcomes = vehicle.simulate(*(table[name].to_numpy() for name in PLACE))
+    table = table.assign(kind=kind, number=np.arange(len(table)) + 1, **vars(outcomes))
+    return table[list(SHOWN)]

@@ -1,0 +1,75 @@
+"""Where each vehicle can no longer avoid the crash, and which cut-ins one has to foresee.
+
+Regulators ask whether a crash was foreseeable and preventable (UN Regulation No. 157, annex 3; ISO 34502). In
+the plane of range and closing speed, at a given lead speed, there are two kinds of lines: where a vehicle
+begins to crash, and how fast cut-ins of that range close in, one in a thousand of them and so on.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.laws.smooth.conditional import Places
+from accelerated_evaluation.laws.smooth.dependent import DependentLaw
+from accelerated_evaluation.vehicles.protocol import Vehicle
+
+QUANTILES = (0.1, 0.5, 0.9)  # of the recorded lead speeds: those that are shown
+RANGES = np.linspace(1, 75, 149)  # [m]
+CLOSING_SPEEDS = np.linspace(0.1, 40, 400)  # [m/s]
+FORESEEN = (1e-3, 1e-5)  # shares of the cut-ins of a range that close in faster
+
+
+def shown_lead_speeds(lead_speeds: Array) -> list[float]:
+    """Return the lead speeds [m/s] that are shown: whole numbers near quantiles of the recorded ones."""
+    return np.round(np.quantile(lead_speeds, QUANTILES)).tolist()
+
+
+def preventable(vehicles: Mapping[str, Vehicle], law: DependentLaw, lead_speeds: Array) -> pd.DataFrame:
+    """Find the lines of all vehicles and of the law on a grid of range and closing speed.
+
+    Parameters
+    ----------
+    vehicles
+        By name.
+    law
+        Of the cut-ins.
+    lead_speeds
+        As recorded [m/s].
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``lead_speed`` [m/s], ``name``, ``kind`` (vehicle or law), ``range`` [m], ``first`` and
+        ``always``: the smallest closing speed [m/s] at which the vehicle crashes, and that from which on it
+        always does, NaN where there is none. They differ where it crashes in islands. For the law both are
+        the closing speed that the share ``name`` of the cut-ins of this range exceeds.
+    """
+    parts = []
+    for lead_speed in shown_lead_speeds(lead_speeds):
+        for name, vehicle in vehicles.items():
+            first, always = _boundaries(vehicle, lead_speed)
+            parts.append(_part(lead_speed, name, "vehicle", first, always))
+        places = Places.of(np.full(RANGES.size, lead_speed), RANGES, law.support)
+        for share in FORESEEN:
+            speed = law.speeds.given(places).inverse(np.full(RANGES.size, -np.log(share)))
+            parts.append(_part(lead_speed, f"{share:g}", "law", speed, speed))
+    return pd.concat(parts, ignore_index=True)
+
+
+def _boundaries(vehicle: Vehicle, lead_speed: float) -> tuple[Array, Array]:
+    """Return the closing speeds [m/s] from which on the vehicle crashes at first and always, by range."""
+    range_, closing_speed = np.meshgrid(RANGES, CLOSING_SPEEDS, indexing="ij")
+    speeds = np.full(range_.size, lead_speed)
+    crash = vehicle.simulate(speeds, range_.ravel(), closing_speed.ravel()).crash.reshape(range_.shape)
+    first = np.where(crash.any(axis=1), CLOSING_SPEEDS[np.argmax(crash, axis=1)], np.nan)
+    safe_above = np.cumsum(~crash[:, ::-1], axis=1)[:, ::-1] > 0  # at this closing speed or a larger one
+    count = safe_above.sum(axis=1)
+    always = np.append(CLOSING_SPEEDS, np.nan)[count]
+    return first, always
+
+
+def _part(lead_speed: float, name: str, kind: str, first: Array, always: Array) -> pd.DataFrame:
+    columns = {"lead_speed": lead_speed, "name": name, "kind": kind}
+    return pd.DataFrame({**columns, "range": RANGES, "first": first, "always": always})

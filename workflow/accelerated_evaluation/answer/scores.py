@@ -1,0 +1,185 @@
+"""Scores of laws of the closing speed where it matters, on records that a law has not seen.
+
+A region is a set of cut-ins near the crash set: closing speeds above a boundary that depends on lead speed
+and range. The censored log score (Diks, Panchenko and van Dijk 2011) is the log density of a record inside
+the region, and the log probability of being outside of any other, so a law gains nothing by its fit
+elsewhere.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.laws.smooth.conditional import Places, Threshold
+from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, LawFamily
+from accelerated_evaluation.laws.smooth.support import ROOT_MIN, SUPPORT, Support
+from accelerated_evaluation.vehicles.protocol import Vehicle
+
+BLOCKS = 10
+CRPS_STEPS = np.arange(0.1, 25, 0.2)  # [m/s] above the boundary
+NODES = 81  # along each side of the grid on which a boundary is found
+HALVINGS = 14
+NEVER = 60.0  # [m/s], a boundary that no closing speed reaches
+
+
+class GivenLaw(Protocol):
+    """A law of the closing speed at n pairs of lead speed and range."""
+
+    def cumulative(self, closing_speed: Array) -> Array:
+        """Return -log P(C > c), one a pair."""
+
+    def log_density(self, closing_speed: Array) -> Array:
+        """Return the log density, one a pair."""
+
+
+class FittedLaw(Protocol):
+    """A law of the closing speed given lead speed and range."""
+
+    def given(self, places: Places) -> GivenLaw:
+        """Return the law at places."""
+
+
+Score = Callable[[GivenLaw, Array, Array], Array]
+
+
+def contiguous_blocks(size: int, blocks: int = BLOCKS) -> NDArray[np.int_]:
+    """Return the block of each of ``size`` events, in the order of the record."""
+    return np.arange(size) * blocks // size
+
+
+def censored_log_score(law: GivenLaw, closing_speed: Array, boundary: Array) -> Array:
+    """Return the log score of each record, censored to closing speeds above a boundary, shape (n,)."""
+    inside = closing_speed > boundary
+    with np.errstate(divide="ignore"):
+        outside = np.log(-np.expm1(-law.cumulative(boundary)))
+    return np.where(inside, law.log_density(closing_speed), np.where(boundary > 0, outside, 0.0))
+
+
+def threshold_weighted_crps(law: GivenLaw, closing_speed: Array, boundary: Array) -> Array:
+    """Return the negative CRPS of each record, weighed with closing speeds above a boundary [m/s].
+
+    It is the integral over speeds t above the boundary of (P(C <= t) - [c <= t])^2 (Gneiting and Ranjan
+    2011); the sign is turned so that more is better, as with the log score.
+    """
+    total = np.zeros(closing_speed.size)
+    for beyond in CRPS_STEPS:
+        survival = np.exp(-law.cumulative(boundary + beyond))
+        total += (survival - (closing_speed > boundary + beyond)) ** 2
+    return -total * (CRPS_STEPS[1] - CRPS_STEPS[0])
+
+
+def held_out_scores(
+    fitter: Fitter,
+    family: LawFamily,
+    regions: Mapping[str, Array],
+    blocks: int = BLOCKS,
+    thin: int = 1,
+    score: Score = censored_log_score,
+) -> dict[str, Array]:
+    """Score every member of a family on blocks that its fit has not seen.
+
+    Parameters
+    ----------
+    fitter, family
+        The events with what fits need, and the fit to all of them, from which refits start.
+    regions
+        Boundaries of closing speeds [m/s] by name, each of shape (events,).
+    blocks
+        Number of contiguous blocks.
+    thin
+        Of the events outside all regions, whose scores are all alike, only every so many are scored and stand
+        for the others; saves time where many sets of events are scored.
+    score
+        Of a law at records, given the boundary of a region.
+
+    Returns
+    -------
+    dict
+        Scores by region, shape (members, events).
+    """
+
+    def laws_without(left_out: Array, places: Places) -> list[GivenLaw]:
+        refit = fitter.refit(family, left_out)
+        below = places.body(refit.body)
+        return [refit.law(member).given(places, below) for member in fitter.members]
+
+    return _score_blocks(laws_without, len(fitter.members), fitter.events, regions, blocks, thin, score)
+
+
+def thinned_times(inside: NDArray[np.bool_], thin: int) -> NDArray[np.int_]:
+    """Return how many records each stands for: itself inside the regions, of the others one for ``thin``."""
+    return np.where(inside, 1, np.where(np.arange(inside.size) % thin == 0, thin, 0))
+
+
+def held_out(
+    fit: Callable[[DistinctRecords], FittedLaw],
+    events: DistinctRecords,
+    regions: Mapping[str, Array],
+    blocks: int = BLOCKS,
+    thin: int = 1,
+    score: Score = censored_log_score,
+) -> dict[str, Array]:
+    """Score any law on blocks that its fit has not seen; see `held_out_scores`.
+
+    Parameters
+    ----------
+    fit
+        Takes events and returns the law.
+    events
+        Distinct cut-ins in the order of the record.
+    regions, blocks, thin, score
+        As there.
+
+    Returns
+    -------
+    dict
+        Scores by region, shape (events,).
+    """
+
+    def law_without(left_out: Array, places: Places) -> list[GivenLaw]:
+        kept = np.setdiff1d(np.arange(events.size), left_out)
+        return [fit(events.only(kept)).given(places)]
+
+    scores = _score_blocks(law_without, 1, events, regions, blocks, thin, score)
+    return {name: rows[0] for name, rows in scores.items()}
+
+
+def _score_blocks(
+    laws_without: Callable[[Array, Places], list[GivenLaw]],
+    laws: int,
+    events: DistinctRecords,
+    regions: Mapping[str, Array],
+    blocks: int,
+    thin: int,
+    score: Score,
+) -> dict[str, Array]:
+    """Score laws, fitted without the events of a block and given at their places, on each block in turn."""
+    block = contiguous_blocks(events.size, blocks)
+    inside = np.any([events.closing_speed > boundary for boundary in regions.values()], axis=0)
+    times = thinned_times(inside, thin)
+    scores = {name: np.zeros((laws, events.size)) for name in regions}
+    for number in range(blocks):
+        out = np.flatnonzero((block == number) & (times > 0))
+        for place, given in enumerate(laws_without(np.flatnonzero(block == number), events.only(out).places)):
+            for name, boundary in regions.items():
+                scores[name][place, out] = times[out] * score(given, events.closing_speed[out], boundary[out])
+    return scores
+
+
+def time_to_collision_boundary(vehicle: Vehicle, ttc: float, support: Support = SUPPORT) -> Threshold:
+    """Return the closing speeds above which the smallest simulated time to collision is at most ``ttc`` [s].
+
+    They are found by bisection at the nodes of a grid of lead speeds and roots of ranges.
+    """
+    ends = support.lead_speeds, (ROOT_MIN, np.sqrt(support.range_max))
+    nodes = [np.linspace(low, high, NODES) for low, high in ends]
+    speeds, roots = (x.ravel() for x in np.meshgrid(*nodes, indexing="ij"))
+    low, high = np.zeros(speeds.size), np.full(speeds.size, NEVER)
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        near = vehicle.simulate(speeds, roots**2, middle).min_ttc <= ttc
+        low, high = np.where(near, low, middle), np.where(near, middle, high)
+    return Threshold(float("nan"), *nodes, high.reshape(NODES, NODES))

@@ -1,0 +1,299 @@
+"""The study of laws, in one go: which laws the records bear out, how well, and what they say together."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+from scipy.stats import norm
+
+from accelerated_evaluation.answer.calibration import cell_counts, near_miss_counts, with_limits
+from accelerated_evaluation.answer.exposure import exposure_table
+from accelerated_evaluation.answer.law_table import KNOT, PAPER, TOGETHER, law_table, score_laws
+from accelerated_evaluation.answer.posterior import Posterior, budget
+from accelerated_evaluation.answer.summary import (
+    answer_table,
+    is_supported,
+    quality_table,
+    readings,
+    threshold_table,
+    vehicle_table,
+)
+from accelerated_evaluation.answer.weighted_family import WeightedLaws, weight_laws
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.crash_map.lines import CrashLines, crash_places
+from accelerated_evaluation.crash_map.maps import CrashMap
+from accelerated_evaluation.crash_map.sampled import sample_crashes
+from accelerated_evaluation.laws.smooth.dependent import DependentLaw
+from accelerated_evaluation.laws.smooth.family import DistinctRecords, LawFamily, Member
+from accelerated_evaluation.laws.smooth.rivals import IndependentTail
+from accelerated_evaluation.laws.smooth.shapes import Exponential
+from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
+from accelerated_evaluation.vehicles.events import Event
+from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
+
+QUANTITIES = {
+    "crash": "crash",
+    "impact_speed": "impact above {:g} m/s",
+    "min_ttc": "TTC at most {:g} s",
+    "min_range": "range at most {:g} m",
+}
+UNDER_TEST = "under test"
+REFERENCE = "cc_human"  # the competent and careful human of UN R157
+SHOWN = (Member(), *(Member(KNOT, shape) for shape in ("exponential", "generalised", "two kinds")))
+DRAWN = 2000  # crashes of each law whose place is told
+LIKE_RANGE = 5.0  # [m], how far the range of a record may differ to be like that of a crash
+
+
+@dataclass(frozen=True)
+class LawStudy:
+    """Everything that the tables need.
+
+    Attributes
+    ----------
+    encounters
+        Encounter table in the order of the record.
+    vehicles
+        By name, the car under test first.
+    weighed
+        The family with its weights.
+    lines
+        Its map by event, for distinct lead speeds, and the crashes of the other vehicles.
+    thinned
+        The same, thinned.
+    events
+        The events of the car under test by name.
+    sampled
+        Names of the crashes whose maps are by random closing speeds.
+    """
+
+    encounters: pd.DataFrame
+    vehicles: Mapping[str, Vehicle]
+    weighted: WeightedLaws
+    lines: dict[str, CrashLines]
+    thinned: dict[str, CrashLines]
+    events: Mapping[str, Event]
+    sampled: set[str] = field(default_factory=set)
+
+    @classmethod
+    def of(
+        cls,
+        encounters: pd.DataFrame,
+        vehicles: Mapping[str, Vehicle],
+        maps: Mapping[str, CrashMap],
+        draws: int,
+        generator: np.random.Generator,
+        support: Support = SUPPORT,
+    ) -> "LawStudy":
+        """Fit and weigh the family.
+
+        Parameters
+        ----------
+        encounters
+            Encounter table in the order of the record.
+        vehicles
+            By name, the car under test first.
+        maps
+            Their crash maps, the first with all events, up to where nothing changes: the laws have no cap.
+        draws
+            Draws of the posterior.
+        generator
+            Draws everything.
+        support
+            Limits of the records.
+        """
+        events = DistinctRecords.of(encounters, support)
+        (_, own), *others = maps.items()
+        speeds, named = events.lead_speed, {event_name(event): event for event in sorted(own.events)}
+        lines = {name: CrashLines.of(own, speeds, event, support) for name, event in named.items()}
+        lines |= {
+            f"crash of {name}": CrashLines.of(mapped, speeds, support=support) for name, mapped in others
+        }
+        weighted = weight_laws(events, generator, draws=draws)
+        thinned = {name: weighted.thinned(part, generator) for name, part in lines.items()}
+        return cls(encounters, vehicles, weighted, lines, thinned, named)
+
+    def resolve(self, maps: Mapping[str, CrashMap], generator: np.random.Generator) -> None:
+        """Put maps by random closing speeds in the place of those that replayed records contradict.
+
+        Parameters
+        ----------
+        maps
+            Crash maps of the vehicles.
+        generator
+            Draws the closing speeds.
+        """
+        events, family = self.weighted.events, self.family
+        for name, vehicle in self.vehicles.items():
+            crash = "crash" if vehicle is self.vehicle else f"crash of {name}"
+            lines = self.thinned[crash]
+            of_laws = {m: lines.probability(family.ranges, family.law(m)) for m in self.weighted.members}
+            recorded = int(self.replayed(vehicle).crash.sum())
+            if not is_supported(recorded, events.size * self.weighted.mean(of_laws)):
+                sampled = sample_crashes(vehicle, maps[name], generator)
+                self.lines[crash] = CrashLines.of(sampled, events.lead_speed, support=events.support)
+                self.thinned[crash] = self.weighted.thinned(self.lines[crash], generator)
+                self.sampled.add(crash)
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The car under test."""
+        return next(iter(self.vehicles.values()))
+
+    @property
+    def family(self) -> LawFamily:
+        """The fit to all records."""
+        return self.weighted.family
+
+    @property
+    def shown(self) -> tuple[Member, ...]:
+        """The laws that tables show one by one, without those for which there were too few records."""
+        return tuple(member for member in SHOWN if member in self.weighted.members)
+
+    def probabilities(self, event: str) -> dict[Member, float]:
+        """Return the probability of an event under each law, by the whole map."""
+        return {
+            member: self.lines[event].probability(self.family.ranges, self.family.law(member))
+            for member in self.weighted.members
+        }
+
+    def replayed(self, vehicle: Vehicle) -> Outcomes:
+        """Replay the distinct records with a vehicle."""
+        events = self.weighted.events
+        return vehicle.simulate(events.lead_speed, events.range_, events.closing_speed)
+
+    def laws(self) -> pd.DataFrame:
+        """Table ``laws``; see `law_scores.law_table`."""
+        crash = {member.name: value for member, value in self.probabilities("crash").items()}
+        return law_table(self.weighted, *score_laws(self.weighted, self.vehicle), crash)
+
+    def calibration(self) -> pd.DataFrame:
+        """Table ``calibration``: ``law`` and the columns of `calibration.with_limits`."""
+        events, family = self.weighted.events, self.family
+        places, outcomes = events.places, self.replayed(self.vehicle)
+        below = places.body(family.body)
+        by_member = {
+            m: cell_counts(events, family.law(m).given(places, below)) for m in self.weighted.members
+        }
+        near = {name: self.probabilities(name) for name in self.events}
+        recorded = {name: int(event.happens(outcomes).sum()) for name, event in self.events.items()}
+        together = by_member[SHOWN[0]].assign(
+            expected=self.weighted.mean({member: counts["expected"] for member, counts in by_member.items()})
+        )
+        tables = {
+            TOGETHER: [
+                together,
+                near_miss_counts(recorded, {n: self.weighted.mean(p) for n, p in near.items()}, events.size),
+            ]
+        }
+        for member in self.shown:
+            of_member = {name: values[member] for name, values in near.items()}
+            tables[member.name] = [by_member[member], near_miss_counts(recorded, of_member, events.size)]
+        independent = IndependentTail.fit(events, KNOT, Exponential())
+        tables[PAPER] = [cell_counts(events, independent.given(places))]
+        rows = [
+            with_limits(pd.concat(parts, ignore_index=True)).assign(law=law) for law, parts in tables.items()
+        ]
+        return pd.concat(rows, ignore_index=True)
+
+    def crash_places(self, generator: np.random.Generator) -> pd.DataFrame:
+        """Draw crashes: ``law``, ``lead_speed``, ``range``, ``closing_speed`` and ``beyond_recorded``.
+
+        The last is how much faster the crash closes [m/s] than any record at like range.
+        """
+        parts = [pd.DataFrame(columns=["lead_speed", "range", "closing_speed", "law", "beyond_recorded"])]
+        lines, ranges = self.lines["crash"], self.family.ranges
+        for member in self.shown:
+            law = self.family.law(member)
+            if lines.masses(ranges, law).any():
+                drawn = crash_places(lines, ranges, law, DRAWN, generator)
+                part = pd.DataFrame(dict(zip(parts[0].columns, drawn, strict=False)))
+                beyond = part["closing_speed"] - part["range"].map(self._largest)
+                parts.append(part.assign(law=member.name, beyond_recorded=beyond))
+        return pd.concat(parts, ignore_index=True)
+
+    def _largest(self, range_: float) -> float:
+        events = self.weighted.events
+        return float(events.closing_speed[np.abs(events.range_ - range_) < LIKE_RANGE].max(initial=0.0))
+
+    def representative(self) -> DependentLaw:
+        """Return the law of the largest weight, from which methods that need one law draw."""
+        weighted = self.weighted
+        return DependentLaw.fitted(self.family, weighted.heaviest, self.encounters, weighted.events.support)
+
+    def answers(
+        self, exposure: Mapping[str, float | None], half_width: float, generator: np.random.Generator
+    ) -> dict[str, pd.DataFrame]:
+        """Return the answer, and the tables that tell where it comes from.
+
+        Parameters
+        ----------
+        exposure
+            ``kilometres`` and ``hours`` in which the records were made; None where it is not known.
+        half_width
+            Relative half-width of the 80 % interval with which an estimator finds a probability.
+        generator
+            Draws everything.
+
+        Returns
+        -------
+        dict
+            ``answer`` by event, ``exposure`` as rates per kilometre and hour, ``vehicles`` compared with each
+            other, ``answer_draws``, ``answer_budget``, ``answer_thresholds``, ``calibration`` and
+            ``crash_places``.
+        """
+        posteriors = self.weighted.draw(self.thinned, generator)
+        cut_ins, kilometres = self.weighted.events.size, exposure["kilometres"]
+        per_km = None if kilometres is None else cut_ins / kilometres
+        own = {name: posteriors[name] for name in self.events}
+        crashes = {
+            name.removeprefix("crash of "): posterior
+            for name, posterior in posteriors.items()
+            if name not in self.events
+        }
+        return {
+            "answer": answer_table(own, per_km),
+            "exposure": exposure_table(own, cut_ins, exposure),
+            "vehicles": self.compared({UNDER_TEST: own["crash"]} | crashes),
+            "answer_draws": answer_draws(own["crash"], self.weighted),
+            "answer_budget": budget(own["crash"], half_width / norm.isf(0.1)),
+            "answer_thresholds": threshold_table(self.weighted, self.thinned["crash"], generator),
+            "calibration": self.calibration(),
+            "crash_places": self.crash_places(generator),
+        }
+
+    def compared(self, posteriors: Mapping[str, Posterior]) -> pd.DataFrame:
+        """Return the table of vehicles, of which replayed records have to bear out the maps."""
+        vehicles = zip(posteriors, self.vehicles.values(), strict=True)
+        recorded = {name: int(self.replayed(vehicle).crash.sum()) for name, vehicle in vehicles}
+        table = vehicle_table(posteriors, recorded, self.weighted.events.size, REFERENCE)
+        crashes = ["crash" if name == UNDER_TEST else f"crash of {name}" for name in table["vehicle"]]
+        return table.assign(scan=["random" if crash in self.sampled else "refined" for crash in crashes])
+
+    def quality(self, outlier_rows: list[int], draws: int, generator: np.random.Generator) -> pd.DataFrame:
+        """Return the table of what other readings of the records do to the answer.
+
+        Parameters
+        ----------
+        outlier_rows
+            Rows that the authors' later code leaves out, counted from 1.
+        draws
+            Draws of the posterior for each reading.
+        generator
+            Draws everything.
+        """
+        names = ("lead_speed", "range", "closing_speed")
+        replayed = self.vehicle.simulate(*(self.encounters[name].to_numpy() for name in names))
+        choices = readings(self.encounters, replayed.crash, outlier_rows, self.weighted.events.support)
+        return quality_table(choices, self.weighted, self.thinned["crash"], draws, generator)
+
+
+def event_name(event: Event) -> str:
+    """Return how tables call an event."""
+    return QUANTITIES[event.quantity].format(event.threshold)
+
+
+def answer_draws(posterior: Posterior, weighted: WeightedLaws) -> pd.DataFrame:
+    """Tabulate the draws of the posterior: ``probability`` and the ``law`` it was drawn from."""
+    names: Array = np.array([member.name for member in weighted.members])
+    return pd.DataFrame({"probability": posterior.probabilities, "law": names[posterior.member]})

@@ -1,0 +1,200 @@
+"""The answer: one probability with its intervals, by event, by threshold, and by reading of the records."""
+
+from collections.abc import Mapping
+from copy import deepcopy
+
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from accelerated_evaluation.answer.calibration import mid_p
+from accelerated_evaluation.answer.posterior import LEVELS, Posterior
+from accelerated_evaluation.answer.weighted_family import WeightedLaws, weight_laws
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.crash_map.lines import CrashLines
+from accelerated_evaluation.laws.smooth.family import DistinctRecords
+from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
+from accelerated_evaluation.records.segments import MINIMUM_ROWS
+
+SUMMARY = (
+    "probability",
+    "median",
+    *(f"{end}{100 * level:.0f}" for level in LEVELS for end in ("low", "high")),
+)
+MISSED = 1e-4  # mid-p of the recorded crashes below which a map is refused
+RATIO = ("ratio", "ratio_low80", "ratio_high80")
+RANGE_LIMIT_WIDTH = 0.5  # [m], next to the largest range, where rounding could have put records
+
+
+def summarise(posterior: Posterior) -> dict[str, float]:
+    """Return a posterior as columns: ``probability`` (mean), ``median``, and ends ``low50`` to ``high95``."""
+    ends = (end for level in LEVELS for end in posterior.interval(level))
+    values = (float(posterior.probabilities.mean()), posterior.probability, *ends)
+    return dict(zip(SUMMARY, values, strict=True))
+
+
+def answer_table(posteriors: Mapping[str, Posterior], events_per_km: float | None) -> pd.DataFrame:
+    """Tabulate the probabilities of events per cut-in, and per kilometre where the distance is known.
+
+    Parameters
+    ----------
+    posteriors
+        Draws by event.
+    events_per_km
+        Distinct closing cut-ins per kilometre [1/km].
+
+    Returns
+    -------
+    pandas.DataFrame
+        Column ``event``, the columns of `summarise`, and ``per_km`` [1/km].
+    """
+    table = pd.DataFrame([{"event": event} | summarise(posterior) for event, posterior in posteriors.items()])
+    return table.assign(per_km=table["probability"] * (np.nan if events_per_km is None else events_per_km))
+
+
+def is_supported(recorded: int, expected: float) -> bool:
+    """Whether the number of recorded crashes is one that the expected number allows."""
+    return bool(mid_p(recorded, expected) > MISSED)
+
+
+def vehicle_table(
+    posteriors: Mapping[str, Posterior], recorded: Mapping[str, int], size: int, reference: str
+) -> pd.DataFrame:
+    """Compare the crash probabilities of vehicles.
+
+    All were found with the same draws of the law, so the interval of a ratio is far narrower than the
+    quotient of two intervals would be. The scan of a map misses crashes in stripes that are narrower than
+    its steps. Such a vehicle is found out by replaying the records: where far more or fewer of them crash
+    than the map lets one expect, the map is refused, and the vehicle gets no number.
+
+    Parameters
+    ----------
+    posteriors
+        Draws by vehicle.
+    recorded
+        How many distinct records crash when the vehicle replays them.
+    size
+        Number of distinct records.
+    reference
+        The vehicle that the others are compared with, if it is among them.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``vehicle``; ``recorded`` and ``expected`` crashes of the records; whether the map is
+        ``resolved``; and, NaN where it is not, the columns of `summarise`; ``ratio``, ``ratio_low80`` and
+        ``ratio_high80``: the median and the 80 % interval of the ratio to the reference, NaN where that never
+        crashes; ``safer``, the share of the draws in which the vehicle crashes less often than the reference.
+    """
+    expected = {name: size * posterior.probabilities.mean() for name, posterior in posteriors.items()}
+    resolved = {name: is_supported(recorded[name], expected[name]) for name in posteriors}
+    has_base = resolved.get(reference, False) and bool(np.all(posteriors[reference].probabilities > 0))
+    rows = []
+    for name, posterior in posteriors.items():
+        row = {"vehicle": name, "recorded": recorded[name], "expected": expected[name]}
+        row["resolved"] = resolved[name]
+        if resolved[name]:
+            row |= summarise(posterior)
+        if resolved[name] and has_base:
+            ratio = posterior.probabilities / posteriors[reference].probabilities
+            row |= dict(zip(RATIO, np.quantile(ratio, [0.5, 0.1, 0.9]).tolist(), strict=True))
+            row["safer"] = float(np.mean(ratio < 1))
+        rows.append(row)
+    columns = [
+        "vehicle",
+        "recorded",
+        "expected",
+        "resolved",
+        *summarise(next(iter(posteriors.values()))),
+        *RATIO,
+    ]
+    return pd.DataFrame(rows, columns=[*columns, "safer"])
+
+
+def threshold_table(
+    weighted: WeightedLaws, lines: CrashLines, generator: np.random.Generator
+) -> pd.DataFrame:
+    """Tabulate the answer as each threshold alone gives it; column ``level`` and those of `summarise`."""
+    rows = []
+    for level in sorted({member.level for member in weighted.members if member.level is not None}):
+        # The same random numbers for every threshold, so that only the threshold makes a difference.
+        posterior = weighted.draw({"crash": lines}, deepcopy(generator), weighted.weights_at(level))["crash"]
+        rows.append({"level": level} | summarise(posterior))
+    return pd.DataFrame(rows, columns=["level", *SUMMARY])
+
+
+def readings(
+    encounters: pd.DataFrame, crashed: Array, outlier_rows: list[int], support: Support = SUPPORT
+) -> dict[str, DistinctRecords]:
+    """Return the records as other choices of data quality leave them.
+
+    Parameters
+    ----------
+    encounters
+        Encounter table in the order of the record.
+    crashed
+        Whether each row crashes when it is replayed with the study's car.
+    outlier_rows
+        Rows that the authors' later code leaves out, counted from 1.
+    support
+        Limits of the records.
+    """
+    distinct, range_ = DistinctRecords.of(encounters, support), encounters["range"].to_numpy()
+    outlier = np.isin(np.arange(1, len(encounters) + 1), outlier_rows)
+    rows = DistinctRecords(
+        *(encounters[name].to_numpy(float) for name in ("lead_speed", "range", "closing_speed")), support
+    )
+    return {
+        "as in the answer": distinct,
+        "repeated rows kept": rows,
+        **{
+            reading: DistinctRecords.of(encounters[kept], support)
+            for reading, kept in {
+                "without ranges under 3 m": range_ >= 3,
+                "without ranges under 5 m": range_ >= 5,
+                "without the record that crashes": ~crashed,
+                "without the authors' outliers": ~outlier,
+                "without the last half metre of range": range_ <= support.range_max - RANGE_LIMIT_WIDTH,
+            }.items()
+        },
+    }
+
+
+def quality_table(
+    choices: Mapping[str, DistinctRecords],
+    start: WeightedLaws,
+    lines: CrashLines,
+    draws: int,
+    generator: np.random.Generator,
+) -> pd.DataFrame:
+    """Tabulate what each reading of the records does to the answer.
+
+    Parameters
+    ----------
+    choices
+        Events by the reading; see `readings`.
+    start
+        The fit of the answer, from which the others start and whose smoothing they keep.
+    lines
+        Of the crash, thinned.
+    draws
+        Draws of the posterior for each reading.
+    generator
+        Draws weights and posteriors.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``reading``, ``events`` and those of `summarise`, which are missing where hardly any record is
+        left.
+    """
+    rows = []
+    for reading, events in tqdm(choices.items(), desc="data quality", unit=" readings"):
+        if events.size < MINIMUM_ROWS:
+            rows.append({"reading": reading, "events": events.size})
+            continue
+        same = deepcopy(generator)  # the same random numbers for every reading
+        weighted = weight_laws(events, same, draws=draws, members=start.members, start=start.family)
+        posterior = weighted.draw({"crash": lines}, same)["crash"]
+        rows.append({"reading": reading, "events": events.size} | summarise(posterior))
+    return pd.DataFrame(rows)

@@ -1,0 +1,126 @@
+"""The family of laws, fitted to the records and weighed by its scores on records that it has not seen."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from accelerated_evaluation.answer.posterior import Posterior, draw_posterior
+from accelerated_evaluation.answer.scores import BLOCKS, held_out_scores
+from accelerated_evaluation.answer.weights import bootstrapped_weights
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.crash_map.lines import CrashLines
+from accelerated_evaluation.laws.smooth.family import MEMBERS, DistinctRecords, Fitter, LawFamily, Member
+
+REGION = 0.25  # [1/s], TTC^-1 above which the laws are weighed: it holds the crash set and some 600 records
+REGION_SHARE = 0.003  # of the records that the region holds at least, where traffic is calmer
+DRAWS = 500
+LINES = 2500  # of a thinned map
+GUIDE = 0.95  # level of the thresholds whose laws, with the body alone, say which lines to keep
+
+
+@dataclass(frozen=True)
+class WeightedLaws:
+    """A fitted family with its weights.
+
+    Attributes
+    ----------
+    fitter, family
+        The events, and the fit to all of them.
+    scores
+        Held-out log scores censored to TTC^-1 above that of `region`, shape (members, events).
+    weights
+        Draws of the weights, shape (draws, members).
+    """
+
+    fitter: Fitter
+    family: LawFamily
+    scores: Array
+    weights: Array
+
+    @property
+    def events(self) -> DistinctRecords:
+        """The distinct cut-ins."""
+        return self.fitter.events
+
+    @property
+    def members(self) -> tuple[Member, ...]:
+        """The laws."""
+        return self.fitter.members
+
+    @property
+    def heaviest(self) -> Member:
+        """The law of the largest mean weight."""
+        return self.members[int(np.argmax(self.weights.mean(axis=0)))]
+
+    def mean(self, values: Mapping[Member, Array | float]) -> Array | float:
+        """Return the mean of what the laws say, by their mean weights."""
+        weights = self.weights.mean(axis=0)
+        return sum(weight * values[member] for weight, member in zip(weights, self.members, strict=True))
+
+    def weights_at(self, level: float) -> Array:
+        """Return the weights of the laws with one threshold alone, rows adding up to 1 again.
+
+        They are equal where the records leave none of these laws any weight.
+        """
+        chosen = np.array([member.level == level for member in self.members])
+        weights = np.where(chosen, self.weights, 0.0)
+        weights[~weights.any(axis=1)] = chosen
+        return weights / weights.sum(axis=1, keepdims=True)
+
+    def thinned(self, lines: CrashLines, generator: np.random.Generator, size: int = LINES) -> CrashLines:
+        """Thin the lines of an event to those where some law has its mass."""
+        guides = [member for member in self.members if member.level in (None, GUIDE)]
+        masses = [lines.masses(self.family.ranges, self.family.law(member)) for member in guides]
+        shares = [mass / mass.sum() for mass in masses if mass.any()]
+        if not shares:  # the event never happens, or so rarely that its probability is 0 to rounding
+            return lines
+        return lines.thinned(np.mean(shares, axis=0), size, generator)
+
+    def draw(
+        self, lines: Mapping[str, CrashLines], generator: np.random.Generator, weights: Array | None = None
+    ) -> dict[str, Posterior]:
+        """Draw probabilities of events from the posterior, with other ``weights`` if they are given."""
+        chosen = self.weights if weights is None else weights
+        return draw_posterior(lines, self.family, self.members, chosen, generator)
+
+
+def region(events: DistinctRecords) -> float:
+    """Return the TTC^-1 [1/s] above which laws are weighed: `REGION`, or less if it holds few records."""
+    return min(REGION, float(np.quantile(events.closing_speed / events.range_, 1 - REGION_SHARE)))
+
+
+def weight_laws(
+    events: DistinctRecords,
+    generator: np.random.Generator,
+    *,
+    draws: int = DRAWS,
+    members: tuple[Member, ...] = MEMBERS,
+    blocks: int = BLOCKS,
+    start: LawFamily | None = None,
+) -> WeightedLaws:
+    """Fit the family, score it on blocks that it has not seen, and weigh its laws.
+
+    Parameters
+    ----------
+    events
+        Distinct cut-ins in the order of the record.
+    generator
+        Draws the weights.
+    draws
+        Number of draws of the weights.
+    members
+        The laws; those above thresholds that hardly any event exceeds are left out.
+    blocks
+        Number of contiguous blocks that are held out in turn.
+    start
+        An earlier fit to like events, whose smoothing parameters are kept.
+    """
+    fitter = Fitter(events, members)
+    family, boundary = fitter.fit(start), region(events) * events.range_
+    fitted = tuple(member for member in members if member.level is None or member in family.tails)
+    if fitted != members:
+        fitter = Fitter(events, fitted)
+    scores = held_out_scores(fitter, family, {"region": boundary}, blocks)["region"]
+    weights = bootstrapped_weights(scores, events.closing_speed > boundary, draws, generator)
+    return WeightedLaws(fitter, family, scores, weights)

@@ -1,0 +1,125 @@
+"""Write files whole or not at all."""
+
+import errno
+import json
+import os
+import re
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from accelerated_evaluation.base.errors import StudyError
+
+if TYPE_CHECKING:  # its import takes half a second, which many that write no table can do without
+    import pandas as pd
+
+
+@contextmanager
+def atomic_path(path: str | os.PathLike) -> Iterator[Path]:
+    """Yield a temporary path beside ``path`` that takes its name when the block ends without an error.
+
+    A process that is killed in the block leaves its temporary file behind; the next one that writes the same
+    path removes it. A link stays a link; a device or a pipe stays what it is, and takes the content.
+
+    Raises
+    ------
+    StudyError
+        If ``path`` is a folder, its folder cannot be written to, or there is no space left on the disk.
+    """
+    path = Path(path)
+    try:
+        if path.is_dir():
+            raise StudyError(f"{path} is a folder; name a file to write")
+        is_special = path.exists() and not path.is_file()
+        folder = Path(tempfile.gettempdir()) if is_special else path.resolve().parent
+        folder.mkdir(parents=True, exist_ok=True)
+        _remove_abandoned(path, folder)
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.{os.getpid()}.", suffix=path.suffix, dir=folder)
+    except OSError as error:
+        raise _unwritable(path, error) from error
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        if is_special:
+            path.write_bytes(temporary.read_bytes())
+        else:
+            temporary.chmod(0o644)
+            temporary.replace(path.resolve())
+    except OSError as error:
+        if is_disk_full(error):
+            raise _unwritable(path, error) from error
+        raise
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _unwritable(path: Path, error: OSError) -> StudyError:
+    """Say why a file cannot be written."""
+    if is_disk_full(error):
+        return StudyError(f"no space left on the disk to write {path}; free some and run again")
+    is_file = path.parent.exists() and not path.parent.is_dir()
+    reason = "a file stands where its folder should be" if is_file else error.strerror
+    return StudyError(f"{path} cannot be written ({reason}); make its folder writable, or name another")
+
+
+def is_disk_full(error: BaseException | None) -> bool:
+    """Tell whether an error, or what caused it, is that there is no space left on the disk."""
+    while error is not None:
+        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
+def _remove_abandoned(path: Path, folder: Path) -> None:
+    """Remove the temporary files of ``path`` in a folder whose processes are dead."""
+    pattern = re.compile(rf"\.{re.escape(path.name)}\.(\d+)\.\w+{re.escape(path.suffix)}")
+    for other in folder.iterdir():
+        match = pattern.fullmatch(other.name)
+        if match and not is_alive(int(match[1])):
+            other.unlink(missing_ok=True)
+
+
+def is_alive(process: int) -> bool:
+    """Tell whether there is a process of this number on this machine."""
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        pass  # it is another user's
+    return True
+
+
+def write_text(path: str | os.PathLike, text: str) -> None:
+    """Write ``text`` as UTF-8, atomically."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def write_json(path: str | os.PathLike, value: Any) -> None:  # noqa: ANN401
+    """Write ``value`` as indented JSON; floats round-trip exactly, NaN and infinity are refused."""
+    write_text(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
+
+
+def read_json(path: str | os.PathLike) -> Any:  # noqa: ANN401
+    """Read JSON.
+
+    Raises
+    ------
+    ValueError
+        If the file holds no JSON, no text, or JSON that is nested too deep to be read.
+    """
+    try:
+        return json.loads(Path(path).read_text(encoding="utf-8"))
+    except RecursionError as error:
+        raise ValueError(f"{path} is nested too deep") from error
+
+
+def write_csv(path: str | os.PathLike, table: "pd.DataFrame") -> None:
+    """Write a table as CSV without its index, every float in the shortest form that reads back equal."""
+    with atomic_path(path) as temporary:
+        table.to_csv(temporary, index=False, lineterminator="\n")

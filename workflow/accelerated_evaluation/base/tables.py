@@ -1,0 +1,110 @@
+"""Read tables from files, with one clear error for what cannot be read."""
+
+import csv
+import os
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from types import MappingProxyType
+
+import pandas as pd
+
+from accelerated_evaluation.base.errors import InputError
+
+SHOWN = 5  # columns that a message shows of many
+MOST_COLUMNS = 10_000  # of a table that is read; pandas takes a minute for ten times as many
+LONGEST, LONGEST_REASON = 40, 300  # characters of a name, and of another library's message, that are shown
+
+
+def require_file(path: str | os.PathLike, change: str) -> None:
+    """Raise InputError, with ``change`` as the advice, unless ``path`` is a file."""
+    path = Path(path)
+    if not path.is_file():
+        seen = "a folder" if path.is_dir() else "a device or a pipe" if path.exists() else "no such file"
+        raise InputError(str(path), seen=seen, expected="a file to read", change=change)
+
+
+def require_columns(path: str | os.PathLike, seen: Sequence[str], named: Mapping[str, str]) -> None:
+    """Refuse a table that lacks a column.
+
+    Parameters
+    ----------
+    path
+        The table.
+    seen
+        Names of its columns, of which a message shows the first few and the nearest.
+    named
+        The columns that it should have, by the key of the configuration that names them.
+
+    Raises
+    ------
+    InputError
+        For the first column that is missing.
+    """
+    for key, name in named.items():
+        if name not in seen:
+            raise InputError(
+                f"{path}, column {name!r}",
+                seen=f"only the columns {listed(seen, name)}",
+                expected=f"the column that {key} states",
+                change="Correct the name there, or the header of the table.",
+            )
+
+
+def listed(names: Sequence[str], wanted: str) -> str:
+    """Return names for a message: the one most like what is wanted, the first few, and how many are left."""
+    shown = dict.fromkeys([*get_close_matches(wanted, names, n=1), *names[:SHOWN]])
+    more = f" and {len(names) - SHOWN:,} more" if len(names) > SHOWN else ""
+    return f"{', '.join(map(cut, shown)) or 'without a name'}{more}"
+
+
+def read_parquet(path: str | os.PathLike, named: Mapping[str, str] = MappingProxyType({})) -> pd.DataFrame:
+    """Read a Parquet file; InputError if it is damaged, or lacks one of the columns ``named``."""
+    try:
+        table = pd.read_parquet(path)
+    except (OSError, ValueError) as error:  # pyarrow's own errors derive from these
+        raise _unreadable(path, error, "a Parquet file") from error
+    require_columns(path, list(map(str, table.columns)), named)
+    return table
+
+
+def read_csv(path: str | os.PathLike, named: Mapping[str, str] = MappingProxyType({})) -> pd.DataFrame:
+    """Read a CSV file, all cells as text, so that pandas guesses no types.
+
+    Raises
+    ------
+    InputError
+        If it is damaged, lacks one of the columns ``named`` (see `require_columns`), or has a column twice.
+    """
+    expected = "a comma-separated table in UTF-8 with a header"
+    try:
+        # The header is looked at first: pandas takes a minute for a very wide table, and would rename the
+        # second of two equal columns.
+        with open(path, encoding="utf-8-sig", newline="") as file:
+            first = next(filter(None, csv.reader(file)), None)
+        header = [name for name in first or [] if name]
+        if first is not None:  # pandas tells what is wrong with an empty file
+            require_columns(path, header, named)
+        if len(header) > MOST_COLUMNS:
+            raise ValueError(f"{len(header):,} columns, more than {MOST_COLUMNS:,}")
+        table = pd.read_csv(path, dtype=str, encoding="utf-8-sig")
+    except (ValueError, csv.Error) as error:  # pandas' and Unicode errors derive from ValueError
+        raise _unreadable(path, error, expected) from error
+    if twice := [name for name, count in Counter(header).items() if count > 1]:
+        raise _unreadable(path, f"column {', '.join(map(cut, twice[:SHOWN]))} twice", expected)
+    if not isinstance(table.index, pd.RangeIndex):  # else pandas would shift the columns in silence
+        raise _unreadable(path, "more cells in a row than in the header", expected)
+    return table
+
+
+def cut(text: str) -> str:
+    """Return a text for a message: quoted, and its beginning alone if it is long."""
+    quoted = repr(text[: LONGEST + 1])  # a control character takes four characters or more
+    return quoted if len(quoted) <= LONGEST + 2 else f"{quoted[:LONGEST]}...'"
+
+
+def _unreadable(path: str | os.PathLike, reason: object, expected: str) -> InputError:
+    told = " ".join(str(reason).split())[:LONGEST_REASON]
+    seen = f"content that cannot be read ({told})"
+    return InputError(str(path), seen=seen, expected=expected, change="Mend the file or make it anew.")

@@ -1,0 +1,1 @@
+"""Crash maps: where a vehicle crashes, and the exact probabilities that follow for a given law."""

@@ -1,0 +1,165 @@
+"""Exact probabilities: a crash map weighed with a law of cut-ins.
+
+Along a line of the map the probability of an event is a sum of exact interval probabilities of the closing
+speed; over the lines it is a mean weighed with the probabilities of the cells.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, CrashMap
+from accelerated_evaluation.laws import Law, Stratum
+from accelerated_evaluation.vehicles.events import CRASH, Event
+
+ALL = "all"
+
+
+@dataclass(frozen=True)
+class Exact:
+    """A probability, and the standard error that the random places of the lines leave."""
+
+    probability: float
+    standard_error: float
+
+
+def capped_intervals(
+    crash_map: CrashMap, event: Event, closing_speed_max: float
+) -> tuple[Array, Array, Array]:
+    """Return the intervals of an event as a law with a cap on closing speeds sees them.
+
+    All closing speeds at the cap or beyond are simulated as the cap. So an interval that holds the cap
+    has no end for such a law, and one that begins above the cap is never reached.
+
+    Parameters
+    ----------
+    crash_map
+        Of the vehicle under test.
+    event
+        One of the map's.
+    closing_speed_max
+        The cap [m/s]; infinite without one.
+
+    Returns
+    -------
+    line, start, end : numpy.ndarray
+        Index of the line, and ends of the closing speed [m/s], each of shape (intervals,).
+
+    Raises
+    ------
+    InputError
+        If the map ends below the cap.
+    """
+    top = crash_map.grid.closing_speed_max
+    if closing_speed_max < np.inf and closing_speed_max > top:
+        raise _outside("closing speed", f"up to the cap of {closing_speed_max:g} m/s", f"up to {top:g} m/s")
+    intervals = crash_map.intervals(event)
+    reached = intervals.start <= closing_speed_max
+    end = np.where(intervals.end > closing_speed_max, np.inf, intervals.end)
+    return intervals.line[reached], intervals.start[reached], end[reached]
+
+
+def cell_weights(crash_map: CrashMap, stratum: Stratum) -> Array:
+    """Return the probability of each cell of v_L and R^-1 in one stratum, shape (cells,).
+
+    Raises
+    ------
+    InputError
+        If a lead speed or a share of R^-1 lies outside the map.
+    """
+    grid, speeds = crash_map.grid, stratum.lead_speed
+    if speeds.lower < grid.lead_speed_min or speeds.upper >= grid.lead_speed_max:
+        mapped = f"[{grid.lead_speed_min:g}, {grid.lead_speed_max:g}) m/s"
+        raise _outside("v_L", f"{speeds.lower:g} to {speeds.upper:g} m/s", mapped)
+    lowest = stratum.inverse_range_min
+    # The inverse of the same range may differ in its last digit, depending on how it was computed.
+    if lowest * grid.range_max < 1 - 1e-12:
+        raise _outside("R^-1", f"{lowest:g} 1/m and more", f"{1 / grid.range_max:g} 1/m and more")
+    return stratum.cell_probability(crash_map.cells.lead_speed, crash_map.cells.inverse_range)
+
+
+def weighted_lines(
+    crash_map: CrashMap, stratum: Stratum, closing_speed_max: float, event: Event = CRASH
+) -> Array:
+    """Return the probability of each cell, times that of an event on each of its lines.
+
+    Parameters
+    ----------
+    crash_map
+        Of the vehicle under test.
+    stratum
+        The law in one stratum.
+    closing_speed_max
+        Cap of the law on closing speeds [m/s].
+    event
+        One of the map's.
+
+    Returns
+    -------
+    numpy.ndarray
+        Probabilities, shape (cells, 2). The probability of the event in a cell is the mean of its two.
+    """
+    weights = cell_weights(crash_map, stratum)
+    line, start, end = capped_intervals(crash_map, event, closing_speed_max)
+    met = weights[line // LINES_PER_CELL] > 0  # a segment of v_L meets a part of the map alone
+    line = line[met]
+    probability = stratum.closing_speed_probability(
+        crash_map.lead_speed[line], crash_map.inverse_range[line], start[met], end[met]
+    )
+    lines = np.bincount(line, probability, crash_map.inverse_range.size).reshape(-1, LINES_PER_CELL)
+    return weights[:, None] * lines
+
+
+def _outside(what: str, seen: str, mapped: str) -> InputError:
+    change = "Make the map for the limits of this law (configuration keys filters and crash_map)."
+    return InputError(f"{what} of the law", seen=seen, expected=f"within the map: {mapped}", change=change)
+
+
+def exact_probabilities(crash_map: CrashMap, law: Law, event: Event = CRASH) -> dict[str, Exact]:
+    """Return the probability of an event in each stratum of a law, and in ``all`` by their shares.
+
+    Parameters
+    ----------
+    crash_map
+        Of the vehicle under test.
+    law
+        The law of cut-ins.
+    event
+        One of the map's.
+    """
+    values = {
+        name: weighted_lines(crash_map, stratum, law.closing_speed_max, event)
+        for name, stratum in law.strata.items()
+    }
+    everything = sum(law.shares[name] * lines for name, lines in values.items())
+    return {name: summed(lines) for name, lines in (values | {ALL: everything}).items()}
+
+
+def summed(lines: Array) -> Exact:
+    """Add up the means of all cells; the two lines of a cell tell the variance of their mean."""
+    probability = float(lines.mean(axis=1).sum())
+    # A sum of shares may exceed 1 by rounding.
+    return Exact(min(probability, 1.0), float(np.sqrt(np.square(np.diff(lines)).sum()) / 2))
+
+
+def exact_table(crash_maps: Mapping[str, CrashMap], laws: Mapping[str, Law]) -> pd.DataFrame:
+    """Tabulate the crash probability of each law by maps of different resolution.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``model``, ``segment``, ``resolution`` (name of the map), ``lines``, ``probability`` and
+        ``standard_error``.
+    """
+    rows = [
+        (model, segment, resolution, crash_map.lead_speed.size, value.probability, value.standard_error)
+        for model, law in laws.items()
+        for resolution, crash_map in crash_maps.items()
+        for segment, value in exact_probabilities(crash_map, law).items()
+    ]
+    columns = ["model", "segment", "resolution", "lines", "probability", "standard_error"]
+    return pd.DataFrame(rows, columns=columns)

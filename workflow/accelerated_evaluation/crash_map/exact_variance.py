@@ -1,0 +1,176 @@
+"""The exact coefficient of variation of importance sampling: what f* is worth, without a simulation."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.crash_map.exact import ALL, capped_intervals, weighted_lines
+from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, Cells, CrashMap
+from accelerated_evaluation.distributions import Distribution, Mixture
+from accelerated_evaluation.laws import Factors, Law, Stratum
+from accelerated_evaluation.vehicles.events import CRASH
+
+_NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(8)
+POINTS = 4000  # of the grid on which the tail of f^2 / f* is added up
+DECADES = 60  # that f falls along it
+
+
+def exact_variation(
+    crash_map: CrashMap,
+    law: Law,
+    proposals: Mapping[str, Factors],
+    *,
+    ignored_shares: Sequence[float] = (0.0,),
+) -> dict[str, tuple[float, ...]]:
+    """Return the coefficient of variation of one weight I f / f* in each stratum, and over ``all`` strata.
+
+    N simulations estimate the crash probability with a relative standard error of this over sqrt(N). It is
+    infinite where f* falls too fast for the weights to have a variance.
+
+    Parameters
+    ----------
+    crash_map
+        Of the vehicle under test.
+    law
+        f; strata are drawn by their shares in it.
+    proposals
+        f* of each stratum.
+    ignored_shares
+        Each gives one value: without the cells of the largest mean weights, as far as they hold no more than
+        this share of the crash probability. Where f* hardly goes, no affordable number of simulations shows
+        the variance.
+    """
+    moments = {
+        name: cell_moments(crash_map, stratum, proposals[name], law.closing_speed_max)
+        for name, stratum in law.strata.items()
+    }
+    moments[ALL] = np.hstack([share * moments[name] for name, share in law.shares.items()])
+    return {
+        name: tuple(_variation(*cells, share) for share in ignored_shares) for name, cells in moments.items()
+    }
+
+
+def _variation(first: Array, second: Array, ignored_share: float) -> float:
+    """Return the coefficient of variation from the moments in cells; NaN if the probability underflows."""
+    probability = first.sum()
+    if probability**2 == 0:
+        return math.nan
+    with np.errstate(invalid="ignore", divide="ignore"):
+        order = np.argsort(np.nan_to_num(-second / first))
+    kept = order[np.cumsum(first[order]) >= ignored_share * probability]
+    return math.sqrt(max(float(second[kept].sum() / probability**2) - 1, 0.0))
+
+
+def cell_moments(crash_map: CrashMap, stratum: Stratum, proposal: Factors, closing_speed_max: float) -> Array:
+    """Return E* I f / f* and E* (I f / f*)^2 of crashes, cell by cell.
+
+    Parameters
+    ----------
+    crash_map
+        Of the vehicle under test.
+    stratum
+        The law f in one stratum.
+    proposal
+        f* there.
+    closing_speed_max
+        Cap of the law on closing speeds [m/s].
+
+    Returns
+    -------
+    numpy.ndarray
+        First and second moments, shape (2, cells).
+    """
+    f, cells = stratum.factors, crash_map.cells
+    line, *ends = capped_intervals(crash_map, CRASH, closing_speed_max)
+    place = crash_map.lead_speed[line], crash_map.inverse_range[line]
+    start, end = (stratum.second(*place, speed) for speed in ends)
+    squares = _squared_mass(f.second, proposal.second, start, end)
+    lines = np.bincount(line, squares, crash_map.lead_speed.size).reshape(-1, LINES_PER_CELL)
+    by_range = _squared_cell_mass(stratum, proposal.first, cells)
+    speeds = stratum.lead_speed_share(cells.lead_speed)
+    with np.errstate(invalid="ignore"):
+        second = np.where(lines.any(axis=1) & (speeds > 0), speeds * by_range * lines.mean(axis=1), 0.0)
+    # An infinite factor times one that has underflowed to zero is not a number here, and counts as zero. If
+    # the variance is infinite, some other cell, in which nothing underflows, shows it.
+    second = np.nan_to_num(second, nan=0.0, posinf=np.inf)
+    return np.stack([weighted_lines(crash_map, stratum, closing_speed_max).mean(axis=1), second])
+
+
+def _log_square(f: Distribution, proposal: Distribution, x: Array) -> Array:
+    """Log of f^2 / f*; -inf where f is zero."""
+    log_f = f.logpdf(x)
+    with np.errstate(invalid="ignore"):
+        return np.where(np.isneginf(log_f), -np.inf, 2 * log_f - proposal.logpdf(x))
+
+
+def _squared_cell_mass(stratum: Stratum, proposal: Distribution, cells: Cells) -> Array:
+    """Integrate f^2 / f* of the first coordinate over cells of the root of the range, shape (cells,)."""
+    middle, half = cells.root.mean(axis=1, keepdims=True), np.abs(np.diff(cells.root)) / 2
+    nodes = middle + half * _NODES
+    inverse_range = 1 / (cells.range_max * nodes**2)
+    speeds = cells.lead_speed.mean(axis=1, keepdims=True)
+    coordinate = stratum.first(speeds, inverse_range)
+    log_slope = stratum.log_first_slope(speeds, inverse_range) + np.log(2 * inverse_range / nodes)
+    with np.errstate(over="ignore"):
+        density = np.exp(_log_square(stratum.factors.first, proposal, coordinate) + log_slope)
+        return (density @ _NODE_WEIGHTS) * half[:, 0]
+
+
+def _squared_mass(f: Distribution, proposal: Distribution, start: Array, end: Array) -> Array:
+    """Integrate f^2 / f* of TTC^-1 from ``start`` to ``end``, shape (n,); infinite with an endless tail."""
+    low = max(float(start.min(initial=np.inf)), f.lower)
+    far = float(f.isf(max(float(f.sf(low)) * 10.0**-DECADES, np.finfo(float).tiny)))
+    if not low < far:
+        return np.zeros(start.shape)
+    knots = [edge for law in (f, proposal) for edge in _edges(law) if low < edge < far]
+    grid = np.union1d(np.linspace(low, far, POINTS), knots)
+    half = np.diff(grid)[:, None] / 2
+    log_pieces = _log_square(f, proposal, grid[:-1, None] + half * (1 + _NODES))
+    if log_pieces[-1, -1] > log_pieces[0].max() - 1:
+        return np.full(start.shape, np.inf)
+    tail = np.cumsum(((np.exp(log_pieces) @ _NODE_WEIGHTS) * half[:, 0])[::-1])[::-1]
+    # Nearly exponential between the points of the grid, so interpolated in logarithms.
+    log_tail = np.log(np.maximum(tail, np.finfo(float).tiny))
+    above = [np.exp(np.interp(x, grid[:-1], log_tail)) * (x < far) for x in (np.maximum(start, low), end)]
+    return np.maximum(above[0] - above[1], 0)
+
+
+def _edges(law: Distribution) -> set[float]:
+    """Return the finite bounds of a law and its components, where densities jump."""
+    inner = [_edges(component) for component in law.components] if isinstance(law, Mixture) else []
+    return {edge for edge in (law.lower, law.upper) if math.isfinite(edge)}.union(*inner)
+
+
+def variation_table(
+    crash_map: CrashMap,
+    law: Law,
+    proposals: Mapping[tuple[str, int], Mapping[str, Factors]],
+    ignored_share: float = 1e-3,
+) -> pd.DataFrame:
+    """Tabulate the exact coefficient of variation for f* of each method and seed.
+
+    Parameters
+    ----------
+    crash_map
+        Of the vehicle under test.
+    law
+        f.
+    proposals
+        f* of each stratum, by method and seed.
+    ignored_share
+        As one of the ``ignored_shares`` of `exact_variation`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``method``, ``seed``, ``segment``, ``variation`` and ``variation_trimmed``, the latter without
+        the cells of the largest weights, see `exact_variation`.
+    """
+    rows = []
+    for (method, seed), factors in proposals.items():
+        found = exact_variation(crash_map, law, factors, ignored_shares=(0.0, ignored_share))
+        rows += [(method, seed, segment, *values) for segment, values in found.items()]
+    return pd.DataFrame(rows, columns=["method", "seed", "segment", "variation", "variation_trimmed"])

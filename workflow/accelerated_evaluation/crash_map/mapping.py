@@ -1,0 +1,182 @@
+"""Make a crash map: scan its lines with the vehicle, and refine what was found by bisection."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
+from tqdm import tqdm
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, Cells, CrashMap, Grid, Intervals
+from accelerated_evaluation.vehicles.events import CRASH, Event
+from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
+
+STANDSTILL = 1e-6  # first point of a scan: so slow that what happens there happens at any slower speed
+HALVINGS = 10  # bisections of a step of the scan
+MARGIN = 2  # steps of the coarse scan around what it found
+LEAST_EFFORT = 1 / 8  # of a row of v_L where crashes are rarest, against the row where they are not
+ENCOUNTERS_AT_ONCE = 500_000  # bounds the memory: about 100 MB
+
+
+def map_crashes(
+    vehicle: Vehicle, grid: Grid, events: Iterable[Event], generator: np.random.Generator
+) -> CrashMap:
+    """Find where in the grid the events happen: coarsely, to choose where to look, then with fresh lines.
+
+    Parameters
+    ----------
+    vehicle
+        The car under test.
+    grid
+        Where to look, and how closely.
+    events
+        What to look for; crashes always are.
+    generator
+        Places the lines in their cells and the scans on their lines.
+    """
+    whole = grid.cells(np.ones((grid.lead_speed_cells, grid.range_cells), dtype=int))
+    coarse = _map_cells(vehicle, grid, whole, [CRASH], generator)
+    return _map_cells(vehicle, grid, grid.cells(_parts(coarse)), sorted({CRASH, *events}), generator)
+
+
+def _parts(coarse: CrashMap) -> NDArray[np.int_]:
+    """Choose into how many parts to cut the sides of each cell, from one line pair in each.
+
+    With k x k parts the error of a cell falls as 1 / k^2 at the cost k^2, so the best k goes with the cube
+    root of its spread. Rows of v_L with few crashes get less, to a limit; a zero beside others is no proof.
+    """
+    grid, crash = coarse.grid, coarse.intervals(CRASH)
+    inverse_range = coarse.inverse_range[crash.line]
+    mass = np.exp(-crash.start * inverse_range / grid.reference_inverse_ttc)
+    mass -= np.exp(-crash.end * inverse_range / grid.reference_inverse_ttc)
+    lines = np.bincount(crash.line, mass, coarse.inverse_range.size).reshape(-1, LINES_PER_CELL)
+    low, high = np.exp(-coarse.cells.inverse_range.T / grid.reference_inverse_range)
+    spread = np.ptp(lines, axis=1) * (low - high)
+    spread = maximum_filter(spread.reshape(grid.lead_speed_cells, grid.range_cells), size=3)
+    row = spread.max(axis=1, keepdims=True)
+    if not row.any():
+        return np.ones(spread.shape, dtype=int)
+    share = np.divide(spread, row, out=np.zeros_like(spread), where=row > 0)
+    share *= np.maximum(row / row.max(), LEAST_EFFORT)
+    return np.maximum(np.ceil(grid.refinement * np.cbrt(share)), 1).astype(int)
+
+
+def _map_cells(
+    vehicle: Vehicle,
+    grid: Grid,
+    cells: Cells,
+    events: list[Event],
+    generator: np.random.Generator,
+) -> CrashMap:
+    """Scan two lines in each cell, in batches that bound the memory."""
+    lead_speed, inverse_range = cells.draw_lines(generator)
+    lines = lead_speed.size
+    offset = generator.random(lines)
+    found: dict[Event, list[Intervals]] = {event: [] for event in events}
+    batch = max(1, ENCOUNTERS_AT_ONCE // grid.closing_speed_points)
+    with tqdm(total=lines, desc="crash map", unit=" lines") as progress:
+        for first in range(0, lines, batch):
+            part = slice(first, min(first + batch, lines))
+            scan = _Scan(vehicle, lead_speed[part], 1 / inverse_range[part])
+            points = scan.points(offset[part], grid)
+            for event, intervals in scan.find(points, events).items():
+                found[event].append(Intervals(intervals.line + first, intervals.start, intervals.end))
+            progress.update(part.stop - first)
+    joined = {event: _join(parts) for event, parts in found.items()}
+    return CrashMap(grid, cells, lead_speed, inverse_range, joined)
+
+
+def _join(parts: list[Intervals]) -> Intervals:
+    columns = ([getattr(part, name) for part in parts] for name in ("line", "start", "end"))
+    line, start, end = map(np.concatenate, columns)
+    return Intervals(line.astype(np.int32), start, end)
+
+
+@dataclass(frozen=True)
+class _Scan:
+    """The lines of one batch: v_L [m/s] and range [m], shape (lines,)."""
+
+    vehicle: Vehicle
+    lead_speed: Array
+    range_: Array
+
+    def points(self, offset: Array, grid: Grid) -> Array:
+        """Choose the closing speeds [m/s] to scan on each line, shape (lines, points), rising to the largest.
+
+        A quarter of them cover the line; the others gather where crashes begin and end, as most holes and
+        islands of the crash set are there, or else where the car came nearest to a crash.
+        """
+        coarse = grid.closing_speed_points // 4
+        fine = grid.closing_speed_points - coarse
+        offset, ends = np.maximum(offset, STANDSTILL)[:, None], np.ones((offset.size, 1))
+        # Shares of the square root of the largest closing speed.
+        inner = (np.arange(coarse - 2) + offset) / (coarse - 2)
+        share = np.hstack([STANDSTILL * ends, inner, ends])
+        outcomes = self._simulate(*self._flat(grid.closing_speed_max * share**2))
+        crash = outcomes.crash.reshape(share.shape)
+        changes = crash[:, 1:] != crash[:, :-1]
+        nearest = np.argmin(outcomes.min_range.reshape(share.shape), axis=1)
+        some = changes.any(axis=1)
+        first = np.where(some, np.argmax(changes, axis=1), nearest) - MARGIN
+        last = np.where(some, coarse - 1 - np.argmax(changes[:, ::-1], axis=1), nearest) + MARGIN
+        low, high = (
+            np.take_along_axis(share, np.clip(end, 0, coarse - 1)[:, None], axis=1) for end in (first, last)
+        )
+        share = np.hstack([share, low + (high - low) * (np.arange(fine) + offset) / fine])
+        return grid.closing_speed_max * np.sort(share, axis=1) ** 2
+
+    def find(self, points: Array, events: list[Event]) -> dict[Event, Intervals]:
+        """Return the intervals of each event, its lines numbered from 0."""
+        outcomes = self._simulate(*self._flat(points))
+        flags = [event.happens(outcomes).reshape(points.shape) for event in events]
+        changes = [np.nonzero(flag[:, 1:] != flag[:, :-1]) for flag in flags]
+        refined = self._bisect(points, events, flags, changes)
+        return {
+            event: _pair(flag, change[0], flag[change[0], change[1] + 1], where)
+            for event, flag, change, where in zip(events, flags, changes, refined, strict=True)
+        }
+
+    def _bisect(
+        self,
+        points: Array,
+        events: list[Event],
+        flags: list[NDArray[np.bool_]],
+        changes: list[tuple[NDArray, NDArray]],
+    ) -> list[Array]:
+        """Return the closing speed of each change of each event, all events bisected in one batch."""
+        ends = np.cumsum([0, *(change[0].size for change in changes)])
+        line, index = (np.concatenate(place) for place in zip(*changes, strict=True))
+        low, high = points[line, index], points[line, index + 1]
+        begins = np.concatenate([~flag[change] for flag, change in zip(flags, changes, strict=True)])
+        for _ in range(HALVINGS if line.size else 0):
+            middle = ((np.sqrt(low) + np.sqrt(high)) / 2) ** 2
+            outcomes = self._simulate(line, middle)
+            happens = np.empty(line.size, dtype=bool)
+            for event, first, last in zip(events, ends, ends[1:], strict=False):
+                happens[first:last] = event.happens(outcomes)[first:last]
+            low, high = np.where(happens == begins, low, middle), np.where(happens == begins, middle, high)
+        return np.split((low + high) / 2, ends[1:-1])
+
+    @staticmethod
+    def _flat(points: Array) -> tuple[NDArray[np.int_], Array]:
+        """Return the line and the closing speed of each point."""
+        return np.repeat(np.arange(len(points)), points.shape[1]), points.ravel()
+
+    def _simulate(self, line: NDArray, closing_speed: Array) -> Outcomes:
+        return self.vehicle.simulate(self.lead_speed[line], self.range_[line], closing_speed)
+
+
+def _pair(flag: NDArray[np.bool_], line: NDArray, begins: NDArray[np.bool_], where: Array) -> Intervals:
+    """Pair the closing speeds at which an event begins with those at which it ends, line by line."""
+    at_bottom, at_top = np.flatnonzero(flag[:, 0]), np.flatnonzero(flag[:, -1])
+
+    def in_order(chosen: NDArray[np.bool_], edge: NDArray, value: float) -> tuple[NDArray, Array]:
+        lines = np.concatenate([line[chosen], edge])
+        speeds = np.concatenate([where[chosen], np.full(edge.size, value)])
+        order = np.lexsort([speeds, lines])
+        return lines[order], speeds[order]
+
+    (lines, start), (_, end) = in_order(begins, at_bottom, 0.0), in_order(~begins, at_top, np.inf)
+    return Intervals(lines.astype(np.int32), start, end)

@@ -1,0 +1,192 @@
+"""The crash map: where in (v_L, R^-1, TTC^-1) a vehicle crashes, found once, for every probability model.
+
+Lines of constant v_L and R^-1 are spread over a grid of cells, two at random in each. Along a line only the
+closing speed varies: it is scanned from 0 to a top, and every change of an event is refined by bisection, so
+what is left of a line is a list of intervals. TTC^-1 is closing speed times R^-1.
+"""
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.files import atomic_path
+from accelerated_evaluation.vehicles.events import CRASH, Event
+
+LINES_PER_CELL = 2  # their difference tells the error of the cell's mean
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """Where an event happens: on line ``line`` for closing speeds in [start, end) [m/s], shape (n,).
+
+    An interval that reaches the top of the scan has an infinite end.
+    """
+
+    line: NDArray[np.int32]
+    start: Array
+    end: Array
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Where the map looks, and how closely.
+
+    It begins with equal cells of v_L and of the square root of the range. Each is then cut into up to
+    ``refinement`` by ``refinement``, most where crashes vary most under a reference law, which only says
+    where to look closely: the errors of probabilities depend on it, their values do not.
+
+    Attributes
+    ----------
+    lead_speed_min, lead_speed_max
+        Ends of the cells of v_L [m/s]; the last is excluded.
+    range_max
+        Largest range [m]; the cells of R^-1 go from its inverse to infinity.
+    lead_speed_cells, range_cells, refinement
+        How many cells at first, and the largest number of parts of their sides.
+    closing_speed_max
+        Where the scan of a line ends [m/s]: the cap on closing speeds, at which all the probability beyond it
+        gathers. Without a cap, a speed above which nothing changes.
+    closing_speed_points
+        How many points it has, equal in the square root of the closing speed, as crashes at short ranges need
+        but small ones. What is narrower than the distance of two points may be missed.
+    reference_inverse_range, reference_inverse_ttc
+        Means of the exponential reference laws of R^-1 [1/m] and TTC^-1 [1/s]; that of v_L is uniform.
+    """
+
+    lead_speed_min: float
+    lead_speed_max: float
+    range_max: float
+    lead_speed_cells: int
+    range_cells: int
+    refinement: int
+    closing_speed_max: float
+    closing_speed_points: int
+    reference_inverse_range: float = 0.025
+    reference_inverse_ttc: float = 0.05
+
+    def cells(self, parts: NDArray[np.int_]) -> "Cells":
+        """Return the cells, each side cut into as many parts as given, shape (v_L cells, range cells)."""
+        count = parts.ravel() ** 2
+        side = np.repeat(parts.ravel(), count)
+        place = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        row, column = np.divmod(np.repeat(np.arange(parts.size), count), self.range_cells)
+        width = (self.lead_speed_max - self.lead_speed_min) / self.lead_speed_cells
+        # Every edge from one expression, so that neighbours share it to the bit.
+        speeds = [self.lead_speed_min + width * (row + (place // side + end) / side) for end in (0, 1)]
+        roots = [1 - (column + (place % side + end) / side) / self.range_cells for end in (0, 1)]
+        roots[1][np.isclose(roots[1], 0, atol=1e-12)] = 0
+        return Cells(np.column_stack(speeds), np.column_stack(roots), self.range_max)
+
+    def refined(self, factor: float) -> "Grid":
+        """Return the grid with ``factor`` times as many cells along each side, and points of the scan."""
+        counts = ("lead_speed_cells", "range_cells", "closing_speed_points")
+        return replace(self, **{name: max(2, round(getattr(self, name) * factor)) for name in counts})
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Cells: lower and upper v_L [m/s], and the square roots of R / range_max there, shape (cells, 2)."""
+
+    lead_speed: Array
+    root: Array
+    range_max: float
+
+    @property
+    def inverse_range(self) -> Array:
+        """Lower and upper R^-1 [1/m], the last infinite, shape (cells, 2)."""
+        with np.errstate(divide="ignore"):
+            return 1 / (self.range_max * self.root**2)
+
+    def draw_lines(self, generator: np.random.Generator) -> tuple[Array, Array]:
+        """Draw v_L [m/s] and R^-1 [1/m] of two lines in each cell, shape (2 cells,), pair by pair."""
+        place = generator.random((2, len(self.root), LINES_PER_CELL))
+        lead_speed, root = (
+            ends[:, :1] + (ends[:, 1:] - ends[:, :1]) * share
+            for ends, share in zip((self.lead_speed, self.root), place, strict=True)
+        )
+        return lead_speed.ravel(), (1 / (self.range_max * root**2)).ravel()
+
+
+@dataclass(frozen=True)
+class CrashMap:
+    """Two lines in each cell, with the intervals of every event.
+
+    Attributes
+    ----------
+    lead_speed, inverse_range
+        v_L [m/s] and R^-1 [1/m] of the lines, shape (2 cells,).
+    events
+        The intervals of each event.
+    """
+
+    grid: Grid
+    cells: Cells
+    lead_speed: Array
+    inverse_range: Array
+    events: Mapping[Event, Intervals]
+
+    def intervals(self, event: Event) -> Intervals:
+        """Return where an event happens.
+
+        Raises
+        ------
+        InputError
+            If the map was not made for the event.
+        """
+        if event not in self.events:
+            raise InputError(
+                "crash map",
+                seen=f"{event}",
+                expected=f"one of the map's events: {', '.join(map(str, self.events))}",
+                change="Add the threshold to the configuration (key crash_map) and map anew.",
+            )
+        return self.events[event]
+
+    def smallest_inverse_ttc(self, event: Event = CRASH) -> float:
+        """Return the TTC^-1 [1/s] below which the event happens on no line; infinite if it never happens."""
+        intervals = self.intervals(event)
+        return float(np.min(intervals.start * self.inverse_range[intervals.line], initial=np.inf))
+
+
+def write_crash_map(path: str | os.PathLike, crash_map: CrashMap) -> None:
+    """Write a map as a compressed NumPy archive, atomically; equal maps give equal bytes."""
+    arrays = {"grid": np.array(json.dumps(asdict(crash_map.grid)))}
+    arrays |= {"lead_speed": crash_map.lead_speed, "inverse_range": crash_map.inverse_range}
+    arrays |= {"lead_speed_cells": crash_map.cells.lead_speed, "root_cells": crash_map.cells.root}
+    for event, intervals in crash_map.events.items():
+        for name, values in vars(intervals).items():
+            arrays[f"{event.quantity} {event.threshold!r} {name}"] = values
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+
+
+def read_crash_map(path: str | os.PathLike) -> CrashMap:
+    """Read what `write_crash_map` wrote.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or no crash map.
+    """
+    try:
+        with np.load(path) as archive:
+            arrays = dict(archive)
+        grid = Grid(**json.loads(str(arrays.pop("grid"))))
+        lead_speed, inverse_range = arrays.pop("lead_speed"), arrays.pop("inverse_range")
+        cells = Cells(arrays.pop("lead_speed_cells"), arrays.pop("root_cells"), grid.range_max)
+        columns: dict[Event, dict[str, NDArray]] = {}
+        for key, values in arrays.items():
+            quantity, threshold, name = key.split()
+            columns.setdefault(Event(quantity, float(threshold)), {})[name] = values
+        events = {event: Intervals(**parts) for event, parts in columns.items()}
+    except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile) as error:
+        seen, expected = f"{type(error).__name__}: {error}", "a crash map"
+        raise InputError(str(path), seen=seen, expected=expected, change="Map the crashes anew.") from error
+    return CrashMap(grid, cells, lead_speed, inverse_range, events)

@@ -1,0 +1,225 @@
+"""What the crash probability depends on: the choices of the model, the data and the cap, one by one."""
+
+import math
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import StudyError
+from accelerated_evaluation.crash_map.exact import ALL, Exact, exact_probabilities
+from accelerated_evaluation.crash_map.mapping import map_crashes
+from accelerated_evaluation.crash_map.maps import CrashMap
+from accelerated_evaluation.distributions import PiecewiseMixture
+from accelerated_evaluation.laws.paper.independent import IndependentLaw, recorded_lead_speeds
+from accelerated_evaluation.laws.paper.pieces import EXPONENTIAL, PieceFamily
+from accelerated_evaluation.laws.paper.piecewise import fit_piecewise, knots_at_quantiles, usable_knots
+from accelerated_evaluation.records.segments import assign_segments
+from accelerated_evaluation.vehicles.protocol import Vehicle
+
+
+@dataclass(frozen=True)
+class Levels:
+    """The choices of a piecewise model that a refit repeats: its knots, as quantile levels of the data.
+
+    Attributes
+    ----------
+    inverse_range
+        Levels of the knots of R^-1, rising.
+    inverse_ttc
+        Level of the knot of TTC^-1 in every segment.
+    pieces_of_range, body, tail
+        What the pieces of R^-1, and body and tail of TTC^-1, are fitted with.
+    """
+
+    inverse_range: tuple[float, ...]
+    inverse_ttc: float
+    pieces_of_range: PieceFamily
+    body: PieceFamily
+    tail: PieceFamily
+
+    @classmethod
+    def of(cls, model: IndependentLaw) -> "Levels":
+        """Read them off a fitted model; the weight of its bodies, which may differ by ties, is pooled."""
+        bodies = [law.weights[0] * model.events[segment] for segment, law in model.inverse_ttc.items()]
+        # Where few rows have made the body of a segment simpler, the refit tries the richest one in all.
+        fitted = [[PieceFamily.of(piece) for piece in law.components] for law in model.inverse_ttc.values()]
+        body, tail = (
+            max(families, key=lambda family: (family != EXPONENTIAL, family.components))
+            for families in zip(*fitted, strict=True)
+        )
+        return cls(
+            tuple(np.cumsum(model.inverse_range.weights[:-1]).tolist()),
+            sum(bodies) / sum(model.events.values()),
+            PieceFamily.of(model.inverse_range.components[0]),
+            body,
+            tail,
+        )
+
+
+def fit_for_crashes(
+    encounters: pd.DataFrame,
+    levels: Levels,
+    range_max: float,
+    smallest_inverse_ttc: float,
+    closing_speed_max: float,
+) -> IndependentLaw:
+    """Fit a piecewise model whose crash probability, and nothing else of it, is to be known.
+
+    Where nothing crashes below the knot of TTC^-1, the body counts only by its weight: it is then fitted with
+    an exponential in place of the normal mixture, whose fit takes seconds.
+
+    Parameters
+    ----------
+    encounters
+        Encounter table.
+    levels
+        Where the knots are.
+    range_max
+        Largest range [m].
+    smallest_inverse_ttc
+        TTC^-1 below which nothing crashes [1/s], as the crash map shows.
+    closing_speed_max
+        Cap on closing speeds [m/s].
+    """
+
+    def inverse_ttc(x: Array) -> PiecewiseMixture:
+        knots = usable_knots(x, knots_at_quantiles(x, [levels.inverse_ttc]))
+        body = EXPONENTIAL if knots[0] <= smallest_inverse_ttc else levels.body
+        return fit_piecewise(x, 0.0, knots, [body, levels.tail])
+
+    inverse_range = encounters["inverse_range"].to_numpy()
+    families = [levels.pieces_of_range] * (len(levels.inverse_range) + 1)
+    knots = usable_knots(inverse_range, knots_at_quantiles(inverse_range, levels.inverse_range))
+    groups = encounters.groupby("segment")
+    events = {segment: len(rows) for segment, rows in groups}
+    return IndependentLaw(
+        "refit",
+        events,
+        fit_piecewise(inverse_range, 1 / range_max, knots, families),
+        {segment: inverse_ttc(rows["inverse_ttc"].to_numpy()) for segment, rows in groups},
+        recorded_lead_speeds(encounters, events),
+        closing_speed_max,
+    )
+
+
+@dataclass(frozen=True)
+class Refit:
+    """The crash probability after a refit, by one crash map."""
+
+    crash_map: CrashMap
+    smallest_inverse_ttc: float
+    closing_speed_max: float
+
+    @classmethod
+    def by(cls, crash_map: CrashMap, closing_speed_max: float) -> "Refit":
+        """Prepare refits that are judged with a map, under a cap on closing speeds [m/s]."""
+        return cls(crash_map, crash_map.smallest_inverse_ttc(), closing_speed_max)
+
+    def probability(self, encounters: pd.DataFrame, levels: Levels) -> Exact:
+        """Fit a model to encounters and return its crash probability over all segments."""
+        range_max = self.crash_map.grid.range_max
+        law = fit_for_crashes(
+            encounters, levels, range_max, self.smallest_inverse_ttc, self.closing_speed_max
+        )
+        return exact_probabilities(self.crash_map, law)[ALL]
+
+
+@contextmanager
+def warning_of_failure(what: str) -> Iterator[None]:
+    """Turn the failure of one refit of many into a warning, so that the others are still made."""
+    try:
+        yield
+    except StudyError as error:
+        warnings.warn(f"{what}: no refit, because {error}", stacklevel=3)
+
+
+def is_repeated(encounters: pd.DataFrame) -> Array:
+    """Tell which rows repeat the row before them, shape (n,)."""
+    return (encounters == encounters.shift()).all(axis=1).to_numpy()
+
+
+def study_sensitivity(
+    crash_map: CrashMap,
+    models: Mapping[str, IndependentLaw],
+    variant: str,
+    encounters: pd.DataFrame,
+    settings: Mapping[str, Any],
+) -> pd.DataFrame:
+    """Change one choice at a time, fit anew, and tabulate the crash probability over all segments.
+
+    Parameters
+    ----------
+    crash_map
+        Of the vehicle under test.
+    models, variant
+        The fitted models, and the name of the one that is simulated.
+    encounters
+        Encounter table, its rows in the order of the record.
+    settings
+        ``inverse_ttc_knots`` and ``inverse_range_knots``, quantile levels; ``lead_speed_edges``, lists of
+        edges [m/s]; ``outlier_rows``, rows of the encounter table, counted from 1, to leave out.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``choice``, ``value``, ``probability`` and ``standard_error``, the last two NaN where a choice
+        leaves too few rows to fit; a warning tells why.
+    """
+    base = Levels.of(models[variant])
+    refit = Refit.by(crash_map, models[variant].closing_speed_max)
+    rows: list[tuple[str, str, Exact]] = [
+        ("model", name, exact_probabilities(crash_map, model)[ALL]) for name, model in models.items()
+    ]
+    cases: list[tuple[str, str, Callable[[], pd.DataFrame], Levels]] = []
+
+    def as_recorded() -> pd.DataFrame:
+        return encounters
+
+    for level in settings["inverse_ttc_knots"]:
+        cases.append(("knot of TTC^-1", f"{level:g}", as_recorded, replace(base, inverse_ttc=level)))
+    for level in settings["inverse_range_knots"]:
+        levels = replace(base, inverse_range=(level,))
+        cases.append(("knot of R^-1, two pieces", f"{level:g}", as_recorded, levels))
+    for edges in settings["lead_speed_edges"]:
+        name = " ".join(f"{edge:g}" for edge in edges)
+        cases.append(("segments of v_L", name, partial(assign_segments, encounters, edges), base))
+    cases.append(("repeated rows", "drop", lambda: encounters[~is_repeated(encounters)], base))
+    if settings["outlier_rows"]:
+        outliers = encounters.index[np.array(settings["outlier_rows"]) - 1]
+        cases.append(("outliers", "drop", partial(encounters.drop, outliers), base))
+    for choice, value, table, levels in tqdm(cases, desc="sensitivity", unit=" refits"):
+        exact = Exact(math.nan, math.nan)
+        with warning_of_failure(f"{choice}, {value}"):
+            exact = refit.probability(table(), levels)
+        rows.append((choice, value, exact))
+    return _table(rows)
+
+
+def study_cap(
+    vehicle: Vehicle,
+    crash_map: CrashMap,
+    law: IndependentLaw,
+    caps: Sequence[float],
+    generator: np.random.Generator,
+) -> pd.DataFrame:
+    """Tabulate the crash probability against caps on closing speeds [m/s], each with its own map."""
+    rows = []
+    for cap in caps:
+        other = map_crashes(vehicle, replace(crash_map.grid, closing_speed_max=cap), [], generator)
+        exact = exact_probabilities(other, replace(law, closing_speed_max=cap))[ALL]
+        rows.append(("closing-speed cap [m/s]", f"{cap:g}", exact))
+    return _table(rows)
+
+
+def _table(rows: list[tuple[str, str, Exact]]) -> pd.DataFrame:
+    columns = ["choice", "value", "probability", "standard_error"]
+    values = [(choice, value, exact.probability, exact.standard_error) for choice, value, exact in rows]
+    return pd.DataFrame(values, columns=columns)

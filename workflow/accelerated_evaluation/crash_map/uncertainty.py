@@ -1,0 +1,163 @@
+"""How sure is the number: bootstrap refits for the finite data, and a budget of all it may be wrong by."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+from scipy.special import ndtri
+from tqdm import trange
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.crash_map.maps import CrashMap
+from accelerated_evaluation.crash_map.sensitivity import Levels, Refit, is_repeated, warning_of_failure
+
+NORMAL_POINTS = 100  # that stand for a normal distribution
+
+
+def bootstrap_probabilities(
+    crash_map: CrashMap,
+    encounters: pd.DataFrame,
+    levels: Levels,
+    generator: np.random.Generator,
+    *,
+    closing_speed_max: float,
+    replicates: int,
+    block_runs: int,
+) -> Array:
+    """Fit the model to resampled data again and again; return the crash probabilities, shape (replicates,).
+
+    A refit that fails is NaN, and a warning tells of it.
+
+    A row and those that repeat it are one run, and runs are drawn in blocks of consecutive ones (circular
+    block bootstrap, Politis and Romano 1992). Knots are chosen anew at their quantile levels; segment shares
+    and lead speeds are those of the resampled rows.
+
+    Parameters
+    ----------
+    crash_map
+        Of the vehicle under test.
+    encounters
+        Encounter table, its rows in the order of the record.
+    levels
+        Where the knots are.
+    generator
+        Source of all randomness.
+    closing_speed_max
+        Cap on closing speeds [m/s].
+    replicates
+        Number of refits.
+    block_runs
+        Number of runs in a block.
+    """
+    refit = Refit.by(crash_map, closing_speed_max)
+    starts = np.flatnonzero(~is_repeated(encounters))
+    needed = encounters[["lead_speed", "inverse_range", "inverse_ttc", "segment"]]
+    probabilities = np.full(replicates, np.nan)
+    for replicate in trange(replicates, desc="bootstrap", unit=" refits"):
+        rows = resampled_rows(starts, len(encounters), block_runs, generator)
+        with warning_of_failure(f"bootstrap, refit {replicate}"):
+            probabilities[replicate] = refit.probability(needed.iloc[rows], levels).probability
+    return probabilities
+
+
+def resampled_rows(starts: Array, rows: int, block_runs: int, generator: np.random.Generator) -> Array:
+    """Draw blocks of consecutive runs until there are as many runs as before; return their rows.
+
+    Parameters
+    ----------
+    starts
+        First row of each run, rising from 0.
+    rows
+        Number of rows.
+    block_runs
+        Number of runs in a block; the last run is followed by the first.
+    """
+    blocks = generator.integers(starts.size, size=-(-starts.size // block_runs))
+    runs = (blocks[:, None] + np.arange(block_runs)).ravel()[: starts.size] % starts.size
+    lengths = np.diff(starts, append=rows)[runs]
+    place = np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+    return np.repeat(starts[runs], lengths) + place
+
+
+def probabilities_of_choices(
+    crash_map: CrashMap,
+    encounters: pd.DataFrame,
+    variants: Iterable[Levels],
+    inverse_ttc_knots: Iterable[float],
+    closing_speed_max: float,
+) -> Array:
+    """Return the crash probability for each variant of R^-1 with each level of the knot of TTC^-1."""
+    refit = Refit.by(crash_map, closing_speed_max)
+    choices = product(variants, inverse_ttc_knots)
+    probabilities = []
+    for levels, knot in choices:
+        with warning_of_failure(f"knot of TTC^-1 at {knot:g}"):
+            exact = refit.probability(encounters, replace(levels, inverse_ttc=knot))
+            probabilities.append(exact.probability)
+    return np.array(probabilities)
+
+
+def uncertainty_budget(
+    probability: float,
+    bootstrap: Array,
+    choices: Sequence[float],
+    sampling_interval: tuple[float, float],
+    *,
+    alpha: float,
+) -> pd.DataFrame:
+    """Split the variance of the final number by source, as standard deviations and shares of the sum.
+
+    Parameters
+    ----------
+    probability
+        Crash probability of the model of the study.
+    bootstrap
+        Probabilities of the refits, shape (replicates,): finite data. Those that are NaN do not count.
+    choices
+        Probabilities under models that one could as well have chosen, each with the same weight.
+    sampling_interval
+        A normal 100 (1 - alpha) % interval of importance sampling: the paper's.
+    alpha
+        1 - level of all intervals.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``source``, ``probability`` (mean), ``standard_deviation``, ``ci_low``, ``ci_high`` and
+        ``variance_share``. Intervals are quantiles but for the given one; ``together`` takes the three as
+        independent relative deviations from ``probability``. What is relative to a probability of 0 is NaN.
+    """
+    bootstrap, choices = (_or_unknown(values) for values in (bootstrap, choices))
+    probability = probability or math.nan  # no deviation is relative to 0
+    quantiles = [alpha / 2, 1 - alpha / 2]
+    middle = sum(sampling_interval) / 2
+    sampling_sd = (sampling_interval[1] - sampling_interval[0]) / (2 * -ndtri(alpha / 2))
+    relative = np.array(
+        [sampling_sd / middle, _standard_deviation(bootstrap) / probability, np.std(choices) / probability]
+    )
+    errors = 1 + relative[0] * ndtri((np.arange(NORMAL_POINTS) + 0.5) / NORMAL_POINTS)
+    together = np.multiply.outer(np.multiply.outer(bootstrap, np.array(choices) / probability), errors)
+    rows = [
+        ("sampling", middle, sampling_sd, *sampling_interval),
+        ("data", np.mean(bootstrap), _standard_deviation(bootstrap), *np.quantile(bootstrap, quantiles)),
+        ("choice of model", np.mean(choices), np.std(choices), *np.quantile(choices, quantiles)),
+        ("together", np.mean(together), np.std(together), *np.quantile(together, quantiles)),
+    ]
+    columns = ["source", "probability", "standard_deviation", "ci_low", "ci_high"]
+    shares = [*(relative**2 / np.sum(relative**2)), 1.0]
+    return pd.DataFrame(rows, columns=columns).assign(variance_share=shares)
+
+
+def _or_unknown(values: ArrayLike) -> Array:
+    """Return the values that are numbers, or a single NaN where there is none."""
+    values = np.asarray(values, dtype=float)
+    known = values[~np.isnan(values)]
+    return known if known.size else np.array([math.nan])
+
+
+def _standard_deviation(values: Array) -> float:
+    return float(np.std(values, ddof=1)) if values.size > 1 else math.nan

@@ -1,1 +1,0 @@
-"""Maximum likelihood: piecewise mixtures, EM, candidate families and their comparison."""

@@ -1,0 +1,292 @@
+"""Maximum likelihood estimates of the candidate families.
+
+Each function takes a sample in the family's own coordinate, shape (n,), inside the support and not all equal,
+and returns the estimates in the order of `candidate_families`, where the densities are. NoMaximumError says
+why the likelihood has no maximum.
+
+Scores with one root are solved as such, profile likelihoods in one parameter are scanned and refined, and the
+few others are climbed. Three likelihoods are unbounded, and are maximised where they are not: shape >= -1
+and an end of the support at least 1e-12 of the span off the data (generalized Pareto, generalized extreme
+value), and more than k / (n - k) degrees of freedom, k the most frequent value's count (t location-scale).
+"""
+
+from collections.abc import Callable
+from functools import wraps
+
+import numpy as np
+from scipy import optimize, special
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import StudyError
+
+Estimator = Callable[[Array], tuple[float, ...]]
+Objective = Callable[[Array], tuple[float, Array]]
+
+SCORE_LIMIT = 1e-6  # per observation, in logarithms and standard units: costs n 1e-12 of log-likelihood
+MOST_DEGREES = 1e6  # of freedom; a t beyond is taken for its limit, the normal
+TO_ONE = np.concatenate([np.linspace(0, 0.9, 10), 1 - np.logspace(-1.3, -12, 33)])
+
+
+class NoMaximumError(StudyError):
+    """The sample has no maximum likelihood estimate in the family; the message is the reason."""
+
+
+def _root(score: Callable[[float], float], low: float, high: float) -> float:
+    if not score(low) * score(high) < 0:
+        raise NoMaximumError("the values differ too little for double precision")
+    return optimize.brentq(score, low, high, xtol=1e-14 * high)
+
+
+def _climb(negative: Objective, starts: list[list[float]], bounds: list[tuple] | None = None) -> Array:
+    """Return the least of the minima of `negative` (value, gradient) reached from `starts`, or a bound."""
+    options = {"ftol": 1e-16, "gtol": SCORE_LIMIT / 100, "maxiter": 500}
+    search = {"method": "L-BFGS-B", "jac": True, "bounds": bounds, "options": options}
+    best = min((optimize.minimize(negative, start, **search) for start in starts), key=lambda end: end.fun)
+    if bounds is not None and any(v in bound for v, bound in zip(best.x, bounds, strict=True)):
+        return best.x
+    score = np.abs(best.jac).max()
+    if not score <= SCORE_LIMIT:
+        raise NoMaximumError(f"no convergence: score {score:.1e} per value, limit {SCORE_LIMIT:.0e}")
+    return best.x
+
+
+def _scan(profile: Callable[[float], float], grid: Array) -> float:
+    """Return where `profile` is largest: on the grid, then between the neighbours of its best point."""
+    values = [profile(t) for t in grid]
+    i = int(np.argmax(values))
+    low, high = grid[max(i - 1, 0)], grid[min(i + 1, grid.size - 1)]
+    inside = optimize.minimize_scalar(
+        lambda t: -profile(t), bounds=(low, high), method="bounded", options={"xatol": 1e-10 * (high - low)}
+    )
+    return float(inside.x if -inside.fun > values[i] else grid[i])
+
+
+def _standardised(estimate: Estimator) -> Estimator:
+    """Fit (location, scale, ...) to (x - mean) / standard deviation, and carry it back to x."""
+
+    @wraps(estimate)
+    def fit(x: Array) -> tuple[float, ...]:
+        mean, deviation = x.mean(), x.std()
+        location, scale, *rest = estimate((x - mean) / deviation)
+        return mean + deviation * location, deviation * scale, *rest
+
+    return fit
+
+
+def fit_beta(y: Array) -> tuple[float, float]:
+    """Return both shapes; in them the likelihood is strictly concave."""
+    log_means = np.array([np.log(y).mean(), np.log1p(-y).mean()])
+
+    def negative(log_shapes: Array) -> tuple[float, Array]:
+        shapes = np.exp(log_shapes)
+        score = special.psi(shapes) - special.psi(shapes.sum()) - log_means
+        return special.betaln(*shapes) - (shapes - 1) @ log_means, shapes * score
+
+    mean = y.mean()
+    total = mean * (1 - mean) / y.var() - 1
+    return tuple(np.exp(_climb(negative, [[np.log(mean * total), np.log((1 - mean) * total)]])))
+
+
+def fit_birnbaum_saunders(y: Array) -> tuple[float, float]:
+    """Return shape, and scale: one root between harmonic and arithmetic mean (Birnbaum, Saunders, 1969)."""
+    arithmetic, harmonic = y.mean(), 1 / (1 / y).mean()
+
+    def score(scale: float) -> float:
+        k = 1 / (1 / (scale + y)).mean()
+        return scale**2 - scale * (2 * harmonic + k) + harmonic * (arithmetic + k)
+
+    scale = _root(score, harmonic, arithmetic)
+    return np.sqrt(arithmetic / scale + scale / harmonic - 2), scale
+
+
+def fit_exponential(y: Array) -> tuple[float]:
+    """Return the rate."""
+    return (1 / y.mean(),)
+
+
+def _minima(x: Array, most: float = np.inf) -> tuple[float, float]:
+    """Return location and scale (at most `most`) of the law of minima.
+
+    The scale is the one root of (mean weighted by exp(x / scale)) - mean - scale, which falls in the scale.
+    It lies below max - mean, and above 1 / (3 log n + 1) of that, hence above 1e-3 of it.
+    """
+    top, mean = x.max(), x.mean()
+
+    def score(scale: float) -> float:
+        weights = np.exp((x - top) / scale)
+        return weights @ x / weights.sum() - mean - scale
+
+    scale = min(_root(score, 1e-3 * (top - mean), top - mean), most)
+    return top + scale * np.log(np.exp((x - top) / scale).mean()), scale
+
+
+@_standardised
+def fit_extreme_value(x: Array) -> tuple[float, float]:
+    """Return location and scale of the law of minima."""
+    return _minima(x)
+
+
+def fit_gamma(y: Array) -> tuple[float, float]:
+    """Return shape and scale: log(shape) - psi(shape) is given, and lies in (1 / (2 shape), 1 / shape)."""
+    gap = -np.log(y / y.mean()).mean()
+    shape = _root(lambda k: np.log(k) - special.psi(k) - gap, 0.5 / gap, 1 / gap)
+    return shape, y.mean() / shape
+
+
+def _log_ratio(theta: float, x: Array) -> Array:
+    """Return log(1 + theta x) / theta."""
+    return np.log1p(theta * x) / theta if theta else x
+
+
+def _capped(scale: float, theta: float) -> float:
+    """Return the scale that keeps shape = theta scale >= -1."""
+    return min(scale, -1 / theta) if theta < 0 else scale
+
+
+def _interior(theta: float, grid: Array) -> float:
+    if theta in (grid[0], grid[-1]):
+        towards = "shape -1, below which it is unbounded" if theta == grid[0] else "infinite shapes"
+        raise NoMaximumError(f"the likelihood has no interior maximum: it rises towards {towards}")
+    return theta
+
+
+@_standardised
+def fit_generalized_extreme_value(x: Array) -> tuple[float, float, float]:
+    """Return location, scale and shape.
+
+    Profile over theta: w = -log(1 + theta x) / theta follows the law of minima, with scale shape / theta.
+    """
+    grid = np.concatenate([-TO_ONE[::-1] / x.max(), TO_ONE[1:] / -x.min()])
+
+    def law(theta: float) -> tuple[float, float, float]:
+        w = -_log_ratio(theta, x)
+        return w.mean(), *_minima(w, _capped(np.inf, theta))
+
+    def profile(theta: float) -> float:
+        mean, location, scale = law(theta)
+        return (mean - location) / scale - 1 - np.log(scale) + theta * mean
+
+    theta = _interior(_scan(profile, grid), grid)
+    _, location, scale = law(theta)
+    centre = np.expm1(-location * theta) / theta if theta else -location
+    return centre, scale * np.exp(-location * theta), theta * scale
+
+
+def fit_generalized_pareto(y: Array) -> tuple[float, float]:
+    """Return shape and scale.
+
+    Profile over theta = shape / scale: log(1 + theta y) / theta is exponential with mean `scale`.
+    """
+    unit = y / y.mean()
+    grid = np.concatenate([-TO_ONE[::-1] / unit.max(), np.logspace(-3, 12, 46)])
+
+    def profile(theta: float) -> float:
+        mean = _log_ratio(theta, unit).mean()
+        scale = _capped(mean, theta)
+        return -np.log(scale) - mean / scale - theta * mean
+
+    theta = _interior(_scan(profile, grid), grid)
+    scale = _log_ratio(theta, unit).mean()
+    return theta * scale, y.mean() * scale
+
+
+def fit_inverse_gaussian(y: Array) -> tuple[float, float]:
+    """Return mean and shape."""
+    return y.mean(), 1 / (1 / y - 1 / y.mean()).mean()
+
+
+@_standardised
+def fit_logistic(x: Array) -> tuple[float, float]:
+    """Return location and scale; in their ratio and 1 / scale the likelihood is strictly concave."""
+
+    def negative(p: Array) -> tuple[float, Array]:
+        z = (x - p[0]) / np.exp(p[1])
+        slope = np.tanh(z / 2)
+        value = p[1] + (np.abs(z) + 2 * np.log1p(np.exp(-np.abs(z)))).mean()
+        return value, np.array([-slope.mean() / np.exp(p[1]), 1 - (z * slope).mean()])
+
+    location, log_scale = _climb(negative, [[0.0, np.log(np.sqrt(3) / np.pi)]])
+    return location, np.exp(log_scale)
+
+
+def fit_log_logistic(y: Array) -> tuple[float, float]:
+    """Return shape and scale: log y is logistic."""
+    location, scale = fit_logistic(np.log(y))
+    return 1 / scale, np.exp(location)
+
+
+def fit_lognormal(y: Array) -> tuple[float, float]:
+    """Return mean and standard deviation of log y."""
+    return fit_normal(np.log(y))
+
+
+def fit_nakagami(y: Array) -> tuple[float, float]:
+    """Return shape and spread: y^2 is gamma with this shape and mean."""
+    return fit_gamma(y**2)[0], (y**2).mean()
+
+
+def fit_normal(x: Array) -> tuple[float, float]:
+    """Return mean and standard deviation."""
+    return x.mean(), x.std()
+
+
+def fit_pareto(ratio: Array) -> tuple[float]:
+    """Return the shape, from x / lower."""
+    return (1 / np.log(ratio).mean(),)
+
+
+def fit_rayleigh(y: Array) -> tuple[float]:
+    """Return the scale."""
+    return (np.sqrt((y**2).mean() / 2),)
+
+
+def fit_rician(y: Array) -> tuple[float, float]:
+    """Return noncentrality c >= 0 and scale s.
+
+    Profile over q = c^2 / mean y^2, for both scores vanish only where c^2 + 2 s^2 = mean y^2.
+    """
+    root = np.sqrt((y**2).mean())
+    unit = y / root
+
+    def profile(q: float) -> float:
+        noncentrality, variance = np.sqrt(q), (1 - q) / 2
+        square = (unit - noncentrality) ** 2 / (2 * variance)
+        return (np.log(special.i0e(unit * noncentrality / variance)) - square).mean() - np.log(variance)
+
+    q = _scan(profile, TO_ONE)
+    if profile(q) - profile(0.0) < 1e-14:  # it is flat at 0, so that rounding may move its maximum
+        q = 0.0
+    return root * np.sqrt(q), root * np.sqrt((1 - q) / 2)
+
+
+@_standardised
+def fit_t(x: Array) -> tuple[float, float, float]:
+    """Return location, scale and degrees of freedom, climbed to from two heavy tails and from the moments."""
+    ties = np.unique(x, return_counts=True)[1].max()
+    bounds = [(None, None), (np.log(1e-8), None), (np.log(ties / (x.size - ties)), np.log(MOST_DEGREES))]
+
+    def negative(p: Array) -> tuple[float, Array]:
+        scale, nu = np.exp(p[1:])
+        z = (x - p[0]) / scale
+        logs = np.log1p(z**2 / nu).mean()
+        weighted = (nu + 1) / (nu + z**2) * z
+        pull = (weighted * z).mean()
+        constant = special.gammaln((nu + 1) / 2) - special.gammaln(nu / 2) - np.log(nu * np.pi) / 2
+        rise = special.psi((nu + 1) / 2) - special.psi(nu / 2) - 1 / nu - logs + pull / nu
+        gradient = -np.array([weighted.mean() / scale, pull - 1, nu * rise / 2])
+        return p[1] + (nu + 1) / 2 * logs - constant, gradient
+
+    excess = max((x**4).mean() - 3, 6 / MOST_DEGREES)
+    starts = [[np.median(x), np.log(0.5), np.log(nu)] for nu in (1, 4)] + [[0, 0, np.log(4 + 6 / excess)]]
+    best = _climb(negative, starts, bounds)
+    if best[1] == bounds[1][0] or best[2] == bounds[2][0]:
+        raise NoMaximumError(f"the likelihood is unbounded around a value that occurs {ties} times")
+    if best[2] == bounds[2][1] or negative(best)[0] >= (1 + np.log(2 * np.pi)) / 2:
+        raise NoMaximumError("the likelihood rises up to infinite degrees of freedom, the normal")
+    return best[0], *np.exp(best[1:])
+
+
+def fit_weibull(y: Array) -> tuple[float, float]:
+    """Return shape and scale: log y follows the law of minima."""
+    location, scale = fit_extreme_value(np.log(y))
+    return 1 / scale, np.exp(location)

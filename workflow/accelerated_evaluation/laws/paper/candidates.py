@@ -1,0 +1,170 @@
+"""Candidate families beside the piecewise models: maximum likelihood, AIC, BIC, Kolmogorov-Smirnov distance.
+
+The 18 families, their parameters and densities are listed in `candidate_families`.
+"""
+
+import json
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.laws.paper.candidate_estimators import NoMaximumError
+from accelerated_evaluation.laws.paper.candidate_families import FAMILIES, CandidateFamily
+
+
+@dataclass(frozen=True)
+class CandidateFit:
+    """A model's fit to a sample; where it has none, `reason` says why and the numbers are nan.
+
+    Parameters
+    ----------
+    family, parameters
+        Name of the model, and its estimates by name (units as the sample's).
+    n_parameters
+        Number of free parameters k.
+    log_likelihood, aic, bic
+        L, 2k - 2L and k log n - 2L; L in nats, of densities per unit of the sample.
+    ks_distance
+        Kolmogorov-Smirnov distance between the sample and the fit.
+    reason
+        Why there is no fit; empty where there is one.
+    """
+
+    family: str
+    parameters: dict[str, float]
+    n_parameters: int
+    log_likelihood: float = np.nan
+    aic: float = np.nan
+    bic: float = np.nan
+    ks_distance: float = np.nan
+    reason: str = ""
+
+
+def score(
+    name: str,
+    logpdf: Callable[[Array], Array],
+    cdf: Callable[[Array], Array],
+    n_parameters: int,
+    x: ArrayLike,
+    *,
+    parameters: dict[str, float] | None = None,
+) -> CandidateFit:
+    """Score a fitted model on the sample x, shape (n,), that it was fitted to.
+
+    Parameters
+    ----------
+    name, n_parameters, parameters
+        Name, number of free parameters and, if wanted in the table, the parameters of the model.
+    logpdf, cdf
+        Its log density per unit of x, and its continuous distribution function.
+
+    Raises
+    ------
+    InputError
+        If x is not a column of finite numbers.
+    """
+    x = np.sort(_checked(x))
+    parameters = parameters or {}
+    logs = logpdf(x)
+    if not np.isfinite(logs).all():
+        bad = np.count_nonzero(~np.isfinite(logs))
+        return CandidateFit(
+            name, parameters, n_parameters, reason=f"no finite density at {bad} of {x.size} values"
+        )
+    likelihood = float(np.sum(logs))
+    below = cdf(x)
+    steps = np.arange(x.size + 1) / x.size
+    return CandidateFit(
+        name,
+        parameters,
+        n_parameters,
+        likelihood,
+        aic=2 * n_parameters - 2 * likelihood,
+        bic=n_parameters * float(np.log(x.size)) - 2 * likelihood,
+        ks_distance=float(max((steps[1:] - below).max(), (below - steps[:-1]).max())),
+    )
+
+
+def fit_candidates(
+    x: ArrayLike,
+    lower: float,
+    *,
+    progress: Callable[[Iterable[CandidateFamily]], Iterable[CandidateFamily]] = iter,
+) -> list[CandidateFit]:
+    """Fit the 18 candidate families to one sample, each by maximum likelihood.
+
+    Parameters
+    ----------
+    x
+        Sample, shape (n,), any order.
+    lower
+        Where the support starts, in units of x: fixed, not fitted.
+    progress
+        Wraps the loop over families, e.g. ``tqdm.tqdm``.
+
+    Returns
+    -------
+    list of CandidateFit
+        In the order of `FAMILIES`; a family that cannot be fitted has its `reason`.
+
+    Raises
+    ------
+    InputError
+        If x is not a column of finite numbers, or lower is not finite.
+    """
+    x = np.sort(_checked(x))
+    if not np.isfinite(lower):
+        raise InputError(
+            "fit_candidates, lower",
+            seen=f"{lower}",
+            expected="a finite number",
+            change="Give the support's start.",
+        )
+    return [_fit(family, x, lower) for family in progress(FAMILIES)]
+
+
+def _fit(family: CandidateFamily, x: Array, lower: float) -> CandidateFit:
+    try:
+        estimates = family.fit(x, lower)
+        law = family.freeze(lower, *estimates.values())
+    except NoMaximumError as error:
+        return CandidateFit(family.name, {}, len(family.parameters), reason=str(error))
+    except (ZeroDivisionError, OverflowError):
+        reason = "parameters beyond the range of numbers"
+        return CandidateFit(family.name, {}, len(family.parameters), reason=reason)
+    return score(family.name, law.logpdf, law.cdf, len(estimates), x, parameters=estimates)
+
+
+def _checked(x: ArrayLike) -> Array:
+    x = np.asarray(x, dtype=float)
+    if x.ndim != 1 or x.size == 0 or not np.isfinite(x).all():
+        bad = np.flatnonzero(~np.isfinite(x.ravel()))
+        raise InputError(
+            "candidate families, sample" + (f", row {bad[0]}" if bad.size else ""),
+            seen=f"{x.ravel()[bad[0]]}" if bad.size else f"shape {x.shape}",
+            expected="one column of finite numbers",
+            change="Select one variable and drop rows without a value.",
+        )
+    return x
+
+
+def compare(fits: Iterable[CandidateFit]) -> pd.DataFrame:
+    """Tabulate fits to one sample, best AIC first, those without a fit last and without a rank.
+
+    Returns
+    -------
+    DataFrame
+        Columns family, n_parameters, log_likelihood, aic, bic, ks_distance, rank (by AIC, from 1; equal ones
+        share the lower), parameters (JSON text), reason.
+    """
+    table = pd.DataFrame([vars(fit) for fit in fits])
+    rank = table["aic"].rank(method="min").astype("Int64")
+    parameters = table.pop("parameters").map(json.dumps)
+    table.insert(table.columns.get_loc("reason"), "rank", rank)
+    table.insert(table.columns.get_loc("reason"), "parameters", parameters)
+    return table.sort_values("rank", kind="stable", ignore_index=True)

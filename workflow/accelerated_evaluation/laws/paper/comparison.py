@@ -1,0 +1,56 @@
+"""Compare the pieces of the fitted models with common families of distributions, variable by variable."""
+
+from collections.abc import Iterable
+
+import pandas as pd
+from tqdm import tqdm
+
+from accelerated_evaluation.base.errors import located
+from accelerated_evaluation.distributions import PiecewiseMixture
+from accelerated_evaluation.laws.paper.candidates import compare, fit_candidates, score
+from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.models import refit
+
+
+def compare_with_candidates(
+    encounters: pd.DataFrame, models: Iterable[IndependentLaw], variable: str, segment: str
+) -> pd.DataFrame:
+    """Fit the candidate families to one variable, and rank them with the piecewise models by AIC.
+
+    Knots count as parameters. Rows exactly on the edge of the support (R = 75 m) are counted and left out for
+    all alike: they would rule out every family whose density is zero or infinite there.
+
+    Parameters
+    ----------
+    encounters
+        Encounter table.
+    models
+        The piecewise models.
+    variable
+        ``inverse_range`` or ``inverse_ttc``.
+    segment
+        Name of a segment, or ``all``.
+
+    Returns
+    -------
+    pandas.DataFrame
+        ``variable``, ``segment``, ``rows``, ``rows_on_edge`` and those of `candidates.compare`; the best
+        comes first.
+    """
+    x = encounters.loc[(encounters["segment"] == segment) | (segment == "all"), variable].to_numpy()
+    laws: dict[int, PiecewiseMixture] = {}
+    for model in models:
+        law = model.inverse_range if variable == "inverse_range" else model.inverse_ttc[segment]
+        laws[len(law.components)] = law
+    lower = next(iter(laws.values())).lower
+    inside = x[x > lower]
+    fits = fit_candidates(inside, lower, progress=tqdm)
+    for pieces, law in laws.items():
+        with located(f"{variable} in segment {segment}"):
+            fitted = refit(law, inside)
+        parameters = fitted.n_parameters + len(fitted.knots)
+        fits.append(score(f"piecewise ({pieces} pieces)", fitted.logpdf, fitted.cdf, parameters, inside))
+    counts = {"rows": inside.size, "rows_on_edge": x.size - inside.size}
+    comparison = compare(fits)
+    labels = {"variable": variable, "segment": segment, **counts}
+    return comparison.assign(**labels)[[*labels, *comparison.columns]]

@@ -1,0 +1,162 @@
+"""The paper's law of cut-ins: v_L, R^-1 and TTC^-1 are independent within each segment of v_L."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Self
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.distributions import Described, Empirical, from_dict
+from accelerated_evaluation.laws import LAWS
+from accelerated_evaluation.laws.protocol import CutIns, Factors, Law, Stratum
+
+UNITS = {"inverse_range": "1/m", "inverse_ttc": "1/s"}
+
+
+@dataclass(frozen=True)
+class IndependentStratum(Stratum):
+    """One segment of the paper's law; its coordinates are R^-1 [1/m] and TTC^-1 [1/s] themselves."""
+
+    lead_speed: Empirical
+    factors: Factors
+
+    def cut_ins(self, lead_speed: Array, first: Array, second: Array) -> CutIns:
+        """Return the cut-ins of given R^-1 and TTC^-1."""
+        return CutIns(lead_speed, first, second)
+
+    def first(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
+        """Return R^-1 [1/m]."""
+        return np.asarray(inverse_range)
+
+    def second(self, lead_speed: ArrayLike, inverse_range: ArrayLike, closing_speed: ArrayLike) -> Array:
+        """Return TTC^-1 [1/s], the closing speed times R^-1."""
+        return np.asarray(closing_speed) * inverse_range
+
+    @property
+    def inverse_range_min(self) -> float:
+        """The smallest R^-1 [1/m], where its distribution begins."""
+        return self.factors.first.lower
+
+
+@LAWS.add("independent")
+@dataclass(frozen=True)
+class IndependentLaw(Law):
+    """R^-1 has one distribution in all segments, TTC^-1 one in each (paper, section VI.A).
+
+    Attributes
+    ----------
+    description
+        The data that it was fitted to, in words.
+    events
+        Number of lane changes by segment of v_L, by rising speed; their shares weigh the segments.
+    inverse_range
+        Distribution of R^-1 [1/m].
+    inverse_ttc
+        Distribution of TTC^-1 [1/s] by segment.
+    lead_speeds
+        The recorded v_L [m/s] by segment. They are not part of the law's file, because they are the
+        encounter table's, and so two laws are equal whatever they were recorded with.
+    closing_speed_max
+        Cap on closing speeds [m/s].
+
+    Raises
+    ------
+    ValueError
+        If counts, distributions and lead speeds are not of the same segments, or a count is not positive.
+    """
+
+    kind: ClassVar[str] = "independent"
+
+    description: str
+    events: Mapping[str, int]
+    inverse_range: Described
+    inverse_ttc: Mapping[str, Described]
+    lead_speeds: Mapping[str, Empirical] = field(compare=False)
+    closing_speed_max: float = math.inf
+
+    def __post_init__(self) -> None:
+        segments = {name: [*part] for name, part in vars(self).items() if isinstance(part, Mapping)}
+        if not self.events or any(set(names) != set(self.events) for names in segments.values()):
+            raise ValueError(f"all parts of a law must be of the same segments, got {segments}")
+        if not all(isinstance(count, int) and count > 0 for count in self.events.values()):
+            raise ValueError(f"events must be positive whole numbers, got {dict(self.events)}")
+
+    @property
+    def segments(self) -> tuple[str, ...]:
+        """Names of the segments, by rising speed."""
+        return tuple(self.events)
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Share of the lane changes that fall into each segment."""
+        total = sum(self.events.values())
+        return {segment: count / total for segment, count in self.events.items()}
+
+    @property
+    def strata(self) -> dict[str, IndependentStratum]:
+        """The law in each segment."""
+        return {
+            segment: IndependentStratum(
+                self.lead_speeds[segment], Factors(self.inverse_range, self.inverse_ttc[segment])
+            )
+            for segment in self.segments
+        }
+
+    @property
+    def n_parameters(self) -> int:
+        """Number of fitted parameters, knots not counted (paper, table II: 18 and 4)."""
+        return self.inverse_range.n_parameters + sum(law.n_parameters for law in self.inverse_ttc.values())
+
+    def only(self, stratum: str) -> Self:
+        """Return the law of one segment alone, whose share is then one."""
+        parts = {name: {stratum: getattr(self, name)[stratum]} for name in ("events", "inverse_ttc")}
+        return type(self)(
+            self.description,
+            **parts,
+            inverse_range=self.inverse_range,
+            lead_speeds={stratum: self.lead_speeds[stratum]},
+            closing_speed_max=self.closing_speed_max,
+        )
+
+    def content(self) -> dict[str, Any]:
+        """Return what a law file holds of it, as JSON can: counts, and distributions with their units."""
+        laws = {segment: law.to_dict() for segment, law in self.inverse_ttc.items()}
+        return {
+            "events": dict(self.events),
+            "inverse_range": {"unit": UNITS["inverse_range"], "distribution": self.inverse_range.to_dict()},
+            "inverse_ttc": {"unit": UNITS["inverse_ttc"], "distributions": laws},
+        }
+
+    @classmethod
+    def from_content(
+        cls, content: Mapping[str, Any], encounters: pd.DataFrame, description: str, closing_speed_max: float
+    ) -> Self:
+        """Build the law that `content` described, with the lead speeds of an encounter table."""
+        laws = content["inverse_ttc"]["distributions"]
+        return cls(
+            description=description,
+            events=content["events"],
+            inverse_range=from_dict(content["inverse_range"]["distribution"]),
+            inverse_ttc={segment: from_dict(law) for segment, law in laws.items()},
+            lead_speeds=recorded_lead_speeds(encounters, content["events"]),
+            closing_speed_max=closing_speed_max,
+        )
+
+
+def recorded_lead_speeds(encounters: pd.DataFrame, segments: Mapping[str, Any]) -> dict[str, Empirical]:
+    """Return the recorded v_L [m/s] of each segment of an encounter table.
+
+    Raises
+    ------
+    ValueError
+        If a segment has no encounter.
+    """
+    speeds = encounters.groupby("segment")["lead_speed"]
+    missing = [segment for segment in segments if segment not in speeds.groups]
+    if missing:
+        raise ValueError(f"the encounter table has no rows in segment {', '.join(missing)}")
+    return {segment: Empirical(speeds.get_group(segment)) for segment in segments}

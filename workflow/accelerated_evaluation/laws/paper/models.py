@@ -1,0 +1,167 @@
+"""From the encounter table to lane-change models: piecewise (sections III, VI.A) and single (section II)."""
+
+import math
+import warnings
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import ConvergenceError, located
+from accelerated_evaluation.distributions import BoundedExponential, Distribution, Pareto, PiecewiseMixture
+from accelerated_evaluation.laws.paper.independent import IndependentLaw, recorded_lead_speeds
+from accelerated_evaluation.laws.paper.pieces import EXPONENTIAL, PieceFamily
+from accelerated_evaluation.laws.paper.piecewise import (
+    fit_piecewise,
+    knots_at_quantiles,
+    knots_by_profile_likelihood,
+    usable_knots,
+)
+
+
+def choose_knots(
+    x: Array, lower: float, families: list[PieceFamily], settings: Mapping[str, Any]
+) -> list[float]:
+    """Choose knots as the configuration says: at quantiles, at given values, or by profile likelihood.
+
+    Where a piece would hold fewer than two different values, knots are moved. Where no knots of the
+    profile's grid allow the families, those that are best for exponential pieces are taken. A warning tells
+    of either.
+
+    Parameters
+    ----------
+    x
+        Sample, shape (n,).
+    lower
+        Where the support begins.
+    families
+        What the pieces are to be fitted with.
+    settings
+        Section ``knots`` of the configuration, or that of a variant of R^-1.
+    """
+    if settings["method"] == "profile":
+        grid = np.linspace(*(settings["profile"][name] for name in ("low", "high", "points")))
+        try:
+            return knots_by_profile_likelihood(x, lower, families, grid)
+        except ConvergenceError as error:
+            warnings.warn(f"{error} The knots are chosen for exponential pieces.", stacklevel=2)
+        with suppress(ConvergenceError):
+            return knots_by_profile_likelihood(x, lower, [EXPONENTIAL] * len(families), grid)
+    chosen = settings["values"] if settings["method"] == "values" else None
+    if chosen is None:
+        chosen = knots_at_quantiles(x, settings["quantiles"])
+    knots = usable_knots(x, chosen)
+    if knots != list(chosen):
+        warnings.warn(f"knots {chosen} moved to {knots}, to leave two values in each piece", stacklevel=2)
+    return knots
+
+
+def fit_paper_laws(
+    encounters: pd.DataFrame,
+    models: Mapping[str, Any],
+    range_max: float,
+    description: str,
+    closing_speed_max: float,
+) -> dict[str, IndependentLaw]:
+    """Fit the laws ``two_pieces`` and ``three_pieces``, named by the pieces of R^-1, and ``single``.
+
+    Parameters
+    ----------
+    encounters
+        Encounter table.
+    models
+        Section ``models`` of the configuration.
+    range_max
+        Largest range [m]; R^-1 begins at its inverse.
+    description
+        What the encounters are.
+    closing_speed_max
+        Cap on closing speeds [m/s].
+    """
+    lower = 1 / range_max
+    inverse_range = encounters["inverse_range"].to_numpy()
+
+    def piecewise_range(pieces: int, settings: Mapping[str, Any]) -> Distribution:
+        families = families_of_range(models, pieces)
+        with located("R^-1"):
+            knots = choose_knots(inverse_range, lower, families, settings)
+            return fit_piecewise(inverse_range, lower, knots, families)
+
+    def piecewise_ttc(x: Array) -> Distribution:
+        families = families_of_ttc(models)
+        knots = choose_knots(x, 0.0, families, models["inverse_ttc"]["knots"])
+        return fit_piecewise(x, 0.0, knots, families)
+
+    ttc = _by_segment(encounters, piecewise_ttc)
+    ranges = {
+        "two_pieces": (piecewise_range(2, models["inverse_range"]["two_pieces"]), ttc),
+        "three_pieces": (piecewise_range(3, models["inverse_range"]["three_pieces"]), ttc),
+        "single": (Pareto.fit(inverse_range, lower), _by_segment(encounters, fit_exponential_from_zero)),
+    }
+    events = {segment: len(rows) for segment, rows in _segments(encounters)}
+    recorded = recorded_lead_speeds(encounters, events), closing_speed_max
+    fitted = {name: IndependentLaw(description, events, *laws, *recorded) for name, laws in ranges.items()}
+    for piece in simpler_pieces(fitted["two_pieces"], models):
+        warnings.warn(piece, stacklevel=2)
+    return fitted
+
+
+def families_of_range(models: Mapping[str, Any], pieces: int) -> list[PieceFamily]:
+    """Return what the section ``models`` of the configuration asks for in the pieces of R^-1."""
+    return [PieceFamily(models["inverse_range"]["pieces"])] * pieces
+
+
+def families_of_ttc(models: Mapping[str, Any]) -> list[PieceFamily]:
+    """Return what the section ``models`` of the configuration asks for in body and tail of TTC^-1."""
+    return [PieceFamily(**models["inverse_ttc"]["body"]), PieceFamily(models["inverse_ttc"]["tail"])]
+
+
+def simpler_pieces(law: IndependentLaw, models: Mapping[str, Any]) -> list[str]:
+    """Say of each piece of a piecewise law that it is simpler than configured, if it is.
+
+    Parameters
+    ----------
+    law
+        A piecewise law, as fitted.
+    models
+        Section ``models`` of the configuration that it was fitted by.
+    """
+    laws = {"R^-1": (law.inverse_range, families_of_range(models, len(law.inverse_range.components)))}
+    for segment, of_segment in law.inverse_ttc.items():
+        laws[f"TTC^-1 in segment {segment} m/s"] = of_segment, families_of_ttc(models)
+    return [
+        f"{variable}, [{piece.lower:.4g}, {piece.upper:.4g}): {fitted}, as a {family} cannot be fitted there"
+        for variable, (pieces, families) in laws.items()
+        for piece, family in zip(pieces.components, families, strict=True)
+        if (fitted := PieceFamily.of(piece)) != family
+    ]
+
+
+def fit_exponential_from_zero(x: Array) -> BoundedExponential:
+    """Fit an exponential distribution to the whole of x."""
+    return BoundedExponential.fit(x, 0.0, math.inf)
+
+
+def _segments(encounters: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
+    groups = encounters.groupby("segment", sort=False)
+    return sorted(groups, key=lambda group: group[1]["lead_speed"].min())
+
+
+def _by_segment(encounters: pd.DataFrame, fit: Callable[[Array], Distribution]) -> dict[str, Distribution]:
+    laws = {}
+    for segment, rows in _segments(encounters):
+        with located(f"TTC^-1 in segment {segment} m/s"):
+            laws[segment] = fit(rows["inverse_ttc"].to_numpy())
+    return laws
+
+
+def refit(law: PiecewiseMixture, x: Array) -> PiecewiseMixture:
+    """Fit the pieces of a piecewise mixture to another sample, at the same knots.
+
+    A sample that leaves a piece with fewer than two different values moves them, see `usable_knots`.
+    """
+    families = [PieceFamily.of(piece) for piece in law.components]
+    return fit_piecewise(x, law.lower, usable_knots(x, law.knots), families)

@@ -1,0 +1,162 @@
+"""Maximum likelihood for piecewise mixtures, their knots given or chosen (paper, section III.A)."""
+
+import itertools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from tqdm import tqdm
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import ConvergenceError, InputError
+from accelerated_evaluation.distributions import PiecewiseMixture
+from accelerated_evaluation.laws.paper.pieces import PieceFamily
+
+
+def fit_piecewise(
+    x: Array, lower: float, knots: Sequence[float], families: Sequence[PieceFamily]
+) -> PiecewiseMixture:
+    """Fit a piecewise mixture with given knots: the weights are shares, every piece stands alone (eq. 7-9).
+
+    A piece that cannot be fitted with its family gets a simpler one, see `PieceFamily.fit_or_simpler`.
+
+    Parameters
+    ----------
+    x
+        Sample, shape (n,), on [lower, inf).
+    lower
+        gamma_0, where the support begins.
+    knots
+        gamma_1 .. gamma_(k-1), rising.
+    families
+        What each of the k pieces is fitted with.
+
+    Raises
+    ------
+    InputError
+        If a piece holds fewer than two different values, or a value lies outside the support.
+    """
+    outside = np.count_nonzero(~((x >= lower) & (x < math.inf)))
+    if outside:
+        raise InputError(
+            f"sample of a piecewise mixture on [{lower:g}, inf)",
+            seen=f"{outside} of {x.size} values outside or not a number",
+            expected="all values in the support",
+            change="Filter the encounters as the model assumes (configuration key filters).",
+        )
+    bounds = [lower, *knots, math.inf]
+    pieces, weights = [], []
+    for (low, high), family in zip(itertools.pairwise(bounds), families, strict=True):
+        inside = x[(x >= low) & (x < high)]
+        _require_two_values(inside, low, high)
+        pieces.append(family.fit_or_simpler(inside, low, high))
+        weights.append(inside.size / x.size)
+    return PiecewiseMixture(weights, pieces)
+
+
+def _require_two_values(inside: Array, low: float, high: float) -> None:
+    if inside.size < 2 or inside.min() == inside.max():
+        raise InputError(
+            f"piece [{low:g}, {high:g})",
+            seen=f"{inside.size} observations with fewer than two different values",
+            expected="at least two different values in every piece",
+            change="Move the knots (configuration key models) or use fewer pieces.",
+        )
+
+
+def knots_at_quantiles(x: Array, quantiles: Sequence[float]) -> list[float]:
+    """Knots at the given sample quantiles."""
+    return [float(knot) for knot in np.quantile(x, quantiles)]
+
+
+def usable_knots(x: Array, knots: Sequence[float]) -> list[float]:
+    """Return the knots, moved as little as needed to leave at least two different values of x in each piece.
+
+    Parameters
+    ----------
+    x
+        Sample, shape (n,).
+    knots
+        gamma_1 .. gamma_(k-1), rising.
+
+    Raises
+    ------
+    InputError
+        If x has fewer than two different values for each piece.
+    """
+    values, pieces = np.unique(x), len(knots) + 1
+    if values.size < 2 * pieces:
+        raise InputError(
+            f"sample of {x.size} for {pieces} pieces",
+            seen=f"{values.size} different values",
+            expected=f"at least {2 * pieces}, two in each piece",
+            change="Add records, join segments (segments.lead_speed_edges) or use fewer pieces.",
+        )
+    wanted = np.searchsorted(values, knots)  # how many values lie below each knot
+    below = wanted.copy()
+    for place in range(below.size):
+        below[place] = max(below[place], below[place - 1] + 2 if place else 2)
+    for place in reversed(range(below.size)):
+        below[place] = min(below[place], (below[place + 1] if place + 1 < below.size else values.size) - 2)
+    moved = below != wanted
+    return [
+        float(values[n]) if move else float(knot) for n, move, knot in zip(below, moved, knots, strict=True)
+    ]
+
+
+def knots_by_profile_likelihood(
+    x: Array,
+    lower: float,
+    families: Sequence[PieceFamily],
+    quantiles: Sequence[float],
+    *,
+    minimum_share: float = 0.005,
+) -> list[float]:
+    """Knots that maximize the likelihood over all rising choices from a grid of sample quantiles.
+
+    The log-likelihood is a sum over pieces (eq. 7), so each interval of the grid is fitted once.
+    Intervals with less than ``minimum_share`` of the sample are left out.
+
+    Raises
+    ------
+    ConvergenceError
+        If no choice of knots can be fitted.
+    """
+    x = np.sort(x)
+    grid = [lower, *np.unique(np.quantile(x, quantiles)), math.inf]
+    cuts = np.searchsorted(x, grid)
+    gain: dict[tuple[int, int, PieceFamily], float] = {}
+    last = len(grid) - 1
+    intervals = [
+        (start, end, families[place])
+        for place in range(len(families))
+        for start, end in itertools.combinations(range(last + 1), 2)
+        if (start == 0) == (place == 0) and (end == last) == (place == len(families) - 1)
+    ]
+    for start, end, family in tqdm(set(intervals), desc="profile likelihood", unit="fit", mininterval=5):
+        inside = x[cuts[start] : cuts[end]]
+        if inside.size < max(2, minimum_share * x.size) or inside[0] == inside[-1]:
+            continue
+        try:
+            piece = family.fit(inside, grid[start], grid[end])
+        except ConvergenceError:
+            continue
+        share = inside.size / x.size
+        gain[start, end, family] = float(piece.logpdf(inside).sum()) + inside.size * math.log(share)
+
+    def total(inner: tuple[int, ...]) -> float:
+        intervals = itertools.pairwise((0, *inner, last))
+        return sum(
+            gain.get((*interval, family), -math.inf)
+            for interval, family in zip(intervals, families, strict=True)
+        )
+
+    best = max(itertools.combinations(range(1, last), len(families) - 1), key=total, default=None)
+    if best is None or total(best) == -math.inf:
+        raise ConvergenceError(
+            "profile likelihood of the knots",
+            reached="no interval of the grid that could be fitted in every piece",
+            limit=f"{last - 1} grid points",
+            change="Use other families or fewer pieces (configuration key models).",
+        )
+    return [float(grid[index]) for index in best]

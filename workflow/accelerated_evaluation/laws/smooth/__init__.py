@@ -1,0 +1,1 @@
+"""Smooth laws: the closing speed given lead speed and range, with tails above smooth thresholds."""

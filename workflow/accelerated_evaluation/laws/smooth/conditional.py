@@ -1,0 +1,219 @@
+"""Laws of the closing speed given lead speed and range: one smooth body, and tails above smooth thresholds.
+
+The body is a smooth hazard. A threshold is the surface u(v_L, R) that the body exceeds with a fixed
+probability; above it the excess takes over, whose scale depends on range and lead speed. With Lambda_0 the
+cumulative hazard of the body, that of the law is
+
+    Lambda(c) = Lambda_0(c)                            up to u,
+    Lambda(c) = Lambda_0(u) + H((c - u) / scale)       above,
+
+so body and tail share no parameter: their likelihood is a product, and so is their posterior. The
+unit-exponential score of a cut-in is Lambda(c) itself.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.laws.smooth.excess import Excess
+from accelerated_evaluation.laws.smooth.smooth_hazard import Cumulative, HazardGrid, SmoothHazard
+from accelerated_evaluation.laws.smooth.splines import Basis, Constant
+from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
+
+
+def speed_grid(
+    support: Support = SUPPORT, segments: int = 9, bins: tuple[int, int] = (30, 24), step: float = 0.5
+) -> HazardGrid:
+    """Return the bins and bases of the closing speed given lead speed and square root of the range.
+
+    Parameters
+    ----------
+    support
+        Limits of the records.
+    segments
+        Of the splines of the closing speed.
+    bins
+        Number of bins of lead speed and of the root of the range.
+    step
+        Width of the bins of the closing speed [m/s].
+    """
+    edges = [
+        np.linspace(basis.low, basis.high, count + 1)
+        for basis, count in zip(support.bases, bins, strict=True)
+    ]
+    speeds = np.arange(0, support.closing_top + step / 2, step)
+    return HazardGrid((*edges, speeds), (*support.bases, Basis(0.0, support.closing_top, segments)))
+
+
+def range_grid(
+    support: Support = SUPPORT, segments: int = 12, bins: tuple[int, int] = (30, 100)
+) -> HazardGrid:
+    """Return the bins and bases of log(R_max / R) given the lead speed; parameters as of `speed_grid`."""
+    top, ends = support.log_range_top, support.lead_speeds
+    edges = np.linspace(*ends, bins[0] + 1), np.array([0.0, 1.0]), np.linspace(0, top, bins[1] + 1)
+    return HazardGrid(edges, (support.bases[0], Constant(), Basis(0.0, top, segments)))
+
+
+@dataclass(frozen=True)
+class Places:
+    """Pairs of lead speed [m/s] and range [m], with the splines there, found once for many laws.
+
+    Attributes
+    ----------
+    lead_speed, range_
+        Shape (n,).
+    along_speed
+        Splines of the lead speed, shape (n, p).
+    splines
+        Products of the splines of lead speed and root of the range, shape (n, p q).
+    """
+
+    lead_speed: Array
+    range_: Array
+    along_speed: Array
+    splines: Array
+
+    @classmethod
+    def of(cls, lead_speed: ArrayLike, range_: ArrayLike, support: Support = SUPPORT) -> "Places":
+        """Evaluate the splines of the support at lead speeds [m/s] and ranges [m], shape (n,)."""
+        lead_speed, range_ = np.asarray(lead_speed, dtype=float), np.asarray(range_, dtype=float)
+        along_speed, along_range = support.bases[0](lead_speed), support.bases[1](np.sqrt(range_))
+        splines = (along_speed[:, :, None] * along_range[:, None, :]).reshape(
+            lead_speed.size, along_speed.shape[1] * along_range.shape[1]
+        )
+        return cls(lead_speed, range_, along_speed, splines)
+
+    def only(self, chosen: Array) -> "Places":
+        """Return the chosen ones, by index or mask."""
+        return Places(
+            *(getattr(self, name)[chosen] for name in ("lead_speed", "range_", "along_speed", "splines"))
+        )
+
+    def body(self, body: SmoothHazard) -> Cumulative:
+        """Return the cumulative hazards of the closing speed."""
+        return body.cumulative(self.splines)
+
+    def nearer(self, ranges: SmoothHazard) -> Cumulative:
+        """Return the cumulative hazards of log(R_max / R)."""
+        return ranges.cumulative(self.along_speed)
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """The surface that a body exceeds with a probability, bilinear between the nodes of a table.
+
+    Attributes
+    ----------
+    level
+        Probability that the closing speed stays below, by the body that made the surface.
+    lead_speeds, roots
+        Nodes: lead speeds [m/s] and square roots of ranges, equally spaced.
+    table
+        Closing speeds [m/s] at the nodes, shape (lead speeds, roots).
+    """
+
+    level: float
+    lead_speeds: Array
+    roots: Array
+    table: Array
+
+    @classmethod
+    def of(cls, body: SmoothHazard, level: float, support: Support = SUPPORT) -> "Threshold":
+        """Read it off a body that was fitted on the support."""
+        nodes = body.grid.edges[:2]
+        speeds, roots = (x.ravel() for x in np.meshgrid(*nodes, indexing="ij"))
+        table = Places.of(speeds, roots**2, support).body(body).inverse(-np.log1p(-level))
+        return cls(level, *nodes, table.reshape(nodes[0].size, nodes[1].size))
+
+    def __call__(self, lead_speed: ArrayLike, range_: ArrayLike) -> Array:
+        """Return the threshold [m/s] at n pairs; constant beyond the nodes."""
+        (i, a), (j, b) = (
+            _between(nodes, x)
+            for nodes, x in ((self.lead_speeds, np.asarray(lead_speed)), (self.roots, np.sqrt(range_)))
+        )
+        low = (1 - b) * self.table[i, j] + b * self.table[i, j + 1]
+        high = (1 - b) * self.table[i + 1, j] + b * self.table[i + 1, j + 1]
+        return (1 - a) * low + a * high
+
+
+def _between(nodes: Array, x: Array) -> tuple[Array, Array]:
+    """Return the node before each value, and the share of the way to the next."""
+    step = (nodes[-1] - nodes[0]) / (nodes.size - 1)
+    place = np.clip((x - nodes[0]) / step, 0, nodes.size - 1)
+    low = np.minimum(place.astype(int), nodes.size - 2)
+    return low, place - low
+
+
+@dataclass(frozen=True)
+class SpeedLaw:
+    """A law of the closing speed given lead speed and range: a body, and a tail where there is one."""
+
+    body: SmoothHazard
+    threshold: Threshold | None = None
+    tail: Excess | None = None
+
+    def given(self, places: Places, below: Cumulative | None = None) -> "Given":
+        """Return the law at places; ``below`` is the body there, where it is known from another law."""
+        below = places.body(self.body) if below is None else below
+        if self.tail is None:
+            return Given(below)
+        threshold = self.threshold(places.lead_speed, places.range_)
+        return Given(below, threshold, below.at(threshold), self.tail.scale(places.splines), self.tail)
+
+    def drawn(self, generator: np.random.Generator) -> "SpeedLaw":
+        """Draw from the posterior of body and tail, which are independent."""
+        tail = None if self.tail is None else self.tail.drawn(generator)
+        return replace(self, body=self.body.drawn(generator), tail=tail)
+
+
+@dataclass(frozen=True)
+class Given:
+    """Laws of the closing speed at n places; see `SpeedLaw`.
+
+    Attributes
+    ----------
+    below
+        The body.
+    threshold, at_threshold, scale
+        Where the tail begins [m/s], the body's cumulative hazard there, and the scale of the excess [m/s],
+        shape (n,).
+    tail
+        The excess.
+    """
+
+    below: Cumulative
+    threshold: Array | None = None
+    at_threshold: Array | None = None
+    scale: Array | None = None
+    tail: Excess | None = None
+
+    def cumulative(self, closing_speed: Array, row: Array | None = None) -> Array:
+        """Return -log P(C > c) at closing speeds, one a place or in the places that ``row`` names."""
+        finite = np.isfinite(closing_speed)
+        speed = np.where(finite, closing_speed, 0.0)
+        row = np.arange(speed.size) if row is None else row
+        if self.tail is None:
+            return np.where(finite, self.below.at(speed, row), np.inf)
+        value = self.below.at(np.minimum(speed, self.threshold[row]), row)
+        z = np.maximum(speed - self.threshold[row], 0) / self.scale[row]
+        return np.where(finite, value + self.tail.shape.cumulative(z, self.tail.parameters), np.inf)
+
+    def log_density(self, closing_speed: Array) -> Array:
+        """Return the log density at closing speeds, one a place."""
+        body = np.log(self.below.rate(closing_speed)) - self.below.at(closing_speed)
+        if self.tail is None:
+            return body
+        z = np.maximum(closing_speed - self.threshold, 0) / self.scale
+        above = self.tail.shape.log_density(z, self.tail.parameters) - np.log(self.scale) - self.at_threshold
+        return np.where(closing_speed > self.threshold, above, body)
+
+    def inverse(self, level: ArrayLike) -> Array:
+        """Return the closing speeds [m/s] at which the cumulative hazard reaches a level, one a place."""
+        level = np.broadcast_to(np.asarray(level, dtype=float), len(self.below.table))
+        if self.tail is None:
+            return self.below.inverse(level)
+        above = np.maximum(level - self.at_threshold, 0)
+        tail = self.threshold + self.scale * self.tail.shape.inverse(above, self.tail.parameters)
+        return np.where(above > 0, tail, self.below.inverse(np.minimum(level, self.at_threshold)))

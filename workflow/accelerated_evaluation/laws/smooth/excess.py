@@ -1,0 +1,223 @@
+"""Excesses over a threshold: a smooth scale, given by penalised splines of covariates, and one shape for all.
+
+The fit is by penalised maximum likelihood (Davison and Smith 1990 for the regression), with Fisher's
+scoring. In units of its scale every excess has the same law, so the expected information of one excess
+about its log scale and the shape is one small matrix, found by quadrature; the splines spread it.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, solve_triangular
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import ConvergenceError
+from accelerated_evaluation.laws.smooth.shapes import Shape
+from accelerated_evaluation.laws.smooth.splines import SMOOTHING_ROUNDS, SMOOTHING_TOLERANCE, Penalty
+
+ITERATIONS = 300
+TOLERANCE = 3e-3  # of what a step gains in log likelihood: a twentieth of a posterior deviation
+SMALLEST_STEP = 1e-5
+DIFFERENCE = 1e-4  # in log scale and parameters, to find the observed information
+NODES = 40.0 * ((np.arange(200) + 0.5) / 200) ** 2  # cumulative hazards at which the information is summed:
+# they reach far into the tail, because that is what tells the shape
+MASSES = np.exp(-NODES) * 2 * np.sqrt(NODES * 40.0) / 200
+
+
+@dataclass(frozen=True)
+class Excess:
+    """A fitted law of excesses.
+
+    Attributes
+    ----------
+    shape
+        Which it is.
+    coefficients
+        Of the splines of the log scale, shape (p,).
+    parameters
+        Of the shape, (q,).
+    smoothing
+        Smoothing parameters of the scale.
+    factor
+        Upper Cholesky factor of the penalised information of coefficients and parameters; none after reading.
+    """
+
+    shape: Shape
+    coefficients: Array
+    parameters: Array
+    smoothing: tuple[float, ...] = ()
+    factor: Array | None = None
+
+    def scale(self, covariates: Array) -> Array:
+        """Return the scales for covariates of shape (n, p)."""
+        return np.exp(covariates @ self.coefficients)
+
+    def drawn(self, generator: np.random.Generator) -> "Excess":
+        """Draw coefficients and parameters from the normal approximation of the posterior."""
+        noise = solve_triangular(self.factor, generator.standard_normal(len(self.factor)))
+        p = self.coefficients.size
+        return replace(
+            self, coefficients=self.coefficients + noise[:p], parameters=self.parameters + noise[p:]
+        )
+
+
+def fit_excess(
+    excess: Array,
+    covariates: Array,
+    penalty: Penalty,
+    shape: Shape,
+    *,
+    start: Excess | None = None,
+    gram: Array | None = None,
+) -> Excess:
+    """Fit scale and shape.
+
+    Parameters
+    ----------
+    excess
+        Excesses over the threshold, not negative, shape (n,).
+    covariates
+        Values of the splines of the log scale, shape (n, p); each row adds up to 1.
+    penalty
+        How rough the coefficients are; its smoothing parameters are found from the data (marginal
+        likelihood).
+    shape
+        Law of an excess of scale 1.
+    start
+        An earlier fit to start from, whose smoothing parameters are kept; it stands where there is no excess.
+    gram
+        Product of the covariates with themselves, (p, p), where it is known from another shape.
+
+    Raises
+    ------
+    ConvergenceError
+        If the steps do not end.
+    """
+    if start is not None and excess.size == 0:
+        return start
+    gram = covariates.T @ covariates if gram is None else gram
+    problem, p = _Problem(excess, covariates, shape, gram), covariates.shape[1]
+    if start is not None:
+        values = np.concatenate([start.coefficients, start.parameters])
+        values, factor = problem.maximise(values, penalty.total(start.smoothing))
+        return Excess(shape, values[:p], values[p:], start.smoothing, factor)
+    values = np.concatenate([np.full(p, np.log(excess.mean())), shape.prior_mean])
+    chosen = np.ones(len(penalty.roots))
+    values, factor = problem.maximise(values, penalty.total(chosen))
+    for _ in range(SMOOTHING_ROUNDS):
+        covariance = cho_solve((factor, False), np.eye(len(factor)))[:p, :p]
+        before, chosen = chosen, penalty.smoother(chosen, values[:p], covariance)
+        values, factor = problem.maximise(values, penalty.total(chosen))
+        if np.all(np.abs(np.log(chosen / before)) < SMOOTHING_TOLERANCE):
+            break
+    return Excess(shape, values[:p], values[p:], tuple(map(float, chosen)), factor)
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """The penalised likelihood of one set of excesses; its variables are coefficients, then parameters."""
+
+    excess: Array
+    covariates: Array
+    shape: Shape
+    gram: Array  # of the covariates
+
+    def maximise(self, values: Array, precision: Array) -> tuple[Array, Array]:
+        """Return the maximum, and the factor of the expected information there."""
+        objective = self._objective(values, precision)
+        for _ in range(ITERATIONS):
+            score, expected = self._derivatives(values, precision)
+            factor = np.triu(cho_factor(expected)[0])
+            step = self._step(values, precision, score, factor)
+            gain = float(step @ score)
+            size, value = self._line_search(values, step, objective, precision)
+            if gain < TOLERANCE or size == 0:
+                return values, factor
+            values, objective = values + size * step, value
+        change = "Choose a lower threshold or fewer splines."
+        reached = f"a gain of {gain:.2g} in log likelihood"
+        raise ConvergenceError("the excesses", reached=reached, limit=f"{TOLERANCE:g}", change=change)
+
+    def _step(self, values: Array, precision: Array, score: Array, factor: Array) -> Array:
+        """Return Newton's step with the observed information, or Fisher's where that is not positive.
+
+        Where the likelihood is flat, as with two kinds that hardly differ, the expected information is
+        larger than the curvature, and Fisher's steps are far too short.
+        """
+        try:
+            return cho_solve(cho_factor(self._information(self._observed(values), precision)), score)
+        except LinAlgError:
+            return cho_solve((factor, False), score)
+
+    def _line_search(
+        self, values: Array, step: Array, objective: float, precision: Array
+    ) -> tuple[float, float]:
+        """Return how many steps to go, and the objective there; 0 where no part of a step gains."""
+        size, best = 1.0, self._objective(values + step, precision)
+        while best <= objective and size > SMALLEST_STEP:
+            size /= 2
+            best = self._objective(values + size * step, precision)
+        if best <= objective:
+            return 0.0, objective
+        while size >= 1 and (value := self._objective(values + 2 * size * step, precision)) > best:
+            size, best = 2 * size, value
+        return size, best
+
+    def _split(self, values: Array) -> tuple[Array, Array, Array]:
+        p = self.covariates.shape[1]
+        log_scale = self.covariates @ values[:p]
+        return self.excess * np.exp(-log_scale), log_scale, values[p:]
+
+    def _objective(self, values: Array, precision: Array) -> float:
+        z, log_scale, parameters = self._split(values)
+        p = self.covariates.shape[1]
+        away = (parameters - self.shape.prior_mean) / self.shape.prior_deviation
+        total = np.sum(self.shape.log_density(z, parameters) - log_scale)
+        total -= (values[:p] @ precision @ values[:p] + away @ away) / 2
+        return float(total) if np.isfinite(total) else -np.inf
+
+    def _derivatives(self, values: Array, precision: Array) -> tuple[Array, Array]:
+        z, _, parameters = self._split(values)
+        p = self.covariates.shape[1]
+        by_z, by_parameters = self.shape.derivatives(z, parameters)
+        deviation = np.asarray(self.shape.prior_deviation)
+        score = np.concatenate([self.covariates.T @ (-1 - z * by_z), by_parameters.sum(axis=0)])
+        score[:p] -= precision @ values[:p]
+        score[p:] -= (parameters - self.shape.prior_mean) / deviation**2
+        return score, self._information(unit_information(self.shape, parameters), precision)
+
+    def _information(self, each: Array, precision: Array) -> Array:
+        """Return the information of all excesses and the prior, from that of one excess."""
+        p, q = self.covariates.shape[1], len(each) - 1
+        information = np.zeros((p + q, p + q))
+        information[:p, :p] = each[0, 0] * self.gram + precision
+        information[:p, p:] = np.outer(self.covariates.sum(axis=0), each[0, 1:])
+        information[p:, :p] = information[:p, p:].T
+        prior = np.diag(np.asarray(self.shape.prior_deviation) ** -2.0)
+        information[p:, p:] = self.excess.size * each[1:, 1:] + prior
+        return information
+
+    def _observed(self, values: Array) -> Array:
+        """Return the mean observed information of one excess, by differences of its scores."""
+        z, _, parameters = self._split(values)
+
+        def score(log_scale: float, parameters: Array) -> Array:
+            scaled = z * np.exp(-log_scale)
+            by_z, by_parameters = self.shape.derivatives(scaled, parameters)
+            return np.array([np.mean(-1 - scaled * by_z), *by_parameters.mean(axis=0)])
+
+        steps = DIFFERENCE * np.eye(1 + parameters.size)
+        columns = [
+            (score(-step[0], parameters - step[1:]) - score(step[0], parameters + step[1:]))
+            / (2 * DIFFERENCE)
+            for step in steps
+        ]
+        return (np.array(columns) + np.array(columns).T) / 2
+
+
+def unit_information(shape: Shape, parameters: Array) -> Array:
+    """Return the expected information of one excess about log scale and parameters, (1 + q, 1 + q)."""
+    z = shape.inverse(NODES, parameters)
+    by_z, by_parameters = shape.derivatives(z, parameters)
+    scores = np.column_stack([-1 - z * by_z, by_parameters])
+    return scores.T @ (MASSES[:, None] * scores) / MASSES.sum()

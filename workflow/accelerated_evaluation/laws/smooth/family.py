@@ -1,0 +1,194 @@
+"""The family of laws that are weighed: tails of several shapes above several thresholds, on one body."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.laws.smooth.conditional import (
+    Places,
+    SpeedLaw,
+    Threshold,
+    range_grid,
+    speed_grid,
+)
+from accelerated_evaluation.laws.smooth.excess import Excess, fit_excess
+from accelerated_evaluation.laws.smooth.shapes import SHAPES
+from accelerated_evaluation.laws.smooth.smooth_hazard import Binned, HazardGrid, SmoothHazard, fit_hazard
+from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
+
+LEVELS = (0.9, 0.925, 0.95, 0.97, 0.98, 0.99, 0.995)  # of the thresholds
+FEWEST = 10  # events above a threshold, without which it gets no tails
+
+
+@dataclass(frozen=True)
+class Member:
+    """One law: the level of its threshold and the shape of its excess; the body alone has neither."""
+
+    level: float | None = None
+    shape: str = ""
+
+    @property
+    def name(self) -> str:
+        """How tables call it."""
+        return "hazard" if self.level is None else f"{self.shape} {self.level:g}"
+
+
+def members_at(levels: Sequence[float]) -> tuple[Member, ...]:
+    """Return the body alone, and every shape above every threshold."""
+    return (Member(), *(Member(level, shape) for shape in SHAPES for level in levels))
+
+
+MEMBERS = members_at(LEVELS)
+
+
+@dataclass(frozen=True)
+class DistinctRecords:
+    """Distinct cut-ins: lead speed [m/s], range [m] and closing speed [m/s], each of shape (n,).
+
+    ``support`` has the limits within which they were kept.
+    """
+
+    lead_speed: Array
+    range_: Array
+    closing_speed: Array
+    support: Support = SUPPORT
+
+    @classmethod
+    def of(cls, encounters: pd.DataFrame, support: Support = SUPPORT) -> "DistinctRecords":
+        """Take the distinct cut-ins of an encounter table: a row that repeats the one before is no event."""
+        rows = encounters[["lead_speed", "range", "closing_speed"]]
+        distinct = rows[(rows != rows.shift()).any(axis=1)]
+        return cls(*(distinct[name].to_numpy(dtype=float) for name in rows), support)
+
+    @property
+    def size(self) -> int:
+        """Number of events."""
+        return self.lead_speed.size
+
+    @property
+    def places(self) -> Places:
+        """Their lead speeds and ranges, where laws of the closing speed are given."""
+        return Places.of(self.lead_speed, self.range_, self.support)
+
+    def only(self, chosen: Array) -> "DistinctRecords":
+        """Return the chosen ones, by index or mask."""
+        parts = (getattr(self, name)[chosen] for name in ("lead_speed", "range_", "closing_speed"))
+        return DistinctRecords(*parts, self.support)
+
+
+@dataclass(frozen=True)
+class Exceedances:
+    """Events above a threshold: their places in the record, excesses [m/s] and splines."""
+
+    index: NDArray[np.intp]
+    excess: Array
+    splines: Array
+
+    @classmethod
+    def of(cls, events: DistinctRecords, threshold: Threshold) -> "Exceedances":
+        """Find them."""
+        excess = events.closing_speed - threshold(events.lead_speed, events.range_)
+        index = np.flatnonzero(excess > 0)
+        return cls(index, excess[index], events.only(index).places.splines)
+
+
+@dataclass(frozen=True)
+class LawFamily:
+    """Laws above one body, all fitted to the same events, and the law of the range."""
+
+    ranges: SmoothHazard
+    body: SmoothHazard
+    thresholds: dict[float, Threshold]
+    exceedances: dict[float, Exceedances]
+    tails: dict[Member, Excess]
+
+    def law(self, member: Member) -> SpeedLaw:
+        """Return one of the laws."""
+        if member.level is None:
+            return SpeedLaw(self.body)
+        return SpeedLaw(self.body, self.thresholds[member.level], self.tails[member])
+
+
+@dataclass(frozen=True)
+class Fitter:
+    """Events, with what all fits to them need.
+
+    Attributes
+    ----------
+    events
+        Distinct cut-ins in the order of the record.
+    members
+        Laws to fit.
+    grids
+        Of range and closing speed.
+    binned
+        The events in the bins of both.
+    """
+
+    events: DistinctRecords
+    members: tuple[Member, ...] = MEMBERS
+    grids: tuple[HazardGrid, HazardGrid] = field(init=False)
+    binned: tuple[Binned, Binned] = field(init=False)
+
+    def __post_init__(self) -> None:
+        support = self.events.support
+        object.__setattr__(self, "grids", (range_grid(support), speed_grid(support)))
+        logarithms = np.log(support.range_max / self.events.range_)
+        ranges = self.grids[0].count(self.events.lead_speed, np.zeros(self.events.size), logarithms)
+        object.__setattr__(self, "binned", (ranges, self.count_speeds(self.events)))
+
+    def fit(self, start: LawFamily | None = None) -> LawFamily:
+        """Fit all laws to all events, but for those above thresholds that fewer than ten events exceed.
+
+        Parameters
+        ----------
+        start
+            A fit to like events, from which the fits start and whose smoothing parameters are kept.
+        """
+        before = (start.ranges, start.body) if start else (None, None)
+        ranges, body = (
+            fit_hazard(grid, data, start=fit)
+            for grid, data, fit in zip(self.grids, self.binned, before, strict=True)
+        )
+        levels = sorted({member.level for member in self.members if member.level is not None})
+        thresholds = {level: Threshold.of(body, level, self.events.support) for level in levels}
+        above = {level: Exceedances.of(self.events, threshold) for level, threshold in thresholds.items()}
+        above = {level: those for level, those in above.items() if those.index.size >= FEWEST}
+        tails = self._tails(above, np.ones(self.events.size, dtype=bool), start)
+        return LawFamily(ranges, body, thresholds, above, tails)
+
+    def refit(self, family: LawFamily, left_out: Array) -> LawFamily:
+        """Fit the laws of the closing speed without some events, by index; thresholds and smoothing stay."""
+        data = self.binned[1] - self.count_speeds(self.events.only(left_out))
+        kept = np.ones(self.events.size, dtype=bool)
+        kept[left_out] = False
+        body = fit_hazard(self.grids[1], data, start=family.body)
+        return replace(family, body=body, tails=self._tails(family.exceedances, kept, family))
+
+    def count_speeds(self, events: DistinctRecords) -> Binned:
+        """Bin closing speeds with their lead speeds and ranges."""
+        return self.grids[1].count(events.lead_speed, np.sqrt(events.range_), events.closing_speed)
+
+    def _tails(
+        self, above: dict[float, Exceedances], kept: NDArray[np.bool_], start: LawFamily | None
+    ) -> dict[Member, Excess]:
+        tails = {}
+        for level, all_above in above.items():
+            used = kept[all_above.index]
+            excess, splines = all_above.excess[used], all_above.splines[used]
+            gram = splines.T @ splines
+            for member in (member for member in self.members if member.level == level):
+                before = start.tails[member] if start else None
+                tails[member] = fit_excess(
+                    excess,
+                    splines,
+                    self.events.support.penalty,
+                    SHAPES[member.shape],
+                    start=before,
+                    gram=gram,
+                )
+        return tails

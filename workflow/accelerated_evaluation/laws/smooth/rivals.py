@@ -1,0 +1,201 @@
+"""Rivals with a threshold: the paper's independent law, with both kinds of tails, and conditional extremes.
+
+Each fit takes events and returns an object whose ``given(places)`` is the law of the closing speed there.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import ConvergenceError
+from accelerated_evaluation.laws.paper.piecewise import usable_knots
+from accelerated_evaluation.laws.smooth.conditional import Given, Places, SpeedLaw
+from accelerated_evaluation.laws.smooth.excess import Excess, fit_excess
+from accelerated_evaluation.laws.smooth.family import FEWEST, DistinctRecords
+from accelerated_evaluation.laws.smooth.shapes import Shape
+from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
+from accelerated_evaluation.laws.smooth.splines import Constant, Penalty
+from accelerated_evaluation.records.segments import MINIMUM_ROWS
+
+BODY_BINS = 200
+LATTICE = np.linspace(0, 30, 121)  # [m/s], excesses over which a conditional law of extremes is summed
+PLACES_AT_ONCE = 20_000
+
+
+@dataclass(frozen=True)
+class IndependentTail:
+    """TTC^-1 independent of the range: in each segment a histogram below a knot, and an excess above.
+
+    Attributes
+    ----------
+    edges, densities
+        Bins of TTC^-1 [1/s] below the knot, and the density there, by segment.
+    level
+        Probability of being below the knot.
+    tails
+        Excess of TTC^-1 over the knot, by segment.
+    between
+        Lead speeds between the segments [m/s].
+    """
+
+    edges: list[Array]
+    densities: list[Array]
+    level: float
+    tails: list[Excess]
+    between: tuple[float, ...]
+
+    @classmethod
+    def fit(cls, events: DistinctRecords, level: float, shape: Shape) -> "IndependentTail":
+        """Fit each segment of the lead speed by itself, with its knot at a quantile.
+
+        A segment with few events takes the law of all, and a knot that nothing exceeds moves down.
+        """
+        inverse_ttc, between = events.closing_speed / events.range_, events.support.segment_edges
+        segment = np.digitize(events.lead_speed, between)
+        edges, densities, tails = [], [], []
+        for number in range(len(between) + 1):
+            x = inverse_ttc[segment == number]
+            x = inverse_ttc if x.size < MINIMUM_ROWS else x
+            (knot,) = usable_knots(x, [float(np.quantile(x, level))])
+            density, edge = np.histogram(x[x <= knot], BODY_BINS, range=(0, knot), density=True)
+            excess = x[x > knot] - knot
+            ones = np.ones((excess.size, 1))
+            edges.append(edge)
+            densities.append(level * np.maximum(density, 1e-12))
+            tails.append(fit_excess(excess, ones, Penalty.of([Constant()]), shape))
+        return cls(edges, densities, level, tails, between)
+
+    def given(self, places: Places) -> "GivenIndependent":
+        """Return the law at places."""
+        return GivenIndependent(self, np.digitize(places.lead_speed, self.between), places.range_)
+
+
+@dataclass(frozen=True)
+class GivenIndependent:
+    """The independent law of the closing speed at n places."""
+
+    law: IndependentTail
+    segment: Array
+    range_: Array
+
+    def cumulative(self, closing_speed: Array) -> Array:
+        """Return -log P(C > c), one a place."""
+        return self._each(closing_speed)[0]
+
+    def log_density(self, closing_speed: Array) -> Array:
+        """Return the log density of the closing speed, one a place."""
+        return self._each(closing_speed)[1] - np.log(self.range_)
+
+    def _each(self, closing_speed: Array) -> tuple[Array, Array]:
+        x = closing_speed / self.range_
+        cumulative, density = np.empty(x.size), np.empty(x.size)
+        for number, (edges, heights, tail) in enumerate(
+            zip(self.law.edges, self.law.densities, self.law.tails, strict=True)
+        ):
+            here = self.segment == number
+            value, knot, scale = x[here], edges[-1], float(np.exp(tail.coefficients[0]))
+            inside = np.clip(np.searchsorted(edges, value, side="right") - 1, 0, heights.size - 1)
+            sums = np.concatenate([[0.0], np.cumsum(heights * np.diff(edges))])
+            below = np.minimum(
+                sums[inside] + heights[inside] * (np.minimum(value, knot) - edges[inside]), self.law.level
+            )
+            z, out = np.maximum(value - knot, 0) / scale, -np.log1p(-self.law.level)
+            above = value > knot
+            cumulative[here] = np.where(
+                above, out + tail.shape.cumulative(z, tail.parameters), -np.log1p(-below)
+            )
+            upper = tail.shape.log_density(z, tail.parameters) - out - np.log(scale)
+            density[here] = np.where(above, upper, np.log(heights[inside]))
+        return cumulative, density
+
+
+@dataclass(frozen=True)
+class ConditionalExtremes:
+    """Conditional extremes (Heffernan and Tawn 2004): range and lead speed given an extreme closing speed.
+
+    Above one threshold for all, the excess of the closing speed is exponential or generalised Pareto, and
+    given it the lead speed and the root of the range are normal, their means linear in the logarithm of the
+    excess over the threshold and its square root. Bayes' rule turns this into the law of the closing speed
+    given lead speed and range. Below the threshold, and for the probability of exceeding it, a smooth body
+    stands.
+    """
+
+    body: SmoothHazard
+    threshold: float
+    tail: Excess
+    slopes: Array
+    precision: Array  # inverse of the residuals' covariance
+
+    @classmethod
+    def fit(
+        cls, events: DistinctRecords, body: SmoothHazard, level: float, shape: Shape
+    ) -> "ConditionalExtremes":
+        """Fit to what exceeds a quantile of all closing speeds; ConvergenceError if that is too little."""
+        threshold = float(np.quantile(events.closing_speed, level))
+        above = events.closing_speed > threshold
+        if above.sum() < FEWEST:
+            raise ConvergenceError(
+                "conditional extremes",
+                reached=f"{above.sum()} events above the threshold",
+                limit=f"{FEWEST}",
+                change="Add records.",
+            )
+        excess = events.closing_speed[above] - threshold
+        tail = fit_excess(excess, np.ones((excess.size, 1)), Penalty.of([Constant()]), shape)
+        beside = np.column_stack([events.lead_speed, np.sqrt(events.range_)])[above]
+        slopes = np.linalg.lstsq(_regressors(excess), beside)[0]
+        residuals = beside - _regressors(excess) @ slopes
+        return cls(body, threshold, tail, slopes, np.linalg.inv(np.cov(residuals.T)))
+
+    def given(self, places: Places) -> "GivenExtremes":
+        """Return the law at places: P(C > c) in proportion to sums over a lattice of excesses beyond c."""
+        scale = float(np.exp(self.tail.coefficients[0]))
+        prior = self.tail.shape.log_density(LATTICE / scale, self.tail.parameters)
+        means = _regressors(LATTICE) @ self.slopes
+        beside = np.column_stack([places.lead_speed, np.sqrt(places.range_)])
+        table = np.empty((len(beside), LATTICE.size))
+        for first in range(0, len(beside), PLACES_AT_ONCE):
+            part = slice(first, first + PLACES_AT_ONCE)
+            away = beside[part, None, :] - means
+            table[part] = prior - np.einsum("nki,ij,nkj->nk", away, self.precision, away) / 2
+        table -= logsumexp(table, axis=1, keepdims=True) + np.log(LATTICE[1])
+        body = SpeedLaw(self.body).given(places)
+        threshold = np.full(len(beside), self.threshold)
+        return GivenExtremes(body, threshold, body.cumulative(threshold), table)
+
+
+def _regressors(excess: Array) -> Array:
+    return np.column_stack([np.ones(excess.size), excess, np.sqrt(excess)])
+
+
+@dataclass(frozen=True)
+class GivenExtremes:
+    """The law at n places: a body, and log densities of the excess on a lattice, shape (n, lattice)."""
+
+    body: Given
+    threshold: Array
+    at_threshold: Array
+    table: Array
+
+    def cumulative(self, closing_speed: Array) -> Array:
+        """Return -log P(C > c), one a place."""
+        low, share = self._place(closing_speed)
+        beyond = np.cumsum(np.exp(self.table[:, ::-1]), axis=1)[:, ::-1] * LATTICE[1]
+        row = np.arange(low.size)
+        left = (1 - share) * beyond[row, low] + share * beyond[row, low + 1]
+        above = self.at_threshold - np.log(np.maximum(left, 1e-300))
+        return np.where(closing_speed > self.threshold, above, self.body.cumulative(closing_speed))
+
+    def log_density(self, closing_speed: Array) -> Array:
+        """Return the log density, one a place."""
+        low, share = self._place(closing_speed)
+        row = np.arange(low.size)
+        above = (1 - share) * self.table[row, low] + share * self.table[row, low + 1] - self.at_threshold
+        return np.where(closing_speed > self.threshold, above, self.body.log_density(closing_speed))
+
+    def _place(self, closing_speed: Array) -> tuple[Array, Array]:
+        place = np.clip((closing_speed - self.threshold) / LATTICE[1], 0, LATTICE.size - 1.001)
+        low = place.astype(int)
+        return low, place - low

@@ -1,0 +1,243 @@
+"""A smooth hazard: the law of a positive variable given two others, with no family behind it.
+
+The logarithm of the hazard is a tensor product of penalised splines of two covariates and of the variable
+itself. The data are binned; within a bin of the variable the hazard is constant, so events in a bin are
+Poisson given the time at risk there (Holford 1980), and the fit is a Poisson regression on arrays. How
+smooth it is in each of the three directions is found from the data by marginal likelihood (Wood and Fasiolo
+2017).
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import ConvergenceError
+from accelerated_evaluation.laws.smooth.splines import (
+    SMOOTHING_ROUNDS,
+    SMOOTHING_TOLERANCE,
+    Basis,
+    Constant,
+    Penalty,
+    Tensor,
+)
+
+ITERATIONS = 100
+TOLERANCE = 1e-5  # of what a Newton step gains in log likelihood
+SMALLEST_STEP = 1e-4
+ROUNDING = 1e-12  # relative, of the log likelihood
+SHORTEST = 1e-15  # time at risk in a bin with events; without any the hazard would be infinite
+LOG_HAZARD_MAX = 50.0  # neither a trial step nor what is extrapolated from few records may overflow
+
+
+@dataclass(frozen=True)
+class HazardGrid:
+    """Bins of two covariates and of the variable, and the bases over them.
+
+    Attributes
+    ----------
+    edges
+        Edges of the bins of the two covariates and of the variable; the last begins at 0, and the
+        hazard beyond its end is that of its last bin.
+    bases
+        Spline bases of the three.
+    """
+
+    edges: tuple[Array, Array, Array]
+    bases: tuple[Basis | Constant, Basis | Constant, Basis]
+
+    @cached_property
+    def tensor(self) -> Tensor:
+        """Return the bases at the middles of the bins."""
+        middles = [(edges[1:] + edges[:-1]) / 2 for edges in self.edges]
+        return Tensor(tuple(basis(middle) for basis, middle in zip(self.bases, middles, strict=True)))
+
+    def count(self, first: Array, second: Array, value: Array, weight: Array | None = None) -> "Binned":
+        """Bin n values with their covariates, each of shape (n,), weighed where weights are given."""
+        weight = np.ones(value.size) if weight is None else weight
+        shape = tuple(edges.size - 1 for edges in self.edges)
+        place = [
+            np.clip(np.searchsorted(edges, x, side="right") - 1, 0, edges.size - 2)
+            for edges, x in zip(self.edges, (first, second, value), strict=True)
+        ]
+        index, size = np.ravel_multi_index(place, shape), int(np.prod(shape))
+        events = np.bincount(index, weight, size).reshape(shape)
+        spent = np.bincount(index, weight * (value - self.edges[2][place[2]]), size).reshape(shape)
+        later = np.cumsum(events[..., ::-1], axis=2)[..., ::-1] - events
+        return Binned(events, spent + later * np.diff(self.edges[2]))
+
+
+@dataclass(frozen=True)
+class Binned:
+    """Events and time at risk in each bin of a grid.
+
+    A value on the lower edge of its bin, as rounded records have it, has spent no time there.
+    """
+
+    events: Array
+    exposure: Array
+
+    def __post_init__(self) -> None:
+        at_risk = np.where(self.events > 0, np.maximum(self.exposure, SHORTEST), self.exposure)
+        object.__setattr__(self, "exposure", at_risk)
+
+    def __sub__(self, other: "Binned") -> "Binned":
+        return Binned(self.events - other.events, np.maximum(self.exposure - other.exposure, 0))
+
+
+@dataclass(frozen=True)
+class SmoothHazard:
+    """A fitted smooth hazard.
+
+    Attributes
+    ----------
+    grid
+        Bins and bases.
+    coefficients
+        Of the log hazard, shape of the tensor product.
+    smoothing
+        Smoothing parameters of the three directions.
+    factor
+        Upper Cholesky factor of the penalised information, whose inverse draws coefficients; a law that was
+        read from a file has none.
+    """
+
+    grid: HazardGrid
+    coefficients: Array
+    smoothing: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    factor: Array | None = None
+
+    def cumulative(self, splines: Array) -> "Cumulative":
+        """Return the cumulative hazards for products of the covariates' splines, shape (n, p)."""
+        along = np.tensordot(self.coefficients, self.grid.tensor.matrices[2], (2, 1))
+        log_hazard = splines @ along.reshape(-1, along.shape[2])
+        hazard = np.exp(np.clip(log_hazard, -LOG_HAZARD_MAX, LOG_HAZARD_MAX))
+        table = np.zeros((len(hazard), hazard.shape[1] + 1))
+        np.cumsum(hazard * np.diff(self.grid.edges[2]), axis=1, out=table[:, 1:])
+        return Cumulative(self.grid.edges[2], hazard, table)
+
+    def drawn(self, generator: np.random.Generator) -> "SmoothHazard":
+        """Draw from the normal approximation of the posterior, whose penalty is the prior."""
+        noise = solve_triangular(self.factor, generator.standard_normal(self.coefficients.size))
+        return replace(self, coefficients=self.coefficients + noise.reshape(self.coefficients.shape))
+
+
+@dataclass(frozen=True)
+class Cumulative:
+    """Cumulative hazards along the variable at n places of the covariates.
+
+    Attributes
+    ----------
+    edges
+        Edges of the bins of the variable, shape (bins + 1,).
+    hazard
+        In each bin, shape (n, bins).
+    table
+        Cumulative hazard at the edges, shape (n, bins + 1).
+    """
+
+    edges: Array
+    hazard: Array
+    table: Array
+
+    def at(self, value: Array, row: Array | None = None) -> Array:
+        """Cumulative hazard at values, one a row, or in the rows named; shape of ``value``."""
+        row = np.arange(value.size) if row is None else row
+        bin_ = self.bin_of(value)
+        return self.table[row, bin_] + self.hazard[row, bin_] * (value - self.edges[bin_])
+
+    def rate(self, value: Array, row: Array | None = None) -> Array:
+        """Hazard at values, one a row, or in the rows named."""
+        return self.hazard[np.arange(value.size) if row is None else row, self.bin_of(value)]
+
+    def bin_of(self, value: Array) -> Array:
+        """Bin of each value; the last has no end."""
+        return np.clip(np.searchsorted(self.edges, value, side="right") - 1, 0, self.edges.size - 2)
+
+    def inverse(self, level: ArrayLike) -> Array:
+        """Values at which the cumulative hazard reaches a level, one a row."""
+        level = np.broadcast_to(np.asarray(level, dtype=float), len(self.table))
+        bin_ = np.clip((self.table <= level[:, None]).sum(axis=1) - 1, 0, self.edges.size - 2)
+        row = np.arange(len(self.table))
+        return self.edges[bin_] + (level - self.table[row, bin_]) / self.hazard[row, bin_]
+
+
+def fit_hazard(
+    grid: HazardGrid,
+    data: Binned,
+    *,
+    start: SmoothHazard | None = None,
+) -> SmoothHazard:
+    """Fit a smooth hazard to binned data.
+
+    Parameters
+    ----------
+    grid, data
+        Bins and bases, and what was counted in them.
+    start
+        An earlier fit to start from, whose smoothing parameters are kept; otherwise they are found from the
+        data.
+
+    Raises
+    ------
+    ConvergenceError
+        If the Newton steps do not end.
+    """
+    problem, penalty = _Problem(grid.tensor, data), Penalty.of(grid.bases)
+    if start is not None:
+        coefficients, factor = problem.newton(start.coefficients, penalty.total(start.smoothing))
+        return SmoothHazard(grid, coefficients, start.smoothing, factor)
+    constant = np.log(data.events.sum() / data.exposure.sum())
+    chosen = np.ones(3)
+    coefficients, factor = problem.newton(np.full(problem.tensor.shape, constant), penalty.total(chosen))
+    for _ in range(SMOOTHING_ROUNDS):
+        covariance = cho_solve((factor, False), np.eye(len(factor)))
+        before, chosen = chosen, penalty.smoother(chosen, coefficients.ravel(), covariance)
+        coefficients, factor = problem.newton(coefficients, penalty.total(chosen))
+        if np.all(np.abs(np.log(chosen / before)) < SMOOTHING_TOLERANCE):
+            break
+    return SmoothHazard(grid, coefficients, tuple(map(float, chosen)), factor)
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """The penalised Poisson regression of one set of data."""
+
+    tensor: Tensor
+    data: Binned
+
+    def newton(self, coefficients: Array, precision: Array) -> tuple[Array, Array]:
+        """Maximise the penalised likelihood; return coefficients and factor of the information."""
+        objective = self._objective(coefficients, precision)
+        for _ in range(ITERATIONS):
+            expected = self.data.exposure * self._hazard(coefficients)
+            factor, _ = cho_factor(self.tensor.gram(expected) + precision)
+            score = (
+                self.tensor.transposed(self.data.events - expected).ravel() - precision @ coefficients.ravel()
+            )
+            step = cho_solve((factor, False), score)
+            gain, size = float(step @ score), 1.0
+            while size > SMALLEST_STEP:
+                trial = coefficients + size * step.reshape(coefficients.shape)
+                value = self._objective(trial, precision)
+                if value >= objective - ROUNDING * abs(objective):
+                    break
+                size /= 2
+            coefficients, objective = trial, value
+            if gain < TOLERANCE:
+                return coefficients, np.triu(factor)
+        change = "Use fewer splines."
+        reached = f"a gain of {gain:.2g} in log likelihood"
+        raise ConvergenceError("the smooth hazard", reached=reached, limit=f"{TOLERANCE:g}", change=change)
+
+    def _hazard(self, coefficients: Array) -> Array:
+        return np.exp(np.minimum(self.tensor.values(coefficients), LOG_HAZARD_MAX))
+
+    def _objective(self, coefficients: Array, precision: Array) -> float:
+        log_hazard = np.minimum(self.tensor.values(coefficients), LOG_HAZARD_MAX)
+        flat = coefficients.ravel()
+        likelihood = np.sum(self.data.events * log_hazard - self.data.exposure * np.exp(log_hazard))
+        return float(likelihood - flat @ precision @ flat / 2)

@@ -1,0 +1,164 @@
+"""Penalised B-splines and their tensor products, on gridded data, without the large design matrix.
+
+A smooth function of three variables is a coefficient array, one axis a variable, between bases of B-splines
+(Eilers and Marx 1996). On data that are binned on a grid, products with the design matrix are products
+along the axes one after the other (generalised linear array models, Currie, Durban and Eilers 2006).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import reduce
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import BSpline
+
+from accelerated_evaluation.base.arrays import Array
+
+DEGREE = 3
+ORDER = 2  # of the differences that are penalised: what is linear is free
+RIDGE = 1e-6  # keeps the coefficients of empty corners finite
+SMOOTHING_BOUNDS = (1e-3, 1e5)
+SMOOTHING_TOLERANCE = 0.05  # relative change at which the search for smoothing parameters ends
+SMOOTHING_ROUNDS = 30
+
+
+@dataclass(frozen=True)
+class Basis:
+    """B-splines of third degree with equally spaced knots between two ends; constant beyond the ends.
+
+    Attributes
+    ----------
+    low, high
+        Ends of the interval.
+    segments
+        Number of intervals between knots; there are three functions more than that.
+    """
+
+    low: float
+    high: float
+    segments: int
+
+    @property
+    def size(self) -> int:
+        """Number of functions."""
+        return self.segments + DEGREE
+
+    def __call__(self, x: ArrayLike) -> Array:
+        """Return the values of the functions at n points, shape (n, size)."""
+        step = (self.high - self.low) / self.segments
+        knots = self.low + step * np.arange(-DEGREE, self.segments + DEGREE + 1)
+        inside = np.clip(np.asarray(x, dtype=float), self.low, self.high)
+        return BSpline.design_matrix(inside, knots, DEGREE, extrapolate=True).toarray()
+
+    def penalty(self) -> Array:
+        """Return the matrix of the sum of squared second differences of the coefficients, (size, size)."""
+        differences = np.diff(np.eye(self.size), n=min(ORDER, self.size - 1), axis=0)
+        return differences.T @ differences
+
+
+@dataclass(frozen=True)
+class Constant:
+    """The basis of what does not depend on a variable: one function, which is 1."""
+
+    size: int = 1
+
+    def __call__(self, x: ArrayLike) -> Array:
+        """Return ones, shape (n, 1)."""
+        return np.ones((np.size(x), 1))
+
+    def penalty(self) -> Array:
+        """Return nothing to penalise, shape (1, 1)."""
+        return np.zeros((1, 1))
+
+
+@dataclass(frozen=True)
+class Penalty:
+    """How rough the coefficients of a tensor product are along each of its axes.
+
+    Attributes
+    ----------
+    matrices
+        One an axis, on all coefficients in C order, shape (axes, coefficients, coefficients).
+    roots
+        Their eigenvalues on eigenvectors that they share, shape (axes, coefficients).
+    """
+
+    matrices: Array
+    roots: Array
+
+    @classmethod
+    def of(cls, bases: Sequence[Basis | Constant]) -> "Penalty":
+        """Return the penalties of a tensor product of bases."""
+        matrices, roots = [], []
+        for axis, basis in enumerate(bases):
+            parts = [np.eye(other.size) for other in bases]
+            values = [np.ones(other.size) for other in bases]
+            parts[axis] = basis.penalty()
+            # Straight lines are free: rounding must not make their eigenvalues count.
+            values[axis] = np.linalg.eigvalsh(parts[axis])
+            values[axis][values[axis] < 1e-10] = 0
+            matrices.append(reduce(np.kron, parts))
+            roots.append(reduce(np.kron, values))
+        return cls(np.array(matrices), np.array(roots))
+
+    def total(self, smoothing: ArrayLike) -> Array:
+        """Return the prior's precision for smoothing parameters, with a ridge for what no data reach."""
+        whole = np.tensordot(np.asarray(smoothing, dtype=float), self.matrices, 1)
+        whole[np.diag_indices_from(whole)] += RIDGE
+        return whole
+
+    def smoother(self, smoothing: Array, coefficients: Array, covariance: Array) -> Array:
+        """Return better smoothing parameters: one step of the fixed point of Wood and Fasiolo (2017).
+
+        Parameters
+        ----------
+        smoothing
+            The parameters now.
+        coefficients, covariance
+            Posterior mean and covariance of the coefficients with them.
+        """
+        total = smoothing @ self.roots
+        inverse = np.divide(1.0, total, out=np.zeros_like(total), where=total > 0)
+        free = self.roots @ inverse - np.einsum("kij,ij->k", self.matrices, covariance)
+        rough = np.einsum("i,kij,j->k", coefficients, self.matrices, coefficients)
+        # Where nothing is rough, as along a constant, the parameter has no meaning and stays.
+        new = smoothing * np.maximum(free, 1e-6) / np.maximum(rough, 1e-12)
+        return np.where(self.roots.any(axis=1), np.clip(new, *SMOOTHING_BOUNDS), smoothing)
+
+
+@dataclass(frozen=True)
+class Tensor:
+    """Tensor product of three bases, each given by its values on a grid, shape (places, size)."""
+
+    matrices: tuple[Array, Array, Array]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the coefficient array."""
+        return tuple(matrix.shape[1] for matrix in self.matrices)
+
+    def values(self, coefficients: Array) -> Array:
+        """Return the function on the grid from its coefficient array."""
+        return _along(coefficients, self.matrices)
+
+    def transposed(self, grid: Array) -> Array:
+        """Return the transposed design matrix times values on the grid, as coefficient array."""
+        return _along(grid, tuple(matrix.T for matrix in self.matrices))
+
+    def gram(self, weights: Array) -> Array:
+        """Return X' W X for weights on the grid, shape (coefficients, coefficients)."""
+        squares = tuple(
+            (matrix[:, :, None] * matrix[:, None, :]).reshape(len(matrix), -1).T for matrix in self.matrices
+        )
+        a, b, c = self.shape
+        product = _along(weights, squares).reshape(a, a, b, b, c, c)
+        return product.transpose(0, 2, 4, 1, 3, 5).reshape(a * b * c, a * b * c)
+
+
+def _along(array: Array, matrices: Sequence[Array]) -> Array:
+    """Multiply an array with a matrix along each of its axes."""
+    for matrix in matrices:
+        # The axis in front is used up and its result goes to the end, so that the order is restored at last.
+        array = np.tensordot(array, matrix, (0, 1))
+    return array

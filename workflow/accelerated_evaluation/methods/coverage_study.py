@@ -1,0 +1,68 @@
+"""The study of coverage: many replicates of one method, each stopped in every way."""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+
+import numpy as np
+import pandas as pd
+from tqdm import trange
+
+from accelerated_evaluation.laws import Factors
+from accelerated_evaluation.methods.coverage import (
+    Stream,
+    predicted_size,
+    replicate_rows,
+    stop_crude,
+    stop_importance_sampling,
+)
+from accelerated_evaluation.methods.estimate import Stopping
+from accelerated_evaluation.problem import Problem
+
+
+def coverage_replicates(
+    method: str,
+    problem: Problem,
+    searches: Sequence[Mapping[str, Factors]],
+    probability: float,
+    generator_of: Callable[..., np.random.Generator],
+    stopping: Stopping,
+    coverage: Mapping[str, int],
+) -> pd.DataFrame:
+    """Run the replicates of one method; they take the searches in turn.
+
+    Parameters
+    ----------
+    method
+        Name of the method.
+    problem
+        The law, the vehicle and the event.
+    searches
+        f* of each stratum, search by search. Without any, f itself is drawn from: crude Monte Carlo.
+    probability
+        The exact crash probability, from which the number of crashes of crude Monte Carlo is drawn.
+    generator_of
+        Gives the generator of a piece of the work by its name.
+    stopping
+        When the sequential ways stop.
+    coverage
+        Section ``coverage`` of the configuration.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``method``, ``replicate`` and those of `coverage.replicate_rows`.
+    """
+    if searches:
+        size = predicted_size(problem, searches, generator_of("pilot"), coverage["pilot"], stopping)
+        streams = [Stream(problem, found, generator_of(number)) for number, found in enumerate(searches)]
+        stops = [partial(stop_importance_sampling, stream, size, stopping) for stream in streams]
+        weight_bound = None
+    else:
+        # The weight of a crude simulation is 0 or 1, which the gamma interval makes use of.
+        stops, weight_bound = [partial(stop_crude, probability, generator_of(), stopping)], 1.0
+    rows = []
+    for replicate in trange(coverage["replicates"], desc=f"coverage, {method}"):
+        stopped = stops[replicate % len(stops)]()
+        labels = {"method": method, "replicate": replicate}
+        rows += [labels | row for row in replicate_rows(stopped, weight_bound)]
+    return pd.DataFrame(rows)

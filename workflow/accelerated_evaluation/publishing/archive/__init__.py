@@ -1,0 +1,1 @@
+"""What leaves the study: provenance, RO-Crate and a folder for a LaTeX paper."""

@@ -1,0 +1,85 @@
+"""What made a figure: study, commit and configuration, as its file tells anybody who has nothing else."""
+
+import hashlib
+import subprocess
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from accelerated_evaluation.publishing.study import Study
+from accelerated_evaluation.study.configuration import WORKFLOW
+
+PROJECT = WORKFLOW.parent
+# A result depends on these parts of the project. Commits that touch only others, such as a text, a test or a
+# published figure itself, do not count: the same results are made before and after them.
+PARTS = ("workflow", "notebooks", "config", "data")
+UNKNOWN = "unknown (not a git repository)"
+
+
+def origin_of(study: Study) -> dict[str, str]:
+    """Return what a study was made by: its name, its commit and the SHA-256 of its file ``config.json``."""
+    configuration = study.path("config.json").read_bytes()
+    return {
+        "study": study.name,
+        "commit": commit_of(PROJECT),
+        "configuration": hashlib.sha256(configuration).hexdigest(),
+    }
+
+
+@cache
+def commit_of(project: Path) -> str:
+    """Return the last commit of a project that changed anything on which its results depend.
+
+    Published figures name it, and are themselves committed later. The last commit of all would therefore be a
+    different one whenever the figures are made again, and the figures would change with it.
+
+    Returns
+    -------
+    str
+        Its 40 hexadecimal digits; followed by " with changes" where files differ from what is committed;
+        `UNKNOWN` without git or outside of a repository.
+    """
+    try:
+        commit = _git(project, "log", "-1", "--format=%H", "--", *PARTS)
+        changes = _git(project, "status", "--porcelain", "--", *PARTS)
+    except (OSError, subprocess.CalledProcessError):
+        return UNKNOWN
+    if not commit:
+        return UNKNOWN
+    return f"{commit} with changes" if changes else commit
+
+
+def described(name: str, origin: Mapping[str, str]) -> dict[str, dict[str, Any]]:
+    """Return the metadata of a figure's files, by format, under the keys that each format has.
+
+    Parameters
+    ----------
+    name
+        Name of the figure.
+    origin
+        What made it, as from `origin_of`; empty if that is not known.
+    """
+    if not origin:
+        return {"png": {}, "pdf": {}, "svg": {}}
+    text = (
+        f"Figure {name} of the study {origin['study']}, made by accelerated-evaluation, "
+        f"commit {origin['commit']}, from the configuration with SHA-256 {origin['configuration']} "
+        f"(results/{origin['study']}/config.json)."
+    )
+    pairs = [f"{key}: {value}" for key, value in origin.items()]
+    return {
+        "png": {
+            "Title": name,
+            "Description": text,
+            **{key.capitalize(): value for key, value in origin.items()},
+        },
+        "pdf": {"Title": name, "Subject": text, "Keywords": ", ".join(pairs)},
+        "svg": {"Title": name, "Description": text, "Keywords": pairs},
+    }
+
+
+def _git(project: Path, *arguments: str) -> str:
+    """Return what git says about a project."""
+    command = ["git", "-C", str(project), *arguments]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()

@@ -1,0 +1,116 @@
+"""What Snakemake recorded when it ran a study: which job made a file, from what, and when."""
+
+import os
+import re
+from base64 import urlsafe_b64encode
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from accelerated_evaluation.base.digests import file_digest
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.files import read_json
+
+RECORDS = Path(".snakemake/metadata")
+NAME_LENGTH = 254  # of a part of the path of a record; a longer one is cut
+
+
+@dataclass
+class Job:
+    """A job that ran: its rule, its script, its files, the SHA-256 of inputs as they were, and its times."""
+
+    rule: str
+    script: str
+    logs: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: list[str]
+    checksums: Mapping[str, str]
+    started: datetime
+    ended: datetime
+
+
+def jobs_of(folders: Iterable[Path]) -> list[Job]:
+    """Return the jobs that made what stands in some folders, and what these jobs needed, by their beginning.
+
+    Files that no job made, such as logs, are passed over. The crash map of a vehicle lies elsewhere, and is
+    found because other jobs read it.
+
+    Raises
+    ------
+    InputError
+        If nothing was recorded, or an output that is recorded is not there.
+    """
+    waiting = [str(path) for folder in folders for path in sorted(folder.rglob("*")) if path.is_file()]
+    seen: set[str] = set()
+    jobs: dict[tuple[str, ...], Job] = {}
+    while waiting:
+        path = waiting.pop()
+        if path in seen:
+            continue
+        seen.add(path)
+        record = _record(path)
+        if record is None:
+            continue
+        key = (record["rule"], *record["log"])
+        if key not in jobs:
+            jobs[key] = _job(record)
+            waiting += jobs[key].inputs
+        jobs[key].outputs.append(path)
+    if not jobs:
+        raise InputError(
+            str(RECORDS),
+            seen="no record of a job of this study",
+            expected="what Snakemake noted when it ran the study in this folder",
+            change="Run the study here, and without --drop-metadata.",
+        )
+    for job in jobs.values():
+        job.outputs.sort()
+    return sorted(jobs.values(), key=lambda job: (job.started, job.rule, job.logs))
+
+
+def require_unchanged(jobs: Iterable[Job]) -> None:
+    """Refuse files that are not what they were when a job read them.
+
+    Raises
+    ------
+    InputError
+        With the first such file and the rule that read it.
+    """
+    now: dict[str, str] = {}
+    for job in jobs:
+        for path, recorded in job.checksums.items():
+            if path not in now:
+                now[path] = f"sha256:{file_digest(Path(path))}" if Path(path).is_file() else "no such file"
+            if now[path] != recorded:
+                raise InputError(
+                    path,
+                    seen=now[path],
+                    expected=f"{recorded}, as when the rule {job.rule} read it",
+                    change="Run the study again, so that its results come from these files.",
+                )
+
+
+def _record(path: str) -> dict[str, Any] | None:
+    """Return what Snakemake noted about a file, under a name made of the file's path; None without a note."""
+    name = urlsafe_b64encode(os.fsencode(path)).decode()
+    parts = [name[start : start + NAME_LENGTH] for start in range(0, len(name), NAME_LENGTH)]
+    note = RECORDS.joinpath(*(f"@{part}" for part in parts[:-1]), parts[-1])
+    record = read_json(note) if note.is_file() else None
+    return None if record is None or record.get("incomplete") else record
+
+
+def _job(record: Mapping[str, Any]) -> Job:
+    """Return the job of a record; its outputs are added one by one."""
+    scripts = re.findall(r"scripts/(\w+\.py)", record["code"] or "")
+    return Job(
+        rule=record["rule"],
+        script=f"workflow/scripts/{scripts[0]}" if scripts else "",
+        logs=tuple(record["log"]),
+        inputs=tuple(record["input"]),
+        outputs=[],
+        checksums=record["input_checksums"],
+        started=datetime.fromtimestamp(record["starttime"], UTC),
+        ended=datetime.fromtimestamp(record["endtime"], UTC),
+    )

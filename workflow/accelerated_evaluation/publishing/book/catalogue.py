@@ -1,0 +1,175 @@
+"""What each notebook reads and makes, found out from its code and its texts without running them.
+
+The workflow needs this before anything runs, and once more in every job. The code is therefore parsed and
+never imported. A notebook shows figures and tables by ``show(study, name)``; the parameters of the function
+of this name say what it reads of the `Study`; and the class `Study` names the files.
+"""
+
+import ast
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import cache
+from pathlib import Path
+
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.publishing.book.texts import attributes
+
+PACKAGE = Path(__file__).resolve().parents[2]
+READERS = ("path", "_table", "_law")  # methods of Study that are called with the name of a file
+FOLDERS = ("results", "figures")  # attributes of Study that read nothing
+
+
+@dataclass(frozen=True)
+class Contents:
+    """What a notebook reads, by paths below the folder of the results, and what it makes, by names."""
+
+    reads: tuple[str, ...]
+    figures: tuple[str, ...]
+    tables: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Registered:
+    """A function that the decorator `figure` or `table` registered: kind, published name, parameters."""
+
+    kind: str
+    name: str
+    parameters: tuple[str, ...]
+
+
+def read_contents(notebook: Path) -> Contents:
+    """Find out what a notebook reads and makes.
+
+    Raises
+    ------
+    InputError
+        If it shows what is not registered, or is not imported by ``from ... import ...``.
+    """
+    code = ast.parse(_source(notebook, "code"), filename=str(notebook))
+    imported = dict(_imported_names(code))
+    in_text = attributes(_source(notebook, "markdown"), "study")
+    reads, made = {*_attributes(code, "study"), *in_text} - set(FOLDERS), []
+    for call in _calls(code, "show"):
+        shown = _registered(imported, call, notebook)
+        reads |= {"source", *shown.parameters} - {keyword.arg for keyword in call.keywords}
+        made.append(shown)
+    _require_known(reads, notebook)
+    kinds = {kind: tuple(one.name for one in made if one.kind == kind) for kind in ("figure", "table")}
+    files = sorted({file for name in reads for file in _files(name)})
+    return Contents(tuple(files), kinds["figure"], kinds["table"])
+
+
+def require_captions(names: Iterable[str], folder: Path) -> None:
+    """Refuse a figure or a table without a caption, and a name that two of them share.
+
+    Raises
+    ------
+    InputError
+        With the name, and the file in which its caption should be.
+    """
+    seen = set()
+    for name in names:
+        caption = folder / f"{name}.rst"
+        if not caption.is_file():
+            raise InputError(
+                str(caption), seen="no such file", expected=f"the caption of {name}", change="Write it."
+            )
+        if name in seen:
+            raise InputError(
+                name, seen="it twice", expected="one notebook to show it", change="Show it once."
+            )
+        seen.add(name)
+
+
+def _require_known(names: Iterable[str], notebook: Path) -> None:
+    """Refuse names that `Study` does not have."""
+    for name in sorted(names):
+        if name not in _study():
+            near = get_close_matches(name, _study(), n=1)
+            raise InputError(
+                str(notebook),
+                seen=f"study.{name}, or a parameter {name} of what it shows",
+                expected="a property of accelerated_evaluation.publishing.study.Study",
+                change=f"Did you mean {near[0]}?"
+                if near
+                else "Add it there, or give it in the call of show.",
+            )
+
+
+def _source(notebook: Path, kind: str) -> str:
+    """Return all cells of a kind of a notebook."""
+    cells = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
+    return "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == kind)
+
+
+def _imported_names(code: ast.AST) -> Iterator[tuple[str, Path]]:
+    """Yield the names that are imported from modules of this package, and the files of these modules."""
+    for node in ast.walk(code):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(f"{PACKAGE.name}."):
+            module = PACKAGE.parent.joinpath(*node.module.split(".")).with_suffix(".py")
+            yield from ((alias.asname or alias.name, module) for alias in node.names)
+
+
+def _attributes(code: ast.AST, owner: str) -> Iterator[str]:
+    """Yield the attributes of a variable that are used."""
+    for node in ast.walk(code):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == owner:
+            yield node.attr
+
+
+def _calls(code: ast.AST, function: str) -> Iterator[ast.Call]:
+    """Yield the calls of a function in the order in which they stand."""
+    calls = [node for node in ast.walk(code) if isinstance(node, ast.Call)]
+    calls = [call for call in calls if isinstance(call.func, ast.Name) and call.func.id == function]
+    yield from sorted(calls, key=lambda call: call.lineno)
+
+
+def _registered(imported: dict[str, Path], call: ast.Call, notebook: Path) -> Registered:
+    """Return what a call of ``show`` shows."""
+    shown = call.args[1].id if len(call.args) > 1 and isinstance(call.args[1], ast.Name) else "no name"
+    module = imported.get(shown)
+    if module is None or not module.is_file() or shown not in _register(module):
+        raise InputError(
+            f"{notebook}, show(study, {shown})",
+            seen=f"{shown}, which is no registered figure or table",
+            expected="a function with the decorator @figure or @table",
+            change="Import it by name from its module, and register it there.",
+        )
+    return _register(module)[shown]
+
+
+@cache
+def _register(module: Path) -> dict[str, Registered]:
+    """Return the registered figures and tables of a module by the names of their functions."""
+    registered = {}
+    for node in ast.parse(module.read_text(encoding="utf-8"), filename=str(module)).body:
+        for decorator in getattr(node, "decorator_list", []):
+            called = decorator.func if isinstance(decorator, ast.Call) else decorator
+            if isinstance(called, ast.Name) and called.id in ("figure", "table"):
+                name = decorator.args[0].value if isinstance(decorator, ast.Call) else node.name
+                parameters = tuple(argument.arg for argument in (*node.args.args, *node.args.kwonlyargs))
+                registered[node.name] = Registered(called.id, name, parameters)
+    return registered
+
+
+@cache
+def _study() -> dict[str, ast.FunctionDef]:
+    """Return the methods and properties of `Study` by name, as code."""
+    code = ast.parse((PACKAGE / "publishing" / "study.py").read_text(encoding="utf-8"))
+    (study,) = [node for node in code.body if isinstance(node, ast.ClassDef)]
+    return {node.name: node for node in study.body if isinstance(node, ast.FunctionDef)}
+
+
+@cache
+def _files(name: str) -> frozenset[str]:
+    """Return the files that a property or method of `Study` reads, by itself and through others."""
+    if name not in _study():
+        return frozenset()
+    method = _study()[name]
+    calls = [node for node in ast.walk(method) if isinstance(node, ast.Call)]
+    calls = [call for call in calls if isinstance(call.func, ast.Attribute) and call.func.attr in READERS]
+    literals = [part for call in calls for part in call.args if isinstance(part, ast.Constant)]
+    others = (other for other in _attributes(method, "self") if other != name)
+    return frozenset(literal.value for literal in literals).union(*map(_files, others))

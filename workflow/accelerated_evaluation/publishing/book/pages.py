@@ -1,0 +1,59 @@
+"""What the first and the last page of the book tell: the answer, the claims, what the book was made from."""
+
+import platform
+from collections.abc import Iterable
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import yaml
+
+from accelerated_evaluation.base.digests import file_digest
+from accelerated_evaluation.publishing.archive.provenance import commit_of
+from accelerated_evaluation.publishing.study import Study
+from accelerated_evaluation.publishing.tables.formats import readable, to_markdown
+from accelerated_evaluation.publishing.tables.paper_numbers import PAPER_PROBABILITY
+
+PROJECT = Path(__file__).resolve().parents[4]
+# Those that the numbers, the figures and the pages are made with; environment.txt pins all others too.
+PACKAGES = ("numpy", "scipy", "pandas", "pyarrow", "numba", "matplotlib")
+PACKAGES += ("snakemake", "papermill", "jinja2", "sphinx", "myst-nb", "sphinx-book-theme")
+CLAIM_COLUMNS = {
+    "claim": "number",
+    "source": "where in the paper",
+    "paper": "paper",
+    "ours": "ours",
+    "ours_low": "from",
+    "ours_high": "to",
+    "verdict": "verdict",
+}
+
+
+def known_to_pages(study: Study, records: Iterable[str]) -> dict[str, Any]:
+    """Return the names that the templates of the first and the last page use.
+
+    Parameters
+    ----------
+    study
+        The finished results.
+    records
+        Files of the records, whose checksums the last page tells.
+    """
+    claims = pd.read_csv(study.figures / "tables" / "claims.csv")
+    claims = claims[list(CLAIM_COLUMNS)].rename(columns=CLAIM_COLUMNS).map(readable)
+    return {
+        "crash": study.answer.set_index("event").loc["crash"],
+        "vehicle": study.config["vehicle"],
+        "paper_probability": PAPER_PROBABILITY,
+        "claims": to_markdown(claims),
+        "commit": commit_of(PROJECT),
+        "checksums": {str(path): _checksum(Path(path)) for path in records},
+        "versions": {"Python": platform.python_version()} | {name: version(name) for name in PACKAGES},
+        "configuration": yaml.safe_dump(study.config, allow_unicode=True, sort_keys=False).strip(),
+    }
+
+
+def _checksum(path: Path) -> str:
+    """Return the SHA-256 of a file of the records, which may be gone when the study is finished."""
+    return file_digest(path) if path.is_file() else "no such file"

@@ -1,0 +1,217 @@
+"""The book: the executed notebooks and the guides as one site, made by Sphinx and complete without a network.
+
+A folder of sources is put together first. Every notebook is a chapter: a figure that it shows gets number,
+caption, alternative text and files, and its tables are listed at its end. Every guide is a chapter too. The
+first and the last page are templates in ``workflow/book``, filled in as the texts of notebooks are
+(`publishing.book.texts`). Sphinx then makes the site, without a date in it, so that the same study always
+gives the same bytes.
+"""
+
+import re
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import SimpleNamespace
+from typing import Any
+
+import nbformat
+from nbformat import NotebookNode
+from sphinx.application import Sphinx
+from sphinx.util.console import nocolor
+
+from accelerated_evaluation.base.errors import StudyError
+from accelerated_evaluation.publishing.book.texts import fill
+from accelerated_evaluation.publishing.study import Study
+
+FIGURE_FILES = {"PDF": "pdf", "SVG": "svg", "PNG": "png", "data": "csv"}
+TABLE_FILES = {"CSV": "csv", "Markdown": "md", "LaTeX": "tex"}
+PARAMETERS = {"parameters", "injected-parameters"}  # tags of the cells that only say where the results are
+MATHJAX = "tex-svg.js"  # one file that draws formulas and adds MathML for screen readers; it needs no fonts
+STYLE, SCRIPT = "book.css", "book.js"
+PIXELS = 2  # of a PNG file for one on the page, so that figures have one size, and are sharp when enlarged
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What a book is made of.
+
+    Parameters
+    ----------
+    study
+        The finished results.
+    notebooks
+        Executed notebooks, a chapter each, in their order.
+    tables
+        Names of the tables that each notebook makes, by its own name.
+    guides
+        Markdown files, a chapter each, in their order.
+    captions
+        Folder with the caption of every figure and table, ``<name>.rst``.
+    pages
+        Folder with the templates of the first and the last page, the style and a script.
+    """
+
+    study: Study
+    notebooks: Sequence[Path]
+    tables: Mapping[str, Sequence[str]]
+    guides: Sequence[Path]
+    captions: Path
+    pages: Path
+
+    def caption(self, name: str) -> list[str]:
+        """Return the paragraphs of the caption of a figure or table, as Markdown."""
+        text = (self.captions / f"{name}.rst").read_text(encoding="utf-8")
+        text = fill(text, {"snakemake": SimpleNamespace(config=self.study.config)})
+        return text.replace("*", r"\*").strip().split("\n\n")
+
+    def figure(self, name: str, label: str | None = None) -> str:
+        """Return a figure as MyST: picture, number, caption, alternative text and files.
+
+        Parameters
+        ----------
+        name
+            Name of its files.
+        label
+            What links lead to it, its name by default; the same figure on a second page needs another one.
+        """
+        caption, *rest = self.caption(name)
+        sentence = " ".join(re.split(r"(?<=[.:]) ", " ".join(caption.split()), maxsplit=1)[0].split())
+        number = int(re.search(r"\d+", name)[0])
+        width = int.from_bytes((self.study.figures / f"{name}.png").read_bytes()[16:20], "big") // PIXELS
+        # A click on the picture opens it alone, where a browser can enlarge it.
+        return (
+            f"````{{figure}} figures/{name}.png\n:name: {label or name}\n:alt: {_plain(sentence)}\n"
+            f":width: {width}px\n"
+            f":target: _images/{name}.png\n\n**Figure {number}.** {' '.join(caption.split())}\n\n"
+            f"{' '.join(' '.join(rest).split())}\n\n{_links('figures', name, FIGURE_FILES)}\n````\n"
+        )
+
+    def table(self, name: str) -> str:
+        """Return what a published table is and links to its files, as an item of a Markdown list."""
+        caption = " ".join(self.caption(name)[0].split())
+        return f"- **{name}**: {caption} {_links('figures/tables', name, TABLE_FILES)}"
+
+
+def build_book(parts: Parts, site: Path, names: dict[str, Any]) -> None:
+    """Write the site of a study; what was in its folder before is gone.
+
+    Parameters
+    ----------
+    site
+        Its folder. It appears when it is complete, with ``index.html`` as its first page.
+    names
+        What the templates of the first and the last page know, beside ``study`` and the chapters.
+
+    Raises
+    ------
+    StudyError
+        If a placeholder of a template cannot be filled in, or Sphinx fails.
+    """
+    site.parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(prefix=f".{site.name}.", dir=site.parent) as temporary:
+        sources, made = Path(temporary, "sources"), Path(temporary, "site")
+        _write_sources(parts, sources, names)
+        _run_sphinx(sources, made, Path(temporary, "doctrees"), parts.study.name)
+        shutil.rmtree(site, ignore_errors=True)
+        made.rename(site)
+
+
+def _write_sources(parts: Parts, sources: Path, names: dict[str, Any]) -> None:
+    shutil.copytree(parts.study.figures, sources / "figures")
+    shutil.copytree(parts.pages, sources, dirs_exist_ok=True)
+    shutil.copy(files("sphinx-mathjax-offline") / "static" / "mathjax" / MATHJAX, sources)
+    for guide in parts.guides:
+        shutil.copy(guide, sources)
+    for path in parts.notebooks:
+        notebook = nbformat.read(path, as_version=4)
+        notebook.cells = list(_chapter(parts, path.stem, notebook))
+        nbformat.write(notebook, sources / path.name)
+    chapters = {"notebooks": parts.notebooks, "guides": parts.guides}
+    known = names | {"study": parts.study, "figure": parts.figure}
+    known |= {name: [path.stem for path in paths] for name, paths in chapters.items()}
+    for page in parts.pages.glob("*.md"):
+        (sources / page.name).write_text(fill(page.read_text(encoding="utf-8"), known), encoding="utf-8")
+
+
+def _chapter(parts: Parts, name: str, notebook: NotebookNode) -> Iterator[NotebookNode]:
+    """Yield the cells of a chapter: code folded away, figures as text with a caption, tables listed last."""
+    silent = ""  # code that shows nothing is folded away together with the code after it
+    for cell in notebook.cells:
+        if cell.cell_type == "code" and not PARAMETERS & set(cell.metadata.get("tags", [])):
+            figures = [shown for output in cell.outputs if (shown := _published(output))]
+            cell.outputs = [output for output in cell.outputs if not _published(output)]
+            cell.source, silent = silent + cell.source, ""
+            cell.metadata["tags"] = ["hide-input"]
+            if cell.outputs or figures:
+                yield cell
+            else:
+                silent = f"{cell.source}\n\n"
+            yield from (nbformat.v4.new_markdown_cell(parts.figure(shown), id=shown) for shown in figures)
+        elif cell.cell_type != "code":
+            cell.source = cell.source.replace("](../docs/", "](")  # the guides stand beside the chapters
+            yield cell
+    if silent:
+        yield nbformat.v4.new_code_cell(silent.strip(), id="code", metadata={"tags": ["hide-input"]})
+    if tables := parts.tables[name]:
+        listed = "\n".join(map(parts.table, tables))
+        yield nbformat.v4.new_markdown_cell(f"## Tables of this chapter\n\n{listed}", id="tables")
+
+
+def _published(output: NotebookNode) -> str | None:
+    """Return the name of the figure that an output shows, if it is a published one."""
+    return output.get("metadata", {}).get("image/png", {}).get("published")
+
+
+def _links(folder: str, name: str, endings: dict[str, str]) -> str:
+    return " · ".join(f"[{shown}](path:{folder}/{name}.{ending})" for shown, ending in endings.items())
+
+
+def _plain(text: str) -> str:
+    """Return Markdown without its marks."""
+    return re.sub(r"[\\`]", "", text)
+
+
+def _run_sphinx(sources: Path, made: Path, doctrees: Path, study: str) -> None:
+    settings = {
+        "project": f"Cut-ins: {study}",
+        "html_title": f"How often does it crash? Study {study}",
+        "extensions": ["myst_nb"],
+        "exclude_patterns": ["figures/**"],
+        "html_theme": "sphinx_book_theme",
+        "html_theme_options": {
+            "use_download_button": False,
+            "use_fullscreen_button": False,
+            "navbar_start": [],
+            "navbar_persistent": [],
+            "navbar_end": [],
+            "footer_content_items": [],  # which would name an author that is not set
+            "show_toc_level": 2,
+            "search_bar_text": "Search the book",
+        },
+        "html_static_path": [MATHJAX, STYLE, SCRIPT],
+        "html_css_files": [STYLE],
+        "html_js_files": [SCRIPT],
+        "html_copy_source": False,
+        "html_use_index": False,
+        "html_show_copyright": False,
+        "html_show_sphinx": False,
+        "html_context": {"default_mode": "auto"},
+        "html_permalinks_icon": "#",
+        "mathjax_path": MATHJAX,
+        "myst_enable_extensions": ["dollarmath", "amsmath"],
+        "myst_heading_anchors": 3,
+        "nb_execution_mode": "off",
+        "nb_render_markdown_format": "myst",
+        "nb_code_prompt_show": "Show the code",
+        "nb_code_prompt_hide": "Hide the code",
+    }
+    nocolor()  # what Sphinx warns of goes to a log
+    try:
+        app = Sphinx(sources, None, made, doctrees, "html", settings, status=None, freshenv=True)
+        app.build(force_all=True)
+    except Exception as error:
+        raise StudyError(f"Sphinx cannot make the book: {type(error).__name__}: {error}") from error
+    (made / ".buildinfo").unlink(missing_ok=True)

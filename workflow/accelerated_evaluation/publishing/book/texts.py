@@ -1,0 +1,88 @@
+"""Texts with numbers in them: Markdown whose placeholders are filled in from the names of a notebook.
+
+A placeholder is written in the language of Jinja. It holds a name or an expression, and says how a number
+is to be written::
+
+    The search takes {{ simulations | number }} simulations, {{ share | percent }} of all.
+    {% if crashed %}Half of the crashes end below {{ speed | readable(2) }} m/s.{% endif %}
+
+What a placeholder inserts is text and no Markdown: in the description of somebody's data, a dollar or a tag
+is shown as it is. The filter ``safe`` is for text that is Markdown already.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from jinja2 import Environment, StrictUndefined, TemplateSyntaxError, nodes
+from markupsafe import Markup
+
+from accelerated_evaluation.base.errors import StudyError
+from accelerated_evaluation.publishing.tables.formats import as_markdown, readable
+
+
+def number(value: float, decimals: int = 0, sign: str = "") -> str:
+    """Write a number with a fixed number of decimals: 1,234.5; a missing one as a dash.
+
+    Parameters
+    ----------
+    decimals
+        Digits after the point.
+    sign
+        ``"+"`` writes the sign of positive numbers too.
+    """
+    return f"{value:{sign},.{decimals}f}" if math.isfinite(value) else readable(float(value))
+
+
+def percent(value: float, decimals: int = 0, sign: str = "") -> str:
+    """Write a share as a percentage: 12.3%; the parameters are those of `number`."""
+    return f"{number(100 * value, decimals, sign)}%" if math.isfinite(value) else readable(float(value))
+
+
+def unbroken(value: Any, digits: int = 3) -> Any:  # noqa: ANN401
+    """Write a number as `readable` does, and keep it on one line."""
+    written = readable(value, digits)
+    return written.replace(" ", "\N{NO-BREAK SPACE}") if isinstance(written, str) else written
+
+
+def fill(text: str, names: Mapping[str, Any]) -> str:
+    """Return a Markdown text with its placeholders filled in.
+
+    Raises
+    ------
+    StudyError
+        If a placeholder has an unknown name or fails.
+    """
+    try:
+        return _ENVIRONMENT.from_string(text).render(names)
+    except Exception as error:
+        # The message of a missing key is that key alone, so the kind of error is needed as well.
+        raise StudyError(f"{type(error).__name__}: {error}") from error
+
+
+def attributes(text: str, owner: str) -> Iterator[str]:
+    """Yield the attributes of a name that the placeholders of a text use.
+
+    Raises
+    ------
+    StudyError
+        If a placeholder cannot be read.
+    """
+    try:
+        parsed = _ENVIRONMENT.parse(text)
+    except TemplateSyntaxError as error:
+        raise StudyError(f"{type(error).__name__}: {error}, line {error.lineno} of the texts") from error
+    for node in parsed.find_all(nodes.Getattr):
+        if isinstance(node.node, nodes.Name) and node.node.name == owner:
+            yield node.attr
+
+
+def _escaped(value: Any) -> Any:  # noqa: ANN401
+    """Escape a string, unless the filter ``safe`` has marked it."""
+    return value if isinstance(value, Markup) else as_markdown(value)
+
+
+_ENVIRONMENT = Environment(
+    undefined=StrictUndefined, finalize=_escaped, trim_blocks=True, lstrip_blocks=True, autoescape=False
+)
+_ENVIRONMENT.filters |= {"number": number, "percent": percent, "readable": unbroken}

@@ -1,0 +1,122 @@
+"""Laws and records to be drawn: histograms, densities with their knots marked, and the tables behind them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.distributions import Distribution
+
+RECORDS = "empirical"
+RECORDS_COLOR = "#c0c0c0"
+
+
+@dataclass(frozen=True)
+class Variable:
+    """How figures and their data name a variable and its units."""
+
+    name: str
+    symbol: str
+    unit: str
+    unit_name: str
+    density_unit: str
+    log_scale: bool
+
+    @property
+    def column(self) -> str:
+        """Its column."""
+        return f"{self.name}_{self.unit_name}"
+
+    @property
+    def width(self) -> str:
+        """Column of the widths of bins."""
+        return f"bin_width_{self.unit_name}"
+
+    @property
+    def density(self) -> str:
+        """Column of densities."""
+        return f"density_{self.density_unit}"
+
+
+INVERSE_RANGE = Variable("inverse_range", "R^{-1}", "1/m", "per_m", "m", log_scale=True)
+INVERSE_TTC = Variable("inverse_ttc", "TTC^{-1}", "1/s", "per_s", "s", log_scale=False)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A law to draw and how; ``weight`` times its density, and its survival function if it is ``whole``."""
+
+    law: Distribution
+    style: Mapping[str, Any] = field(default_factory=dict)
+    weight: float = 1.0
+    whole: bool = True
+
+    @property
+    def knots(self) -> Array:
+        """Its truncation points, shape (k - 1,); none for a single law."""
+        return np.asarray(getattr(self.law, "knots", ()))
+
+    def grid(self, points: Array) -> Array:
+        """Return the rising ``points`` with both sides of every knot that they enclose."""
+        knots = self.knots[(self.knots > points[0]) & (self.knots < points[-1])]
+        return np.unique(np.concatenate([points, knots, np.nextafter(knots, -np.inf)]))
+
+
+def histogram(x: Array, edges: Array, variable: Variable) -> pd.DataFrame:
+    """Count events in bins.
+
+    Parameters
+    ----------
+    x
+        Events, shape (n,); the density refers to all of them, those outside the bins included.
+    edges
+        Rising edges of the bins, in the unit of x.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row a bin: curve, middle, width, count and density, count / (n width).
+    """
+    count, width = np.histogram(x, edges)[0], np.diff(edges)
+    columns = (variable.column, variable.width, "count", variable.density)
+    values = (edges[:-1] + width / 2, width, count, count / (x.size * width))
+    return pd.DataFrame({"curve": RECORDS, **dict(zip(columns, values, strict=True))})
+
+
+def density_table(name: str, curve: Curve, points: Array, variable: Variable) -> pd.DataFrame:
+    """Tabulate a curve's density at points, shape (n,), and its knots: curve, x, density, is_knot."""
+    x = curve.grid(points)
+    density = curve.weight * np.exp(curve.law.logpdf(x))
+    inside = density > 0
+    table = {variable.column: x, variable.density: density, "is_knot": np.isin(x, curve.knots)}
+    return pd.DataFrame({"curve": name, **{column: values[inside] for column, values in table.items()}})
+
+
+def draw_histogram(axis: Axes, rows: pd.DataFrame, variable: Variable, label: str) -> None:
+    """Fill a histogram down to a third of its lowest density on a logarithmic axis, which it limits."""
+    middle, half = rows[variable.column].to_numpy(), rows[variable.width].to_numpy() / 2
+    edges = np.append(middle - half, middle[-1] + half[-1])
+    density = rows[variable.density].to_numpy()
+    floor = density[density > 0].min() / 3
+    axis.stairs(density, edges, baseline=floor, fill=True, color=RECORDS_COLOR, label=label)
+    axis.set(yscale="log", ylim=(floor, 2 * density.max()))
+
+
+def set_log_ticks(axis: Axes) -> None:
+    """Scale x logarithmically, with ticks at 1, 2 and 5 written as plain numbers."""
+    axis.set_xscale("log")
+    axis.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.xaxis.set_minor_formatter(NullFormatter())
+
+
+def draw_curve(axis: Axes, rows: pd.DataFrame, columns: tuple[str, str], label: str, curve: Curve) -> None:
+    """Draw two columns of a curve's rows against each other, its knots as markers."""
+    knots = np.flatnonzero(rows["is_knot"].to_numpy(dtype=bool)).tolist()
+    style = dict(curve.style) if knots else {**curve.style, "marker": None}
+    axis.plot(*(rows[column] for column in columns), label=label, markevery=knots or None, **style)

@@ -1,0 +1,80 @@
+"""The lane changes as they were recorded: figure 2 of the paper."""
+
+from collections.abc import Sequence
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+
+from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style
+from accelerated_evaluation.publishing.published import figure
+
+MAPS = {"range": ("m", "range $R$ [m]"), "inverse_ttc": ("per_s", "$TTC^{-1}$ [1/s]")}
+BINS = 50
+
+
+@figure
+def fig02_data(
+    encounters: pd.DataFrame, lead_speed_edges: Sequence[float], source: str
+) -> tuple[Figure, pd.DataFrame]:
+    """Range and inverse time to collision of the lane changes by lead speed, as counts (paper, figure 2).
+
+    Parameters
+    ----------
+    encounters
+        Encounter table.
+    lead_speed_edges
+        Edges of the segments [m/s].
+    source
+        What the encounters are, to be printed.
+
+    Returns
+    -------
+    figure, data
+        Two maps of counts, and the counts of all bins that hold an event: panel, lower and upper edges in
+        lead_speed [m/s], range [m] or inverse_ttc [1/s], count. No record can be read off it.
+    """
+    speeds = np.linspace(lead_speed_edges[0], lead_speed_edges[-1], BINS + 1)
+    tables = []
+    with paper_style():
+        drawn, axes = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 4.2), sharex=True)
+        for axis, letter, (name, (unit, label)) in zip(axes, "ab", MAPS.items(), strict=True):
+            edges = np.linspace(0.0, np.ceil(10 * encounters[name].max()) / 10, BINS + 1)
+            count = np.histogram2d(encounters["lead_speed"], encounters[name], (speeds, edges))[0].astype(int)
+            tables.append(_count_table(name, unit, count, speeds, edges))
+            _draw_map(axis, count, speeds, edges)
+            for edge in lead_speed_edges[1:-1]:
+                axis.axvline(edge, color="black", linewidth=0.8, linestyle="--")
+            axis.set_title(f"({letter}) {count.sum():,} lane changes", loc="left")
+            axis.set_ylabel(label)
+        axes[-1].set_xlabel("lead speed $v_L$ [m/s]")
+        note_source(drawn, source)
+    return drawn, pd.concat(tables, ignore_index=True)
+
+
+def _draw_map(axis: Axes, count: np.ndarray, speeds: np.ndarray, edges: np.ndarray) -> None:
+    """Shade the bins that hold events, as pixels inside the vector formats; shapes as of `_count_table`."""
+    filled = np.ma.masked_equal(count.T, 0)
+    shade = axis.pcolormesh(speeds, edges, filled, norm=LogNorm(vmin=1), cmap="cividis_r", rasterized=True)
+    axis.figure.colorbar(shade, ax=axis, label="lane changes per bin")
+    axis.grid(visible=False)
+
+
+def _count_table(
+    name: str, unit: str, count: np.ndarray, speeds: np.ndarray, edges: np.ndarray
+) -> pd.DataFrame:
+    """List the bins that hold events; count has shape (speeds - 1, edges - 1)."""
+    row, column = np.nonzero(count)
+    return pd.DataFrame(
+        {
+            "panel": name,
+            "lead_speed_low_m_per_s": speeds[row],
+            "lead_speed_high_m_per_s": speeds[row + 1],
+            f"{name}_low_{unit}": edges[column],
+            f"{name}_high_{unit}": edges[column + 1],
+            "count": count[row, column],
+        }
+    )

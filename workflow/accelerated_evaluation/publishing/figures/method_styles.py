@@ -1,0 +1,12 @@
+"""How each method is drawn in all figures. No two methods are told apart by colour alone."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from accelerated_evaluation.methods import METHODS
+
+
+def style_of(method: str, *parts: str) -> Mapping[str, Any]:
+    """Return how a method is drawn, or only some parts of it, such as ``"color"``."""
+    look = METHODS[method].look
+    return {part: look[part] for part in parts or look}

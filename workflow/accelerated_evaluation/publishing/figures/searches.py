@@ -1,0 +1,210 @@
+"""The Cross-Entropy search: figures 8 to 11 of the paper."""
+
+from itertools import pairwise
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from accelerated_evaluation.distributions import PiecewiseMixture
+from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, PIECES, note_source, paper_style
+from accelerated_evaluation.publishing.published import figure
+
+PIECE_STYLES = tuple(
+    {"color": color, "linestyle": line, "marker": marker}
+    for color, line, marker in zip(PIECES, ("-", "--", ":"), ("o", "s", "^"), strict=True)
+)
+CURVES = 5  # densities in figure 11
+LINES = ("--", ":", "-.", (0, (6, 1, 1, 1, 1, 1)), "-")
+DENSITY_FLOOR = 1e-4  # [s], the lower end of figure 11
+
+
+@figure
+def fig08_thresholds(trace: pd.DataFrame, segment: str, source: str) -> tuple[Figure, pd.DataFrame]:
+    """Draw the thresholds of the relaxed events through the iterations (paper, figure 8).
+
+    Parameters
+    ----------
+    trace
+        ``cross_entropy_trace.csv`` of a study.
+    segment
+        The segment whose piecewise searches are drawn, the first seed's in front.
+    source
+        Description of the data.
+
+    Returns
+    -------
+    figure, data
+        The thresholds, t_R on the right scale; seed, iteration, threshold_ttc_s, threshold_range_m, events.
+    """
+    rows = _piecewise(trace, segment)
+    ratio = (rows["threshold_range_m"] / rows["threshold_ttc_s"]).max()
+    with paper_style():
+        drawn, axes = plt.subplots()
+        for rank, (seed, search) in enumerate(rows.groupby("seed")):
+            style = PIECE_STYLES[0] | _depth(rank, f"seed {seed}", "other seeds")
+            axes.plot(search["iteration"], search["threshold_ttc_s"], **style)
+        _mark_crash(axes, rows[rows["seed"] == rows["seed"].min()])
+        _count_iterations(axes, rows, segment)
+        axes.set_ylabel("threshold $t_{TTC}$ [s]")
+        if ratio > 0:  # not where the crash itself was the event from the start
+            right = axes.secondary_yaxis("right", functions=(lambda t: t * ratio, lambda r: r / ratio))
+            right.set_ylabel("threshold $t_R$ [m]")
+            right.spines["right"].set_visible(True)
+        axes.legend()
+        note_source(drawn, source)
+    columns = ["seed", "iteration", "threshold_ttc_s", "threshold_range_m", "events"]
+    return drawn, rows[columns].reset_index(drop=True)
+
+
+def _mark_crash(axes: Axes, search: pd.DataFrame) -> None:
+    """Point at the first iteration whose event is the crash itself."""
+    crash = search[search["threshold_ttc_s"] == 0]
+    if len(crash):
+        at = crash["iteration"].iloc[0], 0
+        arrow = {"arrowstyle": "->", "linewidth": 0.6}
+        axes.annotate(
+            "the crash", at, (0, 22), textcoords="offset points", ha="center", fontsize=7, arrowprops=arrow
+        )
+
+
+@figure
+def fig09_inverse_range_parameters(
+    trace: pd.DataFrame, segment: str, source: str
+) -> tuple[Figure, pd.DataFrame]:
+    """Draw weight and tilt of each piece of R^-1 through the iterations (paper, figure 9).
+
+    Parameters are as of `fig08_thresholds`.
+
+    Returns
+    -------
+    figure, data
+        The parameters; seed, iteration, piece, from_per_m, weight and theta_m.
+    """
+    return _parameters(trace, segment, "inverse_range", source)
+
+
+@figure
+def fig10_inverse_ttc_parameters(
+    trace: pd.DataFrame, segment: str, source: str
+) -> tuple[Figure, pd.DataFrame]:
+    """Draw weight and tilt of each piece of TTC^-1 through the iterations (paper, figure 10).
+
+    As `fig09_inverse_range_parameters`, in from_per_s and theta_s.
+    """
+    return _parameters(trace, segment, "inverse_ttc", source)
+
+
+def _parameters(trace: pd.DataFrame, segment: str, variable: str, source: str) -> tuple[Figure, pd.DataFrame]:
+    symbol, unit = {"inverse_range": ("$R^{-1}$", "m"), "inverse_ttc": ("$TTC^{-1}$", "s")}[variable]
+    table = _piece_table(_piecewise(trace, segment), variable)
+    with paper_style():
+        drawn, (upper, lower) = plt.subplots(2, 1, figsize=(COLUMN_WIDTH, 3.6), sharex=True)
+        seeds = sorted(table["seed"].unique())
+        for (piece, seed), rows in table.groupby(["piece", "seed"]):
+            label = f"{symbol} from {rows['from'].iloc[0]:.3g} 1/{unit}"
+            style = PIECE_STYLES[piece - 1] | _depth(seeds.index(seed), label)
+            upper.plot(rows["iteration"], rows["weight"], **style)
+            lower.plot(rows["iteration"], rows["theta"], **style)
+        upper.set(ylabel=r"weight $\tilde{\pi}$", yscale="log")
+        lower.set(ylabel=rf"tilt $\theta$ [{unit}]")
+        _count_iterations(lower, table, segment)
+        drawn.legend(*upper.get_legend_handles_labels(), loc="outside upper center", ncols=2)
+        note_source(drawn, source)
+    return drawn, table.rename(columns={"from": f"from_per_{unit}", "theta": f"theta_{unit}"})
+
+
+def _piece_table(rows: pd.DataFrame, variable: str) -> pd.DataFrame:
+    """Return weight, theta and lower bound by seed, iteration and piece."""
+    names = [f"{variable}_{name}_" for name in ("from", "weight", "theta")]
+    table = pd.wide_to_long(rows, names, i=["seed", "iteration"], j="piece")[names]
+    table.columns = ["from", "weight", "theta"]
+    return table.dropna().reset_index().sort_values(["seed", "iteration", "piece"], ignore_index=True)
+
+
+@figure
+def fig11_inverse_ttc_density(
+    trace: pd.DataFrame, piecewise: IndependentLaw, segment: str, source: str
+) -> tuple[Figure, pd.DataFrame]:
+    """Draw how the density of TTC^-1 moves from f to f* in the first seed's search (paper, figure 11).
+
+    Parameters
+    ----------
+    trace
+        ``cross_entropy_trace.csv`` of a study.
+    piecewise
+        The piecewise model that was searched; the iterations' densities are rebuilt from its pieces.
+    segment
+        Segment of v_L.
+    source
+        Description of the data.
+
+    Returns
+    -------
+    figure, data
+        The densities, light to dark; iteration, inverse_ttc_per_s, density_s.
+    """
+    table = _density_table(_piecewise(trace, segment), piecewise.inverse_ttc[segment])
+    chosen = table["iteration"].unique()
+    names = {1: "f (iteration 1)", chosen[-1]: f"f* (iteration {chosen[-1]})"}
+    with paper_style():
+        drawn, axes = plt.subplots()
+        for place, (at, rows) in enumerate(table.groupby("iteration")):
+            look = {
+                "color": plt.get_cmap("Blues")(0.4 + 0.6 * place / (chosen.size - 1)),
+                "linestyle": LINES[place],
+            }
+            axes.plot(
+                rows["inverse_ttc_per_s"], rows["density_s"], label=names.get(at, f"iteration {at}"), **look
+            )
+        axes.set(xlabel=f"$TTC^{{-1}}$ [1/s], {_speeds(segment)}", ylabel="density [s]", yscale="log")
+        axes.set_ylim(DENSITY_FLOOR, 3 * table["density_s"].max())
+        axes.legend(loc="upper right")
+        note_source(drawn, source)
+    return drawn, table
+
+
+def _density_table(rows: pd.DataFrame, pieces: PiecewiseMixture) -> pd.DataFrame:
+    """Tabulate the densities of the first seed's search at iterations chosen from f to f*."""
+    search = rows[rows["seed"] == rows["seed"].min()].set_index("iteration")
+    chosen = np.unique(np.geomspace(1, search.index.max(), CURVES).round().astype(int)).tolist()
+    laws = {1: pieces} | {at: _rebuilt(pieces, search.loc[at]) for at in chosen[1:]}
+    bounds = [pieces.lower, *pieces.knots, laws[chosen[-1]].isf(0.02)]
+    # Points on both sides of every knot, so that jumps are drawn as such.
+    x = np.concatenate([np.linspace(low, np.nextafter(high, low), 200) for low, high in pairwise(bounds)])
+    columns = ("iteration", "inverse_ttc_per_s", "density_s")
+    parts = [dict(zip(columns, (at, x, np.exp(law.logpdf(x))), strict=True)) for at, law in laws.items()]
+    return pd.concat(map(pd.DataFrame, parts), ignore_index=True)
+
+
+def _rebuilt(pieces: PiecewiseMixture, row: pd.Series) -> PiecewiseMixture:
+    """Return the f* of TTC^-1 whose parameters stand in a row of the trace."""
+    numbers = range(1, len(pieces.components) + 1)
+    thetas, weights = ([row[f"inverse_ttc_{name}_{n}"] for n in numbers] for name in ("theta", "weight"))
+    return pieces.accelerated(thetas, weights)
+
+
+def _piecewise(trace: pd.DataFrame, segment: str) -> pd.DataFrame:
+    return trace[(trace["method"] == "piecewise") & (trace["segment"] == segment)]
+
+
+def _depth(rank: int, label: str, others: str = "") -> dict[str, Any]:
+    """Style of the first search, in front, or of another, behind it; the second names all others."""
+    if rank == 0:
+        return {"label": label, "zorder": 3}
+    return {"label": others if rank == 1 else None, "alpha": 0.35, "linewidth": 0.6, "marker": None}
+
+
+def _count_iterations(axes: Axes, rows: pd.DataFrame, segment: str) -> None:
+    """Let the axis of figures 8 to 10 run from iteration 1, the start, in whole numbers."""
+    axes.set(xlabel=f"iteration, {_speeds(segment)}", xlim=(0.7, rows["iteration"].max() + 0.3))
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+
+
+def _speeds(segment: str) -> str:
+    return f"$v_L$ {segment.replace('-', '–')} m/s"

@@ -1,0 +1,145 @@
+"""One look for all figures: IEEE column width, readable in print and in grey; and how they are saved."""
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from accelerated_evaluation.base.files import atomic_path, write_csv
+from accelerated_evaluation.publishing.tables.formats import reproducible
+
+COLUMN_WIDTH = 3.5  # [in], one column of an IEEE journal
+FORMATS = ("png", "pdf", "svg")
+
+# Dark to light, so that pieces are told apart in grey as well.
+PIECES = ("#08306b", "#4292c6", "#9ecae1")
+
+_RC = {
+    "figure.figsize": (COLUMN_WIDTH, 2.4),
+    "figure.dpi": 150,
+    "figure.constrained_layout.use": True,
+    "savefig.dpi": 300,
+    "font.family": "serif",
+    "font.serif": ["DejaVu Serif"],
+    "mathtext.fontset": "dejavuserif",
+    "font.size": 8,
+    "axes.labelsize": 8,
+    "axes.titlesize": 8,
+    "legend.fontsize": 7,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.linewidth": 0.3,
+    "grid.color": "#d0d0d0",
+    "lines.linewidth": 1.2,
+    "lines.markersize": 4,
+    "legend.frameon": False,
+    # The same figure is the same file, byte by byte.
+    "svg.hashsalt": "accelerated-evaluation",
+    "svg.fonttype": "none",
+    "pdf.fonttype": 42,
+}
+
+
+@dataclass(frozen=True)
+class Print:
+    """How figures are printed in a paper: the font of its text, and the folder for each width [in]."""
+
+    font: str
+    folders: Mapping[float, Path]
+
+
+_print: Print | None = None
+
+
+@contextmanager
+def printed(settings: Print) -> Iterator[None]:
+    """Draw in the font of a paper within the block, and save each figure at the widths of its columns."""
+    global _print
+    _print = settings
+    try:
+        yield
+    finally:
+        _print = None
+
+
+@contextmanager
+def paper_style() -> Iterator[None]:
+    """Draw in the style of the paper within the block."""
+    font = {} if _print is None else {"font.serif": [_print.font], "mathtext.fontset": "stix"}
+    with mpl.rc_context({**_RC, **font}):
+        yield
+
+
+def note_source(figure: Figure, source: str) -> None:
+    """Say in small print under a figure what data it shows; the layout keeps the place free.
+
+    Parameters
+    ----------
+    source
+        Description of the data, such as "Safety Pilot Model Deployment (real events)". It takes the place
+        of the figure's common label of x, so label the axes one by one.
+    """
+    # A dollar sign would begin a formula.
+    figure.supxlabel(f"Data: {source}".replace("$", r"\$"), x=0.99, ha="right", fontsize=5.5, color="#555555")
+
+
+def say_no_crash(axes: Axes) -> None:
+    """Write into axes that have nothing to show why that is so."""
+    axes.text(0.5, 0.5, "no crash", transform=axes.transAxes, ha="center", va="center", color="#555555")
+
+
+def save_figure(
+    figure: Figure,
+    data: pd.DataFrame,
+    folder: str | os.PathLike,
+    name: str,
+    metadata: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
+) -> Figure:
+    """Save a figure as PDF, SVG and PNG, and its data as CSV beside it; return it for display.
+
+    Parameters
+    ----------
+    data
+        Tidy table of everything that is drawn, units in the column names.
+    folder, name
+        Files are called ``folder/name.pdf`` and so on.
+    metadata
+        What the files say of themselves, by format and key.
+    """
+    undated = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
+    if _print is not None:
+        _save_widths(figure, _print, name, {**undated["pdf"], **metadata.get("pdf", {})})
+    for extension in FORMATS if _print is None else FORMATS[:1]:
+        with paper_style(), atomic_path(Path(folder) / f"{name}.{extension}") as temporary:
+            figure.savefig(
+                temporary, format=extension, metadata={**undated[extension], **metadata.get(extension, {})}
+            )
+        # Finding the places of all parts takes longer than drawing them. The first format has found them in
+        # inches, which serve all formats, so that the others need not search again.
+        figure.set_layout_engine("none")
+    write_csv(Path(folder) / f"{name}.csv", reproducible(data))
+    plt.close(figure)
+    return figure
+
+
+def _save_widths(figure: Figure, settings: Print, name: str, metadata: Mapping[str, Any]) -> None:
+    """Save a figure at the widths of a paper: letters keep their size, and parts are placed anew."""
+    own = figure.get_size_inches()
+    for width, folder in settings.folders.items():
+        figure.set_size_inches(width, own[1])
+        with paper_style(), atomic_path(folder / f"{name}.pdf") as temporary:
+            figure.savefig(temporary, format="pdf", metadata=metadata)
+    figure.set_size_inches(own)

@@ -1,0 +1,176 @@
+"""Beyond the paper: where the surrogate-guided sampler simulates, and what the four methods cost (19, 20)."""
+
+from collections.abc import Mapping
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatterSciNotation, LogLocator
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.publishing.figures.dot_chart import (
+    DOT,
+    FRAME,
+    ROW,
+    TRUTH,
+    draw_intervals,
+    name_groups,
+    name_rows,
+    spaced,
+    write_beside,
+)
+from accelerated_evaluation.publishing.figures.method_styles import style_of
+from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style
+from accelerated_evaluation.publishing.published import figure
+from accelerated_evaluation.publishing.tables.formats import readable
+from accelerated_evaluation.publishing.tables.surrogate import PHASES, side_by_side
+
+MARGIN = 0.5  # normal scores about the crashes in figure 19 (b)
+SCORES = {"z_inverse_range": "$R^{-1}$", "z_inverse_ttc": "$TTC^{-1}$"}
+PHASE_LOOKS = {
+    "search": {"color": "#8c8c8c", "marker": "^"},
+    "learn": {"color": "#2b8cbe", "marker": "s"},
+    "estimate": style_of("surrogate", "color", "marker"),
+}
+
+
+@figure
+def fig19_surrogate_runs(
+    runs: pd.DataFrame, exact: pd.DataFrame, shares: Mapping[str, float], source: str
+) -> tuple[Figure, pd.DataFrame]:
+    """Draw where the sampler simulates: one replicate in normal scores, and all of them by segment.
+
+    Parameters
+    ----------
+    runs, exact
+        ``surrogate_runs.csv`` and ``exact.csv`` of a study.
+    shares
+        Share of each segment in the lane changes, by which the paper's methods spread their simulations.
+    source
+        Description of the data.
+
+    Returns
+    -------
+    figure, data
+        Panels (a) and (b), every simulation of the first replicate over all segments, and those near the
+        crashes by which it learnt and estimated: run, phase, segment, z_inverse_range, z_inverse_ttc and
+        event. Panel (c), a row for each segment and quantity: segment, quantity and share; simulations are
+        those of all replicates.
+    """
+    runs = runs[runs["scope"] == "all"]
+    shown = runs.loc[runs["replicate"] == 0, ["run", "phase", "segment", *SCORES, "event"]]
+    spread = _shares_by_segment(runs, exact, shares)
+    y = spaced(spread["segment"], 1.5)
+    with paper_style():
+        drawn, panels = plt.subplot_mosaic(
+            [["a", "b"], ["c", "c"]],
+            figsize=(COLUMN_WIDTH, 1.8 + FRAME + ROW * y.max()),
+            height_ratios=(1.4, ROW * y.max()),
+        )
+        for letter, axes in panels.items():
+            axes.set_title(f"({letter})")
+        for letter in "ab":
+            _draw_scores(panels[letter], shown)
+        core = shown.loc[shown["event"] & (shown["phase"] != PHASES[0]), list(SCORES)]
+        if not core.empty:
+            low, high = core.min() - MARGIN, core.max() + MARGIN
+            panels["b"].set(**{f"{axis}lim": (low[z], high[z]) for axis, z in zip("xy", SCORES, strict=True)})
+        panels["a"].set_ylabel(f"score of {SCORES['z_inverse_ttc']}")
+        _draw_shares(panels["c"], spread, y)
+        signs = panels["a"].get_legend_handles_labels()
+        drawn.legend(*signs, loc="outside upper center", ncols=3, columnspacing=1, handletextpad=0.3)
+        note_source(drawn, source)
+    return drawn, pd.concat([shown.assign(panel="a, b"), spread.assign(panel="c")], ignore_index=True)
+
+
+@figure
+def fig20_methods(replicates: pd.DataFrame, exact: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
+    """Draw what every replicate of every method costs, and what it finds, over all segments.
+
+    Parameters
+    ----------
+    replicates, exact
+        The estimates of all methods, and ``exact.csv`` of a study.
+    source
+        Description of the data.
+
+    Returns
+    -------
+    figure, data
+        A row for each replicate: method, replicate, the simulations spent on ``learning``, on ``estimating``
+        and ``together``; probability, ci_low, ci_high and ``to_exact``, the ratio to the exact probability.
+    """
+    truth = exact.set_index("segment").loc["all"]
+    data = side_by_side(replicates, "all")
+    data["to_exact"] = data["probability"] / truth["probability"]
+    ratios = data[["probability", "ci_low", "ci_high"]] / truth["probability"]
+    y = spaced(data["method"], 1.0)
+    with paper_style():
+        height = FRAME + 0.6 * ROW * y.max()
+        drawn, (left, right) = plt.subplots(1, 2, figsize=(COLUMN_WIDTH, height), sharey=True)
+        for method in data["method"].unique():
+            rows, look = data["method"] == method, style_of(method, "color", "marker")
+            style = {"linestyle": "none", "markersize": 3.5, "markeredgewidth": 0.6} | look
+            left.plot(data.loc[rows, "estimating"], y[rows], fillstyle="none", **style)
+            left.plot(data.loc[rows, "together"], y[rows], **style)
+            draw_intervals(right, ratios[rows], y[rows], **look)
+        right.axvline(1, **TRUTH)
+        left.set(xscale="log", xlabel="simulations")
+        left.xaxis.set_major_locator(LogLocator(numticks=4))
+        left.xaxis.set_major_formatter(LogFormatterSciNotation())
+        # Without a crash an interval has no upper end worth drawing.
+        seen = ratios.loc[ratios["probability"] > 0, "ci_high"].max()
+        right.set(xlabel="estimate / exact", xlim=(0, 1.05 * np.fmax(seen, 1)))
+        name_groups(left, y, data["method"])
+        left.invert_yaxis()
+        sign = {"color": "black", "marker": "o", "linestyle": "none", "markersize": 3.5}
+        signs = [
+            plt.Line2D([], [], **sign, fillstyle="none", label="estimating"),
+            plt.Line2D([], [], **sign, label="learning and estimating"),
+            plt.Line2D([], [], **TRUTH, label="exact"),
+        ]
+        drawn.legend(handles=signs, loc="outside upper center", ncols=3, columnspacing=1, handletextpad=0.3)
+        note_source(drawn, source)
+    return drawn, data
+
+
+def _shares_by_segment(runs: pd.DataFrame, exact: pd.DataFrame, shares: Mapping[str, float]) -> pd.DataFrame:
+    """Compare, by segment, where lane changes, simulations and crashes are."""
+    share = pd.Series(shares)
+    crashes = exact.set_index("segment")["probability"][share.index] * share
+    counted = runs[runs["phase"] == PHASES[-1]]
+    table = pd.DataFrame(
+        {
+            "lane changes": share,
+            "simulations": runs["segment"].value_counts(normalize=True),
+            "of the estimate": counted["segment"].value_counts(normalize=True),
+            "crashes": crashes / crashes.sum(),
+        }
+    )
+    long = (
+        table.loc[share.index].fillna(0.0).T.melt(var_name="segment", value_name="share", ignore_index=False)
+    )
+    return long.rename_axis("quantity").reset_index()[["segment", "quantity", "share"]]
+
+
+def _draw_scores(axes: Axes, shown: pd.DataFrame) -> None:
+    """Draw simulations in the plane of normal scores, marked by phase, filled where they crashed."""
+    style = {"linestyle": "none", "markersize": 3, "markeredgewidth": 0.6}
+    for phase, look in PHASE_LOOKS.items():
+        for event, outcome in ((False, "no crash"), (True, "crash")):
+            rows = shown[(shown["phase"] == phase) & (shown["event"] == event)]
+            how = {"fillstyle": "full" if event else "none", "zorder": 3 if event else 2}
+            axes.plot(*(rows[z] for z in SCORES), label=f"{phase}, {outcome}", **style, **how, **look)
+    axes.set_xlabel(f"score of {SCORES['z_inverse_range']}")
+
+
+def _draw_shares(axes: Axes, spread: pd.DataFrame, y: Array) -> None:
+    """Draw shares as rows, segment by segment, with their values beside them."""
+    axes.hlines(y, 0, spread["share"], color=DOT["color"], linewidth=0.8, zorder=2)
+    axes.plot(spread["share"], y, clip_on=False, zorder=3, **DOT)
+    name_rows(axes, y, spread["segment"].str.replace("-", "–") + " m/s", spread["quantity"])
+    write_beside(axes, y, (readable(share, 2) for share in spread["share"]), "share")
+    axes.set(xlabel="share", xlim=(0, 1))
+    axes.invert_yaxis()

@@ -1,0 +1,114 @@
+"""Tables about the exact probability: simulations that each f* needs, severity in words."""
+
+import math
+
+import pandas as pd
+from scipy.special import ndtri
+
+from accelerated_evaluation.methods.importance_sampling import crude_simulations
+from accelerated_evaluation.publishing.published import table
+from accelerated_evaluation.publishing.tables.paper_numbers import PAPER_SIMULATIONS
+
+DIGEST = ("event", "probability", "to_crash", "per_million_km")
+EVENTS = {
+    "crash": "crash",
+    "impact_speed": "impact speed > {:g} m/s",
+    "min_range": "smallest range < {:g} m",
+    "min_ttc": "smallest TTC < {:g} s",
+}
+HEAVY = 10  # times the variation without the rarest crashes
+
+
+def needed_simulations(
+    variation: pd.DataFrame, probability: float, alpha: float, beta: float
+) -> pd.DataFrame:
+    """Tabulate the simulations to a relative half-width beta that the exact variance of each f* asks for.
+
+    Parameters
+    ----------
+    variation
+        ``variation.csv`` of a study.
+    probability
+        The exact crash probability, for crude Monte Carlo.
+    alpha, beta
+        Relative half-width beta of the 100 (1 - alpha) % interval.
+
+    Returns
+    -------
+    pandas.DataFrame
+        For each method ``searches``; ``heavy_tailed``, how many of their f* have weights whose variance hangs
+        on the rarest crashes; ``variation``, the mean coefficient of variation of a weight without these;
+        ``simulations``, mean, and ``simulations_low`` and ``simulations_high``, range over the searches;
+        ``paper_simulations`` (table I).
+    """
+    everywhere = variation[variation["segment"] == "all"]
+    rows = []
+    for method, found in everywhere.groupby("method", sort=False):
+        sizes = (ndtri(alpha / 2) * found["variation_trimmed"] / beta) ** 2
+        heavy = int((found["variation"] > HEAVY * found["variation_trimmed"]).sum())
+        sample = found["variation_trimmed"].mean(), sizes.mean(), sizes.min(), sizes.max()
+        rows.append((method, len(found), heavy, *sample))
+    if probability > 0:
+        crude = crude_simulations(probability, alpha, beta)
+        rows.append(("crude", 0, 0, math.sqrt(1 / probability - 1), crude, crude, crude))
+    columns = [
+        "method",
+        "searches",
+        "heavy_tailed",
+        "variation",
+        "simulations",
+        "simulations_low",
+        "simulations_high",
+    ]
+    table = pd.DataFrame(rows, columns=columns)
+    return table.assign(paper_simulations=table["method"].map(PAPER_SIMULATIONS))
+
+
+def severity_digest(severity: pd.DataFrame) -> pd.DataFrame:
+    """Say in words what the rows over all segments of ``severity.csv`` are the probabilities of.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``event``, ``probability``, ``to_crash``, the ratio to the crash probability, and
+        ``per_million_km``.
+    """
+    rows = severity[severity["segment"] == "all"]
+    events = [EVENTS[row.quantity].format(row.threshold) for row in rows.itertuples()]
+    return rows[["probability", "to_crash", "per_million_km"]].assign(event=events)[list(DIGEST)]
+
+
+@table("exact", digits=4)
+def exact_table(exact: pd.DataFrame) -> pd.DataFrame:
+    """Return the exact crash probabilities as they are published."""
+    return exact
+
+
+@table("convergence", digits=4)
+def convergence_table(convergence: pd.DataFrame) -> pd.DataFrame:
+    """Return the exact crash probabilities by resolution of the map as they are published."""
+    return convergence
+
+
+@table("crude", digits=3)
+def crude_table(crude: pd.DataFrame) -> pd.DataFrame:
+    """Return what crude Monte Carlo found as it is published."""
+    return crude
+
+
+@table("sensitivity", digits=4)
+def sensitivity_table(sensitivity: pd.DataFrame) -> pd.DataFrame:
+    """Return the crash probability by choice as it is published."""
+    return sensitivity
+
+
+@table("uncertainty", digits=3)
+def uncertainty_table(uncertainty: pd.DataFrame) -> pd.DataFrame:
+    """Return the budget of the uncertainty as it is published."""
+    return uncertainty
+
+
+@table("severity", digits=3, digest=severity_digest)
+def severity_table(severity: pd.DataFrame) -> pd.DataFrame:
+    """Return the probabilities of crashes and near misses; `severity_digest` is what is read of them."""
+    return severity

@@ -1,0 +1,92 @@
+"""Tables as CSV, Markdown and LaTeX."""
+
+import math
+import numbers
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from accelerated_evaluation.base.files import write_csv, write_text
+
+DIGITS = 9  # significant ones in published CSV files; results keep all
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+# Only where it would mean something: a tag, an entity, a link, emphasis, the end of a cell, a formula.
+_MARKDOWN = re.compile(r"[|$`*\\]|<(?=[A-Za-z/!?])|&(?=[#A-Za-z])|\](?=[(\[])|(?<!\w)_|_(?!\w)")
+_PLAIN = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+
+
+def save_table(
+    table: pd.DataFrame,
+    folder: str | os.PathLike,
+    name: str,
+    *,
+    digits: int | None = None,
+    digest: pd.DataFrame | None = None,
+) -> pd.DataFrame:
+    """Save a table as ``folder/name`` with the endings csv, md and tex; return it for display.
+
+    Parameters
+    ----------
+    digits
+        Significant digits of the numbers in Markdown and LaTeX, see `readable`; all by default. The CSV
+        file has `DIGITS` in any case.
+    digest
+        What Markdown and LaTeX show in place of a table that is too long for them.
+    """
+    shown = table if digest is None else digest
+    shown = shown if digits is None else shown.map(lambda value: readable(value, digits))
+    write_csv(Path(folder) / f"{name}.csv", reproducible(table))
+    write_text(Path(folder) / f"{name}.md", to_markdown(shown) + "\n")
+    write_text(Path(folder) / f"{name}.tex", as_latex(shown.to_latex(index=False, escape=True)))
+    return table
+
+
+def to_markdown(table: pd.DataFrame) -> str:
+    """Return a table as Markdown, in which texts are only texts."""
+    return table.map(as_markdown).to_markdown(index=False, disable_numparse=True)
+
+
+def reproducible(table: pd.DataFrame) -> pd.DataFrame:
+    """Round numbers to the `DIGITS` that are the same on another processor; counts stay as they are."""
+    rounded = {
+        name: column.map(lambda value: float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value)
+        for name, column in table.items()
+        if column.dtype.kind in "fO"
+    }
+    return table.assign(**rounded)
+
+
+def as_markdown(text: Any) -> Any:  # noqa: ANN401
+    """Escape what Markdown, HTML or MathJax would take for more than text; what is not text is left alone."""
+    if not isinstance(text, str):
+        return text
+    escaped = _MARKDOWN.sub(lambda found: f"&#{ord(found[0])};", text)
+    # MathJax looks for formulas in the page itself, but none reaches over the border of an element.
+    return escaped.replace("&#36;", "<span>&#36;</span>")
+
+
+def readable(value: Any, digits: int = 3) -> Any:  # noqa: ANN401
+    """Write a number as in running text: 7,840 or 1.57 or 7.4 × 10⁻⁷; a missing one as a dash.
+
+    Counts below a million are written in full, and everything that is not a number is left as it is.
+    """
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        return value
+    size = abs(float(value))
+    if not math.isfinite(size):
+        return "–" if math.isnan(size) else "∞"
+    if size == 0 or 1e-3 <= size < 1e6:
+        whole = size == int(size)
+        decimals = 0 if whole else max(digits - 1 - math.floor(math.log10(size)), 0)
+        return f"{value:,.{decimals}f}"
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    return f"{mantissa.rstrip('0').rstrip('.')} × 10{str(int(exponent)).translate(_SUPERSCRIPT)}"
+
+
+def as_latex(text: str) -> str:
+    """Replace the characters of numbers that LaTeX's plain fonts lack; all else is left as it is."""
+    text = re.sub("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda found: f"$^{{{found[0].translate(_PLAIN)}}}$", text)
+    return text.replace("×", r"$\times$").replace("–", "--").replace("∞", r"$\infty$")

@@ -1,0 +1,160 @@
+"""Beyond the paper: tables of laws that fit where crashes happen, and of the answer that they give."""
+
+import pandas as pd
+
+from accelerated_evaluation.answer.posterior import LEVELS
+from accelerated_evaluation.publishing.published import table
+from accelerated_evaluation.publishing.tables.formats import readable
+
+DIGITS = 2  # of a probability whose interval spans a factor
+
+
+def with_intervals(rows: pd.DataFrame) -> pd.DataFrame:
+    """Put both ends of each interval into one column, so that a table can be read.
+
+    Parameters
+    ----------
+    rows
+        With columns ``low50`` and ``high50``, and so on.
+    """
+    levels = [f"{100 * level:.0f}" for level in LEVELS]
+    ends = {f"{level} %": _between(rows[f"low{level}"], rows[f"high{level}"]) for level in levels}
+    return rows.drop(columns=[f"{end}{level}" for level in levels for end in ("low", "high")]).assign(**ends)
+
+
+def _between(low: pd.Series, high: pd.Series) -> list[str]:
+    known = low.notna() & high.notna()
+    pairs = zip(low, high, known, strict=True)
+    return [f"{readable(a, DIGITS)} to {readable(b, DIGITS)}" if told else "–" for a, b, told in pairs]
+
+
+def without_details(laws: pd.DataFrame) -> pd.DataFrame:
+    """Return the columns of the scores that a reader needs, laws with no weight last."""
+    shown = ["law", "gain_inverse_ttc_0.25", "gain_inverse_ttc_0.35", "gain_inverse_ttc_0.45"]
+    return laws[[*shown, "behind", "weight", "stacking", "probability", "refused"]]
+
+
+def of_the_answer(calibration: pd.DataFrame) -> pd.DataFrame:
+    """Return the calibration of all laws together, which are the first."""
+    return calibration[calibration["law"] == calibration["law"].iloc[0]].drop(columns="law")
+
+
+@table("laws", digits=3, digest=without_details)
+def laws_table(laws: pd.DataFrame) -> pd.DataFrame:
+    """Return the scores, weights and crash probabilities of all laws as they are published."""
+    return laws
+
+
+@table("calibration", digits=3, digest=of_the_answer)
+def calibration_table(calibration: pd.DataFrame) -> pd.DataFrame:
+    """Return recorded and expected counts near the crash set as they are published."""
+    return calibration
+
+
+@table("answer", digits=DIGITS, digest=with_intervals)
+def answer_table(answer: pd.DataFrame) -> pd.DataFrame:
+    """Return the probabilities of a crash and of near misses as they are published."""
+    return answer
+
+
+@table("exposure", digits=DIGITS, digest=with_intervals)
+def exposure_table(exposure: pd.DataFrame) -> pd.DataFrame:
+    """Return the rates per kilometre and hour as they are published."""
+    return exposure
+
+
+def rates_in_words(exposure: pd.DataFrame) -> str:
+    """Say how often a crash comes, per million kilometres and hours, as far as these are known."""
+    crashes = exposure[exposure["event"] == "crash"]
+    if crashes.empty:
+        return "In how many kilometres or hours the records were made is not known, so there is no rate."
+    told = [
+        f"{readable(1e6 * row.median, DIGITS)} (80 % interval {readable(1e6 * row.low80, DIGITS)} to "
+        f"{readable(1e6 * row.high80, DIGITS)}) per million {row.per}s"
+        for row in crashes.itertuples()
+    ]
+    return f"**Crashes of cut-ins, median: {' and '.join(told)}.**"
+
+
+@table("answer_budget", digits=3)
+def answer_budget_table(answer_budget: pd.DataFrame) -> pd.DataFrame:
+    """Return where the uncertainty of the answer comes from as it is published."""
+    return answer_budget
+
+
+def thresholds_digest(answer_thresholds: pd.DataFrame) -> pd.DataFrame:
+    """Return the answer by threshold with the levels as they are, which two digits do not tell apart."""
+    levels = answer_thresholds["level"].map("{:g}".format)
+    return with_intervals(answer_thresholds.assign(level=levels))
+
+
+@table("answer_thresholds", digits=DIGITS, digest=thresholds_digest)
+def answer_thresholds_table(answer_thresholds: pd.DataFrame) -> pd.DataFrame:
+    """Return the answer as each threshold alone gives it as it is published."""
+    return answer_thresholds
+
+
+@table("data_quality", digits=DIGITS, digest=with_intervals)
+def data_quality_table(data_quality: pd.DataFrame) -> pd.DataFrame:
+    """Return the answer under other readings of the records as it is published."""
+    return data_quality
+
+
+def vehicles_digest(vehicles: pd.DataFrame) -> pd.DataFrame:
+    """Return what is read of the compared vehicles: probability and ratio, with their 80 % intervals."""
+    return pd.DataFrame(
+        {
+            "vehicle": vehicles["vehicle"],
+            "recorded": vehicles["recorded"],
+            "expected": vehicles["expected"],
+            "median": vehicles["median"],
+            "80 %": _between(vehicles["low80"], vehicles["high80"]),
+            "ratio": vehicles["ratio"],
+            "80 % of ratio": _between(vehicles["ratio_low80"], vehicles["ratio_high80"]),
+            "safer": vehicles["safer"],
+        }
+    )
+
+
+@table("vehicles", digits=DIGITS, digest=vehicles_digest)
+def vehicles_table(vehicles: pd.DataFrame) -> pd.DataFrame:
+    """Return the vehicles compared with each other as they are published."""
+    return vehicles
+
+
+def calibration_verdict(calibration: pd.DataFrame) -> pd.DataFrame:
+    """Count for each law the cells outside their limits, and the most extreme p-value.
+
+    Parameters
+    ----------
+    calibration
+        ``calibration.csv`` of a study.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``law``, ``cells``, ``outside`` and ``smallest_p_value``.
+    """
+    groups = calibration.groupby("law", sort=False)
+    counts = {"cells": groups.size(), "outside": groups["within"].apply(lambda within: int((~within).sum()))}
+    return pd.DataFrame(counts).assign(smallest_p_value=groups["p_value"].min()).reset_index()
+
+
+def threshold_ratio(answer_thresholds: pd.DataFrame) -> float:
+    """Return how many times the largest answer of a single threshold is the smallest."""
+    return float(answer_thresholds["probability"].max() / answer_thresholds["probability"].min())
+
+
+def stated_margin(crash_places: pd.DataFrame, level: float = 0.95) -> float:
+    """Return by how much [m/s] the crashes of a law are faster than any record at like range, but for a rest.
+
+    Parameters
+    ----------
+    crash_places
+        ``crash_places.csv`` of a study.
+    level
+        Share of the crashes, of the worst law, that lie within the margin.
+    """
+    if crash_places.empty:  # the vehicle never crashes
+        return float("nan")
+    return float(crash_places.groupby("law")["beyond_recorded"].quantile(level).max())

@@ -1,0 +1,127 @@
+"""Fitted models and candidate families as tables to be read."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import pandas as pd
+
+from accelerated_evaluation.distributions import Distribution, Empirical, Mixture, unit_to_power
+from accelerated_evaluation.laws.paper.independent import UNITS, IndependentLaw
+from accelerated_evaluation.publishing.published import table
+
+SYMBOLS = {"inverse_range": "R⁻¹", "inverse_ttc": "TTC⁻¹"}
+
+
+def leaves(law: Distribution, weight: float = 1.0) -> Iterator[tuple[float, Distribution]]:
+    """Yield the distributions at the bottom of a mixture of mixtures, each with its weight in the whole."""
+    if isinstance(law, Mixture):
+        for share, component in zip(law.weights, law.components, strict=True):
+            yield from leaves(component, weight * share)
+    else:
+        yield weight, law
+
+
+def parameter_table(model: IndependentLaw) -> pd.DataFrame:
+    """List the parameters of a lane-change model.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row for each parameter of each component of a law: variable, segment, ``from`` and ``to`` in the
+        variable's ``unit``, the component's weight in the whole law, family, parameter, value, value_unit.
+    """
+    laws = [("inverse_range", "all", model.inverse_range)]
+    laws += [("inverse_ttc", segment, law) for segment, law in model.inverse_ttc.items()]
+    lines = [
+        {
+            "variable": variable,
+            "segment": segment,
+            "from": leaf.lower,
+            "to": leaf.upper,
+            "unit": UNITS[variable],
+            "weight": weight,
+            "family": leaf.kind,
+            "parameter": name,
+            "value": getattr(leaf, name),
+            "value_unit": unit_to_power(UNITS[variable], parameter.power),
+        }
+        for variable, segment, law in laws
+        for weight, leaf in leaves(law)
+        for name, parameter in leaf.parameters.items()
+    ]
+    return pd.DataFrame(lines)
+
+
+def rank_table(candidates: pd.DataFrame) -> pd.DataFrame:
+    """Digest the comparison of families: the rank by AIC of each, by variable and segment.
+
+    Parameters
+    ----------
+    candidates
+        Columns variable, segment, family, n_parameters and rank, at least; no rank where there is no fit.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row a family, those that do best on average first; a dash where a family has no fit.
+    """
+    places = candidates["variable"].map(SYMBOLS) + ", " + candidates["segment"]
+    shown = candidates["rank"].map(lambda rank: "–" if pd.isna(rank) else f"{rank:.0f}")
+    labelled = candidates.assign(place=places, shown=shown)
+    ranks = labelled.pivot_table(
+        index="family", columns="place", values="shown", aggfunc="first", fill_value="–"
+    )
+    families = labelled.groupby("family")
+    order = families["rank"].mean().sort_values(kind="stable").index
+    ranks = ranks.loc[order, places.unique()].rename_axis(columns=None)
+    parameters = families["n_parameters"].unique().map(lambda counts: " or ".join(map(str, sorted(counts))))
+    ranks.insert(0, "parameters", parameters)
+    return ranks.reset_index()
+
+
+@table("candidates", digits=5, digest=rank_table)
+def candidates_table(candidates: pd.DataFrame) -> pd.DataFrame:
+    """Return the fits of all candidate families; `rank_table` is what is read of them."""
+    return candidates
+
+
+def close_call_table(
+    encounters: pd.DataFrame,
+    models: Mapping[str, IndependentLaw],
+    *,
+    ranges: Sequence[float] = (30, 20, 10, 5, 3),
+    ttcs: Sequence[float] = (10, 5, 3, 2),
+) -> pd.DataFrame:
+    """Compare how often cut-ins are close in the records and in the models.
+
+    Parameters
+    ----------
+    encounters
+        Encounter table.
+    models
+        Models of the same segments by name.
+    ranges, ttcs
+        Bounds of the range [m] and of the time to collision [s].
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row a bound, ranges pooled over the segments and times to collision in each: segment, cut_in, events
+        (how many records), empirical (their share), and a column with the probability under each model.
+    """
+    first = next(iter(models.values()))
+    pooled = {name: model.inverse_range for name, model in models.items()}
+    lines = [_close_call("all", f"R < {r:g} m", encounters["inverse_range"], 1 / r, pooled) for r in ranges]
+    for segment in first.segments:
+        records = encounters.loc[encounters["segment"] == segment, "inverse_ttc"]
+        laws = {name: model.inverse_ttc[segment] for name, model in models.items()}
+        lines += [_close_call(segment, f"TTC < {t:g} s", records, 1 / t, laws) for t in ttcs]
+    return pd.DataFrame(lines)
+
+
+def _close_call(
+    segment: str, name: str, records: pd.Series, x: float, laws: Mapping[str, Distribution]
+) -> dict[str, str | float]:
+    """Count the records above x, and give the probability to exceed it under each law."""
+    line = {"segment": segment, "cut_in": name, "events": int((records > x).sum())}
+    line["empirical"] = float(Empirical(records).sf(x))
+    return line | {key: float(law.sf(x)) for key, law in laws.items()}

@@ -1,0 +1,170 @@
+"""The paper's tables I and II beside our numbers, all estimates, and the health of their weights."""
+
+import math
+
+import pandas as pd
+
+from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.publishing.published import table
+from accelerated_evaluation.publishing.tables.paper_numbers import (
+    PAPER_PARAMETERS,
+    PAPER_RATIOS,
+    PAPER_SEARCHES,
+    PAPER_SIMULATIONS,
+)
+from accelerated_evaluation.publishing.tables.searches import search_totals, searched_parameters
+from accelerated_evaluation.publishing.tables.spreads import (
+    Spread,
+    count,
+    crude_sample_size,
+    pooled_probability,
+    sample_size,
+    spread_over,
+)
+
+ESTIMATE_COLUMNS = (
+    *("study", "method", "replicate", "probability", "ci_low", "ci_high", "simulations"),
+    *("scope", "relative_half_width", "events", "effective_sample_size", "largest_weight_share", "converged"),
+)
+
+
+@table("table1_sample_size", digits=3)
+def table1_sample_size(
+    estimates: pd.DataFrame, course: pd.DataFrame, alpha: float, beta: float
+) -> pd.DataFrame:
+    """Build table I: simulations to convergence by method, and the paper's beside them.
+
+    Parameters
+    ----------
+    estimates, course
+        ``estimates.csv`` and ``estimates_course.csv`` of a study.
+    alpha, beta
+        Convergence is a relative half-width of the 100 (1 - alpha) % interval of at most beta.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row for each method, the paper's first: its simulations with their spread, the ratio to those of the
+        piecewise method, and the paper's two numbers where it has them.
+    """
+    sizes = {method: sample_size(estimates, method) for method in estimates["method"].unique()}
+    sizes["crude"] = crude_sample_size(pooled_probability(course, "piecewise", alpha), alpha, beta)
+    rows = [
+        {
+            "method": method,
+            "simulations": sizes[method].value,
+            "simulations_low": sizes[method].low,
+            "simulations_high": sizes[method].high,
+            "ratio_to_piecewise": sizes[method].value / sizes["piecewise"].value,
+            "paper_simulations": PAPER_SIMULATIONS.get(method, math.nan),
+            "paper_ratio_to_piecewise": PAPER_RATIOS.get(method, math.nan),
+            "spread": sizes[method].of,
+        }
+        for method in dict.fromkeys([*PAPER_SIMULATIONS, *sizes])
+    ]
+    return pd.DataFrame(rows)
+
+
+@table("table2_computation", digits=3)
+def table2_computation(
+    estimates: pd.DataFrame,
+    course: pd.DataFrame,
+    trace: pd.DataFrame,
+    single: IndependentLaw,
+    piecewise: IndependentLaw,
+    alpha: float,
+    beta: float,
+) -> pd.DataFrame:
+    """Build table II: what each stage computes with each method, and the paper's numbers beside ours.
+
+    Parameters
+    ----------
+    estimates, course, alpha, beta
+        As in `table1_sample_size`.
+    trace
+        ``cross_entropy_trace.csv`` of a study.
+    single, piecewise
+        The fitted models; every method but the single parametric one accelerates the piecewise model.
+
+    Returns
+    -------
+    pandas.DataFrame
+        stage, method, quantity; ours with its spread, and the paper's.
+    """
+    totals = search_totals(trace)
+    size = table1_sample_size(estimates, course, alpha, beta).set_index("method")
+    rows = []
+    for method in ("crude", *estimates["method"].unique()):
+        if method in totals:
+            fitted = (single if method == "single" else piecewise).n_parameters
+            moved, spent = searched_parameters(trace, method), spread_over(totals[method], "seeds")
+            rows.append(("fitting", "parameters", method, count(fitted), PAPER_PARAMETERS.get(method)))
+            rows.append(("Cross-Entropy", "simulations", method, spent, PAPER_SEARCHES.get(method)))
+            rows.append(("Cross-Entropy", "parameters", method, count(moved), PAPER_PARAMETERS.get(method)))
+        row = size.loc[method]
+        spent = Spread(row["simulations"], row["simulations_low"], row["simulations_high"], row["spread"])
+        rows.append(("simulation", "simulations", method, spent, PAPER_SIMULATIONS.get(method)))
+    computed = pd.DataFrame(
+        [
+            (stage, method, quantity, ours.value, ours.low, ours.high, paper, ours.of)
+            for stage, quantity, method, ours, paper in rows
+        ],
+        columns=["stage", "method", "quantity", "ours", "ours_low", "ours_high", "paper", "spread"],
+    )
+    stages = ["fitting", "Cross-Entropy", "simulation"]
+    computed = computed.sort_values("stage", key=lambda column: column.map(stages.index), kind="stable")
+    return computed.reset_index(drop=True)
+
+
+@table("estimates", digits=3)
+def estimates_table(estimates: pd.DataFrame) -> pd.DataFrame:
+    """Arrange the estimates of all replicates, methods and scopes for publication."""
+    return estimates[list(ESTIMATE_COLUMNS)]
+
+
+def probability_table(estimates: pd.DataFrame, course: pd.DataFrame, alpha: float) -> pd.DataFrame:
+    """Compare the estimates at convergence with the pooled one, a row for each scope and method.
+
+    Returns
+    -------
+    pandas.DataFrame
+        scope, method, pooled, ci_low, ci_high; at_convergence, the mean over the replicates; covering, how
+        many of their intervals hold the pooled estimate, of how many replicates.
+    """
+    rows = []
+    for (scope, method), ends in estimates.groupby(["scope", "method"], sort=False):
+        pooled = pooled_probability(course, method, alpha, scope)
+        covering = ends["ci_low"].le(pooled.value) & ends["ci_high"].ge(pooled.value)
+        rows.append(
+            {
+                "scope": scope,
+                "method": method,
+                "pooled": pooled.value,
+                "ci_low": pooled.low,
+                "ci_high": pooled.high,
+                "at_convergence": ends["probability"].mean(),
+                "covering": int(covering.sum()),
+                "replicates": len(ends),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def weight_health(estimates: pd.DataFrame) -> pd.DataFrame:
+    """Digest the weights at convergence, a row for each scope and method.
+
+    Returns
+    -------
+    pandas.DataFrame
+        scope, method; means over the replicates of simulations, crashes, effective_sample_size and crashes
+        for each effective one; the largest share that one crash has in any replicate; how many converged.
+    """
+    health = estimates.assign(crashes_per_effective=estimates["events"] / estimates["effective_sample_size"])
+    return health.groupby(["scope", "method"], sort=False, as_index=False).agg(
+        simulations=("simulations", "mean"),
+        crashes=("events", "mean"),
+        effective_sample_size=("effective_sample_size", "mean"),
+        crashes_per_effective=("crashes_per_effective", "mean"),
+        largest_weight_share=("largest_weight_share", "max"),
+        converged=("converged", "sum"),
+    )

@@ -1,0 +1,197 @@
+"""Checks of records before any result: each is one function in a module of this package.
+
+A check takes `Records` and returns a `Finding`, with the verdict ``fine``, ``look`` or ``stop``:
+
+- ``look`` where the records are not what chance alone would give, at the test level `LEVEL`, or where a
+  physical limit is passed by single rows. The user has to look at the rows that are named.
+- ``stop`` where what was found makes the results wrong: a physical limit is passed by the mass of the records
+  (a wrong unit, a wrong sign), or a fault is in more than `MANY` of the rows.
+
+A new check is one function with the decorator ``@CHECKS.add("<name>")``.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.registry import Registry
+from accelerated_evaluation.records.encounter_table import NUMBERS
+from accelerated_evaluation.records.filters import Account, apply_filters, drop_invalid
+from accelerated_evaluation.records.segments import MINIMUM_ROWS, segment_names
+
+LEVEL = 0.001  # of a test, so that a check calls one sound table in a thousand conspicuous
+MANY = 0.01  # of the rows: the fits rest on the uppermost 5 % of the rows, of which this is a fifth
+NAMED_ROWS = 5
+FINE, LOOK, STOP = VERDICTS = ("fine", "look", "stop")
+
+
+class Replayed(Protocol):
+    """What the checks need of the outcomes of simulated cut-ins, arrays of shape (n,)."""
+
+    crash: NDArray[np.bool_]
+    min_range: Array
+    min_ttc: Array
+
+
+Simulate = Callable[[Array, Array, Array], Replayed]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a check found.
+
+    Attributes
+    ----------
+    verdict
+        ``fine``, ``look`` or ``stop``.
+    looked_at, seen
+        In words.
+    number
+        The number that the verdict rests on.
+    advice
+        What to do; empty where all is fine.
+    rows
+        Rows of the source that are concerned, the worst first.
+    """
+
+    verdict: str
+    looked_at: str
+    seen: str
+    number: float
+    advice: str = ""
+    rows: Sequence[int] = ()
+
+
+@dataclass(frozen=True)
+class Records:
+    """The records of a source in the forms that the checks need, all indexed by the row of the source.
+
+    Attributes
+    ----------
+    valid
+        All rows with three finite numbers, columns ``contract.NUMBERS``.
+    invalid
+        Rows that are no encounter.
+    kept
+        The valid rows that pass the filters.
+    edges
+        Edges of the segments of the lead speed [m/s].
+    simulate
+        Simulates cut-ins with the vehicle under test; None where there is none.
+    """
+
+    valid: pd.DataFrame
+    invalid: Sequence[int]
+    kept: pd.DataFrame
+    edges: Sequence[float]
+    simulate: Simulate | None = None
+
+    @classmethod
+    def of(cls, raw: pd.DataFrame, config: Mapping[str, Any], simulate: Simulate | None = None) -> "Records":
+        """Prepare the records of a source.
+
+        Parameters
+        ----------
+        raw
+            Records as `sources.read_source` returns them.
+        config
+            A resolved configuration; its sections ``filters`` and ``segments`` are used.
+        simulate
+            As in `Records`.
+        """
+        account = Account(len(raw))
+        valid = drop_invalid(raw, account, policy="drop", where="the records")
+        kept = apply_filters(valid, account, config["filters"])
+        invalid = raw.index.difference(valid.index)
+        return cls(valid, invalid, kept, config["segments"]["lead_speed_edges"], simulate)
+
+    @cached_property
+    def distinct(self) -> pd.DataFrame:
+        """The valid rows without those that repeat the row before them."""
+        return self.valid[(self.valid != self.valid.shift()).any(axis=1)]
+
+    @cached_property
+    def closing(self) -> pd.DataFrame:
+        """The distinct rows in which the gap closes."""
+        return self.distinct[self.distinct["closing_speed"] > 0]
+
+    @cached_property
+    def host_speed(self) -> pd.Series:
+        """Speed of the recording vehicle [m/s] in the valid rows."""
+        return self.valid["lead_speed"] + self.valid["closing_speed"]
+
+    @cached_property
+    def segments(self) -> dict[str, pd.DataFrame]:
+        """The distinct rows that pass the filters, by segment; a segment may be empty."""
+        rows = self.kept[self.kept.index.isin(self.distinct.index)]
+        place = np.searchsorted(self.edges, rows["lead_speed"].to_numpy(), side="right") - 1
+        return {name: rows[place == number] for number, name in enumerate(segment_names(self.edges))}
+
+    @cached_property
+    def outcomes(self) -> pd.DataFrame:
+        """What happens when the kept rows are replayed: ``crash``, ``min_range`` [m] and ``min_ttc`` [s]."""
+        found = self.simulate(*(self.kept[name].to_numpy() for name in NUMBERS[:3]))
+        names = ("crash", "min_range", "min_ttc")
+        return pd.DataFrame({name: getattr(found, name) for name in names}, index=self.kept.index)
+
+
+Check = Callable[[Records], Finding]
+CHECKS: Registry[Check] = Registry("check", __name__, __path__)
+
+
+def by_share(count: int, size: int) -> str:
+    """Return the verdict on faults of single rows: ``stop`` if more than `MANY` of ``size`` have one."""
+    if count == 0:
+        return FINE
+    return STOP if count > MANY * size else LOOK
+
+
+def inspect_records(records: Records) -> pd.DataFrame:
+    """Run all checks.
+
+    Parameters
+    ----------
+    records
+        Records of a source.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row for each check, stops first: ``check``, ``verdict``, ``looked_at``, ``seen``, ``number``,
+        ``rows`` (how many are concerned), ``example_rows`` (of the source, counted from 1) and ``advice``.
+
+    Raises
+    ------
+    InputError
+        If there are too few valid rows to check anything.
+    """
+    if len(records.valid) < MINIMUM_ROWS:
+        raise InputError(
+            "the records",
+            seen=f"{len(records.valid):,} valid rows, and {len(records.invalid):,} that are none",
+            expected=f"at least {MINIMUM_ROWS} valid rows to check",
+            change="Check the columns and their units.",
+        )
+    table = pd.DataFrame([_line(name, check(records)) for name, check in CHECKS.items()])
+    order = table["verdict"].map(VERDICTS[::-1].index).sort_values(kind="stable").index  # stops first
+    return table.loc[order].reset_index(drop=True)
+
+
+def _line(name: str, found: Finding) -> dict[str, Any]:
+    return {
+        "check": name.replace("_", " "),
+        "verdict": found.verdict,
+        "looked_at": found.looked_at,
+        "seen": found.seen,
+        "number": found.number,
+        "rows": len(found.rows),
+        "example_rows": "; ".join(map(str, list(found.rows)[:NAMED_ROWS])),
+        "advice": found.advice if found.verdict != FINE else "",
+    }

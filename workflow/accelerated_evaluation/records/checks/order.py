@@ -1,0 +1,59 @@
+"""Whether the records stay the same from the first row to the last."""
+
+import numpy as np
+from scipy.stats import norm
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.records.checks import CHECKS, FINE, LEVEL, LOOK, STOP, Finding, Records
+
+DRIFTING = ("lead_speed", "range", "inverse_ttc")
+BLOCKS = 10  # of consecutive rows in a third of the record, left out in turn
+MEDIUM = 0.5  # standard deviations, a medium effect (Cohen 1988)
+
+
+@CHECKS.add("drift")
+def drift(records: Records) -> Finding:
+    """Compare the first and the last third of the rows, in the order of the record.
+
+    The number is the probability that a value of the last third is larger than one of the first. Its standard
+    error is of the jackknife over blocks of consecutive rows, because rows of one trip are alike.
+    """
+    rows = records.closing
+    looked_at = "chance that a value of the last third of the rows is larger than one of the first third"
+    third = len(rows) // 3
+    if third < 2 * BLOCKS:
+        return Finding(FINE, looked_at, "too few rows to tell", 0.5)
+    found = {}
+    for name in DRIFTING:
+        values = rows[name].to_numpy()
+        found[name] = _superiority(values[:third], values[-third:])
+    critical = norm.isf(LEVEL / 2 / len(DRIFTING))
+    name = max(found, key=lambda name: abs(found[name][0] - 0.5) / found[name][1])
+    chance, error = found[name]
+    large = max(abs(one - 0.5) for one, _ in found.values()) > norm.cdf(MEDIUM / np.sqrt(2)) - 0.5
+    drifts = abs(chance - 0.5) > critical * error
+    return Finding(
+        FINE if not drifts else STOP if large else LOOK,
+        looked_at,
+        "; ".join(f"{key.replace('_', ' ')} {one:.3f} +- {own:.3f}" for key, (one, own) in found.items()),
+        chance,
+        "Plot the columns in the order of the rows: other places, vehicles, seasons, or a sensor that loses "
+        "its calibration? The intervals take all rows for one population.",
+    )
+
+
+def _superiority(first: Array, last: Array) -> tuple[float, float]:
+    """Return the probability that a value of ``last`` exceeds one of ``first``, and its standard error."""
+    blocks = [np.array_split(values, BLOCKS) for values in (first, last)]
+    wins = np.array([[_wins(a, b) for b in blocks[1]] for a in blocks[0]])
+    all_but = BLOCKS * (BLOCKS - 1)
+    without = [(wins.sum() - wins.sum(axis=axis)) / all_but for axis in (0, 1)]
+    variance = sum((BLOCKS - 1) * np.var(part) for part in without)
+    return float(wins.mean()), float(np.sqrt(variance)) or np.finfo(float).tiny
+
+
+def _wins(first: Array, last: Array) -> float:
+    """Return the share of the pairs in which ``last`` is larger, ties by half."""
+    ordered = np.sort(first)
+    below = np.searchsorted(ordered, last, side="left") + np.searchsorted(ordered, last, side="right")
+    return float(below.mean() / (2 * ordered.size))

@@ -1,0 +1,43 @@
+"""What the vehicle under test does in the cut-ins that were recorded."""
+
+from accelerated_evaluation.records.checks import (
+    CHECKS,
+    FINE,
+    LOOK,
+    MANY,
+    NAMED_ROWS,
+    STOP,
+    Finding,
+    Records,
+)
+
+NEAR_TTC, NEAR_RANGE = 1.0, 1.0  # [s], [m], near misses of the crash map
+
+
+@CHECKS.add("replayed_crashes")
+def replayed_crashes(records: Records) -> Finding:
+    """Replay the rows that pass the filters: which crash, and which nearly do."""
+    looked_at = (
+        f"rows that crash with the vehicle under test, or come to a TTC under {NEAR_TTC:g} s or a range "
+        f"under {NEAR_RANGE:g} m"
+    )
+    if records.simulate is None or records.kept.empty:
+        return Finding(FINE, looked_at, "not looked at: no vehicle or no rows", 0.0)
+    outcomes = records.outcomes
+    crash = outcomes["crash"]
+    near = ~crash & ((outcomes["min_ttc"] < NEAR_TTC) | (outcomes["min_range"] < NEAR_RANGE))
+    crashes, nearly = outcomes.index[crash], outcomes[near].sort_values("min_ttc").index
+    concerned = len(crashes) + len(nearly)
+    return Finding(
+        STOP if crash.mean() > MANY else LOOK if concerned else FINE,
+        looked_at,
+        f"{len(crashes):,} rows crash{_named(crashes)}, {len(nearly):,} nearly",
+        len(crashes),
+        "Look at these rows with the command accelerated-evaluation replay: an error of the record, or the "
+        "vehicle's? Table data_quality has the answer without the rows that crash.",
+        [*crashes, *nearly],
+    )
+
+
+def _named(rows: list[int]) -> str:
+    return f" ({'; '.join(map(str, rows[:NAMED_ROWS]))})" if len(rows) else ""

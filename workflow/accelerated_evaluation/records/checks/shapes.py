@@ -1,0 +1,146 @@
+"""Whether the distributions are those of measured quantities: heaps, holes, cut edges and values far out."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+from scipy.stats import binom, poisson
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.records.checks import CHECKS, FINE, LEVEL, LOOK, STOP, Finding, Records, by_share
+
+SPEED_UNITS = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704}
+UNITS = {"lead_speed": SPEED_UNITS, "range": {"m": 1.0, "ft": 0.3048}, "closing_speed": SPEED_UNITS}
+STEPS = (10.0, 5.0, 1.0, 0.5)
+OFFSETS = sorted({j / 10 for j in range(1, 10)} | {j / 16 for j in range(1, 16)})  # of a step
+BESIDE = 50  # distinct values next to one, that say how many rows or how much room to expect
+TOP = 100  # largest values, whose mean excess is known within 10 %
+EXTREMES = ("inverse_range", "inverse_ttc")  # what the models have tails of
+
+
+@CHECKS.add("round_numbers")
+def round_numbers(records: Records) -> Finding:
+    """Look for more rows on round numbers than on any other lattice of the same step."""
+    heaps, tests = [], sum(len(units) for units in UNITS.values()) * len(STEPS)
+    for name, units in UNITS.items():
+        values = _of(records, name)
+        for unit, factor in units.items():
+            for step in STEPS:
+                on, others = _on_lattices((values / (factor * step)).to_numpy())
+                p = float(binom.sf(on.sum() - 1, on.sum() + others, 0.5)) * tests
+                where = f"{name.replace('_', ' ')} on multiples of {step:g} {unit}"
+                heaps.append((p, -on.mean() if on.size else 0.0, where, values.index[on]))
+    p, minus_share, where, rows = min(heaps, key=lambda heap: heap[:2])
+    heaped = p < LEVEL
+    return Finding(
+        FINE if not heaped else STOP if -minus_share > 0.5 else LOOK,
+        "rows on multiples of 0.5, 1, 5 and 10 of m/s, km/h, mph, m and ft, beside those on other lattices",
+        f"most conspicuous: {where}, {len(rows):,} rows ({-minus_share:.1%}; p = {min(p, 1):.2g})",
+        -minus_share,
+        "Take the values as they were measured: rounded ones make steps in the tails. A heap on multiples "
+        "of another unit tells the unit of the sensor.",
+        list(rows) if heaped else (),
+    )
+
+
+def _of(records: Records, name: str) -> pd.Series:
+    """Return the distinct values of a quantity; of the closing speed, those of gaps that close."""
+    return (records.closing if name == "closing_speed" else records.distinct)[name]
+
+
+def _on_lattices(steps: Array) -> tuple[np.ndarray, int]:
+    """Tell which values, in steps, are whole, and count those on the fullest of the shifted lattices."""
+    part = steps - np.floor(steps)
+    on = {offset: np.abs(part - offset) < 1e-5 for offset in OFFSETS}
+    return (part < 1e-5) | (part > 1 - 1e-5), max(int(found.sum()) for found in on.values())
+
+
+@CHECKS.add("cut_edges")
+def cut_edges(records: Records) -> Finding:
+    """Look for values that gather at the smallest or largest one of a quantity: a limit or a saturation."""
+    worst, tests = (1.0, "no edge", 0.0, "range"), 2 * len(UNITS)
+    for name in UNITS:
+        values, counts = np.unique(_of(records, name).round(9), return_counts=True)
+        if values.size <= BESIDE:
+            continue
+        edges = {"smallest": (0, counts[1 : BESIDE + 1]), "largest": (-1, counts[-1 - BESIDE : -1])}
+        for word, (edge, beside) in edges.items():
+            p = float(poisson.sf(counts[edge] - 1, beside.mean())) * tests
+            where = f"the {word} {name.replace('_', ' ')}, {values[edge]:g}"
+            worst = min(worst, (p, where, values[edge], name), key=lambda entry: entry[0])
+    p, where, edge, name = worst
+    rows = records.valid.index[records.valid[name].round(9) == edge] if p < LEVEL else ()
+    return Finding(
+        by_share(len(rows), len(records.valid)),
+        "rows exactly at the smallest and largest value of a quantity, beside its 50 neighbours",
+        f"{len(rows):,} rows at {where} (p = {p:.2g})" if len(rows) else "none",
+        len(rows),
+        "The records were cut or the sensor saturates here. Set the limit in filters to this value or inside "
+        "of it: nothing is known of what lies beyond.",
+        list(rows),
+    )
+
+
+@CHECKS.add("gaps")
+def gaps(records: Records) -> Finding:
+    """Look for holes: intervals without a value between values that lie close on both sides."""
+    worst = (1.0, "no hole", 0.0, 0.0, "range")
+    for name in UNITS:
+        values = np.unique(_of(records, name).round(9))
+        for p, low, high in _widest(values):
+            text = f"{name.replace('_', ' ')} from {low:.4g} to {high:.4g}"
+            worst = min(worst, (p * len(UNITS), text, low, high, name), key=lambda entry: entry[0])
+    p, where, low, high, name = worst
+    hole = p < LEVEL
+    return Finding(
+        LOOK if hole else FINE,
+        "widest interval without a value, beside the distances of the 50 values on either side",
+        f"{where} (p = {min(p, 1):.2g})",
+        high - low,
+        "Find out what is missing: a lost file, a filter, a sensor that jumps. The shares of the lead speeds "
+        "go into the answer as they are recorded.",
+        list(records.valid.index[records.valid[name].round(9).isin([low, high])]) if hole else (),
+    )
+
+
+def _widest(values: Array) -> Iterator[tuple[float, float, float]]:
+    """Yield the p-value and the ends of the hole that is widest beside its neighbourhood, if there is one.
+
+    In a neighbourhood of constant density the ratio of a distance to the sum of m others exceeds r with
+    probability (1 + r)^-m. The sparser side counts.
+    """
+    if values.size < 2 * BESIDE + 2:
+        return
+    place = np.arange(BESIDE, values.size - BESIDE - 1)
+    below, above = values[place] - values[place - BESIDE], values[place + 1 + BESIDE] - values[place + 1]
+    hole = values[place + 1] - values[place]
+    log_p = -BESIDE * np.log1p(hole / np.maximum(below, above))
+    first = int(np.argmin(log_p))
+    p = float(np.exp(log_p[first])) * place.size
+    yield p, float(values[place[first]]), float(values[place[first] + 1])
+
+
+@CHECKS.add("outliers")
+def outliers(records: Records) -> Finding:
+    """Look for values too far out for the exponential tail that the models have."""
+    found: dict[int, float] = {}
+    for name in EXTREMES:
+        values = records.closing[name].sort_values(ascending=False)
+        count = min(TOP, len(values) // 20)
+        if count < 2:
+            continue
+        excess = values.iloc[:count] - values.iloc[count]
+        scale = max(float(excess.median() / np.log(2)), np.finfo(float).tiny)
+        with np.errstate(divide="ignore"):  # a value may be equal to the one below those counted
+            p = -np.expm1(count * np.log1p(-np.exp(-excess / scale))) * len(EXTREMES)
+        found |= {row: min(value, found.get(row, 1.0)) for row, value in p[p < LEVEL].items()}
+    rows = sorted(found, key=found.get)
+    return Finding(
+        LOOK if rows else FINE,
+        "R^-1 and TTC^-1 beyond what the exponential tail of their 100 largest values reaches by chance",
+        f"{len(rows):,} rows" + (f"; smallest p = {found[rows[0]]:.2g}" if rows else ""),
+        len(rows),
+        "Look at these rows one by one. List false ones under data.<source>.outlier_rows, and see in table "
+        "sensitivity what they do to the result.",
+        rows,
+    )

@@ -1,0 +1,65 @@
+"""Whether there are enough records where it matters: by speed and range, in the tails, within the limits."""
+
+import numpy as np
+
+from accelerated_evaluation.records.checks import CHECKS, FINE, LOOK, STOP, Finding, Records
+from accelerated_evaluation.records.segments import MINIMUM_ROWS
+
+TAIL = 0.05  # share of the rows above the knot of TTC^-1
+ENOUGH, FEW = 100, 10  # rows of a tail: its rate is known within 10 % and 30 %
+CELL = (5.0, 10.0)  # [m/s], [m], of lead speed and range
+
+
+@CHECKS.add("rows_outside_limits")
+def rows_outside_limits(records: Records) -> Finding:
+    """Look how many closing rows the limits of the configuration leave out."""
+    closing = records.valid.index[records.valid["closing_speed"] > 0]
+    rows = closing.difference(records.kept.index)
+    share = len(rows) / max(len(closing), 1)
+    return Finding(
+        FINE if len(rows) == 0 else STOP if share > 0.5 else LOOK,
+        "closing rows outside of the limits of lead speed and range (filters)",
+        f"{len(rows):,} of {len(closing):,} rows ({share:.1%})",
+        share,
+        "Widen the limits in filters, or set them to auto. The result holds inside of the limits alone.",
+        list(rows),
+    )
+
+
+@CHECKS.add("sample_size")
+def sample_size(records: Records) -> Finding:
+    """Look how the distinct rows are spread over lead speed and range."""
+    counts = {name: len(rows) for name, rows in records.segments.items()}
+    smallest = min(counts, key=counts.get)
+    kept = records.kept
+    cells = kept.groupby([(kept["lead_speed"] // CELL[0]), (kept["range"] // CELL[1])]).size()
+    thin = int((cells < MINIMUM_ROWS).sum())
+    size = counts[smallest]
+    return Finding(
+        STOP if size < MINIMUM_ROWS else LOOK if TAIL * size < MINIMUM_ROWS else FINE,
+        "distinct rows by segment of lead speed, and in cells of 5 m/s by 10 m",
+        f"{'; '.join(f'{name} m/s: {count:,}' for name, count in counts.items())}; "
+        f"{thin} of {len(cells)} cells with rows have fewer than {MINIMUM_ROWS}",
+        size,
+        "Join segments (segments.lead_speed_edges), or add records there.",
+    )
+
+
+@CHECKS.add("size_of_tail")
+def size_of_tail(records: Records) -> Finding:
+    """Look how many rows the fit of the tail of TTC^-1 rests on, in the segment with the fewest."""
+    sizes = {
+        name: int((rows["inverse_ttc"] > np.quantile(rows["inverse_ttc"], 1 - TAIL)).sum())
+        for name, rows in records.segments.items()
+        if len(rows)
+    }
+    size = min(sizes.values(), default=0)
+    error = f", so its rate is known within {1 / np.sqrt(size):.0%}" if size else ""
+    return Finding(
+        STOP if size < FEW else LOOK if size < ENOUGH else FINE,
+        f"distinct rows in the uppermost {TAIL:.0%} of TTC^-1, by segment, on which its tail rests",
+        f"{'; '.join(f'{name} m/s: {count:,}' for name, count in sizes.items())}; the smallest has "
+        f"{size:,}{error}",
+        size,
+        "Add records, join segments, or lower the knot (models.inverse_ttc.knots).",
+    )

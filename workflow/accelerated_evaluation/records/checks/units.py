@@ -1,0 +1,143 @@
+"""Whether the quantities are what they are said to be: limits of physics and of traffic tell a wrong unit."""
+
+import numpy as np
+from scipy.stats import binom, spearmanr
+
+from accelerated_evaluation.records.checks import (
+    CHECKS,
+    FINE,
+    LEVEL,
+    LOOK,
+    MANY,
+    STOP,
+    Finding,
+    Records,
+    by_share,
+)
+
+FASTEST_TRAFFIC = 45.0  # [m/s], 162 km/h: no road has half of its vehicles faster
+FASTEST_CAR = 70.0  # [m/s], 252 km/h: makers limit their fast cars to 250 km/h
+LONGEST_GAP = 5.0  # [s]: vehicles farther apart do not follow each other (Highway Capacity Manual 1985)
+SHORTEST_GAP = 0.5  # [s]: nobody reacts faster, so half of the drivers cannot drive like this
+FARTHEST = 300.0  # [m]: no radar or camera of a car follows a target beyond
+NEAREST = 3.0  # [m]: a camera behind the windscreen does not see the road nearer to the bumper than this
+FULL_BRAKING = 9.81  # [m/s^2]: what tyres can transmit at best
+CRASHES = 1e-5  # of human drivers per lane change: one in 500,000 miles, a lane change every 5 (the paper)
+
+
+@CHECKS.add("invalid_values")
+def invalid_values(records: Records) -> Finding:
+    """Look for rows that are no encounter."""
+    rows, size = list(records.invalid), len(records.valid) + len(records.invalid)
+    return Finding(
+        by_share(len(rows), size),
+        "missing, negative, infinite or non-numeric values, and speeds above 300 m/s",
+        f"{len(rows):,} of {size:,} rows",
+        len(rows),
+        "Mend these rows, or set data.invalid_rows to drop, which leaves them out and counts them.",
+        rows,
+    )
+
+
+@CHECKS.add("speed_unit")
+def speed_unit(records: Records) -> Finding:
+    """Look whether the speeds are those of road traffic in m/s."""
+    fastest = np.maximum(records.valid["lead_speed"], records.host_speed)
+    median, rows = records.valid["lead_speed"].median(), fastest[fastest > FASTEST_CAR]
+    verdict = STOP if median > FASTEST_TRAFFIC else by_share(len(rows), len(fastest))
+    return Finding(
+        verdict,
+        f"median lead speed, at most {FASTEST_TRAFFIC:g} m/s on any road; speeds above {FASTEST_CAR:g} m/s",
+        f"median {median:.1f} m/s, largest speed of either vehicle {fastest.max():.1f} m/s",
+        float(median),
+        "State the unit of the column (km/h or mph taken for m/s?), and see that no columns are swapped.",
+        list(rows.sort_values(ascending=False).index),
+    )
+
+
+@CHECKS.add("time_gap")
+def time_gap(records: Records) -> Finding:
+    """Look whether range and speed fit together: the time after which the host is where the lead is now."""
+    moving = records.host_speed > 0
+    median = float((records.valid["range"][moving] / records.host_speed[moving]).median())
+    return Finding(
+        FINE if SHORTEST_GAP <= median <= LONGEST_GAP else STOP,
+        f"median time gap, range / host speed; {SHORTEST_GAP:g} to {LONGEST_GAP:g} s in traffic",
+        f"median {median:.2f} s",
+        median,
+        "State the units of range and lead speed (feet taken for metres, m/s for km/h?); swapped columns?",
+    )
+
+
+@CHECKS.add("unavoidable_crashes")
+def unavoidable_crashes(records: Records) -> Finding:
+    """Look for records that no brake could have survived, and compare with how often people crash."""
+    valid = records.valid
+    needed = valid["closing_speed"].clip(lower=0) ** 2 / (2 * valid["range"])
+    rows = needed[needed > FULL_BRAKING].sort_values(ascending=False)
+    is_chance = binom.sf(len(rows) - 1, len(needed), CRASHES) >= LEVEL
+    return Finding(
+        FINE if rows.empty else LOOK if is_chance else STOP,
+        f"rows that need more than {FULL_BRAKING:g} m/s^2, closing^2 / (2 range): these must have crashed, "
+        f"and people crash in at most {CRASHES:g} of the lane changes",
+        f"{len(rows):,} of {len(needed):,} rows; largest {needed.max():.2f} m/s^2",
+        float(needed.max()),
+        "State the units of closing speed and range (km/h for m/s?); see that no columns are swapped.",
+        list(rows.index),
+    )
+
+
+@CHECKS.add("sign_of_range_rate")
+def sign_of_range_rate(records: Records) -> Finding:
+    """Look whether gaps close that should close.
+
+    Drivers who are slower than the car behind keep more distance, so closing speed rises with the range.
+    """
+    range_, closing = records.valid["range"], records.valid["closing_speed"]
+    opening = float((closing <= 0).mean())
+    verdict, seen = FINE, f"{opening:.1%} of the rows open"
+    if opening > 1 - MANY:
+        verdict = STOP
+    elif opening > MANY:
+        found = spearmanr(range_, closing)
+        verdict = LOOK if found.statistic < 0 and found.pvalue < LEVEL else FINE
+        seen += f"; rank correlation of range and closing speed {found.statistic:.2f}"
+    return Finding(
+        verdict,
+        "share of rows whose gap opens; whether the closing speed rises with the range, as drivers see to it",
+        seen,
+        opening,
+        "Turn the sign: a range rate is negative when the gap closes (quantity: range_rate), a closing speed "
+        "is positive.",
+        list(closing.index[closing <= 0]) if verdict != FINE else (),
+    )
+
+
+@CHECKS.add("far_ranges")
+def far_ranges(records: Records) -> Finding:
+    """Look for ranges that no sensor of a car reaches."""
+    range_ = records.valid["range"]
+    rows = range_[range_ > FARTHEST].sort_values(ascending=False)
+    return Finding(
+        by_share(len(rows), len(range_)),
+        f"ranges above {FARTHEST:g} m, which no radar or camera of a car reaches",
+        f"{len(rows):,} rows; largest {range_.max():.1f} m",
+        len(rows),
+        "State the unit of the range, or leave these rows out with filters.range_max.",
+        list(rows.index),
+    )
+
+
+@CHECKS.add("short_ranges")
+def short_ranges(records: Records) -> Finding:
+    """Look for ranges that are hardly possible when a car changes lane."""
+    range_ = records.valid["range"]
+    rows = range_[range_ < NEAREST].sort_values()
+    return Finding(
+        by_share(len(rows), len(range_)),
+        f"ranges under {NEAREST:g} m, which a camera behind the windscreen cannot see",
+        f"{len(rows):,} rows; smallest {range_.min():.2f} m",
+        len(rows),
+        "Look at these rows: another lane, a false target? Table data_quality has the answer without them.",
+        list(rows.index),
+    )

@@ -1,0 +1,191 @@
+"""Which records are kept, with an account of every one that is not."""
+
+from collections.abc import Iterable, Mapping
+from typing import Self
+
+import numpy as np
+import pandas as pd
+
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.records.encounter_table import QUANTITIES, complete
+
+NAMED_ROWS = 5
+FASTEST = 300.0  # [m/s]; no road vehicle has such a speed, but a wrong unit or a mark for a missing value has
+
+
+class Account:
+    """What each step found, dropped and kept.
+
+    Parameters
+    ----------
+    rows
+        Number of rows that were read.
+    earlier
+        Lines of the account of an extraction that found these rows in recordings, to go before its own.
+    """
+
+    def __init__(self, rows: int, earlier: Iterable[dict] = ()) -> None:
+        self._lines: list[dict] = list(earlier)
+        self._rows = rows
+
+    @classmethod
+    def of(cls, raw: pd.DataFrame) -> Self:
+        """Begin the account of the records of a source, after that of an extraction that found them."""
+        return cls(len(raw), raw.attrs.get("account", ()))
+
+    def take(
+        self, table: pd.DataFrame, found: pd.Series, *, step: str, reason: str, drop: bool = True
+    ) -> pd.DataFrame:
+        """Enter one line and return ``table`` without the rows where ``found``, or whole if not ``drop``.
+
+        Parameters
+        ----------
+        table
+            Records, indexed by their row in the source.
+        found
+            Boolean, index of ``table``.
+        step, reason
+            Name of the filter and why it drops a row.
+        drop
+            False to count only.
+        """
+        self.enter(
+            int(found.sum()), step=step, reason=reason, drop=drop, examples=table.index[found][:NAMED_ROWS]
+        )
+        return table[~found] if drop else table
+
+    def enter(
+        self, count: int, *, step: str, reason: str, drop: bool = True, examples: Iterable[object] = ()
+    ) -> None:
+        """Enter one line about rows that are counted elsewhere, such as in a database.
+
+        Parameters
+        ----------
+        count
+            Number of rows that were found.
+        step, reason
+            Name of the filter and why it drops a row.
+        drop
+            False to count only.
+        examples
+            Names of a few of these rows.
+        """
+        dropped = count if drop else 0
+        rows_in, self._rows = self._rows, self._rows - dropped
+        self._lines.append(
+            {
+                "step": step,
+                "reason": reason,
+                "rows_in": rows_in,
+                "rows_found": count,
+                "rows_dropped": dropped,
+                "rows_kept": self._rows,
+                "example_rows": "; ".join(map(str, examples)),
+            }
+        )
+
+    def summary(self) -> str:
+        """Say in words how many rows each filter dropped."""
+        dropped = [line for line in self._lines if line["rows_dropped"]]
+        counts = (f"{line['rows_dropped']:,} by {line['step']}: {line['reason']}" for line in dropped)
+        return "; ".join(counts) or "none were dropped"
+
+    def table(self) -> pd.DataFrame:
+        """Return the account: step, reason, rows_in, rows_found, rows_dropped, rows_kept, example_rows."""
+        return pd.DataFrame(self._lines)
+
+
+def drop_invalid(raw: pd.DataFrame, account: Account, *, policy: str, where: str) -> pd.DataFrame:
+    """Complete the records of a source and drop, or refuse, those that are no encounter.
+
+    Parameters
+    ----------
+    raw
+        Three columns as `contract.complete` takes them, of which cells may be missing or text; others do not
+        count.
+    account
+        Where the rows are entered, one line a reason.
+    policy
+        ``"drop"`` or ``"refuse"``.
+    where
+        Name of the data, for the error.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``contract.NUMBERS``, all finite.
+
+    Raises
+    ------
+    InputError
+        If the policy is to refuse and there is such a row; names the first few, with what is in them.
+    """
+    raw = raw[[name for name in raw if name in QUANTITIES]]
+    numbers = raw.apply(pd.to_numeric, errors="coerce").astype(float)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        encounters = complete(numbers)
+    reasons = {
+        "missing value": raw.isna(),
+        "text in place of a number": numbers.isna() & raw.notna(),
+        "infinite value, or zero for a range or TTC": np.isinf(pd.concat([numbers, encounters], axis=1)),
+        "negative lead speed or range": encounters[["lead_speed", "range"]] < 0,
+    }
+    too_fast = (
+        encounters[["lead_speed", "closing_speed"]].abs().gt(FASTEST)
+        & np.isfinite(encounters).all(axis=1).to_numpy()[:, None]
+    )
+    if too_fast.any(axis=None):  # named only then, because no filter of the paper's looks for it
+        reasons[f"speed above {FASTEST:g} m/s"] = too_fast
+    masks = {reason: cells.any(axis=1) for reason, cells in reasons.items()}
+    if policy == "refuse" and any(mask.any() for mask in masks.values()):
+        raise InputError(
+            where,
+            seen="; ".join(_describe(raw, mask, reason) for reason, mask in masks.items() if mask.any()),
+            expected="finite numbers, with range and lead speed not negative, and possible speeds",
+            change="Mend these rows, or set data.invalid_rows to drop.",
+        )
+    for reason, mask in masks.items():
+        encounters = account.take(encounters, mask.loc[encounters.index], step="invalid", reason=reason)
+    return encounters
+
+
+def drop_repeated(encounters: pd.DataFrame, account: Account, *, policy: str) -> pd.DataFrame:
+    """Count the rows that repeat the row before them and, if the policy is ``"drop"``, drop them."""
+    repeated = (encounters == encounters.shift()).all(axis=1)
+    return account.take(
+        encounters, repeated, step="repeated", reason="same as the row before", drop=policy == "drop"
+    )
+
+
+def apply_filters(encounters: pd.DataFrame, account: Account, filters: Mapping[str, float]) -> pd.DataFrame:
+    """Keep what the paper's section II keeps: closing range, v_L in the limits, R not above its limit.
+
+    Parameters
+    ----------
+    encounters
+        Columns ``contract.NUMBERS``.
+    account
+        Where the rows are entered, one line a filter.
+    filters
+        ``lead_speed_min`` [m/s], ``lead_speed_max`` [m/s], exclusive, and ``range_max`` [m].
+    """
+    low, high, range_max = (filters[key] for key in ("lead_speed_min", "lead_speed_max", "range_max"))
+    opening = encounters["closing_speed"] <= 0
+    encounters = account.take(encounters, opening, step="closing", reason="range rate not negative")
+    outside = ~encounters["lead_speed"].between(low, high, inclusive="left")
+    encounters = account.take(
+        encounters, outside, step="lead_speed", reason=f"v_L outside [{low:g}, {high:g}) m/s"
+    )
+    # In R^-1, because 1/R >= 1/R_max holds for every R <= R_max after rounding, and is where the models begin
+    far = encounters["inverse_range"] < 1 / range_max
+    return account.take(encounters, far, step="range", reason=f"R above {range_max:g} m")
+
+
+def _describe(raw: pd.DataFrame, mask: pd.Series, reason: str) -> str:
+    rows = raw[mask].head(NAMED_ROWS)
+    named = ", ".join(
+        f"{row} ({', '.join(f'{column} {cell}' for column, cell in cells.items())})"
+        for row, cells in rows.iterrows()
+    )
+    more = f" and {mask.sum() - len(rows):,} more" if mask.sum() > len(rows) else ""
+    return f"{reason} in row {named}{more}"

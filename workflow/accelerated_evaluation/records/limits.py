@@ -1,0 +1,208 @@
+"""Limits that follow the records: the values of the configuration's keys that are ``auto``.
+
+The paper's limits hold for the paper's records. A study of other records has ``auto`` for each of the keys in
+`AUTOMATIC` that it does not state, and gets limits that hold all of its records but impossible ones.
+"""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from copy import deepcopy
+from functools import reduce
+from itertools import pairwise
+from operator import getitem
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from accelerated_evaluation.base.digests import content_digest, value_digest
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.files import read_json, write_json
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.records.filters import Account, drop_invalid
+from accelerated_evaluation.records.segments import MINIMUM_ROWS
+from accelerated_evaluation.records.sources import read_source
+
+AUTO = "auto"
+AUTOMATIC = (
+    "filters.lead_speed_min",
+    "filters.lead_speed_max",
+    "filters.range_max",
+    "segments.lead_speed_edges",
+    "models.closing_speed_max",
+    "crash_map.grid.closing_speed_max",
+    "answer.grid.closing_speed_max",
+    "sensitivity.lead_speed_edges",
+    "sensitivity.closing_speed_max",
+)
+FASTEST, FARTHEST = 70.0, 300.0  # [m/s], [m]: no lead car is faster, and no sensor of a car sees farther
+WIDTH = 10.0  # [m/s] of a segment, as the paper's
+SEGMENT_ROWS = 600  # so that the uppermost 5 %, the tail, has 30
+MARGIN = 1.05  # of the cap above the largest recorded closing speed; the paper's is 1.06
+NO_CHANGE = 45.0  # [m/s], closing speed above which no car of the study does anything else
+CAPS = (0.75, 0.85, 0.95, 1.05, 1.25)  # that the sensitivity tries, by the cap
+LARGEST_SPEED = 100.0  # [m/s], that the configuration allows
+
+
+def value_of(config: Mapping[str, Any], key: str) -> Any:  # noqa: ANN401
+    """Return the value of a key such as ``filters.range_max``."""
+    return reduce(getitem, key.split("."), config)
+
+
+def with_values(config: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a copy of a configuration with other values of some keys."""
+    changed = deepcopy(dict(config))
+    for key, value in values.items():
+        *sections, name = key.split(".")
+        reduce(getitem, sections, changed)[name] = value
+    return changed
+
+
+def with_limits(
+    config: Mapping[str, Any],
+    files: Sequence[str] = (),
+    kept: Path | None = None,
+    *,
+    trust: bool = False,
+) -> dict[str, Any]:
+    """Return a configuration with a value in the place of each ``auto``.
+
+    Parameters
+    ----------
+    config
+        A valid configuration.
+    files
+        The records, whose content tells whether limits that were kept are still theirs.
+    kept
+        File that keeps the limits, so that records are read once; None to read them always.
+    trust
+        Take what was kept as it is: a job of a run that has looked already.
+
+    Raises
+    ------
+    InputError
+        If the records cannot be read, or none of them is possible.
+    """
+    asked = [key for key in AUTOMATIC if value_of(config, key) == AUTO]
+    if not asked:
+        return dict(config)
+    stated = {key: value_of(config, key) for key in AUTOMATIC}
+    has_kept = kept is not None and kept.is_file()
+    if has_kept and trust:
+        return with_values(config, read_json(kept)["limits"])
+    of = value_digest([config["data"], config["seed"], stated, content_digest([*files, __file__])])
+    found = None
+    with suppress(ValueError):  # a damaged file is made anew
+        found = read_json(kept) if has_kept else None
+    if not isinstance(found, Mapping) or found.get("of") != of:
+        raw = read_source(config["data"], child_generator(config["seed"], "sample"))
+        limits = limits_of(raw, config)
+        found = {"of": of, "limits": {key: limits[key] for key in asked}}
+        if kept is not None:
+            write_json(kept, found)
+    return with_values(config, found["limits"])
+
+
+def limits_of(raw: pd.DataFrame, config: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a value for each key of `AUTOMATIC`; those that the configuration states stay.
+
+    - Lead speeds from the smallest, rounded down to 1 m/s, to above the largest; ranges up to the largest,
+      rounded up to 1 m. Only closing cut-ins count, and of them those with possible speeds and ranges.
+    - Segments as wide as the paper's, about 10 m/s, and wider where there are fewer than `SEGMENT_ROWS` rows.
+    - The paper's laws need a cap on the closing speed: 5 % above the largest recorded, rounded up to 0.5 m/s.
+      Maps reach up to it, and those of the answer up to twice of it.
+
+    Parameters
+    ----------
+    raw
+        Records as `sources.read_source` returns them.
+    config
+        A configuration, complete but for ``auto``.
+    """
+    limits = {key: value_of(config, key) for key in AUTOMATIC}
+
+    def settle(key: str, value: Any) -> Any:  # noqa: ANN401
+        limits[key] = value if limits[key] == AUTO else limits[key]
+        return limits[key]
+
+    rows = _possible(raw, config)
+    low = settle("filters.lead_speed_min", math.floor(rows["lead_speed"].min()))
+    high = settle("filters.lead_speed_max", math.floor(rows["lead_speed"].max()) + 1)
+    # Rounding errors of a unit's factor must not add a metre.
+    settle("filters.range_max", max(math.ceil(round(rows["range"].max(), 6)), 1))
+    rows = rows[rows["lead_speed"].between(low, high, inclusive="left")]
+    settle("segments.lead_speed_edges", edges_of(rows["lead_speed"], low, high, WIDTH, SEGMENT_ROWS))
+    largest = max(rows["closing_speed"].max(), 0.5)
+    cap = settle("models.closing_speed_max", min(math.ceil(2 * MARGIN * largest) / 2, LARGEST_SPEED))
+    settle("crash_map.grid.closing_speed_max", cap)
+    settle("answer.grid.closing_speed_max", min(max(NO_CHANGE, 2 * cap), LARGEST_SPEED))
+    widths = (high - low, 1.5 * WIDTH, WIDTH / 2)
+    tried = [edges_of(rows["lead_speed"], low, high, width, MINIMUM_ROWS) for width in widths]
+    settle("sensitivity.lead_speed_edges", [list(edges) for edges in dict.fromkeys(map(tuple, tried))])
+    caps = {min(round(2 * factor * cap) / 2, LARGEST_SPEED) for factor in CAPS}
+    settle("sensitivity.closing_speed_max", sorted(cap for cap in caps if cap > 0))
+    return limits
+
+
+def edges_of(lead_speed: pd.Series, low: float, high: float, width: float, rows: int) -> list[float]:
+    """Return edges of segments of about equal width, joined until each has as many rows as asked.
+
+    Parameters
+    ----------
+    lead_speed
+        Of the records [m/s].
+    low, high
+        First and last edge [m/s].
+    width
+        Of a segment [m/s], about.
+    rows
+        That a segment has at least, unless it is the only one.
+    """
+    inner = np.linspace(low, high, max(round((high - low) / width), 1) + 1)[1:-1].round()
+    edges = [low, *(int(edge) for edge in np.unique(inner) if low < edge < high), high]
+    speeds = np.sort(lead_speed)
+    while len(edges) > 2:
+        counts = [np.searchsorted(speeds, b) - np.searchsorted(speeds, a) for a, b in pairwise(edges)]
+        fewest = int(np.argmin(counts))
+        if counts[fewest] >= rows:
+            break
+        beside = [place for place in (fewest - 1, fewest + 1) if 0 <= place < len(counts)]
+        other = min(beside, key=counts.__getitem__)
+        del edges[max(fewest, other)]
+    return edges
+
+
+def limits_in_words(config: Mapping[str, Any]) -> str:
+    """Say in one line within which limits a resolved configuration keeps records."""
+    filters, edges = config["filters"], config["segments"]["lead_speed_edges"]
+    speeds = f"{filters['lead_speed_min']:g} to {filters['lead_speed_max']:g} m/s"
+    cap = f"{config['models']['closing_speed_max']:g} m/s"
+    return (
+        f"Limits: lead speeds of {speeds} in segments with the edges {json.dumps(edges)}, ranges up to "
+        f"{filters['range_max']:g} m, closing speeds capped at {cap} in the paper's laws."
+    )
+
+
+def _possible(raw: pd.DataFrame, config: Mapping[str, Any]) -> pd.DataFrame:
+    """Return the closing cut-ins with possible numbers.
+
+    If there are none, all rows are made to be such: then the ingest refuses the records, with an account of
+    why, and the report on the records tells the cause.
+    """
+    rows = drop_invalid(raw, Account(len(raw)), policy="drop", where="the records")
+    if rows.empty:
+        source = config["data"]["source"]
+        raise InputError(
+            config["data"][source]["path"],
+            seen=f"{len(raw):,} rows, none of them with three valid numbers",
+            expected="cut-ins from which limits can be read",
+            change=f"Check the columns and units under data.{source}.",
+        )
+    is_possible = (rows["lead_speed"] <= FASTEST) & (rows["range"] <= FARTHEST) & (rows["closing_speed"] > 0)
+    if is_possible.any():
+        return rows[is_possible]
+    top = pd.Series({"lead_speed": FASTEST, "range": FARTHEST, "closing_speed": FASTEST})
+    return rows[list(top.index)].abs().clip(upper=top, axis=1)

@@ -1,0 +1,125 @@
+"""The rule of a cut-in, and what an extraction gives beside its cut-ins: the account and the exposure."""
+
+from collections.abc import Mapping
+
+import pandas as pd
+
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.records.filters import Account
+
+# The frames of a vehicle in a lane become stays. A vehicle that is out of the lane for a moment has not left
+# it. A stay begins at its first frame; it is a change into the lane if the vehicle was seen elsewhere before.
+STAYS = """
+    SELECT *, sum(begins) OVER (PARTITION BY {vehicle}, {lane} ORDER BY time) AS stay
+    FROM (
+        SELECT *, CASE WHEN time - lag(time) OVER (PARTITION BY {vehicle}, {lane} ORDER BY time) <= {absence}
+            THEN 0 ELSE 1 END AS begins
+        FROM {frames}
+    )
+"""
+
+
+def stays_sql(frames: str, *, vehicle: str, lane: str, rule: Mapping[str, float]) -> str:
+    """Return the query that numbers the stays of each vehicle in each lane.
+
+    Parameters
+    ----------
+    frames
+        Table with a row for each frame that a vehicle spends in a lane; its column ``time`` is in whole
+        milliseconds.
+    vehicle, lane
+        The columns, separated by commas, that tell vehicles and lanes apart.
+    rule
+        Section ``rule`` of a source: ``absence`` and ``gap`` [s].
+
+    Returns
+    -------
+    str
+        SQL; the frames with ``begins``, 1 in the first frame of a stay and else 0, and the number ``stay``.
+    """
+    absence = milliseconds(max(rule["absence"], rule["gap"]))
+    return STAYS.format(frames=frames, vehicle=vehicle, lane=lane, absence=absence)
+
+
+def milliseconds(seconds: float) -> int:
+    """Return seconds as whole milliseconds, in which the extraction counts, so that comparisons are exact."""
+    return round(1000 * seconds)
+
+
+def drop_in_turn(
+    candidates: pd.DataFrame, reasons: Mapping[tuple[str, str], str], account: Account
+) -> pd.DataFrame:
+    """Drop the candidates that are no cut-in, for the first reason that holds, and enter each reason.
+
+    Parameters
+    ----------
+    candidates
+        One row a change into the lane of the host.
+    reasons
+        The boolean column that says which are dropped, by step and reason in words.
+    account
+        The account, in which so far nothing but frames was dropped.
+    """
+    for (step, reason), column in reasons.items():
+        candidates = account.take(candidates, candidates[column].astype(bool), step=step, reason=reason)
+    return candidates
+
+
+def with_names(candidates: pd.DataFrame, name: str) -> pd.DataFrame:
+    """Turn the times of the candidates into seconds, and call each by where it is, for the account.
+
+    Parameters
+    ----------
+    candidates
+        With ``time`` [ms].
+    name
+        Its columns go in braces, such as ``"trip {trip} at {time:g} s"``.
+    """
+    candidates = candidates.assign(time=candidates["time"] / 1000)
+    names = [name.format_map(row) for row in candidates.to_dict("records")]
+    return candidates.set_index(pd.Index(names, dtype=object))
+
+
+def finished(cut_ins: pd.DataFrame, account: Account, *, milliseconds: int, micrometres: int) -> pd.DataFrame:
+    """Return the cut-ins as a source does, with the account and the exposure as attributes.
+
+    Parameters
+    ----------
+    cut_ins
+        ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s], and columns that say where they are.
+    account
+        What every step of the extraction dropped.
+    milliseconds, micrometres
+        Time and distance that the hosts drove while others could be seen to cut in.
+    """
+    result = cut_ins.set_index(pd.RangeIndex(1, len(cut_ins) + 1, name="row"))
+    result.attrs["account"] = account.table().to_dict("records")
+    result.attrs["exposure"] = {"hours": milliseconds / 3.6e6, "kilometres": micrometres / 1e9}
+    return result
+
+
+def require_agreement(where: str, *, moved: float, told: float, what: str, key: str) -> None:
+    """Refuse speeds that do not agree with what else is recorded, because of a wrong unit or sign.
+
+    Parameters
+    ----------
+    where
+        Folder or file, for the error.
+    moved, told
+        Two sums over the recording that agree, but for noise, if the units do. Nothing is said if the second
+        is not positive.
+    what, key
+        What is compared, in words, and what to correct.
+
+    Raises
+    ------
+    InputError
+        If the ratio is below 1/2 or above 2; km/h for m/s, feet for metres and a wrong sign are all outside.
+    """
+    if told > 0 and not 0.5 <= moved / told <= 2:
+        raise InputError(
+            where,
+            seen=f"{what} in the ratio {moved / told:.3g}",
+            expected="a ratio near 1, as the same units and signs give",
+            change=f"Correct {key}.",
+        )

@@ -1,0 +1,164 @@
+"""DuckDB over CSV files of any size: bounded memory, and one clear error for a file that cannot be read."""
+
+import csv
+import re
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from accelerated_evaluation.base.errors import InputError, StudyError
+from accelerated_evaluation.base.files import is_disk_full
+from accelerated_evaluation.base.tables import listed
+
+if TYPE_CHECKING:  # its import takes a moment, which studies of a finished table can do without
+    from duckdb import DuckDBPyConnection, DuckDBPyRelation
+
+MEMORY = "1GB"  # of the database; the process around it takes a few hundred megabytes more
+THREADS = 2  # of which each needs memory of its own
+
+
+@contextmanager
+def database() -> Iterator[tuple["DuckDBPyConnection", Path]]:
+    """Yield an empty database with bounded memory, and a temporary folder for what does not fit.
+
+    The folder is made where ``TMPDIR`` says, and removed at the end of the block.
+
+    Raises
+    ------
+    StudyError
+        If there is no space left on the disk.
+    """
+    import duckdb
+
+    with tempfile.TemporaryDirectory(prefix="accelerated-evaluation-") as folder:
+        settings = {"memory_limit": MEMORY, "threads": THREADS, "temp_directory": f"{folder}/spill"}
+        with duckdb.connect(config=settings | {"preserve_insertion_order": False}) as connection:
+            try:
+                yield connection, Path(folder)
+            except (duckdb.IOException, duckdb.OutOfMemoryException, OSError) as error:
+                if is_disk_full(error) or "space" in str(error) or "max_temp_directory_size" in str(error):
+                    raise StudyError(
+                        f"no space left for temporary files in {tempfile.gettempdir()}; free some there, or "
+                        "set the environment variable TMPDIR to a folder on another disk, and run again"
+                    ) from error
+                raise
+
+
+def recording_files(folder: str, pattern: str, key: str) -> list[Path]:
+    """Return the files of a folder whose names match a pattern, in alphabetical order.
+
+    Parameters
+    ----------
+    folder
+        The folder of recordings.
+    pattern
+        As in a shell, such as ``DataWsu*.csv``.
+    key
+        The key of the configuration that states the folder, for the error.
+
+    Raises
+    ------
+    InputError
+        If there is no such folder, or no such file in it.
+    """
+    if not Path(folder).is_dir():
+        raise InputError(
+            str(folder), seen="no such folder", expected="a folder of recordings", change=f"Correct {key}."
+        )
+    files = sorted(path for path in Path(folder).glob(pattern) if path.is_file())
+    if not files:
+        raise InputError(
+            str(folder),
+            seen=f"no file called {pattern}",
+            expected="the recordings",
+            change=f"Correct {key}, or the names of the files.",
+        )
+    return files
+
+
+def header_of(path: Path, needed: Iterable[str]) -> list[str]:
+    """Return the names of the columns of a CSV file.
+
+    Raises
+    ------
+    InputError
+        If the file is empty, is no text, or lacks a column or has it twice.
+    """
+    try:
+        with path.open("rb") as file:
+            line = file.readline().decode("utf-8-sig")
+        header = [name.strip() for name in next(csv.reader([line]), [])]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(
+            f"{path}, row 1", seen=str(error), expected="CSV text in UTF-8", change="Export it anew."
+        ) from error
+    wrong = [name for name in needed if header.count(name) != 1]
+    if wrong:
+        missing = [name for name in wrong if name not in header]
+        raise InputError(
+            f"{path}, row 1",
+            seen=f"{'no' if missing else 'more than one'} column {', '.join(missing or wrong)} among: "
+            f"{listed(header, wrong[0]) if header else 'none, the file is empty'}",
+            expected=f"a comma-separated header with {', '.join(needed)}",
+            change="Correct the header, or state the source that fits the files in data.source.",
+        )
+    return header
+
+
+def read_csv(
+    connection: "DuckDBPyConnection", path: Path, numbers: Iterable[str], texts: Iterable[str] = ()
+) -> "DuckDBPyRelation":
+    """Return a CSV file as a relation, whose rows are read when they are used, each time anew.
+
+    Parameters
+    ----------
+    connection
+        The database.
+    path
+        A comma-separated file with a header; it must have the columns that are named.
+    numbers, texts
+        The columns that hold numbers, and those that hold text. The others are there as text.
+
+    Raises
+    ------
+    InputError
+        As `header_of` does.
+    """
+    numbers = list(numbers)
+    header = header_of(path, [*numbers, *texts])
+    types = {name: "DOUBLE" if name in numbers else "VARCHAR" for name in header}
+    return connection.read_csv(
+        str(path), columns=types, header=True, delimiter=",", quotechar='"', auto_detect=False
+    )
+
+
+def literal(values: Iterable[object]) -> str:
+    """Return values as a list of texts in SQL, whatever quotes are in them."""
+    return "[" + ", ".join("'" + str(value).replace("'", "''") + "'" for value in values) + "]"
+
+
+@contextmanager
+def readable(path: Path) -> Iterator[None]:
+    """Turn an error of the database about a CSV file that is read in the block into an `InputError`."""
+    import duckdb
+
+    try:
+        yield
+    except (duckdb.DataError, duckdb.ProgrammingError) as error:
+        line = re.search(r"CSV Error on Line: (\d+)", str(error))
+        if line is None and not isinstance(error, duckdb.ConversionException):
+            raise
+        cause = re.search(
+            r"(Error when converting .*|Could not convert .*|Expected Number of .*|Value with .*"
+            r"|.*unicode.*)",
+            str(error),
+        )
+        seen = cause[0] if cause else str(error).splitlines()[-1]
+        raise InputError(
+            f"{path}, row {line[1]}" if line else str(path),
+            seen=" ".join(seen.split()),
+            expected="as many cells as the header has, numbers where numbers belong, and UTF-8",
+            change="Correct or remove this row, or export the file anew.",
+        ) from error

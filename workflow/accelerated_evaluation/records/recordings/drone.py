@@ -1,0 +1,189 @@
+"""Recordings from drones in the family of highD: three CSV files each, in formats told by their columns."""
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+from tqdm import tqdm
+
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.records.recordings.cut_ins import require_agreement
+from accelerated_evaluation.records.recordings.database import (
+    database,
+    header_of,
+    read_csv,
+    readable,
+    recording_files,
+)
+from accelerated_evaluation.records.recordings.trajectories import changes_of_lane, cut_ins_of
+
+if TYPE_CHECKING:
+    from duckdb import DuckDBPyConnection
+
+TRACKS = "_tracks.csv"
+HIGHD, EXID, CROSSINGS = "highD", "exiD", "inD, rounD and uniD"
+LANES = ("laneletId", "laneChange")  # of exiD; the other later formats have the rest of its columns
+MARKS = {
+    HIGHD: ("id", "x", "laneId"),
+    EXID: ("trackId", "xCenter", *LANES),
+    CROSSINGS: ("trackId", "xCenter"),
+}
+SOURCES_OF = {HIGHD: "highd", EXID: "exid"}
+WITHOUT_META = """
+    SELECT CAST(min(id) AS VARCHAR), count(*) FROM (SELECT DISTINCT id FROM frames) ANTI JOIN meta USING (id)
+"""
+
+
+@dataclass(frozen=True)
+class Format:
+    """How one format of the family becomes the tables that `trajectories.changes_of_lane` reads.
+
+    Parameters
+    ----------
+    name
+        `HIGHD` or `EXID`.
+    numbers, texts
+        Columns of *_tracks.csv that are read.
+    meta_numbers
+        Those of *_tracksMeta.csv beside ``class``.
+    complete
+        The condition in SQL that a row of ``tracks`` is used.
+    frames, meta
+        Statements in SQL that make the tables of these names of the views ``tracks`` and ``meta_file``;
+        {rate} and {complete} go in braces.
+    range_, same_lane
+        As `trajectories.changes_of_lane` takes them.
+    speeds
+        What the check of the units compares, and what to correct if it fails.
+    """
+
+    name: str
+    numbers: tuple[str, ...]
+    texts: tuple[str, ...]
+    meta_numbers: tuple[str, ...]
+    complete: str
+    frames: str
+    meta: str
+    range_: str
+    same_lane: str
+    speeds: tuple[str, str]
+
+
+def read_recordings(settings: Mapping[str, Any], form: Format) -> pd.DataFrame:
+    """Find the cut-ins in a folder of recordings, one recording after the other.
+
+    Parameters
+    ----------
+    settings
+        Section of the source; ``path`` is a folder with files *_tracks.csv, and beside each *_tracksMeta.csv
+        and *_recordingMeta.csv.
+    form
+        The format of the files.
+
+    Returns
+    -------
+    pandas.DataFrame
+        ``lead_speed`` [m/s], ``range`` [m] from the front of the host to the rear of the vehicle, and
+        ``closing_speed`` [m/s] in the first frame in the new lane; ``host_speed`` [m/s], and ``recording``,
+        ``time`` [s], ``vehicle`` and ``host``, which say where the cut-in is. Attributes as
+        `recordings.cut_ins.finished` describes them.
+
+    Raises
+    ------
+    InputError
+        If a file is missing, has another format or cannot be read, a vehicle has no row in *_tracksMeta.csv,
+        or speeds contradict positions.
+    """
+    files = recording_files(settings["path"], f"*{TRACKS}", f"data.{SOURCES_OF[form.name]}.path")
+    found, counts = [], Counter()
+    with database() as (connection, _):
+        for file in tqdm(files, desc="find cut-ins", unit="recording", delay=1, disable=None):
+            candidates, of_file = _read_recording(connection, file, settings, form)
+            found.append(candidates)
+            counts.update(of_file)
+    return cut_ins_of(found, counts, settings)
+
+
+def _read_recording(
+    connection: "DuckDBPyConnection", file: Path, settings: Mapping[str, Any], form: Format
+) -> tuple[pd.DataFrame, dict[str, float]]:
+    """Return the changes of lane of one recording, in order of time, and what was counted and added up."""
+    name = file.name.removesuffix(TRACKS)
+    meta, recording = (file.with_name(f"{name}_{kind}Meta.csv") for kind in ("tracks", "recording"))
+    _require_format(file, form)
+    for beside in (meta, recording):
+        if not beside.is_file():
+            raise InputError(
+                str(beside),
+                seen="no such file",
+                expected=f"it beside {file.name}",
+                change="Add or rename it.",
+            )
+    rate = _frame_rate(connection, recording)
+    with readable(file):
+        columns = [*form.numbers, *form.texts]
+        read_csv(connection, file, form.numbers, form.texts).project(", ".join(columns)).to_view("tracks")
+        connection.execute(form.frames.format(rate=rate, complete=form.complete))
+    with readable(meta):
+        read_csv(connection, meta, form.meta_numbers, ["class"]).to_view("meta_file")
+        connection.execute(form.meta)
+    _require_meta(connection, file, meta)
+    candidates, counts = changes_of_lane(
+        connection, settings, range_=form.range_, complete=form.complete, same_lane=form.same_lane
+    )
+    what, key = form.speeds
+    require_agreement(str(file), moved=counts["moved"], told=counts["told"], what=what, key=key)
+    return candidates.assign(recording=name), counts
+
+
+def _require_format(file: Path, form: Format) -> None:
+    """Refuse a file that has another format of the family, and say what can be done with it."""
+    header = set(header_of(file, ()))
+    seen = next((name for name, marks in MARKS.items() if header.issuperset(marks)), form.name)
+    if seen == form.name or (seen == CROSSINGS and not header.isdisjoint(LANES)):
+        return  # what else is missing, the reader of its columns tells
+    if seen == CROSSINGS:
+        raise InputError(
+            f"{file}, row 1",
+            seen=f"the columns of {CROSSINGS}: {' and '.join(MARKS[seen])}, but no {' or '.join(LANES)}",
+            expected=f"those of {form.name}, which is recorded on motorways",
+            change="Recordings of crossings, roundabouts and a campus do not say which lane a vehicle is in, "
+            "and without lanes there is no cut-in. Leave them out. If you know the lanes from a map, write "
+            "OSI traces and use data.source osi, or find the cut-ins yourself and use data.source table.",
+        )
+    source = SOURCES_OF[seen]
+    raise InputError(
+        f"{file}, row 1",
+        seen=f"the columns of {seen} ({', '.join(MARKS[seen])})",
+        expected=f"those of {form.name} ({', '.join(MARKS[form.name])})",
+        change=f"Set data.source to {source}, and state the folder in data.{source}.path.",
+    )
+
+
+def _require_meta(connection: "DuckDBPyConnection", file: Path, meta: Path) -> None:
+    """Refuse vehicles whose class is not told: they could be neither hosts nor vehicles that cut in."""
+    first, count = connection.execute(WITHOUT_META).fetchone()
+    if count:
+        raise InputError(
+            str(meta),
+            seen=f"no row for vehicle {first}" + (f" and {count - 1:,} more" if count > 1 else ""),
+            expected=f"one for each vehicle of {file.name}",
+            change="Use the file that belongs to this recording, and whole.",
+        )
+
+
+def _frame_rate(connection: "DuckDBPyConnection", file: Path) -> float:
+    """Return the frames a second of a recording."""
+    with readable(file):
+        rates = read_csv(connection, file, ["frameRate"]).project("frameRate").fetchall()
+    if len(rates) != 1 or not (rates[0][0] or 0) > 0:
+        raise InputError(
+            f"{file}, column frameRate",
+            seen=", ".join(str(rate) for (rate,) in rates) or "no row",
+            expected="one row with the frames a second",
+            change="Correct the file.",
+        )
+    return rates[0][0]

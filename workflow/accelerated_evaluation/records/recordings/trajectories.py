@@ -1,0 +1,153 @@
+"""Cut-ins in trajectories of all vehicles on a road: what the readers of several formats share.
+
+A reader fills two tables. ``frames`` has a row for each vehicle and frame: ``id``, ``time`` [ms], ``lane``,
+``host`` (the vehicle behind in the same lane, if any), ``velocity`` [m/s], ``x`` [m] along the road,
+``moved`` and ``told`` (changes of x since the frame before, and by the velocity), and ``seen``, when the
+vehicle was first in view. ``meta`` has ``id`` and ``class`` of each vehicle. ``tracks`` is what was read.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from accelerated_evaluation.records.filters import Account
+from accelerated_evaluation.records.recordings.cut_ins import (
+    drop_in_turn,
+    finished,
+    milliseconds,
+    stays_sql,
+    with_names,
+)
+from accelerated_evaluation.records.recordings.database import literal
+
+if TYPE_CHECKING:
+    from duckdb import DuckDBPyConnection
+
+OUTPUT = ("lead_speed", "range", "closing_speed", "host_speed", "recording", "time", "vehicle", "host")
+STAYS = """
+    CREATE OR REPLACE TEMP TABLE stays AS
+    SELECT id, lane, stay, min(time) AS time, max(time) AS until, any_value(seen) AS seen
+    FROM ({stays}) GROUP BY id, lane, stay
+"""
+CANDIDATES = """
+    SELECT s.id AS vehicle, f.host, s.time, abs(f.velocity) AS lead_speed, abs(h.velocity) AS host_speed,
+        {range} AS range,
+        host_speed - lead_speed AS closing_speed,
+        s.time = s.seen AS first_lane,
+        NOT list_contains({lead_classes}, coalesce(m.class, '')) AS other_lead,
+        s.until - s.time < {stay} AS brief,
+        h.id IS NULL AS without_host,
+        NOT coalesce({same_lane}, FALSE) AS elsewhere,
+        NOT list_contains({host_classes}, coalesce(o.class, '')) AS other_host,
+        coalesce(s.time - w.time < {settled} AND w.time > w.seen, FALSE) AS unsettled,
+        coalesce(range <= 0, FALSE) AS overlaps
+    FROM stays AS s JOIN frames AS f ON f.id = s.id AND f.time = s.time LEFT JOIN meta AS m ON m.id = s.id
+        LEFT JOIN frames AS h ON h.id = f.host AND h.time = f.time LEFT JOIN meta AS o ON o.id = f.host
+        LEFT JOIN stays AS w ON w.id = h.id AND w.lane = h.lane AND s.time BETWEEN w.time AND w.until
+"""
+# The distance of each vehicle is rounded to a micrometre, so that the sum does not depend on its order.
+COUNTS = """
+    SELECT (SELECT count(*) FROM tracks) AS read,
+        (SELECT count(*) FROM tracks WHERE NOT {complete}) AS incomplete,
+        (SELECT count(*) FROM frames) AS used,
+        (SELECT count(*) FROM stays) AS stays,
+        (SELECT coalesce(sum(moved * told), 0) FROM frames) AS moved,
+        (SELECT coalesce(sum(told * told), 0) FROM frames) AS told,
+        coalesce(sum(lasts), 0) AS milliseconds, coalesce(sum(distance), 0) AS micrometres
+    FROM (
+        SELECT max(time) - min(time) AS lasts, CAST(round((max(x) - min(x)) * 1e6) AS BIGINT) AS distance
+        FROM frames JOIN meta USING (id) WHERE list_contains({host_classes}, class) GROUP BY id
+    )
+"""
+
+
+def changes_of_lane(
+    connection: "DuckDBPyConnection",
+    settings: Mapping[str, Any],
+    *,
+    range_: str,
+    complete: str,
+    same_lane: str = "h.lane = f.lane",
+) -> tuple[pd.DataFrame, dict[str, float]]:
+    """Return the changes of lane of one recording, in order of time, and what was counted and added up.
+
+    Parameters
+    ----------
+    connection
+        The database with the tables of the reader.
+    settings
+        Section of the source.
+    range_
+        The range [m] in SQL, of the frames ``f`` of the vehicle, ``h`` of its host, and ``m`` of its meta.
+    complete
+        The condition in SQL that a row of ``tracks`` was used.
+    same_lane
+        The condition in SQL that the host is in the lane of the vehicle, in the same frames. Another one is
+        needed where ``lane`` numbers the lanes of each vehicle for itself.
+    """
+    rule, settled = settings["rule"], milliseconds(settings["settled"])
+    classes = {key: literal(settings[key]) for key in ("lead_classes", "host_classes")}
+    connection.execute(
+        STAYS.format(stays=stays_sql("frames", vehicle="id", lane="lane", rule=settings["rule"]))
+    )
+    query = CANDIDATES.format(
+        range=range_, same_lane=same_lane, stay=milliseconds(rule["stay"]), settled=settled, **classes
+    )
+    candidates = connection.execute(f"{query} ORDER BY s.time, s.id").df()
+    counts = connection.execute(COUNTS.format(complete=complete, **classes)).df().iloc[0].to_dict()
+    return candidates, counts
+
+
+def cut_ins_of(
+    found: Sequence[pd.DataFrame], counts: Mapping[str, float], settings: Mapping[str, Any]
+) -> pd.DataFrame:
+    """Return the cut-ins among the changes of lane of all recordings, with the account and the exposure.
+
+    Parameters
+    ----------
+    found
+        Changes of lane by recording, with the column ``recording``.
+    counts
+        What was counted, of all recordings together.
+    settings
+        Section of the source.
+    """
+    account = _account(counts)
+    candidates = with_names(pd.concat(found), "recording {recording} vehicle {vehicle} at {time:g} s")
+    cut_ins = drop_in_turn(candidates, _reasons(settings), account)
+    return finished(
+        cut_ins[list(OUTPUT)].astype({"host": int}),
+        account,
+        milliseconds=int(counts["milliseconds"]),
+        micrometres=int(counts["micrometres"]),
+    )
+
+
+def _account(counts: Mapping[str, float]) -> Account:
+    """Begin the account with what is no first frame in a lane."""
+    read, incomplete, used, stays = (int(counts[name]) for name in ("read", "incomplete", "used", "stays"))
+    account = Account(read)
+    account.enter(incomplete, step="read", reason="a missing or infinite value")
+    account.enter(
+        read - incomplete - used, step="tracking", reason="the same vehicle in the same frame once more"
+    )
+    account.enter(used - stays, step="lane", reason="no first frame of a vehicle in a lane")
+    return account
+
+
+def _reasons(settings: Mapping[str, Any]) -> dict[tuple[str, str], str]:
+    """Return why a first frame in a lane is no cut-in, in the order in which reasons are looked at."""
+    return {
+        ("lane", "in the lane when first seen"): "first_lane",
+        ("lane", f"in the lane for less than {settings['rule']['stay']:g} s"): "brief",
+        ("class", "not of the classes in lead_classes"): "other_lead",
+        ("host", "no vehicle behind in the new lane"): "without_host",
+        ("host", "the vehicle that is named as behind is not behind in the same lane"): "elsewhere",
+        ("host", "the vehicle behind is not of the classes in host_classes"): "other_host",
+        (
+            "host",
+            f"the vehicle behind came into the lane less than {settings['settled']:g} s before",
+        ): "unsettled",
+        ("range", "range not above 0"): "overlaps",
+    }

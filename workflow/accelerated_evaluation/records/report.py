@@ -1,0 +1,40 @@
+"""The report on the records as text, for the log and the command."""
+
+import textwrap
+
+import pandas as pd
+
+from accelerated_evaluation.records.checks import STOP, VERDICTS
+
+WIDTH = 100
+
+
+def report_in_words(report: pd.DataFrame) -> str:
+    """Return the report of `checks.inspect_records` as lines to be read, stops first."""
+    lines = [summary(report), ""]
+    for row in report.to_dict("records"):
+        lines.append(f"{row['verdict'].upper():5} {row['check']}: {row['seen']}")
+        if row["advice"]:
+            rows = f"rows {row['example_rows']}" if row["rows"] else ""
+            more = (
+                f" and {row['rows'] - row['example_rows'].count(';') - 1:,} more" if row["rows"] > 5 else ""
+            )
+            parts = [f"looked at: {row['looked_at']}", f"{rows}{more}", row["advice"]]
+            lines += [
+                textwrap.fill(part, WIDTH, initial_indent=" " * 6, subsequent_indent=" " * 6)
+                for part in parts
+                if part
+            ]
+    return "\n".join(lines)
+
+
+def summary(report: pd.DataFrame) -> str:
+    """Say in one line how many checks have which verdict, and name those that say stop."""
+    counts = ", ".join(f"{(report['verdict'] == verdict).sum()} {verdict}" for verdict in VERDICTS)
+    stops = report.loc[report["verdict"] == STOP, "check"]
+    if stops.empty:
+        return f"{len(report)} checks of the records: {counts}."
+    return (
+        f"{len(report)} checks of the records: {counts}. STOP: {', '.join(stops)}. "
+        "No result of these records can be trusted before this is explained."
+    )

@@ -1,0 +1,152 @@
+"""Segments of lead speed, and whether the variables are independent inside them as the paper assumes."""
+
+from collections.abc import Sequence
+from itertools import combinations, pairwise
+
+import numpy as np
+import pandas as pd
+
+from accelerated_evaluation.base.errors import InputError
+
+VARIABLES = ("lead_speed", "inverse_range", "inverse_ttc")
+BLOCKS = 30
+# With fewer rows the tail of TTC^-1, above the 95 % quantile, rests on a single one as soon as two are equal.
+MINIMUM_ROWS = 30
+MINIMUM_VALUES = 6  # different ones of a variable: two for each of three pieces
+
+
+def segment_names(lead_speed_edges: Sequence[float]) -> list[str]:
+    """Return the names of the segments between increasing edges [m/s], such as ``"5-15"``."""
+    return [f"{low:g}-{high:g}" for low, high in pairwise(lead_speed_edges)]
+
+
+def assign_segments(encounters: pd.DataFrame, lead_speed_edges: Sequence[float]) -> pd.DataFrame:
+    """Add the column ``segment``: lower edge included, upper edge not (paper, section II).
+
+    Parameters
+    ----------
+    encounters
+        With ``lead_speed`` [m/s].
+    lead_speed_edges
+        Increasing edges [m/s], shape (number of segments + 1,).
+
+    Raises
+    ------
+    InputError
+        If a row lies below the first edge, or at or above the last one, or if a segment has no row.
+    """
+    names, speeds = segment_names(lead_speed_edges), encounters["lead_speed"].to_numpy()
+    outside = ~((speeds >= lead_speed_edges[0]) & (speeds < lead_speed_edges[-1]))
+    if outside.any():
+        first = f"{speeds[outside][0]:g} m/s"
+        raise InputError(
+            f"segments between the lead speeds {' '.join(f'{edge:g}' for edge in lead_speed_edges)} m/s",
+            seen=f"{outside.sum():,} of {len(encounters):,} rows outside, the first with {first}",
+            expected=f"all rows in [{lead_speed_edges[0]:g}, {lead_speed_edges[-1]:g}) m/s",
+            change="Let the edges enclose the limits in filters.",
+        )
+    index = np.searchsorted(lead_speed_edges, speeds, side="right") - 1
+    empty = [name for number, name in enumerate(names) if number not in index]
+    if empty:
+        raise InputError(
+            f"segment {', '.join(empty)} m/s",
+            seen=f"none of the {len(encounters):,} rows that passed the filters",
+            expected="at least one row in each segment",
+            change="Check the unit of the lead speed, the filters and segments.lead_speed_edges.",
+        )
+    return encounters.assign(segment=np.array(names)[index])
+
+
+def require_rows(encounters: pd.DataFrame) -> None:
+    """Refuse, before any work, encounters that are too few to fit a law to.
+
+    Raises
+    ------
+    InputError
+        If a segment has fewer than `MINIMUM_ROWS` rows, or range and closing speed in all rows, or TTC^-1 in
+        those of a segment, have fewer than `MINIMUM_VALUES` different values.
+    """
+    counts = segment_counts(encounters)
+    few = counts[counts["rows"] < MINIMUM_ROWS]
+    if len(few):
+        raise InputError(
+            f"segment {', '.join(few['segment'])} m/s",
+            seen=f"{', '.join(map(str, few['rows']))} of {len(encounters):,} rows that passed the filters",
+            expected=f"at least {MINIMUM_ROWS} rows in each segment, to fit a law to",
+            change="Add records (or raise data.sample), or join segments (segments.lead_speed_edges).",
+        )
+    different = {
+        "the range in all segments": encounters["inverse_range"].nunique(),
+        "the closing speed in all segments": encounters["closing_speed"].nunique(),
+    }
+    of_segments = encounters.groupby("segment", sort=False)["inverse_ttc"].nunique()
+    different |= {f"TTC^-1 in segment {segment} m/s": count for segment, count in of_segments.items()}
+    for what, count in different.items():
+        if count < MINIMUM_VALUES:
+            raise InputError(
+                what,
+                seen=f"{count} different {'value' if count == 1 else 'values'}",
+                expected=f"at least {MINIMUM_VALUES}, to fit a law to",
+                change="Check the columns of the table, or join segments (segments.lead_speed_edges).",
+            )
+
+
+def segment_counts(encounters: pd.DataFrame) -> pd.DataFrame:
+    """Count the rows of each segment.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``segment``, ``rows`` and ``share``, in order of lead speed.
+    """
+    order = encounters.groupby("segment")["lead_speed"].min().sort_values().index
+    rows = encounters["segment"].value_counts().reindex(order)
+    return pd.DataFrame({"segment": order, "rows": rows.to_numpy(), "share": (rows / rows.sum()).to_numpy()})
+
+
+def dependence(encounters: pd.DataFrame, confidence: float = 0.95) -> pd.DataFrame:
+    """Kendall's tau of each pair of variables in each segment, with a confidence interval.
+
+    The intervals hold for dependent variables and for rows that are not independent, see `tau_interval`.
+
+    Parameters
+    ----------
+    encounters
+        Encounter table, its rows in the order of the record.
+    confidence
+        Level of the intervals.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``segment``, ``pair``, ``tau`` (tau-b), ``ci_low``, ``ci_high``, ``n``. NaN for the tau of a
+        variable that does not vary, and for the interval of fewer rows than two a block.
+    """
+    lines = []
+    for segment in segment_counts(encounters)["segment"]:
+        rows = encounters[encounters["segment"] == segment]
+        for pair in combinations(VARIABLES, 2):
+            x, y = (rows[name].to_numpy() for name in pair)
+            tau, half_width = tau_interval(x, y, confidence)
+            lines.append((segment, " vs ".join(pair), tau, tau - half_width, tau + half_width, len(rows)))
+    return pd.DataFrame(lines, columns=["segment", "pair", "tau", "ci_low", "ci_high", "n"])
+
+
+def tau_interval(x: np.ndarray, y: np.ndarray, confidence: float) -> tuple[float, float]:
+    """Kendall's tau-b of rows in the order of the record, shape (n,), and the half-width of its interval.
+
+    The standard error comes from the jackknife that leaves out one of 30 blocks of consecutive rows (Kuensch
+    1989, Annals of Statistics 17, 1217). It assumes neither that tau is zero nor that rows are independent:
+    repeated rows, and rows alike because of one trip, share a block. The interval is symmetric, Student's t
+    with 29 degrees of freedom; its half-width is NaN for fewer rows than two a block.
+    """
+    # Imported here, because it takes half a second, which every job of the study would pay.
+    from scipy.stats import kendalltau, t
+
+    tau = kendalltau(x, y).statistic
+    if len(x) < 2 * BLOCKS:
+        return tau, np.nan
+    blocks = np.array_split(np.arange(len(x)), BLOCKS)
+    without = [kendalltau(np.delete(x, block), np.delete(y, block)).statistic for block in blocks]
+    standard_error = np.sqrt((BLOCKS - 1) * np.var(without))
+    return tau, t.ppf((1 + confidence) / 2, BLOCKS - 1) * standard_error

@@ -1,0 +1,87 @@
+"""Trajectories at motorway entries and exits, in the CSV format of exiD: roads bend, lanes are in pieces."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import pandas as pd
+
+from accelerated_evaluation.records.recordings import drone
+from accelerated_evaluation.records.sources import SOURCES
+
+NUMBERS = ("trackId", "frame", "xCenter", "yCenter", "heading", "length", "lonVelocity", "laneChange")
+NEIGHBOURS = ("leadId", "rearId")  # -1, or empty, if there is none
+# Where lanelets overlap, a cell has a value for each of them, with semicolons between. The vehicle is in the
+# lane whose middle is nearest.
+OFFSET = (
+    "list_reduce(CAST(string_split(latLaneCenterOffset, ';') AS DOUBLE[]), "
+    "lambda a, b: CASE WHEN abs(b) < abs(a) THEN b ELSE a END)"
+)
+COMPLETE = "coalesce(" + " AND ".join(f"isfinite({column})" for column in NUMBERS) + ", FALSE)"
+COMPLETE += f" AND coalesce(isfinite({OFFSET}), FALSE) AND laneletId IS NOT NULL"
+# A lane goes on from lanelet to lanelet, so that laneletId alone tells no change of lane, and the flag does.
+# A flag that stays up in the same lanelet is one change.
+CHANGED = "laneChange = 1 AND (lag(laneChange) OVER one = 0 OR laneletId <> lag(laneletId) OVER one)"
+# `lane` counts how many lanes further to the left a vehicle is than when it was first seen. In a change to
+# the left it is left of the middle of its lane before, and right of it after. So a vehicle that comes back
+# has the number of before, as the rule of an absence needs.
+FRAMES = f"""
+    CREATE OR REPLACE TEMP TABLE frames AS
+    SELECT * EXCLUDE (side), sum(side) OVER one AS lane, min(time) OVER (PARTITION BY id) AS seen,
+        sum(CAST(round(coalesce(moved, 0) * 1e6) AS BIGINT)) OVER one / 1e6 AS x
+    FROM (
+        SELECT * EXCLUDE (copy, laneChange, laneletId, aside),
+            (xCenter - lag(xCenter) OVER one) * cos(radians(heading))
+                + (yCenter - lag(yCenter) OVER one) * sin(radians(heading)) AS moved,
+            velocity * (time - lag(time) OVER one) / 1000 AS told,
+            CASE WHEN {CHANGED}
+                THEN CASE WHEN aside < lag(aside) OVER one THEN 1 ELSE -1 END ELSE 0 END AS side
+        FROM (
+            SELECT CAST(trackId AS INTEGER) AS id, CAST(round(frame * 1000 / {{rate}}) AS BIGINT) AS time,
+                xCenter, yCenter, heading, length, lonVelocity AS velocity, laneChange, laneletId,
+                {OFFSET} AS aside, CAST(rearId AS INTEGER) AS host, CAST(leadId AS INTEGER) AS lead,
+                row_number() OVER (PARTITION BY trackId, frame ORDER BY xCenter, yCenter, laneletId) AS copy
+            FROM tracks WHERE {{complete}}
+        ) WHERE copy = 1
+        WINDOW one AS (PARTITION BY id ORDER BY time)
+    )
+    WINDOW one AS (PARTITION BY id ORDER BY time)
+"""
+META = """
+    CREATE OR REPLACE TEMP TABLE meta AS
+    SELECT DISTINCT ON (trackId) trackId AS id, class FROM meta_file ORDER BY trackId, class
+"""
+# The distance of the two along the road is the length of the arc of a circle that has the heading of each
+# vehicle where it is. On a straight road that is the distance along the heading.
+HALF = "radians((f.heading - h.heading + 540) % 360 - 180) / 2"  # half of the turn from the host to the other
+MEAN = f"(radians(h.heading) + {HALF})"
+RANGE = f"""
+    ((f.xCenter - h.xCenter) * cos{MEAN} + (f.yCenter - h.yCenter) * sin{MEAN})
+    * CASE WHEN abs({HALF}) > 1e-6 THEN {HALF} / sin({HALF}) ELSE 1 END - (f.length + h.length) / 2
+"""
+FORMAT = drone.Format(
+    drone.EXID,
+    numbers=(*NUMBERS, *NEIGHBOURS),
+    texts=("laneletId", "latLaneCenterOffset"),
+    meta_numbers=("trackId",),
+    complete=COMPLETE,
+    frames=FRAMES,
+    meta=META,
+    range_=RANGE,
+    same_lane="h.lead = f.id",
+    speeds=(
+        "changes of xCenter and yCenter along heading and lonVelocity times the time between frames",
+        "the columns xCenter, yCenter [m], heading [degrees] and lonVelocity [m/s], or frameRate in the file "
+        "of the recording",
+    ),
+)
+
+
+@SOURCES.add("exid")
+def read(settings: Mapping[str, Any]) -> pd.DataFrame:
+    """Find the cut-ins in recordings in the format of exiD.
+
+    The rule is that of `highd`. The host is the vehicle that ``rearId`` names in the first frame in the new
+    lane, if its ``leadId`` names the vehicle in turn. `recordings.drone.read_recordings` says what is
+    returned and raised.
+    """
+    return drone.read_recordings(settings, FORMAT)

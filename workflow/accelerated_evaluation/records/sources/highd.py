@@ -1,0 +1,56 @@
+"""Trajectories of all vehicles on a piece of road, in the CSV format of highD: each is a host in turn."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import pandas as pd
+
+from accelerated_evaluation.records.recordings import drone
+from accelerated_evaluation.records.sources import SOURCES
+
+# In the format `x` is the left end of the bounding box and `width` its length along the road. Vehicles of
+# direction 1 drive to the left, so that their front is at x; those of direction 2 drive to the right.
+COLUMNS = ("frame", "id", "x", "width", "xVelocity", "followingId", "laneId")
+FRAMES = """
+    CREATE OR REPLACE TEMP TABLE frames AS
+    SELECT * EXCLUDE (copy), x - lag(x) OVER one AS moved,
+        velocity * (time - lag(time) OVER one) / 1000 AS told,
+        min(time) OVER (PARTITION BY id) AS seen
+    FROM (
+        SELECT CAST(id AS INTEGER) AS id, CAST(round(frame * 1000 / {rate}) AS BIGINT) AS time, x, width,
+            xVelocity AS velocity, CAST(followingId AS INTEGER) AS host, CAST(laneId AS INTEGER) AS lane,
+            row_number() OVER (PARTITION BY id, frame ORDER BY x, xVelocity, laneId) AS copy
+        FROM tracks WHERE {complete}
+    ) WHERE copy = 1
+    WINDOW one AS (PARTITION BY id ORDER BY time)
+"""
+META = """
+    CREATE OR REPLACE TEMP TABLE meta AS
+    SELECT DISTINCT ON (id) id, drivingDirection, class FROM meta_file ORDER BY id, drivingDirection, class
+"""
+FORMAT = drone.Format(
+    drone.HIGHD,
+    numbers=COLUMNS,
+    texts=(),
+    meta_numbers=("id", "drivingDirection"),
+    complete="coalesce(" + " AND ".join(f"isfinite({column})" for column in COLUMNS) + ", FALSE)",
+    frames=FRAMES,
+    meta=META,
+    range_="CASE WHEN m.drivingDirection = 1 THEN h.x - f.x - f.width ELSE f.x - h.x - h.width END",
+    same_lane="h.lane = f.lane",
+    speeds=(
+        "changes of x and xVelocity times the time between frames",
+        "the columns x [m] and xVelocity [m/s], or frameRate in the file of the recording",
+    ),
+)
+
+
+@SOURCES.add("highd")
+def read(settings: Mapping[str, Any]) -> pd.DataFrame:
+    """Find the cut-ins in recordings in the format of highD.
+
+    A change of lane is a cut-in before the vehicle that is behind in the new lane, its host. Each vehicle of
+    the host classes is watched for as long as it is in view, and so all of that is exposure.
+    `recordings.drone.read_recordings` says what is returned and raised.
+    """
+    return drone.read_recordings(settings, FORMAT)

@@ -1,0 +1,226 @@
+"""Trajectories of all vehicles in traces of ASAM OSI, of which omega-prime is one: each is a host in turn."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from accelerated_evaluation.base.errors import InputError, StudyError
+from accelerated_evaluation.records.recordings.cut_ins import require_agreement
+from accelerated_evaluation.records.recordings.database import database
+from accelerated_evaluation.records.recordings.osi_lanes import joined_lanes
+from accelerated_evaluation.records.recordings.trajectories import changes_of_lane, cut_ins_of
+from accelerated_evaluation.records.sources import SOURCES
+
+if TYPE_CHECKING:  # an optional extra
+    from betterosi import GroundTruth, MovingObject
+    from duckdb import DuckDBPyConnection
+
+ENDINGS = (".mcap", ".osi")
+BATCH = 100_000  # rows in memory at a time
+COMPLETE = "coalesce(isfinite(x) AND isfinite(velocity), FALSE) AND lane IS NOT NULL"
+# `x` is how far the vehicle has driven in view, so that roads may bend.
+TRACKS = """
+    CREATE OR REPLACE TEMP TABLE tracks
+    (id BIGINT, time BIGINT, lane BIGINT, x DOUBLE, velocity DOUBLE, host BIGINT, gap DOUBLE)
+"""
+FRAMES = f"""
+    CREATE OR REPLACE TEMP TABLE frames AS
+    SELECT * EXCLUDE (copy), x - lag(x) OVER one AS moved,
+        velocity * (time - lag(time) OVER one) / 1000 AS told,
+        min(time) OVER (PARTITION BY id) AS seen
+    FROM (
+        SELECT *, row_number() OVER (PARTITION BY id, time ORDER BY x) AS copy FROM tracks WHERE {COMPLETE}
+    ) WHERE copy = 1
+    WINDOW one AS (PARTITION BY id ORDER BY time)
+"""
+
+
+@SOURCES.add("osi")
+def read(settings: Mapping[str, Any]) -> pd.DataFrame:
+    """Find the cut-ins in traces of GroundTruth messages, one trace after the other.
+
+    The rule is that of `highd`. The host is the nearest vehicle behind in the same lane, and the range is
+    between the boxes of both, along the heading of the host.
+
+    Parameters
+    ----------
+    settings
+        Section ``data.osi`` of a valid configuration; ``path`` is a folder with files *.mcap or *.osi.
+
+    Returns
+    -------
+    pandas.DataFrame
+        As `recordings.drone.read_recordings` returns.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, has no vehicle in a lane, or its speeds contradict its positions.
+    StudyError
+        If the library betterosi is not installed.
+    """
+    found, counts = [], Counter()
+    with database() as (connection, _):
+        for file in tqdm(_files(settings["path"]), desc="find cut-ins", unit="trace", delay=1, disable=None):
+            _read_trace(connection, file)
+            connection.execute(FRAMES)
+            candidates, of_file = changes_of_lane(connection, settings, range_="f.gap", complete=COMPLETE)
+            _require_use(str(file), of_file)
+            found.append(candidates.assign(recording=file.stem))
+            counts.update(of_file)
+    return cut_ins_of(found, counts, settings)
+
+
+def _files(folder: str) -> list[Path]:
+    """Return the traces of a folder, in alphabetical order."""
+    is_folder = Path(folder).is_dir()
+    files = sorted(path for path in Path(folder).glob("*") if path.suffix in ENDINGS) if is_folder else []
+    if not files:
+        raise InputError(
+            str(folder),
+            seen="no file *.mcap or *.osi" if is_folder else "no such folder",
+            expected="a folder of OSI traces",
+            change="Correct data.osi.path.",
+        )
+    return files
+
+
+def _require_use(where: str, counts: Mapping[str, float]) -> None:
+    """Refuse a trace without vehicles in lanes, and one whose units are mixed up."""
+    if not counts["used"]:
+        raise InputError(
+            where,
+            seen=f"{counts['read']:,.0f} positions of vehicles, of which none is complete",
+            expected="moving objects with position, velocity, orientation and assigned_lane_id",
+            change="Let the tool that wrote the trace give all four.",
+        )
+    require_agreement(
+        where,
+        moved=counts["moved"],
+        told=counts["told"],
+        what="changes of position and velocity times the time between frames",
+        key="position [m], velocity [m/s] or timestamp of the messages",
+    )
+
+
+def _read_trace(connection: "DuckDBPyConnection", file: Path) -> None:
+    """Fill the table ``tracks`` with a trace, and ``meta`` with the class of each vehicle."""
+    connection.execute(TRACKS)
+    rows: list[tuple] = []
+    classes: dict[int, str] = {}
+    driven: dict[int, tuple[float, float, float]] = {}
+    lanes: dict[int, int] | None = None
+    for message in _messages(file):
+        if lanes is None and message.lane:
+            lanes = joined_lanes(message.lane)
+        vehicles = [one for one in message.moving_object if one.type.name == "VEHICLE" and one.base]
+        for one in vehicles:
+            if one.vehicle_classification:
+                classes.setdefault(one.id.value, one.vehicle_classification.type.name)
+        if vehicles:
+            rows += _rows_of(message, vehicles, lanes or {}, driven)
+        if len(rows) >= BATCH:
+            _store(connection, rows)
+    _store(connection, rows)
+    table = pd.DataFrame(
+        {"id": pd.array([*classes], "Int64"), "class": pd.array([*classes.values()], "string")}
+    )
+    connection.register("read", table)
+    connection.execute("CREATE OR REPLACE TEMP TABLE meta AS SELECT * FROM read")
+
+
+def _store(connection: "DuckDBPyConnection", rows: list[tuple]) -> None:
+    if rows:
+        columns = ["id", "time", "lane", "x", "velocity", "host", "gap"]
+        table = pd.DataFrame(rows, columns=columns).astype({"lane": "Int64", "host": "Int64"})
+        connection.register("read", table)
+        connection.execute("INSERT INTO tracks SELECT * FROM read")
+        rows.clear()
+
+
+def _messages(file: Path) -> Iterator["GroundTruth"]:
+    """Yield the GroundTruth messages of a trace, also those that are within SensorView messages."""
+    try:
+        import betterosi
+    except ImportError as error:
+        raise StudyError(
+            "OSI traces need the library betterosi, which is not installed; "
+            "install it with `pip install 'accelerated-evaluation[osi]'`"
+        ) from error
+    try:
+        yield from betterosi.read(str(file), return_ground_truth=True)
+    except Exception as error:  # of whatever kind the libraries of both formats have for a damaged file
+        raise InputError(
+            str(file),
+            seen=f"{type(error).__name__}: {error}",
+            expected="a whole OSI trace with GroundTruth or SensorView messages",
+            change="Write it anew, or remove it.",
+        ) from error
+
+
+def _rows_of(
+    message: "GroundTruth",
+    vehicles: list["MovingObject"],
+    lanes: Mapping[int, int],
+    driven: dict[int, tuple[float, float, float]],
+) -> Iterator[tuple]:
+    """Yield the rows of one message, and bring up to date how far each vehicle has driven.
+
+    Parameters
+    ----------
+    message, vehicles
+        The message, and its vehicles.
+    lanes
+        The lane that each piece of a lane belongs to.
+    driven
+        Distance [m] and last position [m] of each vehicle.
+    """
+    time = 1000 * message.timestamp.seconds + round(message.timestamp.nanos / 1e6)
+    numbers = np.array([_numbers(one) for one in vehicles]).reshape(-1, 6).T
+    x, y, yaw, speed_x, speed_y, length = numbers
+    lane = [_lane(one, lanes) for one in vehicles]
+    host, range_ = _hosts(x, y, yaw, length, lane)
+    velocity = speed_x * np.cos(yaw) + speed_y * np.sin(yaw)
+    for i, one in enumerate(vehicles):
+        number = one.id.value
+        before, x_before, y_before = driven.get(number, (0.0, x[i], y[i]))
+        moved = (x[i] - x_before) * np.cos(yaw[i]) + (y[i] - y_before) * np.sin(yaw[i])
+        if np.isfinite(moved):
+            driven[number] = (before + moved, x[i], y[i])
+        behind = None if host[i] < 0 else vehicles[host[i]].id.value
+        yield number, time, lane[i], before + moved, velocity[i], behind, range_[i]
+
+
+def _numbers(one: "MovingObject") -> list[float]:
+    """Return x, y [m], yaw [rad], velocity in x and y [m/s], length [m]; NaN for what is left out."""
+    base = one.base
+    parts = (base.position, "x"), (base.position, "y"), (base.orientation, "yaw")
+    parts += (base.velocity, "x"), (base.velocity, "y"), (base.dimension, "length")
+    return [np.nan if part is None else getattr(part, name) for part, name in parts]
+
+
+def _lane(one: "MovingObject", lanes: Mapping[int, int]) -> int | None:
+    """Return the lane of a vehicle: the first that is assigned, in the newer field or the older one."""
+    newer = one.moving_object_classification
+    assigned = [*(newer.assigned_lane_id if newer else ()), *one.assigned_lane_id]
+    return lanes.get(assigned[0].value, assigned[0].value) if assigned else None
+
+
+def _hosts(
+    x: np.ndarray, y: np.ndarray, yaw: np.ndarray, length: np.ndarray, lane: list[int | None]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the index of the vehicle behind each in its lane, -1 for none, and the range to it [m]."""
+    along = np.cos(yaw) * (x[:, None] - x) + np.sin(yaw) * (y[:, None] - y)  # of row, ahead of column
+    same = np.array([[a is not None and a == b for b in lane] for a in lane])
+    is_behind = same & (along > 0) & (np.cos(yaw[:, None] - yaw) > 0)
+    distance = np.where(is_behind, along, np.inf)
+    host = np.argmin(distance, axis=1)
+    nearest = distance[np.arange(x.size), host]
+    found = np.isfinite(nearest)
+    range_ = np.where(found, nearest - (length + length[host]) / 2, np.nan)
+    return np.where(found, host, -1), range_

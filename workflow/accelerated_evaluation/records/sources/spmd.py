@@ -1,0 +1,56 @@
+"""The recorded lane changes of the Safety Pilot Model Deployment, kept in this repository (data/spmd)."""
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.tables import read_parquet, require_file
+from accelerated_evaluation.records.sources import SOURCES
+
+COLUMNS = ("lead_speed", "inverse_range", "inverse_ttc")
+
+
+@SOURCES.add("spmd")
+def read(settings: Mapping[str, str]) -> pd.DataFrame:
+    """Read the recorded lane changes, and verify that the file is the one that the study is about.
+
+    Parameters
+    ----------
+    settings
+        ``path`` of the Parquet file, and ``sha256``, its checksum of 64 hexadecimal digits.
+
+    Returns
+    -------
+    pandas.DataFrame
+        ``lead_speed`` [m/s], ``inverse_range`` [1/m] and ``inverse_ttc`` [1/s] as in the file; index ``row``
+        from 1.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, has another checksum, or holds something else.
+    """
+    path = settings["path"]
+    require_file(path, "Restore the file from the repository, or correct data.spmd.path.")
+    content = Path(path).read_bytes()
+    seen = hashlib.sha256(content).hexdigest()
+    if seen != settings["sha256"].lower():
+        raise InputError(
+            str(path),
+            seen=f"sha256 {seen} ({len(content):,} bytes)",
+            expected=f"sha256 {settings['sha256']}",
+            change="Restore the file from the repository; for another file, state its data.spmd.sha256.",
+        )
+    table = read_parquet(path)
+    if list(table.columns) != list(COLUMNS) or not (table.dtypes == np.float64).all():
+        raise InputError(
+            str(path),
+            seen=f"columns {', '.join(f'{name} ({kind})' for name, kind in table.dtypes.items())}",
+            expected=f"columns of doubles: {', '.join(COLUMNS)}",
+            change="Restore the file from the repository, or read it as source table.",
+        )
+    return table.set_index(pd.RangeIndex(1, len(table) + 1, name="row"))

@@ -1,0 +1,243 @@
+"""Raw recordings of the Safety Pilot Model Deployment: targets in front of the host, and the host itself."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+from tqdm import tqdm
+
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.records.filters import Account
+from accelerated_evaluation.records.recordings.cut_ins import (
+    drop_in_turn,
+    finished,
+    milliseconds,
+    require_agreement,
+    with_names,
+)
+from accelerated_evaluation.records.recordings.database import (
+    database,
+    literal,
+    read_csv,
+    readable,
+    recording_files,
+)
+from accelerated_evaluation.records.recordings.front_targets import changes_into_path
+from accelerated_evaluation.records.sources import SOURCES
+from accelerated_evaluation.records.sources.table import SPEED
+
+if TYPE_CHECKING:
+    from duckdb import DuckDBPyConnection, DuckDBPyRelation
+
+TARGETS, HOST = "DataFrontTargets*.csv", "DataWsu*.csv"
+PART = 150_000_000  # bytes of targets, about three million rows, that are worked on at a time
+OUTPUT = ("lead_speed", "range", "closing_speed", "host_speed", "device", "trip", "time", "vehicle")
+
+# The tables as the rule needs them. Each row goes to the part that has all of its trip.
+TARGET_COLUMNS = (
+    "Device",
+    "Trip",
+    "Time",
+    "ObstacleId",
+    "Range",
+    "RangeRate",
+    "Transversal",
+    "TargetType",
+    "CIPV",
+)
+SELECT_TARGETS = """
+    TRY_CAST(Device AS INTEGER) AS device, TRY_CAST(Trip AS INTEGER) AS trip,
+    TRY_CAST(round(Time * {tick}) AS BIGINT) AS time, TRY_CAST(ObstacleId AS INTEGER) AS obstacle,
+    Range AS range, RangeRate AS range_rate, Transversal AS side, TRY_CAST(TargetType AS INTEGER) AS type,
+    CIPV = 1 AS in_path, coalesce({complete}, FALSE) AS complete, hash(device, trip) % {parts} AS part
+"""
+HOST_COLUMNS = (
+    "Device",
+    "Trip",
+    "Time",
+    "SpeedWsu",
+    "GpsSpeedWsu",
+    "TurnSngRWsu",
+    "TurnSngLWsu",
+    "ValidCanWsu",
+)
+SELECT_HOST = """
+    TRY_CAST(Device AS INTEGER) AS device, TRY_CAST(Trip AS INTEGER) AS trip,
+    TRY_CAST(round(Time * {tick}) AS BIGINT) AS time, SpeedWsu * {speed} AS speed, GpsSpeedWsu AS gps_speed,
+    coalesce(TurnSngRWsu = 1 OR TurnSngLWsu = 1, FALSE) AS signal, hash(device, trip) % {parts} AS part
+"""
+USABLE_HOST = "ValidCanWsu = 1 AND SpeedWsu >= 0"
+LOAD = """
+    CREATE OR REPLACE TEMP TABLE targets AS SELECT * EXCLUDE (part) FROM {targets} WHERE part = {part};
+    CREATE OR REPLACE TEMP TABLE host AS
+    SELECT device, trip, time, min(speed) AS speed, bool_or(signal) AS signal, min(gps_speed) AS gps_speed
+    FROM {host} WHERE part = {part} GROUP BY device, trip, time
+"""
+# The distance of each frame is rounded to a micrometre, so that the sum does not depend on its order.
+EXPOSURE = """
+    SELECT coalesce(sum(lasts), 0) AS milliseconds,
+        coalesce(sum(CAST(round(speed * lasts * 1000) AS BIGINT)), 0) AS micrometres,
+        coalesce(sum(speed) FILTER (gps_speed > 5), 0) AS speed,
+        coalesce(sum(gps_speed) FILTER (gps_speed > 5), 0) AS gps_speed
+    FROM (
+        SELECT *, lead(time) OVER (PARTITION BY device, trip ORDER BY time) - time AS lasts FROM host
+        WHERE device IN (SELECT device FROM devices)
+    ) WHERE lasts <= {gap}
+"""
+
+
+@SOURCES.add("spmd_raw")
+def read(settings: Mapping[str, Any]) -> pd.DataFrame:
+    """Find the cut-ins in raw recordings, of which any number of rows may lie on the disk.
+
+    The rows are first sorted into parts on the disk, so that a trip is in one part, and then worked on part
+    by part. Time and temporary files grow as the number of rows, memory does not.
+
+    Parameters
+    ----------
+    settings
+        Section ``data.spmd_raw`` of a valid configuration; ``path`` is a folder with files
+        DataFrontTargets*.csv and DataWsu*.csv.
+
+    Returns
+    -------
+    pandas.DataFrame
+        ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s] in the first frame in the path; the
+        ``host_speed`` [m/s] there, and ``device``, ``trip``, ``time`` [s] and ``vehicle`` (its first obstacle
+        number), which say where the cut-in is. Attributes as `recordings.cut_ins.finished` describes them.
+
+    Raises
+    ------
+    InputError
+        If a file is missing or cannot be read, or a unit cannot be the one that the configuration states.
+    """
+    folder, key = settings["path"], "data.spmd_raw.path"
+    targets, hosts = (recording_files(folder, pattern, key) for pattern in (TARGETS, HOST))
+    parts = 1 + sum(file.stat().st_size for file in targets) // PART
+    with database() as (connection, space):
+        _sort_into_parts(
+            connection, targets, space / "targets", _targets_query(settings, parts), TARGET_COLUMNS
+        )
+        _sort_into_parts(connection, hosts, space / "host", _host_query(settings, parts), HOST_COLUMNS)
+        found, counts = _work(connection, space, parts, settings)
+    _require_units(folder, counts)
+    account = _account(counts)
+    candidates = pd.concat(found).sort_values(["device", "trip", "time", "vehicle"])
+    candidates = with_names(candidates, "device {device} trip {trip} at {time:g} s")
+    cut_ins = drop_in_turn(candidates, _reasons(settings), account)
+    return finished(
+        cut_ins[list(OUTPUT)],
+        account,
+        milliseconds=int(counts["milliseconds"]),
+        micrometres=int(counts["micrometres"]),
+    )
+
+
+def _targets_query(settings: Mapping[str, Any], parts: int) -> str:
+    complete = " AND ".join(f"isfinite({name})" for name in TARGET_COLUMNS)
+    return SELECT_TARGETS.format(tick=1000 * settings["time_unit"], parts=parts, complete=complete)
+
+
+def _host_query(settings: Mapping[str, Any], parts: int) -> str:
+    speed = SPEED[settings["speed_unit"]]
+    return SELECT_HOST.format(tick=1000 * settings["time_unit"], parts=parts, speed=speed)
+
+
+def _sort_into_parts(
+    connection: "DuckDBPyConnection", files: Sequence[Path], folder: Path, select: str, columns: Sequence[str]
+) -> None:
+    """Write the rows of some files as Parquet, a folder for each part, below a folder for each file."""
+    size = sum(file.stat().st_size for file in files)
+    with tqdm(
+        desc=f"sort {folder.name}", total=size, unit="B", unit_scale=True, delay=1, disable=None
+    ) as bar:
+        for number, file in enumerate(files):
+            with readable(file):
+                rows: DuckDBPyRelation = read_csv(connection, file, columns)
+                rows = rows.filter(USABLE_HOST) if "SpeedWsu" in columns else rows
+                target = folder / str(number)
+                target.mkdir(parents=True)
+                rows.project(select).write_parquet(str(target), partition_by=["part"], compression="zstd")
+            bar.update(file.stat().st_size)
+        if not any(folder.rglob("*.parquet")):
+            raise InputError(
+                ", ".join(map(str, files)),
+                seen="no row that can be used",
+                expected="rows below the header" + (f", with {USABLE_HOST}" if folder.name == "host" else ""),
+                change="Export the recordings anew.",
+            )
+
+
+def _work(
+    connection: "DuckDBPyConnection", folder: Path, parts: int, settings: Mapping[str, Any]
+) -> tuple[list[pd.DataFrame], Counter]:
+    """Find the changes into the path in each part, and add up the counts and the exposure of all."""
+    tables = {
+        name: f"read_parquet({literal([folder / name / '*/*/*.parquet'])}, hive_partitioning = TRUE)"
+        for name in ("targets", "host")
+    }
+    connection.execute(f"CREATE TEMP TABLE devices AS SELECT DISTINCT device FROM {tables['targets']}")
+    exposure = EXPOSURE.format(gap=milliseconds(settings["rule"]["gap"]))
+    found, counts = [], Counter()
+    for part in tqdm(range(parts), desc="find cut-ins", delay=1, disable=None):
+        connection.execute(LOAD.format(part=part, **tables))
+        changes, of_part = changes_into_path(connection, settings)
+        found.append(changes)
+        counts.update(of_part)
+        counts.update(connection.execute(exposure).df().iloc[0].to_dict())
+    return found, counts
+
+
+def _require_units(folder: str, counts: Mapping[str, float]) -> None:
+    """Refuse units that contradict each other."""
+    require_agreement(
+        folder,
+        moved=counts["moved"],
+        told=counts["told"],
+        what="changes of Range and RangeRate times the time between frames",
+        key="data.spmd_raw.time_unit, or the columns Range [m] and RangeRate [m/s, negative when closing]",
+    )
+    require_agreement(
+        folder,
+        moved=counts["speed"],
+        told=counts["gps_speed"],
+        what="SpeedWsu, as m/s, and GpsSpeedWsu [m/s]",
+        key="data.spmd_raw.speed_unit",
+    )
+
+
+def _account(counts: Mapping[str, float]) -> Account:
+    """Begin the account with what is no change into the path."""
+    account = Account(int(counts["read"]))
+    used = counts["read"]
+    for name, step, reason in (
+        ("incomplete", "read", "a missing or infinite value"),
+        ("without_range", "read", "range not above 0"),
+        ("other_type", "target type", "not of the types in target_types"),
+        ("repeated", "tracking", "the same obstacle at the same time once more"),
+    ):
+        account.enter(int(counts[name]), step=step, reason=reason)
+        used -= counts[name]
+    account.enter(
+        int(used - counts["changes"]),
+        step="path",
+        reason="no first frame of a vehicle in the path of the host",
+    )
+    return account
+
+
+def _reasons(settings: Mapping[str, Any]) -> dict[tuple[str, str], str]:
+    """Return why a change into the path is no cut-in, in the order in which they are looked at."""
+    aside, stay = settings["aside"], settings["rule"]["stay"]
+    uncovered = ("path", "uncovered by a nearer vehicle that left the path")
+    return {
+        ("path", "in the path when first seen"): "found_in_path",
+        ("path", f"in the path for less than {stay:g} s"): "brief",
+        **({uncovered: "uncovered"} if settings["uncovered"] == "drop" else {}),
+        ("path", f"less than {aside['transversal']:g} m aside in the {aside['time']:g} s before"): "ahead",
+        ("host", f"no host speed in the {settings['host_gap']:g} s before"): "without_host",
+        ("host", f"turn signal of the host in the {settings['turn_signal'] or 0:g} s before"): "signalled",
+        ("lead speed", "comes towards the host"): "oncoming",
+    }

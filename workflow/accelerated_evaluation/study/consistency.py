@@ -1,0 +1,225 @@
+"""Conditions on the configuration that a schema cannot state: they tie keys together, or ask a registry."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations, pairwise
+
+from accelerated_evaluation.laws.paper.pieces import mixture_kinds, piece_kinds
+from accelerated_evaluation.records.sources import SOURCES
+from accelerated_evaluation.records.sources.table import UNITS
+from accelerated_evaluation.study.preflight import compared_sections
+
+COMPARED = {"crude", "heuristic", "piecewise", "single", "surrogate"}
+FOLDERS = {"benchmarks", "vehicles"}  # of results/, which no study has for itself
+LONGEST = 64  # name of a study: file systems take 255 bytes, and temporary files need some for themselves
+PIECES = {"two_pieces": 2, "three_pieces": 3}
+KNOTS = ("models.inverse_range.two_pieces", "models.inverse_range.three_pieces", "models.inverse_ttc.knots")
+
+
+@dataclass(frozen=True)
+class Check:
+    """A condition on the values of several keys; skipped where one of them is wrong already."""
+
+    keys: tuple[str, ...]
+    holds: Callable[..., bool]
+    expected: str
+
+
+def _are_methods(names: Sequence[str]) -> bool:
+    """Whether all are methods of the registry, and those that the notebooks compare are among them."""
+    from accelerated_evaluation.methods import METHODS  # takes a second, which few users of this module need
+
+    return set(names) >= COMPARED and all(name in METHODS for name in names)
+
+
+def _mean_what_they_say(compared: Mapping[str, Mapping]) -> bool:
+    """Whether no label is that of the car under test, or of a built-in vehicle that the entry is not."""
+    from accelerated_evaluation.vehicles import VEHICLES  # imports the compiler, which takes a second
+
+    sections = compared_sections(compared)
+    built_in = sections.keys() & set(VEHICLES)
+    return "under_test" not in sections and all(sections[label]["name"] == label for label in built_in)
+
+
+def _differ(compared: Mapping[str, Mapping]) -> bool:
+    """Whether no two entries are the same vehicle, whose results would be the same files."""
+    return all(one != other for one, other in combinations(compared_sections(compared).values(), 2))
+
+
+def _rising(values: Sequence[float] | None) -> bool:
+    return values is None or all(low < high for low, high in pairwise(values))
+
+
+def _segments_rise(edges: Sequence[float]) -> bool:
+    """Whether edges rise as they are printed, because the names of segments are made of the printed edges."""
+    return _rising([float(f"{edge:g}") for edge in edges])
+
+
+def _enclose(edges: Sequence[float], low: float, high: float) -> bool:
+    """Whether all lead speeds that pass the filters, [low, high), lie between the first edge and the last."""
+    return edges[0] <= low and high <= edges[-1]
+
+
+def _is_plain_line(text: str) -> bool:
+    """Whether a description can stand in a table cell: printable, one line, no formula of a spreadsheet."""
+    return text.isprintable() and text == text.strip() and text[0] not in "=+-@"
+
+
+def _is_own_folder(study: str) -> bool:
+    """Whether a study can have a folder of its name alone; the pattern overlooks a line break at the end."""
+    return len(study) <= LONGEST and study.isprintable() and study not in FOLDERS
+
+
+def _all_different(columns: Mapping[str, Mapping[str, str]]) -> bool:
+    names = [column["name"] for column in columns.values()]
+    return len(set(names)) == len(names)
+
+
+CHECKS = (
+    Check(
+        ("study",),
+        _is_own_folder,
+        f"a name of at most {LONGEST} characters, on one line and none of {', '.join(sorted(FOLDERS))}",
+    ),
+    *(
+        Check(
+            (f"data.{source}.description",),
+            _is_plain_line,
+            "one line of printable characters that begins with none of = + - @ and no space",
+        )
+        for source in SOURCES
+    ),
+    Check(("data.table.columns",), _all_different, "another column for each of the three quantities"),
+    Check(
+        ("methods",),
+        _are_methods,
+        f"names of methods, with {', '.join(sorted(COMPARED))} among them",
+    ),
+    Check(
+        ("filters.lead_speed_min", "filters.lead_speed_max"),
+        lambda low, high: low < high,
+        "lead_speed_min below lead_speed_max",
+    ),
+    Check(
+        ("segments.lead_speed_edges",),
+        _segments_rise,
+        "edges in increasing order, also after rounding to six digits",
+    ),
+    Check(
+        ("segments.lead_speed_edges", "filters.lead_speed_min", "filters.lead_speed_max"),
+        _enclose,
+        "edges that begin at or below lead_speed_min and end at or above lead_speed_max",
+    ),
+    Check(
+        ("sensitivity.lead_speed_edges", "filters.lead_speed_min", "filters.lead_speed_max"),
+        lambda tried, low, high: all(_segments_rise(edges) and _enclose(edges, low, high) for edges in tried),
+        "lists of edges in increasing order, each from lead_speed_min or below to lead_speed_max or above",
+    ),
+    *(
+        check
+        for knots in KNOTS
+        for check in (
+            Check((f"{knots}.quantiles",), _rising, "quantiles in increasing order"),
+            Check((f"{knots}.values",), _rising, "knots in increasing order"),
+            Check(
+                (f"{knots}.method", f"{knots}.values"),
+                lambda method, values: method != "values" or values is not None,
+                "a list of knots, as the method is values",
+            ),
+            Check(
+                (f"{knots}.profile.low", f"{knots}.profile.high"),
+                lambda low, high: low < high,
+                "low below high",
+            ),
+        )
+    ),
+    *(
+        Check(
+            (f"models.inverse_range.{variant}.values", "filters.range_max"),
+            lambda values, range_max: values is None or min(values) > 1 / range_max,
+            "knots above 1 / range_max, where R^-1 begins",
+        )
+        for variant in PIECES
+    ),
+    *(
+        Check(
+            (key,),
+            lambda kind: kind in piece_kinds(),
+            f"a distribution that can be fitted to a piece and tilted: one of {', '.join(piece_kinds())}",
+        )
+        for key in ("models.inverse_range.pieces", "models.inverse_ttc.body.kind", "models.inverse_ttc.tail")
+    ),
+    Check(
+        ("models.inverse_ttc.body.kind", "models.inverse_ttc.body.components"),
+        lambda kind, components: components == 1 or kind not in piece_kinds() or kind in mixture_kinds(),
+        f"one component, or a distribution of which mixtures can be fitted: {', '.join(mixture_kinds())}",
+    ),
+    Check(
+        ("cross_entropy.minimum_weight", "models.inverse_range.variant"),
+        lambda weight, variant: weight * PIECES[variant] < 1,
+        "a minimum weight that all pieces can have at once: less than 1 / pieces",
+    ),
+    Check(
+        ("compared_vehicles",),
+        _mean_what_they_say,
+        "labels that are not under_test, and that are the name of a built-in vehicle only where they mean it",
+    ),
+    Check(("compared_vehicles",), _differ, "vehicles that differ from each other"),
+    Check(
+        ("models.closing_speed_max", "crash_map.grid.closing_speed_max"),
+        lambda cap, top: cap <= top,
+        "a map that reaches up to the cap of the laws",
+    ),
+    Check(
+        ("importance_sampling.minimum_events", "importance_sampling.maximum_simulations"),
+        lambda events, simulations: events <= simulations,
+        "minimum_events not above maximum_simulations",
+    ),
+    Check(
+        ("surrogate.batch_size", "surrogate.maximum_calls"),
+        lambda batch, calls: 2 * batch <= calls,
+        "a batch of at most half of maximum_calls, because an estimate needs two",
+    ),
+    Check(
+        (
+            "importance_sampling.course_step",
+            "importance_sampling.simulations",
+            "importance_sampling.maximum_simulations",
+        ),
+        lambda step, *sizes: step <= min(sizes),
+        "a step of the course that is not above simulations and maximum_simulations",
+    ),
+    Check(("uncertainty.sampling_interval",), _rising, "the lower end first"),
+    Check(
+        ("data.source",),
+        lambda source: source in SOURCES,
+        f"a source of records: one of {', '.join(SOURCES)}",
+    ),
+    *(
+        Check(
+            ("data.sample", "data.source", f"data.{name}.outlier_rows"),
+            lambda sample, source, rows, name=name: sample is None or source != name or not rows,
+            "no outlier rows with a sample, because they count the rows of the whole table",
+        )
+        for name in SOURCES
+    ),
+    *(
+        Check(
+            ("data.source", f"data.{name}.path"),
+            lambda source, path, name=name: source != name or path is not None,
+            f"the path of the {what}, as the source is {name}",
+        )
+        for name, what in (
+            ("table", "table"),
+            ("spmd_raw", "folder"),
+            ("highd", "folder"),
+            ("exid", "folder"),
+            ("osi", "folder"),
+        )
+    ),
+    Check(
+        ("data.table.columns.closing.quantity", "data.table.columns.closing.unit"),
+        lambda quantity, unit: any(unit in factors for factors in UNITS[quantity].values()),
+        "a unit of that quantity",
+    ),
+)

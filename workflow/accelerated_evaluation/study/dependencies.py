@@ -1,0 +1,159 @@
+"""What the result of a rule depends on: the modules that its code imports, and the content of users' files.
+
+Snakemake notices a changed script, but neither an edited module that it imports nor a user's file that is
+replaced by an older one. The rules therefore name the modules as inputs, and digests as parameters.
+"""
+
+import ast
+import json
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+Paths = Iterable[str | os.PathLike]
+
+
+def imported_modules(
+    sources: Paths, package: str | os.PathLike, members: Mapping[str, Iterable[str]] | None = None
+) -> list[Path]:
+    """Return the modules of a package that some scripts or notebooks import, directly or through each other.
+
+    The sources are parsed, never run, so imports inside of functions count as well. A module that makes a
+    `registry.Registry` imports the modules beside it when a name is looked up, and therefore depends on those
+    that register a member.
+
+    Parameters
+    ----------
+    sources
+        Python files or notebooks.
+    package
+        Folder of the package; modules outside of it are not followed.
+    members
+        The members that are looked up in the registry of a room, by the room's name. Without an entry all
+        members of the room count.
+
+    Returns
+    -------
+    list of Path
+        In alphabetical order; empty where nothing of the package is imported.
+    """
+    package = Path(package)
+    found: set[Path] = set()
+    waiting = [module for source in sources for module in _imports(Path(source), package)]
+    while waiting:
+        module = waiting.pop()
+        if module not in found:
+            found.add(module)
+            waiting += [*_imports(module, package), *_registered(module, members or {})]
+    return sorted(found)
+
+
+def in_order(value: Any) -> Any:  # noqa: ANN401
+    """Return a value of the configuration with the keys of all its mappings in alphabetical order.
+
+    Snakemake compares parameters as text: the same settings in another order would count as changed.
+    """
+    if isinstance(value, Mapping):
+        return {key: in_order(value[key]) for key in sorted(value)}
+    return [in_order(item) for item in value] if isinstance(value, list) else value
+
+
+def without_unused(config: Mapping[str, Any], sources: Iterable[str]) -> dict[str, Any]:
+    """Return a valid configuration in order, without the sections of the sources that the study does not use.
+
+    An edit of a section that is not used must not run any job again.
+
+    Parameters
+    ----------
+    config
+        A valid configuration.
+    sources
+        Names of all sources.
+    """
+    unused = set(sources) - {config["data"]["source"]}
+    data = {key: value for key, value in config["data"].items() if key not in unused}
+    return in_order({**config, "data": data})
+
+
+@cache
+def _imports(source: Path, package: Path) -> frozenset[Path]:
+    """Return the modules of the package that the code of one file imports by itself."""
+    tree = ast.parse(_code(source), filename=str(source))
+    names = set(_imported_names(tree, source, package))
+    modules = {module for name in names for module in _modules(name, package)}
+    return frozenset(modules - {source})
+
+
+def _registered(module: Path, members: Mapping[str, Iterable[str]]) -> list[Path]:
+    """Return the modules of the members of a registry in a module: all beside it, or those that are named."""
+    if not _has_registry(module):
+        return []
+    room = module.parent
+    named = set(members[room.name]) if room.name in members else None
+    beside = room.rglob("*.py")
+    return [path for path in beside if (names := _names(path)) and (named is None or names & named)]
+
+
+@cache
+def _has_registry(module: Path) -> bool:
+    return any(_makes_registry(node) for node in ast.walk(ast.parse(_code(module))))
+
+
+@cache
+def _names(module: Path) -> frozenset[str]:
+    """Return the names under which a module registers members: the texts that its decorators are given."""
+    decorators = [
+        decorator
+        for node in ast.walk(ast.parse(_code(module)))
+        for decorator in getattr(node, "decorator_list", [])
+        if isinstance(decorator, ast.Call) and decorator.args
+    ]
+    values = [getattr(decorator.args[0], "value", None) for decorator in decorators]
+    return frozenset(value for value in values if isinstance(value, str))
+
+
+def _code(source: Path) -> str:
+    """Return the code of a Python file, or of the code cells of a notebook."""
+    text = source.read_text(encoding="utf-8")
+    if source.suffix != ".ipynb":
+        return text
+    cells = [cell for cell in json.loads(text)["cells"] if cell["cell_type"] == "code"]
+    return "\n".join("".join(cell["source"]) for cell in cells)
+
+
+def _imported_names(tree: ast.AST, source: Path, package: Path) -> Iterator[str]:
+    """Yield the dotted names of all that may be a module in the import statements of a file."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            above = source.relative_to(package.parent).parts[: -node.level] if node.level else ()
+            module = ".".join([*above, node.module] if node.module else above)
+            yield from (f"{module}.{alias.name}" for alias in node.names)
+
+
+def _modules(name: str, package: Path) -> Iterator[Path]:
+    """Yield the files that an import of a dotted name runs: those of the packages around it, then its own."""
+    first, *parts = name.split(".")
+    if first != package.name:
+        return
+    folder = package
+    yield folder / "__init__.py"
+    for part in parts:
+        if (folder / f"{part}.py").is_file():
+            yield folder / f"{part}.py"
+        folder /= part
+        if not (folder / "__init__.py").is_file():
+            return  # the rest of the name is a module that was found, or what it defines
+        yield folder / "__init__.py"
+
+
+def _makes_registry(node: ast.AST) -> bool:
+    """Tell whether a node of the syntax tree is a call of the class Registry."""
+    if not isinstance(node, ast.Call):
+        return False
+    called = node.func
+    name = called.attr if isinstance(called, ast.Attribute) else getattr(called, "id", None)
+    return name == "Registry"

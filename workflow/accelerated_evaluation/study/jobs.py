@@ -1,0 +1,64 @@
+"""What every script of the workflow shares: its log, and errors as one message."""
+
+import os
+import sys
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from threadpoolctl import threadpool_limits
+
+from accelerated_evaluation.base.errors import StudyError, explained
+from accelerated_evaluation.base.files import is_disk_full
+
+# Set by the logger plugin, which shows the progress of jobs, and their errors after all else.
+LOGGER_VARIABLE = "ACCELERATED_EVALUATION_LOGGER"
+
+
+@contextmanager
+def job(log: str | os.PathLike) -> Iterator[None]:
+    """Run a rule's script: what is written to standard error, also warnings and progress, goes to ``log``.
+
+    Jobs run beside each other, so they leave the terminal to the logger of the workflow. Where there is none,
+    and where the log cannot be written, they write how they failed to the terminal themselves.
+
+    An error ends the process with status 1: a `StudyError` with its message alone, a full disk with what
+    could not be written, others with a traceback.
+    """
+    terminal = os.dup(2)
+    message = ""
+    try:
+        with open(log, "wb", buffering=0) as file:
+            os.dup2(file.fileno(), 2)
+        # A job has a thread for each worker of a slow vehicle, on which no digit of its algebra may depend.
+        with threadpool_limits(1, "blas"):
+            yield
+    except StudyError as error:
+        message = f"error: {error}\n"
+    except SystemExit as error:
+        message = (
+            f"error: the job was ended by sys.exit({error.code!r}), which nothing that it runs may call\n"
+        )
+    except Exception as error:
+        message = traceback.format_exc()
+        if (told := explained(error)) is not error:
+            message = f"error: {told}\n"
+        elif is_disk_full(error):
+            message = "error: no space left on the disk; free some and run the study again\n"
+    if message:
+        _report(message, terminal)
+    os.dup2(terminal, 2)  # also after an error: what a full disk has left in a buffer would end in status 120
+    if message:
+        sys.exit(1)
+
+
+def _report(message: str, terminal: int) -> None:
+    """Write how a job failed to its log, and to the terminal where nothing else shows it."""
+    content = message.encode(errors="replace")
+    try:
+        sys.stderr.flush()
+        is_logged = os.write(2, content) == len(content)
+    except OSError:
+        is_logged = False
+    if not is_logged or LOGGER_VARIABLE not in os.environ:
+        os.write(terminal, content)

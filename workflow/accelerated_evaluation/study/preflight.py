@@ -1,0 +1,115 @@
+"""What a configuration names has to exist; it is looked up before the first job, as jobs may take minutes."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from accelerated_evaluation.base.errors import InputError, located
+
+# Endings of the files that jobs write.
+ENDINGS = {
+    ".csv",
+    ".json",
+    ".parquet",
+    ".npz",
+    ".pdf",
+    ".svg",
+    ".png",
+    ".md",
+    ".tex",
+    ".ipynb",
+    ".log",
+    ".tsv",
+}
+
+
+def compared_sections(compared: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Return the entries of the section ``compared_vehicles``, each with all keys of the section ``vehicle``.
+
+    An entry without a name is the built-in vehicle that its label names.
+    """
+    return {
+        label: {"name": label, "parameters": {}, "files": [], **entry} for label, entry in compared.items()
+    }
+
+
+def require_named(config: Mapping[str, Any]) -> None:
+    """Look up the records and the vehicles of a valid configuration, and make each vehicle once.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or a vehicle cannot be made with its parameters.
+    """
+    from accelerated_evaluation.vehicles.loading import load_vehicle  # imports the compiler: a second
+
+    source = config["data"]["source"]
+    path = config["data"][source]["path"]
+    if not Path(path).exists():
+        raise InputError(
+            f"data.{source}.path",
+            seen=f"{path}, where there is no file",
+            expected="the file of the records",
+            change=f"Correct the path, which begins at {Path.cwd()}.",
+        )
+    with located("vehicle.name or vehicle.parameters"):
+        load_vehicle(config["vehicle"]["name"], **config["vehicle"]["parameters"])
+    for label, vehicle in compared_sections(config["compared_vehicles"]).items():
+        with located(f"compared_vehicles.{label}"):
+            load_vehicle(vehicle["name"], **vehicle["parameters"])
+
+
+def require_cores(cores: int | None) -> None:
+    """Refuse a number of cores with which Snakemake would wait for ever; None where none is needed.
+
+    Raises
+    ------
+    InputError
+        If it is below 1.
+    """
+    if cores is not None and cores < 1:
+        raise InputError(
+            "--cores (CORES of make)", seen=str(cores), expected="1 or more, or all", change="Correct it."
+        )
+
+
+def require_places(*folders: Path) -> None:
+    """Look at the folders of results: Snakemake fails at a file in place of a folder, and takes the reverse.
+
+    Raises
+    ------
+    InputError
+        If a file stands where a folder has to be, or a folder where one of the results has to be.
+    """
+    for folder in folders:
+        for place in (folder, *folder.parents):
+            if place.exists() and not place.is_dir():
+                raise InputError(
+                    str(place),
+                    seen="a file",
+                    expected="a folder, or nothing, for the results of studies",
+                    change="Rename or remove the file.",
+                )
+        for place in folder.rglob("*.*"):
+            if place.suffix in ENDINGS and place.is_dir():
+                raise InputError(
+                    str(place), seen="a folder", expected="a result, or nothing", change="Remove the folder."
+                )
+
+
+def require_plain(paths: Iterable[str]) -> None:
+    """Refuse paths of the user's files with braces, which Snakemake would take for wildcards.
+
+    Raises
+    ------
+    InputError
+        For the first of these paths.
+    """
+    for path in paths:
+        if set("{}") & set(path):
+            raise InputError(
+                path,
+                seen="a brace in the path of a file that the configuration names",
+                expected="a path without { and }, which Snakemake takes for the name of a wildcard",
+                change="Rename the file or its folder.",
+            )

@@ -1,0 +1,60 @@
+"""What is known of a run that was driven, or that needs no driving."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from accelerated_evaluation.vehicles.protocol import Outcomes
+
+
+@dataclass(frozen=True)
+class DrivenOutcome:
+    """What is known of a run that was driven.
+
+    Attributes
+    ----------
+    crash
+        Whether the cars touched.
+    min_range, min_ttc, impact_speed
+        Smallest range [m], smallest time to collision [s] and closing speed at the crash [m/s]; None where it
+        was not measured.
+    note
+        Anything that the people on the track want to remember.
+    """
+
+    crash: bool
+    min_range: float | None = None
+    min_ttc: float | None = None
+    impact_speed: float | None = None
+    note: str = ""
+
+
+BEYOND = DrivenOutcome(False, note="beyond the limits, not to be driven")
+
+
+def outcomes_of(told: Iterable[DrivenOutcome]) -> Outcomes:
+    """Return what was told of runs as outcomes; what was not measured is as harmless as the flag allows."""
+    rows = list(told)
+    crash = np.array([row.crash for row in rows])
+
+    def column(name: str, unknown: Any) -> np.ndarray:  # noqa: ANN401
+        values = [getattr(row, name) for row in rows]
+        return np.where([value is None for value in values], unknown, np.array(values, dtype=float))
+
+    return Outcomes(
+        crash,
+        column("min_range", np.where(crash, 0.0, np.inf)),
+        column("min_ttc", np.where(crash, 0.0, np.inf)),
+        column("impact_speed", 0.0),
+    )
+
+
+def outcome_in_words(told: DrivenOutcome) -> str:
+    """Return the outcome of a run for a message."""
+    words = ["crash" if told.crash else "no crash"]
+    for name in ("min_range", "min_ttc", "impact_speed"):
+        if getattr(told, name) is not None:
+            words.append(f"{name} {getattr(told, name):g}")
+    return ", ".join(words)

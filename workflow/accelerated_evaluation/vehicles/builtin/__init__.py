@@ -1,0 +1,1 @@
+"""The car of the study and the reference drivers, compiled."""

@@ -1,0 +1,162 @@
+"""The car of the study: adaptive cruise control (ACC) with autonomous emergency braking (AEB)."""
+
+import math
+from dataclasses import dataclass, field, fields
+
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.vehicles.builtin.kernel import STEP, Car, simulate_slice
+from accelerated_evaluation.vehicles.builtin.threads import available_threads, simulate_in_slices
+from accelerated_evaluation.vehicles.builtin.traces import trace_car
+from accelerated_evaluation.vehicles.checks import checked_encounters
+from accelerated_evaluation.vehicles.parameters import check_number, parameter_error
+from accelerated_evaluation.vehicles.protocol import Outcomes
+from accelerated_evaluation.vehicles.registry import VEHICLES
+
+KMH = 1 / 3.6  # [m/s]
+# Time to collision at which a 2011 Volvo V60 brakes: linear in the speed through both points, constant above.
+V60_SPEEDS = (16 * KMH, 40 * KMH)  # [m/s]
+V60_TTC = (0.86, 0.91)  # [s]
+
+
+@VEHICLES.add("acc_aeb")
+@dataclass(frozen=True)
+class AccAeb:
+    """A car with ACC, and with AEB unless ``aeb`` is false; the defaults are the authors' published car.
+
+    A proportional-integral ACC on the time headway, an AEB triggered by the time to collision (TTC), and an
+    actuator limited in friction and jerk, in 80 steps of 0.1 s; `reference.simulate` spells it out.
+
+    Attributes
+    ----------
+    aeb
+        Whether the car has AEB.
+    aeb_deceleration
+        Largest deceleration that the AEB commands [m/s^2].
+    aeb_jerk
+        Rate at which its command grows [m/s^3].
+    aeb_ttc
+        TTC at which it switches on [s]; None for the threshold T(v) of the V60, 0.91 s from 40 km/h up.
+    aeb_release_ttc
+        TTC above which it switches off again [s].
+    headway
+        Time headway that the ACC keeps [s].
+    kp, ki
+        Gains of the ACC on the headway error, [m/s^3] and [m/s^4].
+    acc_limit
+        Largest acceleration and deceleration that the ACC commands [m/s^2].
+    acc_top_speed
+        Speed from which the ACC does not accelerate [m/s].
+    friction_limit
+        Largest acceleration and deceleration on the road [m/s^2].
+    actuator_jerk
+        Rate at which the acceleration follows the command [m/s^3].
+    top_start_speed
+        Cap on the speed at the start of an encounter [m/s].
+
+    Raises
+    ------
+    InputError
+        If a parameter is not a finite number in its range.
+    """
+
+    aeb: bool = True
+    aeb_deceleration: float = 10.0
+    aeb_jerk: float = 16.0
+    aeb_ttc: float | None = None
+    aeb_release_ttc: float = 1.0
+    headway: float = 2.0
+    kp: float = -38.6252446973784
+    ki: float = -1.35416845633818
+    acc_limit: float = 5.0
+    acc_top_speed: float = 90 / 2.236
+    friction_limit: float = 9.8
+    actuator_jerk: float = 20.0
+    top_start_speed: float = 35.0
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.aeb, bool):
+            raise parameter_error("aeb", self.aeb, "true or false")
+        for name in (each.name for each in fields(self) if each.name not in ("aeb", "aeb_ttc")):
+            check_number(name, getattr(self, name), least=-math.inf if name in ("kp", "ki") else None)
+        if self.aeb_ttc is not None:
+            check_number("aeb_ttc", self.aeb_ttc)
+        if self.threshold_top > self.aeb_release_ttc:
+            expected = f"at most aeb_release_ttc = {self.aeb_release_ttc:g} s"
+            raise parameter_error("aeb_ttc", self.threshold_top, expected)
+
+    @property
+    def threshold_top(self) -> float:
+        """Largest TTC at which the AEB switches on [s]; 0 without AEB, as no positive TTC reaches it."""
+        if not self.aeb:
+            return 0.0
+        return V60_TTC[1] if self.aeb_ttc is None else self.aeb_ttc
+
+    def simulate(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
+        """Simulate n cut-ins behind a lead vehicle that keeps its speed.
+
+        Parameters
+        ----------
+        lead_speed
+            Speed of the lead vehicle [m/s], not negative, shape (n,).
+        range_
+            Distance to it at the start [m], positive, shape (n,).
+        closing_speed
+            Host speed minus lead speed at the start [m/s], shape (n,). Zero and below, an opening gap, are
+            simulated likewise, but the sum with the lead speed, at which the host starts, is not negative. A
+            host that starts at rest is safe at once.
+
+        Returns
+        -------
+        Outcomes
+            Of shape (n,). Each depends on its own encounter alone, to the bit, in any batch, on any threads.
+
+        Raises
+        ------
+        InputError
+            If shapes differ or a value is out of its range; names the first such row, counted from 0.
+        """
+        encounters = checked_encounters(lead_speed, range_, closing_speed)
+        return simulate_encounters(self, encounters, threads=available_threads())
+
+    def trace(self, lead_speed: float, range_: float, closing_speed: float) -> pd.DataFrame:
+        """Return every state of one encounter, as told in `traces`; arguments as of `simulate`."""
+        return trace_car(self.compiled(), checked_encounters([lead_speed], [range_], [closing_speed]))
+
+    def compiled(self) -> Car:
+        """Return the numbers that the compiled code needs."""
+        scaled = self.aeb and self.aeb_ttc is None
+        slope = (V60_TTC[1] - V60_TTC[0]) / (V60_SPEEDS[1] - V60_SPEEDS[0]) if scaled else 0.0
+        numbers = Car(
+            top_start_speed=self.top_start_speed,
+            headway=self.headway,
+            kp=self.kp,
+            ki_half_step=self.ki * STEP / 2,
+            acc_limit=self.acc_limit,
+            acc_top_speed=self.acc_top_speed,
+            threshold_base=V60_TTC[0] if scaled else self.threshold_top,
+            threshold_slope=slope,
+            threshold_speed=V60_SPEEDS[0],
+            threshold_top=self.threshold_top,
+            release_ttc=self.aeb_release_ttc,
+            aeb_deceleration=self.aeb_deceleration,
+            aeb_jerk=self.aeb_jerk,
+            friction_limit=self.friction_limit,
+            acceleration_step=self.actuator_jerk * STEP,
+        )
+        return Car._make(map(float, numbers))
+
+
+@VEHICLES.add("acc_only")
+@dataclass(frozen=True)
+class AccOnly(AccAeb):
+    """The same car without AEB: ``aeb`` is fixed, and the AEB's other parameters have no effect."""
+
+    aeb: bool = field(default=False, init=False)
+
+
+def simulate_encounters(car: AccAeb, encounters: Array, *, threads: int) -> Outcomes:
+    """Simulate checked ``encounters`` of shape (3, n) on at most ``threads`` threads, fewer if n is small."""
+    return simulate_in_slices(simulate_slice, car.compiled(), encounters, threads=threads)

@@ -1,0 +1,121 @@
+"""What the reference drivers share: the two cars, the lateral motion, and the simulation."""
+
+import math
+from dataclasses import dataclass, fields
+from typing import Any
+
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from accelerated_evaluation.vehicles.builtin.driver_kernel import STEP, follow_slice
+from accelerated_evaluation.vehicles.builtin.driver_numbers import Driver
+from accelerated_evaluation.vehicles.builtin.threads import available_threads, simulate_in_slices
+from accelerated_evaluation.vehicles.builtin.traces import trace_driver
+from accelerated_evaluation.vehicles.checks import checked_encounters
+from accelerated_evaluation.vehicles.parameters import check_number, parameter_error, zero_or_more
+from accelerated_evaluation.vehicles.protocol import Outcomes
+
+G = 9.81  # [m/s^2], as JRC-FSM has it
+
+
+@dataclass(frozen=True)
+class ReferenceDriver:
+    """A driver model to compare an automated vehicle with.
+
+    It behaves as in JRC-FSM, the code of the Joint Research Centre of the European Commission.
+
+    The host starts at the speed lead speed + closing speed, without the limit of 35 m/s that the study's car
+    has, and keeps it until the driver reacts. The driver only brakes: it never steers, and never speeds up
+    again. The lead vehicle keeps its speed. Time goes on in steps of 0.1 s for 34.8 s; the cars move with the
+    speeds at the end of each step.
+
+    By default the car that cuts in is in the host's lane from the start, with the range between the bumpers.
+    With a ``lateral_speed`` it comes from the lane on the left and its lateral motion is simulated, too.
+
+    Attributes
+    ----------
+    lateral_speed
+        Speed at which the other car moves sideways [m/s], 0 for a car that is in the lane at the start;
+        with it the driver can react before the cut-in, or too late. Real cut-ins have 0.2 to 2 m/s.
+    entry_offset
+        Lateral distance of the centres [m] at which range and closing speed are given, if the car moves
+        sideways: 3.5 at the start of its motion, 1.75 with its centre above the lane marking. For a smaller
+        offset than ``start_offset`` the simulation begins earlier, with the range that uncontrolled closing
+        at this closing speed leads back to.
+    start_offset
+        Lateral distance of the centres before the lane change [m]: a gap of 1.6 m between the sides
+        and a width of 1.9 m (JRC-FSM), which is a lane of 3.5 m with both cars in the middle.
+    length, width
+        Size of both cars [m] (JRC-FSM).
+    """
+
+    lateral_speed: float = zero_or_more(0.0)
+    entry_offset: float = 3.5
+    start_offset: float = 3.5
+    length: float = 4.3
+    width: float = 1.9
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.type in (bool, "bool"):
+                if not isinstance(value, bool):
+                    raise parameter_error(field.name, value, "true or false")
+            else:
+                check_number(field.name, value, least=field.metadata.get("least"))
+        if self.entry_offset > self.start_offset:
+            expected = f"at most start_offset = {self.start_offset:g} m"
+            raise parameter_error("entry_offset", self.entry_offset, expected)
+        if self.lateral_speed * STEP >= self.width:
+            expected = f"less than {self.width / STEP:g} m/s, a car's width in a step"
+            raise parameter_error("lateral_speed", self.lateral_speed, expected)
+
+    def simulate(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
+        """Simulate n cut-ins before a car that keeps its speed.
+
+        Parameters
+        ----------
+        lead_speed
+            Speed of the car that cuts in [m/s], not negative, shape (n,).
+        range_
+            Distance between the bumpers [m], positive, shape (n,): at the start, or at ``entry_offset``.
+        closing_speed
+            Host speed minus lead speed there [m/s], shape (n,), if the driver has not reacted by then. The
+            sum with the lead speed, at which the host starts, is not negative.
+
+        Returns
+        -------
+        Outcomes
+            Of shape (n,). A crash is contact: the bodies overlap sideways, and the gap along the road is 0 or
+            less. The smallest range is that of the start and of all states in which the bodies overlap
+            sideways and the host is behind, up to contact. The smallest time to collision is that of the same
+            states; where contact comes with the first overlap, from the side, that of the approach before it.
+            The impact speed is host speed minus lead speed at contact. It is negative in rare contacts
+            with lateral motion, when the car moves sideways into a host that has braked beside it to a
+            lower speed; in one lane it never is.
+
+        Raises
+        ------
+        InputError
+            If shapes differ or a value is out of its range; names the first such row, counted from 0.
+        """
+        encounters = checked_encounters(lead_speed, range_, closing_speed)
+        return simulate_in_slices(follow_slice, self.compiled(), encounters, threads=available_threads())
+
+    def trace(self, lead_speed: float, range_: float, closing_speed: float) -> pd.DataFrame:
+        """Return every state of one encounter, as told in `traces`; arguments as of `simulate`."""
+        return trace_driver(self.compiled(), checked_encounters([lead_speed], [range_], [closing_speed]))
+
+    def compiled(self) -> Driver:
+        """Return the numbers that the compiled code needs."""
+        raise NotImplementedError
+
+    def _numbers(self, rule: int, reaction_time: float, **numbers: Any) -> Driver:  # noqa: ANN401
+        """Return the numbers of a rule together with those that all drivers have.
+
+        The reaction takes whole steps, as many as reach the reaction time: 8 for 0.75 s, 4 for 0.35 s.
+        """
+        steps = math.ceil(reaction_time / STEP - 1e-9)  # 0.3 / 0.1 is a little less than 3 in floating point
+        shared = {field.name: float(getattr(self, field.name)) for field in fields(ReferenceDriver)}
+        rest = {name: value if isinstance(value, bool) else float(value) for name, value in numbers.items()}
+        return Driver(rule=rule, reaction_steps=float(steps), **shared, **rest)

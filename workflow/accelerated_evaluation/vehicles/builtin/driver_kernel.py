@@ -1,0 +1,294 @@
+"""The compiled reference drivers: CC, Reg157, RSS and FSM, many encounters abreast, as in `kernel`.
+
+A driver sees each state, wants a deceleration, and the state moves on by one step of 0.1 s. Distances are
+between the centres of two cars of equal length and width; gaps are between their edges. All compiled code of
+the drivers is in this file, because numba's cache on disk only notices an edit of the file itself.
+
+No driver ever speeds up. The code uses this twice: an encounter ends as soon as the host, behind a car in its
+lane, no longer closes in; and the steps before the first danger are taken at once.
+
+The functions of one encounter become vector instructions when they stand in a loop over lanes. For this they
+compute both sides of a choice, and where they can they multiply instead of dividing, which is slow.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from accelerated_evaluation.vehicles.builtin.driver_numbers import FSM_RULE, RSS_RULE, Driver
+from accelerated_evaluation.vehicles.builtin.kernel import compiled
+
+STEP = 0.1  # [s], part of the model: the drivers' constants allow for it
+STATES = 349  # states of an encounter that are tested for contact, which is a horizon of 34.8 s
+
+LANES = 256  # encounters abreast; their state stays in the level-1 cache
+SWEEP = 8  # steps between two exchanges of ended encounters for new ones
+
+SMALLEST = 5e-324  # the smallest positive number
+
+# The rows of the state of the lanes. Distance and offset are between the centres, along and across the road;
+# waited counts the steps of reaction, moving those of lateral motion to come.
+LEAD, DISTANCE, OFFSET, SPEED, ACCELERATION, RAMP, WAITED, MOVING = range(8)
+STEPS, WANTED, OVER, MIN_RANGE, LANE_TTC, ANY_TTC, INDEX = range(8, 15)
+FIELDS = 15
+
+
+@compiled
+def _ttc_wanted(driver: Driver, gap: float, lateral_gap: float, closing: float) -> float:
+    """CC and Reg157: full deceleration if the cars overlap, or nearly so, and the TTC is critical."""
+    critical = driver.critical_ttc + driver.ttc_slope * closing
+    danger = (lateral_gap <= driver.lateral_gap) & (abs(gap) <= abs(closing) * critical)
+    return driver.deceleration if danger else 0.0
+
+
+@compiled
+def _rss_distance(driver: Driver, speed: float, lead: float) -> float:
+    """RSS: the safe distance in the lane, if both cars do the worst."""
+    time, end_speed = driver.response_time, speed + driver.response_acceleration * driver.response_time
+    response = (speed + end_speed) * time / 2
+    return response + end_speed * end_speed * driver.host_path - lead * lead * driver.lead_path
+
+
+@compiled
+def _rss_wanted(
+    driver: Driver, gap: float, lateral_gap: float, speed: float, lead: float, lateral: float
+) -> float:
+    """RSS: full deceleration if the distance is unsafe in both directions."""
+    time, end_speed = driver.response_time, lateral + driver.lateral_acceleration * driver.response_time
+    lateral_safe = driver.lateral_gap + (lateral + end_speed) * time / 2
+    lateral_safe += end_speed * end_speed * driver.lateral_path
+    danger = (gap < _rss_distance(driver, speed, lead)) & (lateral_gap < lateral_safe)
+    return driver.deceleration if danger else 0.0
+
+
+@compiled
+def _fsm_proactive(driver: Driver, speed: float, lead: float) -> tuple[float, float]:
+    """PFS: the safe and the unsafe gap if the lead vehicle brakes hard now, both with the margin to keep."""
+    shared = speed * driver.response_time - lead * lead * driver.lead_path + driver.margin
+    safe = shared + speed * speed * driver.comfort_path + driver.safe_margin
+    return safe, shared + speed * speed * driver.host_path
+
+
+@compiled
+def _fsm_critical(driver: Driver, closing: float, acceleration: float) -> tuple[float, float, float]:
+    """CFS: the safe and the unsafe gap if the lead vehicle keeps its speed, and the closing speed left."""
+    time, slowing = driver.response_time, max(acceleration, -driver.comfort)
+    left = closing + time * slowing  # at the end of the response
+    travelled = (closing + left) * time / 2
+    square = left * left
+    return travelled + square * driver.comfort_path, travelled + square * driver.host_path, left
+
+
+@compiled
+def _fsm_wanted(
+    driver: Driver,
+    distance: float,
+    gap: float,
+    lateral_gap: float,
+    speed: float,
+    lead: float,
+    lateral: float,
+    acceleration: float,
+) -> float:
+    """FSM: the deceleration for both dangers, of which the critical one counts first.
+
+    A fuzzy number is 0 from the safe gap up, 1 from the unsafe gap down, and linear between them. Where the
+    host has lost all its closing speed by the end of the response, the critical one is 0 or 1.
+
+    A car beside the lane is no danger if it does not come nearer, or the host will have passed before it
+    arrives; one step is added to the host's time.
+    """
+    closing = speed - lead
+    arrives = lateral_gap * closing <= (distance + driver.length + STEP * closing) * lateral
+    arrives = (lateral_gap <= 0.0) | ((lateral > 0.0) & (closing >= 0.0) & arrives)
+    critical_safe, critical_unsafe, left = _fsm_critical(driver, closing, acceleration)
+    too_late = gap * -2.0 * acceleration < closing * closing
+    critical = (closing > 0.0) & (gap < critical_safe if left >= 0.0 else too_late)
+    proactive_safe, proactive_unsafe = _fsm_proactive(driver, speed, lead)
+    safe = critical_safe if critical else proactive_safe
+    unsafe = critical_unsafe if critical else proactive_unsafe
+    fuzzy = 0.0 if gap >= safe else 1.0 if gap <= unsafe else (gap - safe) / (unsafe - safe)
+    fuzzy = 1.0 if critical & (left < 0.0) else fuzzy
+    wanted = driver.comfort + driver.comfort_to_full * fuzzy if critical else driver.comfort * fuzzy
+    return min(wanted, driver.deceleration) if arrives else 0.0
+
+
+@compiled
+def _wake_gap(driver: Driver, speed: float, lead: float) -> float:
+    """Gap at which a driver first sees danger at constant speeds, with the other car in its lane."""
+    closing = speed - lead
+    if driver.rule == FSM_RULE:
+        return max(_fsm_proactive(driver, speed, lead)[0], _fsm_critical(driver, closing, 0.0)[0])
+    if driver.rule == RSS_RULE:
+        return _rss_distance(driver, speed, lead)
+    return closing * (driver.critical_ttc + driver.ttc_slope * closing)
+
+
+@compiled
+def _ttc(gap: float, closing: float) -> float:
+    """Time to collision [s], never 0; infinite where the cars do not close in, or touch already."""
+    return max(gap / closing, SMALLEST) if (gap > 0.0) & (closing > 0.0) else np.inf
+
+
+@compiled
+def start(driver: Driver, encounter: NDArray, index: int, state: NDArray, i: int) -> None:
+    """Place an encounter in lane ``i``.
+
+    With lateral motion the first state is one step after the car began to move sideways. Where the range is
+    given at a later offset, the car began earlier, and was farther away by what the host has closed in since.
+    """
+    lead, range_, closing = encounter
+    state[:, i] = 0.0
+    distance, offset, moving = range_ + driver.length, 0.0, 0.0
+    if driver.lateral_speed > 0.0:
+        since = (driver.start_offset - driver.entry_offset) / driver.lateral_speed
+        distance += max(closing, 0.0) * since - closing * STEP
+        offset = driver.start_offset - driver.lateral_speed * STEP
+        moving = np.floor(driver.start_offset / STEP / driver.lateral_speed)
+    state[LEAD, i], state[SPEED, i] = lead, lead + closing
+    state[DISTANCE, i], state[OFFSET, i], state[MOVING, i] = distance, offset, moving
+    state[RAMP, i], state[INDEX, i] = driver.coasting, index
+    state[MIN_RANGE, i], state[LANE_TTC, i], state[ANY_TTC, i] = range_, np.inf, _ttc(range_, closing)
+
+
+@compiled
+def skip(driver: Driver, state: NDArray, i: int) -> None:
+    """Take at once the steps before a driver first sees danger, behind a car in its lane."""
+    if state[STEPS, i] > 0.0 and driver.lateral_speed == 0.0:  # it has taken them already
+        return
+    if state[WAITED, i] > 0.0 or state[WANTED, i] > 0.0:  # calm after the first danger is short
+        return
+    lead, speed, distance = state[LEAD, i], state[SPEED, i], state[DISTANCE, i]
+    gap, closing = distance - driver.length, speed - lead
+    if abs(state[OFFSET, i]) >= driver.width or closing <= 0.0:
+        return
+    wake = _wake_gap(driver, speed, lead)
+    if gap > 0.0 and gap > wake:
+        left = STATES - 1.0 - state[STEPS, i]
+        steps = max(0.0, min(np.floor((gap - wake) / (closing * STEP)), left))
+        state[STEPS, i] += steps
+        state[DISTANCE, i] -= steps * closing * STEP
+        state[OFFSET, i] -= min(steps, max(state[MOVING, i], 0.0)) * driver.lateral_speed * STEP
+        state[MOVING, i] -= steps
+
+
+@compiled
+def watch(state: NDArray, count: int, driver: Driver) -> None:
+    """Update the minima, and tell which encounters are over: crashed, out of time, or past any danger."""
+    for i in range(count):
+        distance, offset, steps = state[DISTANCE, i], state[OFFSET, i], state[STEPS, i]
+        over, min_range = state[OVER, i] > 0.0, state[MIN_RANGE, i]
+        lane_ttc, any_ttc = state[LANE_TTC, i], state[ANY_TTC, i]
+        gap, lateral_gap = abs(distance) - driver.length, abs(offset) - driver.width
+        closing = state[SPEED, i] - state[LEAD, i]
+        behind, overlaps = distance > 0.0, (lateral_gap < 0.0) & ~over
+        crash = overlaps & (gap <= 0.0)
+        ttc = _ttc(gap, closing) if behind & ~over else np.inf
+        dropped = (lateral_gap <= 0.0) & (abs(gap) > abs(closing) * driver.dropped_ttc)
+        no_more = overlaps & (closing <= 0.0) if behind else (gap > 0.0) & (closing >= 0.0)
+        state[MIN_RANGE, i] = min(min_range, gap) if overlaps & (behind | crash) else min_range
+        state[LANE_TTC, i] = min(lane_ttc, ttc) if overlaps else lane_ttc
+        state[ANY_TTC, i] = min(any_ttc, ttc)
+        state[OVER, i] = 1.0 if over | crash | dropped | no_more | (steps + 1.0 >= STATES) else 0.0
+
+
+@compiled
+def decide(state: NDArray, count: int, driver: Driver) -> None:
+    """Write the deceleration that each driver wants [m/s^2]: 0 without danger, or once it has passed."""
+    for i in range(count):
+        distance, speed, lead, acceleration = (
+            state[DISTANCE, i],
+            state[SPEED, i],
+            state[LEAD, i],
+            state[ACCELERATION, i],
+        )
+        lateral = driver.lateral_speed if state[MOVING, i] > 0.0 else 0.0
+        gap, lateral_gap = abs(distance) - driver.length, abs(state[OFFSET, i]) - driver.width
+        if driver.rule == FSM_RULE:
+            wanted = _fsm_wanted(driver, distance, gap, lateral_gap, speed, lead, lateral, acceleration)
+        elif driver.rule == RSS_RULE:
+            wanted = _rss_wanted(driver, gap, lateral_gap, speed, lead, lateral)
+        else:
+            wanted = _ttc_wanted(driver, gap, lateral_gap, speed - lead)
+        state[WANTED, i] = wanted if distance >= 0.0 else 0.0
+
+
+@compiled
+def move(state: NDArray, count: int, driver: Driver) -> None:
+    """React and move on by one step; an encounter that is over stays where it is."""
+    for i in range(count):
+        wanted, ramp, waited, speed = state[WANTED, i], state[RAMP, i], state[WAITED, i], state[SPEED, i]
+        moving, distance, offset = state[MOVING, i], state[DISTANCE, i], state[OFFSET, i]
+        steps, runs = state[STEPS, i], state[OVER, i] == 0.0
+        danger, reacts = wanted > 0.0, waited < driver.reaction_steps
+        braking = min(ramp + driver.ramp_step, wanted)
+        acceleration = (-driver.coasting if reacts else -braking) if danger else 0.0
+        calm_ramp = 0.0 if driver.forgets_ramp else ramp
+        new_speed = max(speed + acceleration * STEP, 0.0)
+        new_distance = distance - (new_speed - state[LEAD, i]) * STEP
+        new_offset = offset - driver.lateral_speed * STEP if moving > 0.0 else offset
+        state[RAMP, i] = (ramp if reacts else braking) if danger else calm_ramp
+        state[WAITED, i] = waited + 1.0 if danger & reacts else waited
+        state[MOVING, i] = moving - 1.0
+        state[ACCELERATION, i] = acceleration
+        state[STEPS, i] = steps + 1.0 if runs else steps
+        state[SPEED, i] = new_speed if runs else speed
+        state[DISTANCE, i] = new_distance if runs else distance
+        state[OFFSET, i] = new_offset if runs else offset
+
+
+@compiled
+def _finish(state: NDArray, i: int, driver: Driver, outcomes: NDArray) -> None:
+    """Write the outcomes of the encounter in lane ``i``, which is over."""
+    index = int(state[INDEX, i])
+    overlaps = abs(state[OFFSET, i]) < driver.width
+    crash = overlaps and abs(state[DISTANCE, i]) <= driver.length
+    min_ttc = state[LANE_TTC, i]
+    outcomes[0, index], outcomes[1, index] = crash, state[MIN_RANGE, i]
+    outcomes[2, index] = state[ANY_TTC, i] if crash and min_ttc == np.inf else min_ttc
+    outcomes[3, index] = state[SPEED, i] - state[LEAD, i] if crash else 0.0
+
+
+@compiled
+def _exchange(
+    state: NDArray,
+    count: int,
+    encounters: NDArray,
+    upcoming: int,
+    end: int,
+    driver: Driver,
+    outcomes: NDArray,
+) -> tuple[int, int]:
+    """Exchange the encounters that are over for new ones; return the lanes in use, and the next encounter."""
+    i = 0
+    while i < count or (count < LANES and upcoming < end):
+        if i < count and state[OVER, i] == 0.0:
+            skip(driver, state, i)
+            i += 1
+            continue
+        if i < count:
+            _finish(state, i, driver, outcomes)
+        if upcoming < end:
+            start(driver, encounters[:, upcoming], upcoming, state, i)
+            upcoming += 1
+            count = max(count, i + 1)
+            skip(driver, state, i)
+            i += 1
+        else:
+            count -= 1
+            state[:, i] = state[:, count]
+    return count, upcoming
+
+
+@compiled
+def follow_slice(encounters: NDArray, begin: int, end: int, driver: Driver, outcomes: NDArray) -> None:
+    """Simulate the columns ``begin`` to ``end`` of ``encounters``; arguments: `kernel.simulate_slice`."""
+    state = np.empty((FIELDS, LANES))
+    count, upcoming = 0, begin
+    while True:
+        count, upcoming = _exchange(state, count, encounters, upcoming, end, driver, outcomes)
+        if count == 0:
+            return
+        for _ in range(SWEEP):
+            watch(state, count, driver)
+            decide(state, count, driver)
+            move(state, count, driver)

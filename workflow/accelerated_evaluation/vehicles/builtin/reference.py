@@ -1,0 +1,90 @@
+"""The ACC + AEB car line by line in NumPy: what the compiled code is held to, bit for bit.
+
+Nothing less would do: far behind the lead at a low speed the loop of the ACC is unstable, and there another
+order of the same operations moves a smallest range by a centimetre.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.vehicles.builtin.acc_aeb import V60_SPEEDS, V60_TTC, AccAeb
+from accelerated_evaluation.vehicles.builtin.kernel import STEP, STEPS
+from accelerated_evaluation.vehicles.checks import checked_encounters
+from accelerated_evaluation.vehicles.protocol import Outcomes
+
+
+@np.errstate(divide="ignore", invalid="ignore", over="ignore")
+def simulate(car: AccAeb, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
+    """Simulate n cut-ins; arguments, result and errors are those of `AccAeb.simulate`.
+
+    An encounter ends when the range is 0 or less (crash), the host stands still, or after 8 s (both safe).
+    """
+    lead_speed, range_, closing_speed = checked_encounters(lead_speed, range_, closing_speed)
+    speed = np.minimum(lead_speed + closing_speed, car.top_start_speed)
+    acceleration = command = error = timer = onset = np.zeros_like(speed)
+    on = np.zeros(speed.shape, dtype=bool)
+    min_range, min_ttc = range_, np.full_like(range_, np.inf)
+    for _ in range(STEPS):
+        running = (range_ > 0) & (speed > 0)
+
+        ttc = time_to_collision(lead_speed, range_, speed)
+        min_ttc = np.where(running & (ttc > 0) & (ttc < min_ttc), ttc, min_ttc)
+
+        was_on, on = on, aeb_switch(car, ttc, speed, on)
+        last_error, error = np.where(was_on, 0, error), car.headway - range_ / speed
+        onset = np.where(on & ~was_on, command, onset)
+        timer = np.where(was_on, timer, 0) + STEP
+        command = np.where(
+            on, aeb_command(car, onset, timer), acc_command(car, speed, command, error, last_error)
+        )
+
+        acceleration = actuator(car, command, acceleration)
+        new_speed = np.maximum(speed + acceleration * STEP, 0)
+        new_range = range_ + (lead_speed - (speed + new_speed) / 2) * STEP
+        speed = np.where(running, new_speed, speed)
+        range_ = np.where(running, new_range, range_)
+        min_range = np.where(range_ < min_range, range_, min_range)
+    crash = range_ <= 0
+    impact_speed = np.where(crash, np.maximum(speed - lead_speed, 0), 0)
+    return Outcomes(crash, min_range, min_ttc, impact_speed)
+
+
+def time_to_collision(lead_speed: Array, range_: Array, speed: Array) -> Array:
+    """Return range over closing speed [s]: negative while the gap opens, and -inf at equal speeds."""
+    range_rate = lead_speed - speed
+    return np.where(range_rate == 0, -np.inf, -range_ / range_rate)
+
+
+def aeb_threshold(car: AccAeb, speed: Array) -> Array:
+    """Return the TTC at which the AEB switches on [s]; for the V60 linear in the speed up to 40 km/h."""
+    if not car.aeb or car.aeb_ttc is not None:
+        return np.full_like(speed, car.threshold_top)
+    slope = (V60_TTC[1] - V60_TTC[0]) / (V60_SPEEDS[1] - V60_SPEEDS[0])
+    return np.minimum(V60_TTC[0] + slope * (speed - V60_SPEEDS[0]), V60_TTC[1])
+
+
+def aeb_switch(car: AccAeb, ttc: Array, speed: Array, was_on: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return whether the AEB is on: from its threshold on, until the TTC is negative or above the release."""
+    switches_on = (ttc > 0) & (ttc <= aeb_threshold(car, speed))
+    stays_on = was_on & (ttc > 0) & (ttc <= car.aeb_release_ttc)
+    return switches_on | stays_on
+
+
+def acc_command(car: AccAeb, speed: Array, command: Array, error: Array, last_error: Array) -> Array:
+    """Return the next command of the ACC [m/s^2]: proportional-integral control of the headway error [s]."""
+    command = command + car.kp * (error - last_error) + car.ki * STEP / 2 * (error + last_error)
+    top = np.where(speed >= car.acc_top_speed, 0, car.acc_limit)
+    return np.minimum(np.maximum(command, -car.acc_limit), top)
+
+
+def aeb_command(car: AccAeb, onset: Array, timer: Array) -> Array:
+    """Return the command of the AEB [m/s^2], ``timer`` seconds after its onset at the command ``onset``."""
+    return np.maximum(onset - car.aeb_jerk * timer, -car.aeb_deceleration)
+
+
+def actuator(car: AccAeb, command: Array, acceleration: Array) -> Array:
+    """Return the acceleration that follows the command within friction and jerk [m/s^2]."""
+    possible = np.minimum(np.maximum(command, -car.friction_limit), car.friction_limit)
+    change = car.actuator_jerk * STEP
+    return np.minimum(np.maximum(possible, acceleration - change), acceleration + change)

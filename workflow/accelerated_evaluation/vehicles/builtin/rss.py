@@ -1,0 +1,62 @@
+"""RSS: the driver of responsibility-sensitive safety."""
+
+from dataclasses import dataclass
+
+from accelerated_evaluation.vehicles.builtin.driver import G, ReferenceDriver
+from accelerated_evaluation.vehicles.builtin.driver_kernel import STEP
+from accelerated_evaluation.vehicles.builtin.driver_numbers import RSS_RULE, Driver
+from accelerated_evaluation.vehicles.parameters import zero_or_more
+from accelerated_evaluation.vehicles.registry import VEHICLES
+
+
+@VEHICLES.add("rss")
+@dataclass(frozen=True)
+class ResponsibilitySensitiveSafety(ReferenceDriver):
+    """Responsibility-sensitive safety, RSS (Shalev-Shwartz et al. 2017, arXiv 1708.06374), as in JRC-FSM.
+
+    The driver sees danger when the other car is nearer than both the longitudinal and the lateral safe
+    distance of RSS. After its reaction time it brakes like the competent and careful human, harder than
+    the longitudinal distance supposes.
+
+    Attributes
+    ----------
+    reaction_time
+        From danger to the brake, and the response time of the safe distances [s] (JRC-FSM).
+    response_acceleration
+        The host may speed up this much during the response [m/s^2] (JRC-FSM).
+    host_braking, lead_braking
+        Braking of both cars in the longitudinal safe distance [m/s^2] (JRC-FSM, one value for both).
+    lateral_acceleration
+        Lateral acceleration and braking of both cars in the lateral one [m/s^2] (JRC-FSM).
+    lateral_margin
+        Lateral gap that must remain [m] (JRC-FSM).
+    jerk
+        Growth of the deceleration [m/s^3]: 0.774 g in 0.6 s, as CC (JRC-FSM).
+    deceleration
+        Largest deceleration [m/s^2]: 0.774 g, as CC (JRC-FSM).
+    """
+
+    reaction_time: float = zero_or_more(0.75)
+    response_acceleration: float = zero_or_more(3.0)
+    host_braking: float = 6.0
+    lead_braking: float = 6.0
+    lateral_acceleration: float = 1.0
+    lateral_margin: float = zero_or_more(0.3)
+    jerk: float = 12.65
+    deceleration: float = 0.774 * G
+
+    def compiled(self) -> Driver:
+        """Return the numbers that the compiled code needs."""
+        return self._numbers(
+            RSS_RULE,
+            self.reaction_time,
+            response_time=self.reaction_time,
+            response_acceleration=self.response_acceleration,
+            host_path=1 / (2 * self.host_braking),
+            lead_path=1 / (2 * self.lead_braking),
+            lateral_acceleration=self.lateral_acceleration,
+            lateral_path=1 / (2 * self.lateral_acceleration),
+            lateral_gap=self.lateral_margin,
+            ramp_step=self.jerk * STEP,
+            deceleration=self.deceleration,
+        )

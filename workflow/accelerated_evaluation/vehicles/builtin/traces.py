@@ -1,0 +1,114 @@
+"""Every state of one encounter with a built-in vehicle, by the compiled steps that also simulate batches."""
+
+import numpy as np
+import pandas as pd
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.vehicles.builtin import driver_kernel, kernel
+from accelerated_evaluation.vehicles.builtin.driver_numbers import Driver
+from accelerated_evaluation.vehicles.builtin.kernel import Car
+
+# Positions are of the lead vehicle's rear and the host's front, which is at 0 at the start. The acceleration
+# is that of the step before. "emergency" is 1 while the AEB is on, or while a driver sees danger.
+COLUMNS = (
+    "time_s",
+    "lead_position_m",
+    "host_position_m",
+    "lateral_distance_m",
+    "lead_speed_m_per_s",
+    "host_speed_m_per_s",
+    "host_acceleration_m_per_s2",
+    "range_m",
+    "time_to_collision_s",
+    "emergency",
+)
+
+
+def trace_car(car: Car, encounter: Array) -> pd.DataFrame:
+    """Follow one encounter of the ACC + AEB car.
+
+    Parameters
+    ----------
+    car
+        The car's numbers.
+    encounter
+        Checked lead speed [m/s], range [m] and closing speed [m/s], shape (3, 1).
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row a state, columns as in COLUMNS. In the last state the controller acts no more, so its time to
+        collision is infinite, and its AEB is that of the state before.
+    """
+    state, index = np.empty((kernel.FIELDS, 1)), np.zeros(1, dtype=np.int64)
+    kernel.start(encounter, 0, 1, car, state, index)
+    rows: list[tuple] = []
+    step, over = 0, False
+    while not over:
+        over = step == kernel.STEPS or not (state[kernel.RANGE, 0] > 0 and state[kernel.SPEED, 0] > 0)
+        lead, range_, speed = state[[kernel.LEAD, kernel.RANGE, kernel.SPEED], 0]
+        acceleration, ttc = state[kernel.ACCELERATION, 0], np.inf
+        if not over:
+            kernel.watch(state, 1, car)
+            ttc = range_ / (speed - lead) if speed > lead else np.inf
+        emergency = state[kernel.TIMER, 0] > 0
+        rows.append((step * kernel.STEP, range_, 0.0, lead, speed, acceleration, range_, ttc, emergency))
+        kernel.command(state, 1, car)
+        kernel.move(state, 1, car)
+        step += 1
+    return _table(rows)
+
+
+def trace_driver(driver: Driver, encounter: Array) -> pd.DataFrame:
+    """Follow one encounter of a reference driver; arguments and result as of `trace_car`.
+
+    With lateral motion the first state is the first step of that motion. The range is negative while the cars
+    are beside each other, and positive again, behind the host, once it has passed.
+    """
+    state = np.empty((driver_kernel.FIELDS, 1))
+    driver_kernel.start(driver, encounter[:, 0], 0, state, 0)
+    rows: list[tuple] = []
+    while True:
+        before = state[:, 0].copy()
+        driver_kernel.skip(driver, state, 0)
+        skipped = int(state[driver_kernel.STEPS, 0]) - len(rows)
+        rows += [_driver_row(driver, before, k) for k in range(skipped)]
+        for _ in range(driver_kernel.SWEEP):
+            driver_kernel.watch(state, 1, driver)
+            driver_kernel.decide(state, 1, driver)
+            rows.append(_driver_row(driver, state[:, 0], 0))
+            if state[driver_kernel.OVER, 0] > 0:
+                trace = _table(rows)
+                if driver.lateral_speed == 0.0:  # the range as it was given, before rounding
+                    trace.loc[0, "range_m"] = min(trace.loc[0, "range_m"], encounter[1, 0])
+                return trace
+            driver_kernel.move(state, 1, driver)
+
+
+def _driver_row(driver: Driver, state: Array, k: int) -> tuple:
+    """Return what the trace holds of a driver's state, or of that ``k`` steps later at constant speeds."""
+    lead, speed = state[driver_kernel.LEAD], state[driver_kernel.SPEED]
+    closing = speed - lead
+    ahead = state[driver_kernel.DISTANCE] - k * closing * driver_kernel.STEP
+    sideways = min(k, max(state[driver_kernel.MOVING], 0.0)) * driver.lateral_speed * driver_kernel.STEP
+    gap = abs(ahead) - driver.length
+    closes = gap > 0 and closing > 0 and ahead > 0
+    return (
+        (state[driver_kernel.STEPS] + k) * driver_kernel.STEP,
+        ahead - driver.length,
+        state[driver_kernel.OFFSET] - sideways,
+        lead,
+        speed,
+        state[driver_kernel.ACCELERATION],
+        gap,
+        gap / closing if closes else np.inf,
+        state[driver_kernel.WANTED] > 0,
+    )
+
+
+def _table(rows: list[tuple]) -> pd.DataFrame:
+    """Return the states as a table, with the positions of both cars on the road."""
+    time, gap, offset, lead, *others, emergency = (np.array(column) for column in zip(*rows, strict=True))
+    lead_position = gap[0] + lead * time
+    columns = (time, lead_position, lead_position - gap, offset, lead, *others, emergency.astype(int))
+    return pd.DataFrame(dict(zip(COLUMNS, columns, strict=True)))

@@ -1,0 +1,142 @@
+"""A user's vehicle, whose code is not ours: what it gives is checked, and what it raises is told."""
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import StudyError
+from accelerated_evaluation.vehicles.checks import (
+    OUTCOMES,
+    checked_encounters,
+    checked_outcomes,
+    described,
+    outcome_error,
+)
+from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
+
+REPEATED = 4  # encounters of the first batch that are simulated twice again
+TOLERANCE = 1e-5  # relative, for outcomes of the same encounter: rounding may depend on the batch
+
+
+@dataclass
+class CheckedVehicle:
+    """A user's vehicle whose inputs and outcomes are checked against the protocol.
+
+    The first batch also tells whether the vehicle is deterministic: at most four of its encounters are
+    simulated again, each twice, in another order and in a batch of another size. That costs at most eight
+    simulations for each vehicle that is loaded.
+
+    Attributes
+    ----------
+    vehicle
+        The user's own.
+    name
+        Its name in messages, such as ``path/to/file.py:ClassName``.
+    was_repeated
+        Whether that was done; set it where somebody else sees to it.
+    """
+
+    vehicle: Vehicle
+    name: str
+    was_repeated: bool = field(default=False, init=False, repr=False, compare=False)
+
+    def simulate(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
+        """Simulate n cut-ins; see `Vehicle`.
+
+        Raises
+        ------
+        InputError
+            If the encounters are not valid, the user's code raises or exits, its outcomes break the protocol,
+            or it gives other outcomes for the same encounters.
+        """
+        encounters = checked_encounters(lead_speed, range_, closing_speed)
+        outcomes = self._outcomes(encounters)
+        if not self.was_repeated and encounters.shape[1] > 0:
+            check_repetition(self._outcomes, encounters, outcomes, self.name)
+            self.was_repeated = True
+        return outcomes
+
+    def _outcomes(self, encounters: Array) -> Outcomes:
+        """Run the user's code on checked encounters, shape (3, n)."""
+        try:
+            with kept_alive():
+                outcomes = self.vehicle.simulate(*encounters.copy())
+        except (StudyError, KeyboardInterrupt):
+            raise
+        except BaseException as error:  # a vehicle that calls sys.exit must not end the study without a word
+            raise outcome_error(self.name, "simulate", error_in_words(error), "outcomes") from error
+        return checked_outcomes(outcomes, encounters, vehicle=self.name)
+
+
+def check_repetition(
+    simulate: Callable[[Array], Outcomes], encounters: Array, first: Outcomes, vehicle: str
+) -> None:
+    """Simulate some encounters again, and refuse a vehicle that gives other outcomes.
+
+    At most four are, each twice. They are spread over the batch, and stand in the new batch once forwards and
+    once backwards. So the number of earlier calls, the size of the batch, the neighbours and the place in it
+    are others.
+
+    Parameters
+    ----------
+    simulate
+        Simulates encounters, shape (3, k).
+    encounters
+        Encounters that were simulated before, shape (3, n).
+    first
+        What they ended in.
+    vehicle
+        The vehicle's name in messages.
+
+    Raises
+    ------
+    InputError
+        If an outcome is another one.
+    """
+    count = encounters.shape[1]
+    chosen = np.unique(np.linspace(0, count - 1, min(count, REPEATED)).astype(int))
+    rows = np.concatenate([chosen, chosen[::-1]])
+    again = simulate(encounters[:, rows])
+    for name in OUTCOMES:
+        before, after = getattr(first, name)[rows] * 1.0, getattr(again, name) * 1.0
+        differs = ~np.isclose(after, before, rtol=TOLERANCE, atol=TOLERANCE)
+        if differs.any():
+            row = int(np.argmax(differs))
+            raise outcome_error(
+                vehicle,
+                f"{name} of {described(encounters[:, rows[row]])}",
+                f"{before[row]:g} at first, and {after[row]:g} when simulated again in another batch",
+                "the same outcomes of an encounter in every call and in every batch",
+                change="Seed its random numbers anew in each call, keep no state between calls, and let "
+                "no encounter depend on the others in its batch.",
+            )
+
+
+@contextmanager
+def kept_alive() -> Iterator[None]:
+    """Raise SystemExit where the block calls ``os._exit``, which would end the study without a word.
+
+    Processes that a vehicle forks may still end themselves so.
+    """
+    own, leave = os.getpid(), os._exit
+
+    def refuse(status: int) -> None:
+        if os.getpid() != own:
+            leave(status)
+        raise SystemExit(f"os._exit({status!r})")
+
+    os._exit = refuse
+    try:
+        yield
+    finally:
+        os._exit = leave
+
+
+def error_in_words(error: BaseException) -> str:
+    """Return an exception on one line."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"

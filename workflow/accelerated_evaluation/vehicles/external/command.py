@@ -1,0 +1,213 @@
+"""A vehicle that is a command in any language: it reads a CSV of encounters and writes one of outcomes."""
+
+import contextlib
+import csv
+import os
+import shlex
+import signal
+import subprocess
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from threading import Thread
+from typing import BinaryIO
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.vehicles.checks import (
+    INPUTS,
+    OUTCOMES,
+    checked_encounters,
+    described,
+    described_batch,
+)
+from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
+from accelerated_evaluation.vehicles.parameters import parameter_error
+from accelerated_evaluation.vehicles.protocol import Outcomes
+from accelerated_evaluation.vehicles.registry import VEHICLES
+
+REMEMBERED = 2000  # bytes of what a command prints, its last ones, of which a message has the last line
+FLAGS = {"1": 1.0, "0": 0.0, "true": 1.0, "false": 0.0, "1.0": 1.0, "0.0": 0.0}
+
+RUNNING: set[int] = set()
+"""Groups of processes that run now; whoever ends this process by force has to end them as well."""
+
+
+@VEHICLES.add("command")
+@dataclass
+class Command(ForeignVehicle):
+    """A vehicle that is run as ``COMMAND IN.csv OUT.csv``, once for each batch.
+
+    IN.csv has the columns lead_speed [m/s], range [m] and closing_speed [m/s]. The command writes OUT.csv
+    with the columns crash (0 or 1), min_range [m], min_ttc [s] and impact_speed [m/s], one row for each row
+    of IN.csv and in their order; further columns are ignored. What it prints is of no consequence.
+
+    Attributes
+    ----------
+    command
+        The words of the command, or one text that is split into words as a shell does. No shell runs it.
+
+    Raises
+    ------
+    InputError
+        If there are no words.
+    """
+
+    command: str | Sequence[str]
+
+    def __post_init__(self) -> None:
+        is_list = isinstance(self.command, list | tuple)
+        if not (is_list and all(isinstance(word, str) for word in self.command)) and not isinstance(
+            self.command, str
+        ):
+            raise parameter_error("command", self.command, "a text, or a list of texts")
+        try:
+            self.words = list(self.command) if is_list else shlex.split(self.command)
+        except ValueError as error:
+            raise parameter_error("command", self.command, f"words as in a shell ({error})") from error
+        if not self.words or not self.words[0]:
+            raise parameter_error("command", self.command, "a program and its arguments")
+
+    @property
+    def name(self) -> str:
+        """The command as one types it."""
+        return shlex.join(self.words)
+
+    @property
+    def files(self) -> list[Path]:
+        """Those of its words that name a file."""
+        return [Path(word) for word in self.words if Path(word).is_file()]
+
+    def simulate(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
+        """Run the command on n encounters; see `Vehicle`.
+
+        Raises
+        ------
+        InputError
+            If the command cannot be started, takes too long, fails, is killed, or writes no outcomes.
+        """
+        encounters = checked_encounters(lead_speed, range_, closing_speed)
+        if not encounters.shape[1]:
+            return Outcomes(np.empty(0, bool), np.empty(0), np.empty(0), np.empty(0))
+        with TemporaryDirectory(prefix="accelerated_evaluation_") as folder:
+            source, target = Path(folder, "encounters.csv"), Path(folder, "outcomes.csv")
+            _write_encounters(source, encounters)
+            self._run([*self.words, str(source), str(target)], encounters)
+            columns = _read_outcomes(target, encounters, self._error)
+        return Outcomes(columns[0] > 0, *columns[1:])
+
+    def _run(self, words: Sequence[str], encounters: Array) -> None:
+        """Run the command in a group of processes of its own, and end the whole group after it."""
+        try:
+            process = subprocess.Popen(
+                words,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+        except OSError as error:
+            seen = f"{words[0]!r}: {(error.strerror or str(error)).lower()}"
+            change = "Correct the path, and make the file executable or name its interpreter first."
+            raise self._error("start", seen, "a program that can be run", change) from error
+        RUNNING.add(process.pid)
+        printed = Printed(process.stdout)
+        try:
+            status = process.wait(self.time_limit)
+        except subprocess.TimeoutExpired as error:
+            raise self._error(
+                described_batch(encounters),
+                f"no end after {self.time_limit:g} s{printed.last_line()}",
+                "outcomes within this time limit of a batch",
+                "Let it end sooner, raise simulations.time_limit, or lower simulations.batch_size.",
+            ) from error
+        finally:
+            end_group(process.pid)
+            process.wait()
+            RUNNING.discard(process.pid)
+            printed.stop()
+        if status:
+            how = f"exit status {status}" if status > 0 else f"killed by {signal.Signals(-status).name}"
+            raise self._error(described_batch(encounters), f"{how}{printed.last_line()}", "exit status 0")
+
+    def _error(self, what: str, seen: str, expected: str, change: str = "Correct the command.") -> InputError:
+        told = f"{change} docs/your_vehicle.md says what a command is given and has to give."
+        return InputError(f"vehicle {self.name}, {what}", seen=seen, expected=expected, change=told)
+
+
+class Printed:
+    """Reads what a command prints, so that it never waits for a reader, and remembers the end of it."""
+
+    def __init__(self, pipe: BinaryIO) -> None:
+        self._pipe, self._end = pipe, b""
+        self._thread = Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    def _read(self) -> None:
+        with contextlib.suppress(ValueError, OSError):  # the pipe was closed
+            while part := self._pipe.read1(65536):
+                self._end = (self._end + part)[-REMEMBERED:]
+
+    def stop(self) -> None:
+        """Read what is left; a process that left the command's group may hold the pipe open for ever."""
+        self._thread.join(1)
+        if not self._thread.is_alive():
+            self._pipe.close()
+
+    def last_line(self) -> str:
+        """Return the last line that was printed, for a message; empty if nothing was."""
+        lines = self._end.decode(errors="replace").strip().splitlines()
+        return f", and printed last {' '.join(lines[-1].split())[-300:]!r}" if lines else ""
+
+
+def end_group(process: int) -> None:
+    """End a group of processes, named by its first, by force."""
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(process, signal.SIGKILL)
+
+
+def _write_encounters(path: Path, encounters: Array) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(INPUTS)
+        writer.writerows(encounters.T.tolist())
+
+
+def _read_outcomes(path: Path, encounters: Array, refuse: Callable[..., InputError]) -> Array:
+    """Return the outcomes of a CSV file, shape (4, n); raise what ``refuse`` makes of a fault."""
+    count = encounters.shape[1]
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            rows = [row for row in csv.reader(file) if row]
+    except FileNotFoundError as error:
+        raise refuse(described_batch(encounters), "no file OUT.csv", "the outcomes in it") from error
+    except (csv.Error, UnicodeDecodeError, OSError) as error:
+        raise refuse("OUT.csv", str(error), "CSV text in UTF-8") from error
+    header = [name.strip() for name in rows[0]] if rows else []
+    if any(header.count(name) != 1 for name in OUTCOMES):
+        raise refuse("OUT.csv, row 1", ", ".join(header) or "no header", f"the columns {', '.join(OUTCOMES)}")
+    if len(rows) - 1 != count:
+        raise refuse("OUT.csv", f"{len(rows) - 1} rows", f"{count}, one for each row of IN.csv")
+    columns = [header.index(name) for name in OUTCOMES]
+    outcomes = np.empty((len(OUTCOMES), count))
+    for k, row in enumerate(rows[1:]):
+        outcomes[:, k] = list(_numbers(row, columns, k, encounters, refuse))
+    return outcomes
+
+
+def _numbers(
+    row: list[str], columns: list[int], k: int, encounters: Array, refuse: Callable[..., InputError]
+) -> Iterator[float]:
+    """Yield the outcomes of row k; NaN and contradictions are left to `checked_outcomes`."""
+    for name, column in zip(OUTCOMES, columns, strict=True):
+        text = row[column].strip() if column < len(row) else ""
+        try:
+            yield FLAGS[text.lower()] if name == "crash" else float(text)
+        except (KeyError, ValueError) as error:
+            expected = "0 or 1" if name == "crash" else "a number"
+            what = f"OUT.csv, row {k + 2}, column {name}, {described(encounters[:, k])}"
+            raise refuse(what, repr(text), expected) from error

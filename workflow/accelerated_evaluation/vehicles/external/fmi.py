@@ -1,0 +1,249 @@
+"""The Functional Mock-up Interface, by FMPy: an FMU, what it is given, and what it is asked for."""
+
+import math
+import zipfile
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import cached_property
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.records.sources.table import SPEED, UNITS
+from accelerated_evaluation.vehicles.external.checked import error_in_words
+
+LENGTH = UNITS["range"]["range"]
+# By quantity, the factor of each unit to the SI unit, which comes first.
+INPUT_UNITS = {
+    "range": LENGTH,
+    "range_rate": SPEED,
+    "closing_speed": SPEED,
+    "host_speed": SPEED,
+    "lead_speed": SPEED,
+}
+ACCELERATION_UNITS = {"m/s^2": 1.0, "m/s2": 1.0, "ft/s^2": 0.3048, "g": 9.80665}
+REAL = {"2.0": "Real", "3.0": "Float64"}
+
+
+class State(NamedTuple):
+    """Where both cars are: range [m], speeds of host and lead [m/s]."""
+
+    range: float
+    host_speed: float
+    lead_speed: float
+
+    @property
+    def range_rate(self) -> float:
+        """Rate at which the range grows [m/s]."""
+        return self.lead_speed - self.host_speed
+
+    @property
+    def closing_speed(self) -> float:
+        """Rate at which the range falls [m/s]."""
+        return self.host_speed - self.lead_speed
+
+    def after(self, acceleration: float, step: float) -> "State":
+        """Return the state after a step [s] with an acceleration of the host [m/s^2]; it does not reverse."""
+        speed = max(self.host_speed + acceleration * step, 0.0)
+        range_ = self.range + (self.lead_speed - (self.host_speed + speed) / 2) * step
+        return State(range_, speed, self.lead_speed)
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A variable of an FMU.
+
+    Attributes
+    ----------
+    quantity
+        What it is.
+    reference
+        Its number in the FMU.
+    factor
+        SI units in one of its own.
+    """
+
+    quantity: str
+    reference: int
+    factor: float
+
+
+class Model:
+    """An FMU that was read, and its variables.
+
+    Parameters
+    ----------
+    file
+        Path of the FMU.
+    inputs
+        By quantity, ``name`` and ``unit`` of the variables that it is given.
+    acceleration
+        ``name`` and ``unit`` of the variable that it is asked for.
+    start
+        Values of other variables before the start, by name.
+
+    Raises
+    ------
+    InputError
+        If the file is no FMU that can be run here, or has no such variable or unit.
+    """
+
+    def __init__(
+        self,
+        file: str,
+        inputs: Mapping[str, Mapping[str, str]],
+        acceleration: Mapping[str, str],
+        start: Mapping[str, Any],
+    ) -> None:
+        self.file, self.start = file, dict(start)
+        self.description = _read(file)
+        self.is_old = self.description.fmiVersion == "2.0"
+        self._variables = {each.name: each for each in self.description.modelVariables}
+        self.inputs = [self._variable("inputs", *item, INPUT_UNITS) for item in inputs.items()]
+        outputs = {"acceleration": ACCELERATION_UNITS}
+        self.acceleration = self._variable("parameters", "acceleration", acceleration, outputs)
+        for name in self.start:
+            self._require(f"start.{name}", name, self._variables)
+
+    def started(self, state: State) -> "Instance":
+        """Return a new instance of the FMU that is ready for its first step."""
+        return Instance(self, state)
+
+    @cached_property
+    def folder(self) -> str:
+        """Folder of the unpacked FMU, which lasts as long as this object."""
+        from fmpy import extract
+
+        self._unpacked = TemporaryDirectory(prefix="accelerated_evaluation_")
+        return extract(self.file, self._unpacked.name)
+
+    def _variable(
+        self, where: str, quantity: str, mapped: Mapping[str, str], known: Mapping[str, Mapping[str, float]]
+    ) -> Variable:
+        """Return the variable of a quantity, by its name and unit in the configuration."""
+        self._require(where, quantity, known)
+        where = f"{where}.{quantity}"
+        if not isinstance(mapped, Mapping):
+            raise self._error(where, repr(mapped), "a name and a unit, as in {name: gap, unit: m}")
+        for key in mapped:
+            self._require(where, key, ("name", "unit"))
+        units, name = known[quantity], mapped.get("name", quantity)
+        self._require(f"{where}.name", name, self._variables)
+        variable = self._variables[name]
+        if variable.type != (real := REAL[self.description.fmiVersion]):
+            raise self._error(
+                f"{where}.name", f"{name} of type {variable.type}", f"a variable of type {real}"
+            )
+        declared = variable.unit or (variable.declaredType.unit if variable.declaredType else None)
+        unit = mapped.get("unit", next(iter(units)))
+        self._require(f"{where}.unit", unit, units)
+        if declared in units and units[declared] != units[unit]:
+            raise self._error(f"{where}.unit", unit, f"{declared}, as the FMU declares for {name}")
+        return Variable(quantity, variable.valueReference, units[unit])
+
+    def _require(self, where: str, name: object, known: Iterable[str]) -> None:
+        known = [*known]
+        if name not in known:
+            near = get_close_matches(str(name), known, n=1)
+            shown = ", ".join(known[:20]) + (", ..." if len(known) > 20 else "")
+            change = f"Did you mean {near[0]}?" if near else "Name one of these."
+            raise self._error(where, repr(name), f"one of {shown}", change)
+
+    def _error(
+        self, where: str, seen: str, expected: str, change: str = "Correct vehicle.parameters."
+    ) -> InputError:
+        return InputError(f"vehicle {self.file}, {where}", seen=seen, expected=expected, change=change)
+
+
+class Instance:
+    """One run of an FMU. After an error it is left alone, because an FMU may not be called any more then."""
+
+    def __init__(self, model: Model, state: State) -> None:
+        self._model = model
+        with _naming_the_fmu("its start"):
+            from fmpy import instantiate_fmu
+            from fmpy.simulation import apply_start_values
+
+            fmu = self._fmu = instantiate_fmu(model.folder, model.description, "CoSimulation")
+            apply_start_values(fmu, model.description, model.start)
+            if model.is_old:
+                fmu.setupExperiment(startTime=0.0)
+            fmu.enterInitializationMode()
+            self._set(state)
+            fmu.exitInitializationMode()
+
+    def advance(self, time: float, step: float, state: State) -> float:
+        """Give the FMU a state, let it make a step, and return the acceleration that it asks for [m/s^2].
+
+        Raises
+        ------
+        InputError
+            If it refuses the step, ends the simulation, or gives no finite number.
+        """
+        output, fmu = self._model.acceleration, self._fmu
+        with _naming_the_fmu(f"its step at {time:g} s"):
+            self._set(state)
+            ended = fmu.doStep(currentCommunicationPoint=time, communicationStepSize=step)
+            read = fmu.getReal if self._model.is_old else fmu.getFloat64
+            acceleration = read([output.reference])[0] * output.factor
+        if isinstance(ended, tuple) and ended[1]:  # of FMI 3.0, whose FMUs may ask for the end
+            raise _fault(f"its step at {time:g} s", "that it asks to end the simulation")
+        if not math.isfinite(acceleration):
+            raise _fault(f"its step at {time:g} s", f"an acceleration of {acceleration}")
+        return acceleration
+
+    def end(self) -> None:
+        """End the run."""
+        with _naming_the_fmu("its end"):
+            self._fmu.terminate()
+            self._fmu.freeInstance()
+
+    def _set(self, state: State) -> None:
+        inputs = self._model.inputs
+        values = [getattr(state, each.quantity) / each.factor for each in inputs]
+        write = self._fmu.setReal if self._model.is_old else self._fmu.setFloat64
+        write([each.reference for each in inputs], values)
+
+
+@contextmanager
+def _naming_the_fmu(what: str) -> Iterator[None]:
+    """Turn an error of FMPy in the block into an `InputError`."""
+    try:
+        yield
+    except Exception as error:  # of whatever kind FMPy has for it
+        raise _fault(what, error_in_words(error)) from error
+
+
+def _fault(what: str, seen: str) -> InputError:
+    return InputError(what, seen=seen, expected="an FMU that can be run", change="Correct the FMU.")
+
+
+def _read(file: str) -> Any:  # noqa: ANN401
+    """Return the model description of an FMU that can be run here; FMPy is optional."""
+    try:
+        import fmpy
+    except ImportError as error:
+        change = "Install the extra: pip install 'accelerated-evaluation[fmu]'."
+        raise InputError(f"vehicle {file}", seen="no package fmpy", expected="FMPy", change=change) from error
+
+    def error(seen: str, expected: str, change: str) -> InputError:
+        return InputError(f"vehicle {file}", seen=seen, expected=expected, change=change)
+
+    if not Path(file).is_file() or not zipfile.is_zipfile(file):
+        seen = "a file that is no ZIP archive" if Path(file).is_file() else "no such file"
+        raise error(seen, "an FMU", "Correct vehicle.parameters.file.")
+    try:
+        description, platforms = fmpy.read_model_description(file), fmpy.supported_platforms(file)
+    except Exception as fault:  # of whatever kind FMPy has for it
+        raise error(error_in_words(fault), "a valid FMU", "Export it anew.") from fault
+    if description.fmiVersion not in REAL or description.coSimulation is None:
+        kind = "" if description.coSimulation else ", not for co-simulation"
+        seen = f"FMI {description.fmiVersion}{kind}"
+        raise error(seen, "FMI 2.0 or 3.0 for co-simulation", "Export it as such.")
+    if fmpy.platform not in platforms:
+        seen = f"binaries for {', '.join(platforms) or 'no platform'}"
+        raise error(seen, f"one for {fmpy.platform}", "Export or compile it for this platform.")
+    return description

@@ -1,0 +1,113 @@
+"""A vehicle that is an FMU: the study moves both cars, and the FMU says how the host accelerates."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from accelerated_evaluation.base.errors import located
+from accelerated_evaluation.vehicles.checks import OUTCOMES, checked_encounters, described
+from accelerated_evaluation.vehicles.external.fmi import Model, State
+from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
+from accelerated_evaluation.vehicles.parameters import check_number, parameter_error
+from accelerated_evaluation.vehicles.protocol import Outcomes
+from accelerated_evaluation.vehicles.registry import VEHICLES
+
+INPUTS = ("range", "range_rate", "host_speed")
+
+
+@VEHICLES.add("fmu")
+@dataclass
+class Fmu(ForeignVehicle):
+    """A vehicle that is a Functional Mock-up Unit for co-simulation, FMI 2.0 or 3.0.
+
+    The lead vehicle keeps its speed. At every step the FMU is given its inputs, makes the step, and is asked
+    for the acceleration of the host, which holds for this step:
+    v_new = max(v + a h, 0), R_new = R + (v_L - (v + v_new) / 2) h. An encounter ends with a crash when the
+    range is 0 or less, and safely when the host stands still or the time is over. The smallest range and the
+    smallest time to collision are those at the beginnings of the steps, and of the range also at the end.
+
+    Attributes
+    ----------
+    file
+        The FMU, a file that ends in .fmu.
+    inputs
+        What the FMU is given: ``range``, ``range_rate``, ``closing_speed``, which is minus the range rate,
+        ``host_speed`` or ``lead_speed``; each with the ``name`` of the FMU's variable and its ``unit``. By
+        default range, range_rate and host_speed, by these names, in SI units.
+    acceleration
+        ``name`` and ``unit`` of the variable that says how the host accelerates.
+    start
+        Values of other variables before the start, by name.
+    step
+        The step h [s]; a part of the model.
+    duration
+        How long an encounter is followed [s], rounded to whole steps.
+
+    Raises
+    ------
+    InputError
+        If the file is no FMU that can be run here, or has no such variable, or a parameter is wrong.
+    """
+
+    file: str
+    inputs: Mapping[str, Mapping[str, str]] = field(default_factory=lambda: {name: {} for name in INPUTS})
+    acceleration: Mapping[str, str] = field(default_factory=dict)
+    start: Mapping[str, float] = field(default_factory=dict)
+    step: float = 0.1
+    duration: float = 8.0
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.file, str):
+            raise parameter_error("file", self.file, "the path of an FMU")
+        for name in ("inputs", "acceleration", "start"):
+            if not isinstance(getattr(self, name), Mapping):
+                raise parameter_error(name, getattr(self, name), "a mapping")
+        for name in ("step", "duration"):
+            check_number(name, getattr(self, name))
+        self._model = Model(self.file, self.inputs, self.acceleration, self.start)
+
+    @property
+    def name(self) -> str:
+        """Path of the FMU."""
+        return self.file
+
+    @property
+    def files(self) -> list[Path]:
+        """The FMU."""
+        return [Path(self.file)]
+
+    def simulate(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
+        """Simulate n cut-ins, each with a new instance of the FMU; see `Vehicle`.
+
+        Raises
+        ------
+        InputError
+            If the FMU cannot be instantiated, refuses a step, or gives an acceleration that is no number.
+        """
+        encounters = checked_encounters(lead_speed, range_, closing_speed)
+        outcomes = np.empty((len(OUTCOMES), encounters.shape[1]))
+        for k, encounter in enumerate(encounters.T):
+            with located(f"vehicle {self.name}, {described(encounter)}"):
+                outcomes[:, k] = self._follow(*encounter.tolist())
+        return Outcomes(outcomes[0] > 0, *outcomes[1:])
+
+    def _follow(self, lead_speed: float, range_: float, closing_speed: float) -> tuple[float, ...]:
+        """Return the outcomes of one encounter."""
+        state = State(range_, lead_speed + closing_speed, lead_speed)
+        min_range, min_ttc = range_, math.inf
+        instance = self._model.started(state)
+        for step in range(round(self.duration / self.step)):
+            if state.closing_speed > 0:
+                min_ttc = min(min_ttc, state.range / state.closing_speed)
+            acceleration = instance.advance(step * self.step, self.step, state)
+            state = state.after(acceleration, self.step)
+            min_range = min(min_range, state.range)
+            if state.range <= 0 or state.host_speed <= 0:
+                break
+        instance.end()
+        crash = state.range <= 0
+        return float(crash), min_range, min_ttc, max(state.closing_speed, 0.0) if crash else 0.0

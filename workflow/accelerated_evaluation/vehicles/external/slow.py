@@ -1,0 +1,211 @@
+"""A slow vehicle: its outcomes are kept in a store, and batches of what is missing run on several workers."""
+
+import math
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from tqdm import tqdm
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.vehicles.checks import checked_encounters, described_batch, outcome_error
+from accelerated_evaluation.vehicles.external.checked import check_repetition, error_in_words
+from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
+from accelerated_evaluation.vehicles.external.store import Encounter, Store, store_of
+from accelerated_evaluation.vehicles.external.workers import Workers, simulate_batch, workers_of
+from accelerated_evaluation.vehicles.loading import load_vehicle, section_files
+from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
+from accelerated_evaluation.vehicles.registry import VEHICLES
+
+AT_ONCE = 50_000  # encounters that are looked up together, which bounds the memory
+
+
+@dataclass
+class SlowVehicle:
+    """A vehicle that is simulated once for each encounter, in batches, on workers.
+
+    Attributes
+    ----------
+    name, parameters
+        Of the vehicle, as `load_vehicle` takes them; each worker loads it for itself.
+    title
+        What messages call it.
+    store
+        Keeps the outcomes.
+    workers
+        Run the batches.
+    batch_size
+        Largest number of encounters in a batch. A request is divided evenly among the workers if the batches
+        are then smaller.
+    time_limit
+        How long a batch may take [s].
+    simulated, found
+        Encounters that were simulated by this object, those simulated again to see whether the vehicle is
+        deterministic included, and those that the store had.
+    """
+
+    name: str
+    parameters: Mapping[str, Any]
+    title: str
+    store: Store = field(repr=False)
+    workers: Workers = field(repr=False)
+    batch_size: int = field(default=100, repr=False)
+    time_limit: float = field(default=600.0, repr=False)
+    simulated: int = field(default=0, repr=False)
+    found: int = field(default=0, repr=False)
+
+    def simulate(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
+        """Simulate those of n cut-ins that the store does not have; see `Vehicle`.
+
+        Raises
+        ------
+        InputError
+            If the encounters are not valid, or the vehicle fails, takes too long, ends its worker, breaks the
+            protocol, or gives other outcomes for the same encounters. The outcomes of other batches are kept.
+        """
+        encounters = checked_encounters(lead_speed, range_, closing_speed)
+        starts = range(0, max(encounters.shape[1], 1), AT_ONCE)
+        parts = [self._looked_up(encounters[:, start : start + AT_ONCE]) for start in starts]
+        return Outcomes(
+            *(np.concatenate(column) for column in zip(*(vars(part).values() for part in parts), strict=True))
+        )
+
+    def _looked_up(self, encounters: Array) -> Outcomes:
+        """Return the outcomes of encounters, shape (3, n); the store is asked first."""
+        keys: list[Encounter] = list(zip(*encounters.tolist(), strict=True))
+        known = self.store.known(dict.fromkeys(keys))
+        missing = [key for key in dict.fromkeys(keys) if key not in known]
+        self.found += len(known)
+        for first, outcomes in self._simulated(missing):
+            rows = list(zip(*outcomes.tolist(), strict=True))
+            batch = missing[first : first + len(rows)]
+            self.store.add(batch, rows)
+            known |= zip(batch, rows, strict=True)
+        outcomes = _outcomes(np.array([known[key] for key in keys]).reshape(-1, 4).T)
+        if keys and not self.store.is_deterministic:
+            check_repetition(self._again, encounters, outcomes, self.title)
+            self.store.set_deterministic()
+        return outcomes
+
+    def _again(self, encounters: Array) -> Outcomes:
+        """Simulate encounters, whether or not the store has them."""
+        parts = dict(self._simulated(list(zip(*encounters.tolist(), strict=True))))
+        return _outcomes(np.hstack([parts[first] for first in sorted(parts)]))
+
+    def _simulated(self, encounters: Sequence[Encounter]) -> Iterator[tuple[int, Array]]:
+        """Yield, as they end, where batches begin, and their outcomes, shape (4, n).
+
+        After a fault nothing new is begun, but the batches under way are waited for, so that they are kept.
+        """
+        size = min(self.batch_size, math.ceil(len(encounters) / self.workers.count)) or 1
+        waiting = list(range(0, len(encounters), size))[::-1]
+        running: dict[Future, tuple[int, float]] = {}
+        fault: InputError | None = None
+        progress = tqdm(desc=self.title, total=len(encounters), delay=5, disable=None, leave=False)
+        with progress:
+            while running or (waiting and fault is None):
+                while waiting and fault is None and len(running) < self.workers.count:
+                    first = waiting.pop()
+                    running[self._submit(encounters[first : first + size])] = first, time.monotonic()
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    first, begun = running.pop(future)
+                    try:
+                        outcomes = future.result()
+                    except Exception as error:  # of whatever kind an executor has for a worker that died
+                        batch = encounters[first : first + size]
+                        fault = fault or self._batch_error(error, batch, time.monotonic() - begun)
+                        continue
+                    self.simulated += outcomes.shape[1]
+                    progress.update(outcomes.shape[1])
+                    yield first, outcomes
+        if fault is not None:
+            raise self._with_kept(fault)
+
+    def _submit(self, batch: Sequence[Encounter]) -> Future:
+        return self.workers.executor.submit(
+            simulate_batch, self.name, dict(self.parameters), np.array(batch).T, self.time_limit
+        )
+
+    def _batch_error(self, error: Exception, batch: Sequence[Encounter], seconds: float) -> InputError:
+        """Return what became of a batch as one message."""
+        shown = described_batch(np.array(batch).T)
+        if isinstance(error, InputError):
+            where = error.where if shown in error.where else f"{error.where}, {shown}"
+            return InputError(where, seen=error.seen, expected=error.expected, change=error.change)
+        if seconds >= self.time_limit:
+            return outcome_error(
+                self.title,
+                shown,
+                f"no end after {self.time_limit:g} s",
+                "outcomes within this time limit of a batch",
+                "Let it end sooner, raise simulations.time_limit, or lower simulations.batch_size.",
+            )
+        died = isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker"
+        return outcome_error(
+            self.title,
+            shown,
+            "the end of the process that simulated it" if died else error_in_words(error),
+            "outcomes",
+            "It crashes or ends its process, or somebody has killed it." if died else "Correct the vehicle.",
+        )
+
+    def _with_kept(self, fault: InputError) -> InputError:
+        kept = f"{fault.change} {len(self.store):,} outcomes are kept in {self.store.path}."
+        return InputError(fault.where, seen=fault.seen, expected=fault.expected, change=kept)
+
+
+def is_slow(name: str, simulations: Mapping[str, Any]) -> bool:
+    """Whether outcomes of a vehicle are kept: of commands and FMUs, and of classes if so configured."""
+    if ":" in name:
+        return simulations["keep_class"]
+    return issubclass(VEHICLES[name], ForeignVehicle)
+
+
+@contextmanager
+def loaded_for(vehicle: Mapping[str, Any], simulations: Mapping[str, Any]) -> Iterator[Vehicle]:
+    """Yield the vehicle of a configuration, as a `SlowVehicle` where it is one.
+
+    Parameters
+    ----------
+    vehicle, simulations
+        Sections of these names of the configuration.
+    """
+    name, parameters = vehicle["name"], vehicle["parameters"]
+    car = load_vehicle(name, **parameters)  # also to refuse what cannot be loaded before any worker starts
+    if not is_slow(name, simulations):
+        yield car
+        return
+    store = store_of(name, parameters, section_files(vehicle))
+    with workers_of(simulations) as workers:
+        limits = {key: simulations[key] for key in ("batch_size", "time_limit")}
+        yield SlowVehicle(name, parameters, car.name, store, workers, **limits)
+
+
+@contextmanager
+def all_loaded(
+    vehicles: Mapping[str, Mapping[str, Any]], simulations: Mapping[str, Any]
+) -> Iterator[dict[str, Vehicle]]:
+    """Yield vehicles by name, each as `loaded_for` gives it.
+
+    Parameters
+    ----------
+    vehicles
+        Sections like ``vehicle`` of the configuration, by name.
+    simulations
+        Section of this name of the configuration.
+    """
+    with ExitStack() as stack:
+        yield {
+            name: stack.enter_context(loaded_for(vehicle, simulations)) for name, vehicle in vehicles.items()
+        }
+
+
+def _outcomes(columns: Array) -> Outcomes:
+    """Return outcomes of shape (4, n) with the protocol's types."""
+    return Outcomes(columns[0] > 0, *(np.ascontiguousarray(column) for column in columns[1:]))

@@ -1,0 +1,115 @@
+"""A store of outcomes: what a slow vehicle did in which encounter, so that nothing is simulated twice."""
+
+import os
+import sqlite3
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Any
+
+from accelerated_evaluation.base.digests import content_digest, value_digest
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.files import write_json
+from accelerated_evaluation.vehicles.checks import INPUTS, OUTCOMES
+
+VEHICLES_FOLDER = Path("results/vehicles")
+PATIENCE = 600.0  # [s] to wait while another process writes
+
+Encounter = tuple[float, float, float]
+Outcome = tuple[float, float, float, float]
+
+TABLES = f"""
+CREATE TABLE IF NOT EXISTS outcomes ({", ".join(f'"{name}" REAL NOT NULL' for name in (*INPUTS, *OUTCOMES))},
+    PRIMARY KEY ({", ".join(f'"{name}"' for name in INPUTS)})) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS verdicts (verdict TEXT PRIMARY KEY) WITHOUT ROWID;
+"""
+CONDITION = " AND ".join(f'"{name}" = ?' for name in INPUTS)
+LOOK_UP = f"SELECT {', '.join(OUTCOMES)} FROM outcomes WHERE {CONDITION}"
+DETERMINISTIC = "deterministic"
+
+
+class Store:
+    """Outcomes of one vehicle by encounter, in an SQLite file that several processes may use at once.
+
+    Numbers are kept exactly: an encounter is found if all of its three numbers are equal, and its outcomes
+    come back equal to what was added. What was added is on the disk when `add` returns.
+
+    Parameters
+    ----------
+    path
+        The file; it is made with its folder where there is none.
+
+    Raises
+    ------
+    InputError
+        If the file is there and is none of this kind, or damaged.
+    """
+
+    def __init__(self, path: str | os.PathLike) -> None:
+        self.path = Path(path)
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        with self._connected() as connection:
+            connection.executescript(TABLES)
+
+    def known(self, encounters: Iterable[Encounter]) -> dict[Encounter, Outcome]:
+        """Return the outcomes of those encounters that were added before."""
+        with self._connected() as connection:
+            found = {each: connection.execute(LOOK_UP, each).fetchone() for each in encounters}
+        return {encounter: outcome for encounter, outcome in found.items() if outcome is not None}
+
+    def add(self, encounters: Sequence[Encounter], outcomes: Sequence[Outcome]) -> None:
+        """Add outcomes; those of an encounter that another process has added meanwhile stay as they are."""
+        rows = [(*encounter, *outcome) for encounter, outcome in zip(encounters, outcomes, strict=True)]
+        with self._connected() as connection:
+            connection.executemany("INSERT OR IGNORE INTO outcomes VALUES (?, ?, ?, ?, ?, ?, ?)", rows)
+
+    @property
+    def is_deterministic(self) -> bool:
+        """Whether the vehicle was seen to give the same outcomes again."""
+        with self._connected() as connection:
+            return connection.execute("SELECT 1 FROM verdicts").fetchone() is not None
+
+    def set_deterministic(self) -> None:
+        """Remember that the vehicle gave the same outcomes again."""
+        with self._connected() as connection:
+            connection.execute("INSERT OR IGNORE INTO verdicts VALUES (?)", (DETERMINISTIC,))
+
+    def __len__(self) -> int:
+        """Return the number of encounters."""
+        with self._connected() as connection:
+            return connection.execute("SELECT count(*) FROM outcomes").fetchone()[0]
+
+    @contextmanager
+    def _connected(self) -> Iterator[sqlite3.Connection]:
+        """Yield a connection whose changes are written together at the end of the block, or not at all."""
+        try:
+            with closing(sqlite3.connect(self.path, timeout=PATIENCE)) as connection, connection:
+                yield connection
+        except sqlite3.Error as error:
+            raise InputError(
+                str(self.path),
+                seen=f"{error}",
+                expected="a store of outcomes that can be read and written",
+                change="Free disk space or mend the permissions; delete the file only if it is damaged, "
+                "for its encounters are then simulated again.",
+            ) from error
+
+
+def store_of(name: str, parameters: Mapping[str, Any], files: Sequence[str]) -> Store:
+    """Open the store of a vehicle, in a folder that is named by a digest of all that the vehicle is.
+
+    Beside it ``vehicle.json`` says in words which vehicle it is. A vehicle with another parameter or another
+    content of a file has another folder; studies with the same vehicle share one.
+
+    Parameters
+    ----------
+    name, parameters
+        As the configuration has them.
+    files
+        The files that the vehicle is made of.
+    """
+    described = {"vehicle": name, "parameters": dict(parameters), "content": content_digest(files)}
+    folder = VEHICLES_FOLDER / f"{Path(name.replace(':', '/')).name}-{value_digest(described)[:10]}"
+    store = Store(folder / "outcomes.sqlite")
+    write_json(folder / "vehicle.json", described)
+    return store

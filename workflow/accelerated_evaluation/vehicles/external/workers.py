@@ -1,0 +1,223 @@
+"""Workers that simulate batches: processes of this machine, or of a Dask cluster."""
+
+import ctypes
+import faulthandler
+import importlib
+import json
+import os
+import shutil
+import subprocess
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from functools import cache
+from multiprocessing import get_context, parent_process
+from queue import SimpleQueue
+from typing import Any, TextIO
+
+import numpy as np
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.vehicles.checks import OUTCOMES
+from accelerated_evaluation.vehicles.external.checked import CheckedVehicle, error_in_words
+from accelerated_evaluation.vehicles.external.command import RUNNING, end_group
+from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
+from accelerated_evaluation.vehicles.loading import load_vehicle
+
+PROCESSES = "processes"
+CLUSTERS = {"dask": ("distributed", "LocalCluster"), "slurm": ("dask_jobqueue", "SLURMCluster")}
+GRACE = 2.0  # [s] by which a worker outlives the time limit, so that a command ends by its own first
+# What is printed, and the watch over the time, are the process's, which may run several threads.
+ONE_AT_A_TIME = threading.Lock()
+JOIN = 60.0  # [s] to wait for a first worker of a cluster whose address is given
+
+
+@dataclass(frozen=True)
+class Workers:
+    """An executor, and how many batches it runs at once."""
+
+    executor: Executor
+    count: int
+
+
+def simulate_batch(name: str, parameters: Mapping[str, Any], encounters: Array, time_limit: float) -> Array:
+    """Simulate a batch in a worker: this is what runs there.
+
+    What the vehicle prints is thrown away. If it takes too long, the whole worker ends: a vehicle that hangs
+    in compiled code can be stopped in no other way.
+
+    Parameters
+    ----------
+    name, parameters
+        Of the vehicle, as `load_vehicle` takes them.
+    encounters
+        Lead speed [m/s], range [m] and closing speed [m/s], shape (3, n).
+    time_limit
+        How long the batch may take [s].
+
+    Returns
+    -------
+    numpy.ndarray
+        crash, min_range [m], min_ttc [s] and impact_speed [m/s], shape (4, n).
+    """
+    with ONE_AT_A_TIME, open(os.devnull, "w") as nowhere, _silenced(nowhere):
+        faulthandler.dump_traceback_later(time_limit + GRACE, exit=True, file=nowhere)
+        try:
+            vehicle = _loaded(json.dumps([name, parameters]))
+            if isinstance(vehicle.vehicle, ForeignVehicle):
+                vehicle.vehicle.time_limit = time_limit
+            outcomes = vehicle.simulate(*encounters)
+        finally:
+            faulthandler.cancel_dump_traceback_later()
+    return np.array([getattr(outcomes, name) + 0.0 for name in OUTCOMES])  # SQLite has no -0.0
+
+
+@contextmanager
+def workers_of(simulations: Mapping[str, Any]) -> Iterator[Workers]:
+    """Yield the workers that a configuration asks for, and end them after the block.
+
+    Parameters
+    ----------
+    simulations
+        Section of this name of the configuration.
+
+    Raises
+    ------
+    InputError
+        If there is no such executor, or Dask is not installed, or the cluster cannot be reached or started.
+    """
+    kind, count = simulations["executor"], simulations["workers"]
+    if kind == PROCESSES:
+        with Processes(count) as processes:
+            yield Workers(processes, count)
+        return
+    with ExitStack() as stack:
+        try:
+            client = stack.enter_context(_dask_client(kind, count, simulations["options"], stack))
+        except InputError:
+            raise
+        except Exception as error:  # of whatever kind a cluster has for an option or an address
+            change = "Correct simulations.executor or simulations.options."
+            raise _error(
+                repr(kind), error_in_words(error), "a cluster that starts or answers", change
+            ) from error
+        yield Workers(client.get_executor(pure=False, retries=0), count)
+
+
+class Processes(Executor):
+    """Processes of this machine, each by itself: one that dies takes no other batch with it.
+
+    Parameters
+    ----------
+    count
+        Number of processes, which start when they are needed first; one more batch waits for a free one.
+    """
+
+    def __init__(self, count: int) -> None:
+        context = get_context("spawn")  # a fork would copy whatever state threads have here
+        self._pools = [ProcessPoolExecutor(1, context, initializer=_follow_parent) for _ in range(count)]
+        self._idle: SimpleQueue[ProcessPoolExecutor] = SimpleQueue()
+        for pool in self._pools:
+            self._idle.put(pool)
+
+    def submit(self, fn: Callable, /, *args: Any, **kwargs: Any) -> Future:  # noqa: ANN401
+        """Run a function in a free process; see `concurrent.futures.Executor.submit`."""
+        pool = self._idle.get()
+        future = pool.submit(fn, *args, **kwargs)
+        future.add_done_callback(lambda _: self._idle.put(pool))
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the processes; see `concurrent.futures.Executor.shutdown`."""
+        for pool in self._pools:
+            pool.shutdown(wait, cancel_futures=cancel_futures)
+
+
+def _follow_parent() -> None:
+    """End this worker, and the command that it runs, when the study ends by force, so that none is left."""
+
+    def follow() -> None:
+        parent_process().join()
+        for group in [*RUNNING]:
+            end_group(group)
+        os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
+
+
+def _dask_client(kind: str, count: int, options: Mapping[str, Any], stack: ExitStack) -> Any:  # noqa: ANN401
+    """Return the client of a Dask cluster, which ``stack`` ends; the packages are optional."""
+    if kind not in CLUSTERS and "://" not in kind:
+        known = f"{PROCESSES}, {', '.join(CLUSTERS)}, or the address of a Dask scheduler, tcp://HOST:PORT"
+        raise _error("executor", repr(kind), known, "Correct simulations.executor.")
+    if kind == "slurm" and shutil.which("sbatch") is None:
+        change = "Run this where jobs are submitted, or choose another simulations.executor."
+        raise _error(repr(kind), "no program sbatch", "Slurm", change)
+    package, class_name = CLUSTERS.get(kind, ("distributed", "Client"))
+    try:
+        dask, made = importlib.import_module("dask"), getattr(importlib.import_module(package), class_name)
+        from distributed import Client
+    except ImportError as error:
+        change = "Install the extra: pip install 'accelerated-evaluation[cluster]'."
+        raise _error(repr(kind), f"no package {error.name}", "Dask", change) from error
+    # One worker that dies is the vehicle's fault, which must not be tried on three others.
+    stack.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": 0}))
+    if kind not in CLUSTERS:
+        client = Client(kind, timeout=JOIN, **options)
+    else:
+        own = {
+            "dask": {"n_workers": count, "threads_per_worker": 1, "dashboard_address": None},
+            "slurm": {"n_workers": 0, "cores": 1, "processes": 1, "memory": "2 GB"},
+        }[kind]
+        cluster = stack.enter_context(made(**own | options))
+        client = Client(cluster)
+        if kind == "slurm":
+            _try_submission(cluster.job_script())
+            cluster.scale(count)
+    client.wait_for_workers(1, timeout=JOIN if kind != "slurm" else None)
+    return client
+
+
+def _try_submission(script: str) -> None:
+    """Let Slurm judge a job without running it: dask-jobqueue would wait for ever for one that is refused."""
+    done = subprocess.run(
+        ["sbatch", "--test-only"], input=script, text=True, capture_output=True, check=False
+    )
+    if done.returncode:
+        change = "Correct simulations.options; they are arguments of dask_jobqueue.SLURMCluster."
+        seen = " ".join(done.stderr.split())
+        raise _error("'slurm'", seen, "a job that Slurm accepts", change)
+
+
+def _error(where: str, seen: str, expected: str, change: str) -> InputError:
+    return InputError(f"simulations, {where}", seen=seen, expected=expected, change=change)
+
+
+@cache
+def _loaded(description: str) -> CheckedVehicle:
+    """Return the vehicle of a name and parameters, once for each worker; whoever asks checks repetitions."""
+    name, parameters = json.loads(description)
+    vehicle = load_vehicle(name, **parameters)
+    vehicle.was_repeated = True
+    return vehicle
+
+
+@contextmanager
+def _silenced(nowhere: TextIO) -> Iterator[None]:
+    """Send what is printed in the block, by compiled code and other programs too, to an open file."""
+    kept = [os.dup(stream) for stream in (1, 2)]
+    flush_all = ctypes.CDLL(None).fflush  # compiled code keeps what it prints in a buffer, and tells it later
+    flush_all(None)
+    try:
+        for stream in (1, 2):
+            os.dup2(nowhere.fileno(), stream)
+        with redirect_stdout(nowhere), redirect_stderr(nowhere):
+            yield
+    finally:
+        flush_all(None)
+        for stream, copy in zip((1, 2), kept, strict=True):
+            os.dup2(copy, stream)
+            os.close(copy)
