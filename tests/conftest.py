@@ -1,12 +1,16 @@
 """A copy of the project in a temporary folder, and one finished smoke run in it that many tests look at."""
 
+import copy
 import fcntl
+import functools
+import json
 import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 # A user's Python keeps what it prints in buffers. Machines that test often switch that off, and hide errors.
@@ -66,6 +70,20 @@ class Project:
         """Every table of the study and the data of every figure, by path."""
         paths = [*self.folder.glob("figures/smoke/**/*.csv"), *self.folder.glob("results/smoke/**/*.csv")]
         return {str(path.relative_to(self.folder)): path.read_bytes() for path in paths}
+
+
+@pytest.fixture(scope="session")
+def stored():
+    """Return the function that reads a file of tests/data, by its name: a copy that the test may change."""
+
+    @functools.cache
+    def read(name: str) -> pd.DataFrame | dict:
+        path = HERE / "data" / name
+        if path.suffix == ".json":
+            return json.loads(path.read_text())
+        return pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path)
+
+    return lambda name: copy.deepcopy(read(name))
 
 
 @pytest.fixture(scope="session")

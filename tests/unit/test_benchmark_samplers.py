@@ -1,6 +1,5 @@
 """The comparison of samplers: its problems against exact answers, its count of calls, its table by hand."""
 
-import json
 import math
 import sys
 from pathlib import Path
@@ -13,7 +12,6 @@ from scipy.special import ndtr
 from scipy.stats import chi2, norm
 
 ROOT = Path(__file__).resolve().parents[2]
-SHARED = ROOT / ".." / "shared/data/benchmark/segment_5_15.json"
 sys.path.append(str(ROOT / "benchmarks" / "samplers"))
 
 import certificate  # noqa: E402
@@ -35,14 +33,8 @@ def small(monkeypatch):
         monkeypatch.setattr(reference, name, value)
 
 
-def shared():
-    if not SHARED.is_file():
-        pytest.skip("the benchmark problem is not beside the project")
-    return json.loads(SHARED.read_text())
-
-
-def test_main_problem_has_the_parameters_of_the_benchmark():
-    content = shared()
+def test_main_problem_has_the_parameters_of_the_benchmark(stored):
+    content = stored("benchmark_problem.json")
     near, far = content["inverse_range"]["pieces"]
     assert INVERSE_RANGE.weights == (near["weight"], far["weight"])
     for piece, given in zip(INVERSE_RANGE.components, (near, far), strict=True):
@@ -56,8 +48,8 @@ def test_main_problem_has_the_parameters_of_the_benchmark():
     assert (TTC_TAIL.rate, TTC_TAIL.lower) == (tail["rate"], tail["lower"])
 
 
-def test_main_problem_has_the_probability_of_the_benchmark(small):
-    known = shared()["reference_probability"]
+def test_main_problem_has_the_probability_of_the_benchmark(small, stored):
+    known = stored("benchmark_problem.json")["reference_probability"]
     found, error = reference.reference(problems()["segment_5_15"].event, np.random.default_rng(1))
     assert error < 0.01 * known
     # v_L comes from a table of quantiles of the speeds of the benchmark: 0.2 %.

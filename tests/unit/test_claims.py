@@ -15,7 +15,6 @@ from accelerated_evaluation.publishing.tables.spreads import Spread
 from accelerated_evaluation.study.configuration import load
 
 ROOT = Path(__file__).resolve().parents[2]
-PAPER = ROOT / ".." / "shared" / "paper.tex"
 SEGMENTS = ("5-15", "15-25", "25-35")
 N = {"piecewise": (7000, 8000), "single": (11000, 13000)}
 
@@ -168,21 +167,13 @@ def test_the_papers_derived_numbers_follow_from_its_others():
     assert paper["saving"] == 0.33
 
 
-@pytest.mark.skipif(not PAPER.is_file(), reason="the paper is not beside the repository")
-def test_the_paper_is_quoted_rightly():
-    text = PAPER.read_text(encoding="utf-8").replace(",", "").replace(" ", "")
-    printed = {
-        "crude": r"5.5\times10^7",
-        "ratio_crude": r"7\times10^3",
-        "probability": r"7.4\times10^{-7}",
-        "probability_low": r"(7.0\times10^{-7}",
-        "probability_high": r"7.8\times10^{-7})",
-        "saving_run": r"44\%",
-        "saving": r"33\%",
-    }
-    printed |= {key: f"{CLAIMS[key].paper:g}" for key in CLAIMS if key not in printed}
-    for key, number in printed.items():
-        assert number in text, key
+def test_the_paper_is_quoted_rightly(stored):
+    paper = stored("paper_numbers.csv").set_index("key")
+    assert set(paper.index) == set(CLAIMS)
+    for key, claim in CLAIMS.items():
+        number, percent, _ = paper.loc[key, "printed"].partition(" %")
+        assert claim.paper == pytest.approx(float(number) / (100 if percent else 1), rel=1e-12), key
+        assert claim.source == paper.loc[key, "place"]
 
 
 def test_the_same_study_gives_the_same_bytes(study, tmp_path):

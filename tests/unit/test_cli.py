@@ -1,6 +1,5 @@
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -10,7 +9,6 @@ from accelerated_evaluation.commands import simulate as simulate_command
 from accelerated_evaluation.vehicles import AccAeb
 from accelerated_evaluation.vehicles.checks import INPUTS, OUTCOMES
 
-LABELS = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "simulink" / "crash_labels.csv"
 HEADER = "lead_speed,range,closing_speed\n"
 CAR = """
 import numpy as np
@@ -46,12 +44,12 @@ def table(tmp_path):
     return simulate
 
 
-def test_every_published_verdict(tmp_path):
-    if not LABELS.is_file():
-        pytest.skip(f"{LABELS} is not here: it is published with the paper's vehicle, not with this project")
-    done = command("simulate", LABELS, "out.csv", cwd=tmp_path)
+def test_every_published_verdict(tmp_path, stored):
+    labels = stored("verdicts.parquet")
+    labels.to_csv(tmp_path / "labels.csv", index=False)
+    done = command("simulate", "labels.csv", "out.csv", cwd=tmp_path)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-    labels, out = pd.read_csv(LABELS), pd.read_csv(tmp_path / "out.csv")
+    out = pd.read_csv(tmp_path / "out.csv")
     assert list(out) == [*INPUTS, "source", *OUTCOMES]
     assert (out.crash == labels.crash).sum() == 4695
     assert out[[*INPUTS, "source"]].equals(labels[[*INPUTS, "source"]])

@@ -1,10 +1,10 @@
 """Exact probabilities against closed forms, importance sampling, and the benchmark's reference."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.crash_map.exact import (
@@ -30,8 +30,7 @@ from accelerated_evaluation.vehicles import AccAeb, Outcomes
 from accelerated_evaluation.vehicles.events import CRASH, events_from
 from wall_car import GRID, RANGE_LAWS, TTC_LAWS, WallCar, integral, law_of
 
-BENCHMARK = Path(__file__).resolve().parents[2] / ".." / "shared/data/benchmark/segment_5_15.json"
-SPMD = Path(__file__).resolve().parents[2] / ".." / "shared/data/spmd/lane_changes.mat"
+RECORDS = Path(__file__).resolve().parents[2] / "data" / "spmd" / "cut_ins.parquet"
 
 
 def probability(car, range_law, ttc_law, grid=GRID, seed=1, cap=np.inf):
@@ -231,17 +230,13 @@ def piece(content):
     return Mixture(content["mixture_weights"], normals)
 
 
-def test_benchmark():
-    if not (BENCHMARK.is_file() and SPMD.is_file()):
-        pytest.skip("needs the benchmark problem and the lane changes of ../shared")
-    from scipy.io import loadmat
-
-    content = json.loads(BENCHMARK.read_text())
+def test_benchmark(stored):
+    content = stored("benchmark_problem.json")
     laws = [
         PiecewiseMixture([p["weight"] for p in content[name]["pieces"]], map(piece, content[name]["pieces"]))
         for name in ("inverse_range", "inverse_ttc")
     ]
-    speeds = loadmat(SPMD)["mixture_data"][:, 0]
+    speeds = pd.read_parquet(RECORDS)["lead_speed"].to_numpy()
     grid = replace(
         GRID,
         lead_speed_cells=20,

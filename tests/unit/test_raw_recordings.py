@@ -16,7 +16,7 @@ from accelerated_evaluation.records.sources import SOURCES, UNKNOWN, read_source
 from accelerated_evaluation.study.configuration import load
 
 ROOT = Path(__file__).resolve().parents[2]
-HEADS = ROOT / ".." / "shared" / "data" / "spmd_raw_heads"
+HEADS = ROOT / "tests" / "data" / "safety_pilot"  # the first rows of the real files
 sys.path.append(str(ROOT / "benchmarks" / "recordings"))
 
 import safety_pilot  # noqa: E402
@@ -404,7 +404,6 @@ def test_a_sample_has_no_exposure_of_its_own(recordings):
 # ---------------------------------------------------------------- the real files, units, bad input
 
 
-@pytest.mark.skipif(not HEADS.exists(), reason="no copy of the first rows of the real files")
 def test_the_first_rows_of_the_real_files_can_be_read():
     found = extract(HEADS)
     assert found.empty
@@ -412,9 +411,8 @@ def test_the_first_rows_of_the_real_files_can_be_read():
     assert found.attrs["account"][0]["rows_dropped"] == 0
 
 
-@pytest.mark.skipif(not HEADS.exists(), reason="no copy of the first rows of the real files")
 def test_the_speed_of_the_real_host_is_in_kilometres_an_hour():
-    host = pd.read_csv(HEADS / "DataWsu_04_11_13.csv")
+    host = pd.read_csv(HEADS / "DataWsu_head.csv")
     # Each new GpsSpeedWsu, in m/s, is a SpeedWsu of this or the next rows, in km/h ...
     gps = host["GpsSpeedWsu"].unique()
     assert np.isin(np.round(gps, 4), np.round(host["SpeedWsu"] / 3.6, 4)).sum() >= 8

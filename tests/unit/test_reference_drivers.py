@@ -2,11 +2,9 @@
 
 import inspect
 from dataclasses import fields, replace
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
-import pandas as pd
 import plain_drivers
 import pytest
 from accelerated_evaluation.base.errors import InputError
@@ -15,19 +13,19 @@ from accelerated_evaluation.vehicles.builtin.driver_kernel import LANES, follow_
 from accelerated_evaluation.vehicles.builtin.threads import simulate_in_slices
 from accelerated_evaluation.vehicles.checks import OUTCOMES, checked_outcomes
 
-SHARED = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "reference_drivers"
-PUBLISHED = {"cc_human": "CC_human_driver", "reg157": "Reg157", "rss": "RSS", "fsm": "FSM"}
-DRIVERS = sorted(PUBLISHED)
+DRIVERS = ["cc_human", "fsm", "reg157", "rss"]
 
 
-def published(name, driver):
-    path = SHARED / f"{name}_outcomes.csv.gz"
-    if not path.is_file():
-        pytest.skip(f"{path} is not here: the outcomes of the original code are not part of this project")
-    table = pd.read_csv(path)
-    table = table[table.model == PUBLISHED[driver]]
-    assert len(table) == 1000
-    return table, np.array([table.v_lead_ms, table.gap0_m, table.v_ego_ms - table.v_lead_ms])
+@pytest.fixture
+def published(stored):
+    """Return the function that gives the outcomes of the original code: a table, and its encounters."""
+
+    def of(motion, driver):
+        table = stored("driver_outcomes.parquet").query("motion == @motion and driver == @driver")
+        assert len(table) == 1000
+        return table, np.array([table.lead_speed, table.range, table.host_speed - table.lead_speed])
+
+    return of
 
 
 def one_by_one(driver, encounters, lateral_speeds, **parameters):
@@ -72,22 +70,22 @@ def share_of_differences(got, wanted):
 def assert_as_published(outcomes, table):
     crash, min_range, _, impact_speed = outcomes
     np.testing.assert_array_equal(crash, table.crash)
-    np.testing.assert_allclose(impact_speed, table.impact_speed_ms.fillna(0), rtol=0, atol=1e-3)
+    np.testing.assert_allclose(impact_speed, table.impact_speed.fillna(0), rtol=0, atol=1e-3)
     safe = (table.crash == 0).to_numpy()
-    smallest = np.fmin(table.min_gap_overlap_m.fillna(np.inf), table.gap0_m)
+    smallest = np.fmin(table.min_range.fillna(np.inf), table.range)
     np.testing.assert_allclose(min_range[safe], smallest[safe], rtol=0, atol=1e-3)
 
 
 @pytest.mark.parametrize("driver", DRIVERS)
-def test_every_published_outcome_in_the_lane(driver):
-    table, encounters = published("inlane", driver)
+def test_every_published_outcome_in_the_lane(driver, published):
+    table, encounters = published("in lane", driver)
     assert_as_published(stacked(load_vehicle(driver).simulate(*encounters)), table)
 
 
 @pytest.mark.parametrize("driver", DRIVERS)
-def test_every_published_outcome_with_lateral_motion(driver):
-    table, encounters = published("one_case", driver)
-    assert_as_published(one_by_one(driver, encounters, table.v_lat_ms.tolist()), table)
+def test_every_published_outcome_with_lateral_motion(driver, published):
+    table, encounters = published("lateral", driver)
+    assert_as_published(one_by_one(driver, encounters, table.lateral_speed.tolist()), table)
 
 
 @pytest.mark.parametrize("driver", DRIVERS)
@@ -193,8 +191,8 @@ def test_the_nearest_safe_cut_in_has_the_range_of_the_stopping_distance(driver, 
         assert crash[ranges < wanted - 0.1].all()
 
 
-def test_the_careful_human_who_does_not_watch_beyond_the_critical_ttc():
-    _, encounters = published("inlane", "cc_human")
+def test_the_careful_human_who_does_not_watch_beyond_the_critical_ttc(published):
+    _, encounters = published("in lane", "cc_human")
     watching = load_vehicle("cc_human").simulate(*encounters)
     outside = load_vehicle("cc_human", keeps_watching=False).simulate(*encounters)
     far = encounters[1] > 2 * encounters[2]

@@ -19,19 +19,11 @@ from accelerated_evaluation.vehicles.builtin.threads import available_threads
 from accelerated_evaluation.vehicles.checks import INPUTS, OUTCOMES
 from accelerated_evaluation.vehicles.parameters import required_names
 
-SHARED = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "simulink"
 CARS = {
     "acc_aeb": AccAeb(),
     "acc_only": AccAeb(aeb=False),
     "weak": AccAeb(aeb_deceleration=5.8, aeb_jerk=12.0, aeb_ttc=0.7),
 }
-
-
-def shared_table(name):
-    path = SHARED / name
-    if not path.is_file():
-        pytest.skip(f"{path} is not here: it is published with the paper's vehicle, not with this project")
-    return pd.read_csv(path)
 
 
 def inputs(table):
@@ -92,14 +84,14 @@ def largest_difference(outcomes, table):
     return np.max(differences)
 
 
-def test_every_published_verdict():
-    table = shared_table("crash_labels.csv")
+def test_every_published_verdict(stored):
+    table = stored("verdicts.parquet")
     assert len(table) == 4695
     np.testing.assert_array_equal(AccAeb().simulate(*inputs(table)).crash, table.crash == 1)
 
 
-def test_reference_outcomes():
-    table = shared_table("reference_outcomes.csv")
+def test_reference_outcomes(stored):
+    table = stored("reference_outcomes.parquet")
     assert len(table) == 749
     assert largest_difference(AccAeb().simulate(*inputs(table)), table) <= 1e-9
 
@@ -122,8 +114,8 @@ def test_reference_outcomes():
     ],
     ids=str,
 )
-def test_another_parameter_is_not_the_published_car(parameters):
-    table = pd.concat([shared_table("reference_outcomes.csv"), BY_HAND])
+def test_another_parameter_is_not_the_published_car(parameters, stored):
+    table = pd.concat([stored("reference_outcomes.parquet"), BY_HAND])
     assert largest_difference(AccAeb(**parameters).simulate(*inputs(table)), table) > 1e-6
 
 
@@ -144,8 +136,8 @@ def test_another_parameter_is_not_the_published_car(parameters):
         ("car.ki * STEP / 2 * (error + last_error)", "car.ki * STEP * error"),
     ],
 )
-def test_another_line_is_not_the_published_model(line, wrong):
-    table = pd.concat([shared_table("reference_outcomes.csv"), BY_HAND])
+def test_another_line_is_not_the_published_model(line, wrong, stored):
+    table = pd.concat([stored("reference_outcomes.parquet"), BY_HAND])
     source = inspect.getsource(reference)
     assert source.count(line) == 1
     mutant = ModuleType("mutant")
@@ -159,9 +151,9 @@ def test_compiled_equals_reference_to_the_bit(car):
         assert_same_bits(car.simulate(*encounters), reference.simulate(car, *encounters))
 
 
-def test_compiled_equals_reference_on_published_inputs():
-    for name in ("crash_labels.csv", "reference_outcomes.csv"):
-        encounters = inputs(shared_table(name))
+def test_compiled_equals_reference_on_published_inputs(stored):
+    for name in ("verdicts.parquet", "reference_outcomes.parquet"):
+        encounters = inputs(stored(name))
         assert_same_bits(AccAeb().simulate(*encounters), reference.simulate(AccAeb(), *encounters))
 
 
@@ -194,8 +186,8 @@ def test_switch_and_commands_by_hand():
     np.testing.assert_allclose(acc, [4.5 - 3.991171, 5, -3.991171, 0], atol=1e-6)
 
 
-def test_cars_differ_as_they_should():
-    table = shared_table("reference_outcomes.csv")
+def test_cars_differ_as_they_should(stored):
+    table = stored("reference_outcomes.parquet")
     crashes = {name: car.simulate(*inputs(table)).crash.sum() for name, car in CARS.items()}
     assert crashes["acc_aeb"] == table.crash.sum() < min(crashes["weak"], crashes["acc_only"])
 
