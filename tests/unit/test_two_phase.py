@@ -10,10 +10,12 @@ from accelerated_evaluation.methods.surrogate.constants import (
     BEST,
     EVEN,
     FLOOR,
+    KEPT,
     REACH,
     USABLE,
     WORTHLESS,
 )
+from sampler_checks import drive, half_plane, new_sampler
 from scipy import stats
 
 
@@ -301,3 +303,33 @@ def test_interval_holds_as_often_as_it_says_where_the_error_is_a_share_of_the_tr
     assert [too_low, too_high] == pytest.approx([0.1, 0.1], abs=4 * se)
     symmetric_too_low = np.mean(estimate * (1 + stats.norm.ppf(0.9) * error) < 1)
     assert symmetric_too_low > 0.1 + 10 * se
+
+
+def test_kept_points_integrate_the_control_variate_under_another_law():
+    generator = np.random.default_rng(8)
+    z, w = generator.normal(size=(4000, 2)), generator.lognormal(0, 1, 4000)
+    mass = w * np.where(z[:, 0] > 0.5, 0.8, 0.0)
+    kept = two_phase.spread_by_mass(z, mass, 400)
+    ratio = np.exp(0.5 * z[:, 0] - 0.2 * z[:, 1])
+    exact = (mass * ratio).sum() / mass.sum()
+    error = ratio[kept].std() / np.sqrt(400)
+    assert abs(ratio[kept].mean() - exact) < 4 * error
+    assert (mass[kept] > 0).all()
+    unweighted = generator.choice(np.flatnonzero(mass), 400)  # the points without their masses
+    assert abs((w * ratio)[unweighted].mean() - exact) > 4 * error
+    assert two_phase.spread_by_mass(z, np.zeros(4000), 400).size == 0
+
+
+def test_the_sampler_keeps_what_its_estimates_are_made_of():
+    sampler, event = new_sampler(), half_plane()
+    drive(sampler, event)
+    progress = sampler.progress
+    assert len(progress.batches) == len(progress.estimates)
+    runs = sum(len(batch.z) for batch in progress.batches)
+    np.testing.assert_array_equal(np.vstack([batch.z for batch in progress.batches]), progress.z[-runs:])
+    first = len(progress.z) - runs
+    for batch, estimate in zip(progress.batches, progress.estimates, strict=True):
+        happened = progress.happened[first : first + len(batch.z)]
+        assert combining.estimate_batch(batch, happened) == estimate
+        first += len(batch.z)
+    assert {batch.kept.shape for batch in progress.batches} <= {(KEPT, 2), (0, 2)}

@@ -88,6 +88,10 @@ FLOOR = 0.1
 # Squared coefficient of variation of a run where the surrogate expects no event; JSON has no infinity.
 WORTHLESS = 1e100
 
+# Points of a batch's pool that are kept after the batch, spread over the control variate, so that the
+# estimate can be reweighted for another law. They integrate the ratio of two laws over the control variate.
+KEPT = 100
+
 # ---- the calibration of the surrogates
 
 # Prior standard deviation of the logarithm of a slope, and where the logarithm is sought: at least four such

@@ -159,6 +159,7 @@ class Sampler:
         if isinstance(batch, TwoPhaseBatch):
             progress.looks = np.vstack([progress.looks, batch.looks])
             progress.estimates.append(estimate_batch(batch, happened))
+            progress.batches.append(batch)
             progress.foreseen = np.vstack([progress.foreseen, batch.foreseen])
             return
         rarest = min(rarity(batch.z[happened]).min(initial=REACH), progress.rarest)
@@ -190,14 +191,18 @@ class Sampler:
     def state(self) -> State:
         """Return everything that is needed to go on; `resume` takes it up.
 
-        Later outcomes do not change it: the sampler appends to its list, which is copied here, and puts new
+        Later outcomes do not change it: the sampler appends to its lists, which are copied here, and puts new
         arrays in place of its own.
         """
         return State(
             fingerprint=self.fingerprint,
             dimension=self.dimension,
             batch_size=self.batch_size,
-            progress=replace(self.progress, estimates=[*self.progress.estimates]),
+            progress=replace(
+                self.progress,
+                estimates=[*self.progress.estimates],
+                batches=[*self.progress.batches],
+            ),
             axes=self._belief.flags.axes,
             theta=self._belief.flags.theta,
             sites=self._belief.flags.sites,

@@ -22,7 +22,7 @@ from accelerated_evaluation.methods.surrogate.constants import POOL, REACH
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.methods.surrogate.two_phase import Flags, TwoPhaseBatch
 
-FORMAT, VERSION = "accelerated-evaluation sampler state", 7
+FORMAT, VERSION = "accelerated-evaluation sampler state", 8
 
 # What is raised where a content does not fit together.
 MISFIT = (KeyError, TypeError, ValueError, OverflowError, AttributeError, StopIteration)
@@ -32,13 +32,13 @@ LARGEST = float(np.finfo(float).max)
 RANGES = {
     **dict.fromkeys(("looks", "searched", "learnt_at"), (0, 1e12)),
     **dict.fromkeys(("sites", "probability", "controlled", "controlled_square"), (-1e100, 1e100)),
-    **dict.fromkeys(("z", "centres"), (-1e6, 1e6)),
+    **dict.fromkeys(("z", "centres", "kept"), (-1e6, 1e6)),
     "axes": (-1.001, 1.001),  # with a margin for rounding
     "dimension": (1, 1e6),
     "batch_size": (1, POOL // 4),
     **dict.fromkeys(("theta", "graded_theta"), (-20, 20)),  # logarithms of lengths, amplitude and noise
     "rarest": (0, REACH),
-    "weight": (0, 1e100),
+    **dict.fromkeys(("weight", "kept_weight"), (0, 1e100)),
     "inclusion": (1e-100, 1.001),  # with a margin for rounding
     **dict.fromkeys(("control", "foreseen"), (0, 1)),
 }
@@ -74,6 +74,10 @@ class Progress:
         between which they are, shape (k, 3).
     estimates
         Of all batches of the second phase.
+    batches
+        The batches of the second phase whose outcomes are known, so that their estimates can be reweighted
+        for another law. They belong to the last of the ``estimates``: what an earlier version of the sampler
+        estimated has none.
     foreseen
         Probabilities that the two surrogates gave to all runs of the second phase, which are the last m,
         before they were made, shape (m, 2).
@@ -94,6 +98,7 @@ class Progress:
     score: Array
     looks: Array = field(default_factory=lambda: np.empty((0, 3)))
     estimates: list[BatchEstimate] = field(default_factory=list)
+    batches: list[TwoPhaseBatch] = field(default_factory=list)
     foreseen: Array = field(default_factory=lambda: np.empty((0, 2)))
     pending: Batch | None = None
     centres: Array | None = None
@@ -235,18 +240,29 @@ def _whole(state: State) -> State:
     _require_shape("foreseen", progress.foreseen, min(len(progress.foreseen), runs), 2)
     if progress.centres is not None:
         _require_shape("centres", progress.centres, max(len(progress.centres), 1), d)
-    if (batch := progress.pending) is not None:
-        columns = {"z": [d], "foreseen": [2], "looks": [3]}
-        for name, value in vars(batch).items():
-            if isinstance(value, np.ndarray):
-                rows = len(value) if name == "looks" else max(len(batch.z), 1)
-                _require_shape(name, value, rows, *columns.get(name, []))
+    for batch in (*progress.batches, *filter(None, [progress.pending])):
+        _require_whole_batch(batch, d)
+    if sum(len(batch.z) for batch in progress.batches) > runs or len(progress.batches) > len(
+        progress.estimates
+    ):
+        raise ValueError("more runs in the batches than in the progress")
     if not np.allclose(state.axes.T @ state.axes, np.eye(d), atol=1e-6):
         raise ValueError("axes that are not at right angles")
     if (state.sites[0] <= 0).any():
         raise ValueError("a site with a precision that is not above 0")
     generator_in(state.generator)
     return state
+
+
+def _require_whole_batch(batch: Batch, d: int) -> None:
+    """Raise ValueError if the arrays of a batch of points in d dimensions do not fit together."""
+    columns = {"z": [d], "foreseen": [2], "looks": [3], "kept": [d]}
+    if isinstance(batch, TwoPhaseBatch) and batch.kept.size == 0:  # an empty list has lost its dimensions
+        columns["kept"] = list(batch.kept.shape[1:])
+    for name, value in vars(batch).items():
+        if isinstance(value, np.ndarray):
+            rows = {"looks": len(value), "kept": len(value), "kept_weight": len(getattr(batch, "kept", ()))}
+            _require_shape(name, value, rows.get(name, max(len(batch.z), 1)), *columns.get(name, []))
 
 
 def _require_shape(name: str, array: Array, *shape: int) -> None:

@@ -11,7 +11,7 @@ proportional to w_j sqrt(E (1{event}_j - g_j)^2). Notebook 10 derives both.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from accelerated_evaluation.methods.surrogate.constants import (
     EVEN,
     FLOOR,
     FRINGE,
+    KEPT,
     REACH,
     WORTHLESS,
 )
@@ -162,6 +163,10 @@ class TwoPhaseBatch:
         What was expected of the batch before it was drawn.
     foreseen
         Probabilities that the two surrogates give to the runs, before calibration, shape (n, 2).
+    kept, kept_weight
+        Points of the pool, shape (k, d), each of which stands for an equal part of ``controlled``, and their
+        phi / h, divided by the number of points of the pool, shape (k,). With them the control variate can be
+        integrated under another law. Both are empty where the control variate is 0 everywhere.
     """
 
     z: Array
@@ -174,6 +179,8 @@ class TwoPhaseBatch:
     looks: Array
     prediction: Prediction
     foreseen: Array
+    kept: Array = field(default_factory=lambda: np.empty((0, 0)))
+    kept_weight: Array = field(default_factory=lambda: np.empty(0))
 
 
 def reach_of(probability: float) -> float:
@@ -284,12 +291,39 @@ def draw_systematically(
     generator
         Source of the one uniform number.
     """
-    share = importance / importance.sum() if importance.any() else np.full(len(z), 1 / len(z))
-    centred = z - share @ z
-    order = np.argsort(centred @ np.linalg.eigh((centred.T * share) @ centred)[1][:, -1])
+    order = along_principal_axis(z, importance)
     marks, n = np.cumsum(inclusion[order]), round(inclusion.sum())
     # The marks are scaled because rounding may leave their last one a little below n.
     return order[np.searchsorted(marks / marks[-1] * n, generator.random() + np.arange(n))]
+
+
+def along_principal_axis(z: Array, importance: Array) -> NDArray[np.intp]:
+    """Return the order of points, shape (m, d), along the principal axis of those that matter, shape (m,)."""
+    share = importance / importance.sum() if importance.any() else np.full(len(z), 1 / len(z))
+    centred = z - share @ z
+    return np.argsort(centred @ np.linalg.eigh((centred.T * share) @ centred)[1][:, -1])
+
+
+def spread_by_mass(z: Array, mass: Array, count: int) -> NDArray[np.intp]:
+    """Return the indices of points of a pool that each stand for an equal part of a mass.
+
+    The points are put in order along the principal axis of the mass, and the point in the middle of each
+    of ``count`` equal parts of the mass is taken. No random number is drawn.
+
+    Parameters
+    ----------
+    z
+        Normal scores of the pool, shape (m, d).
+    mass
+        Of each point, not negative, shape (m,).
+    count
+        Number of indices; there are none where all the mass is 0.
+    """
+    if not mass.any():
+        return np.empty(0, dtype=np.intp)
+    order = along_principal_axis(z, mass)
+    marks = np.cumsum(mass[order])
+    return order[np.searchsorted(marks / marks[-1] * count, np.arange(count) + 0.5)]
 
 
 def draw_batch(
@@ -325,6 +359,7 @@ def draw_batch(
     zones = defence.zones(prediction.reach)
     looks = [[draws_of_the_wide_law(pool.within(*zone), inclusion), *zone] for zone in zones]
     w = w / len(w)
+    kept = spread_by_mass(pool.z, w * control, KEPT)
     return TwoPhaseBatch(
         z=pool.z[chosen],
         weight=w[chosen],
@@ -336,4 +371,6 @@ def draw_batch(
         looks=np.array(looks),
         prediction=prediction,
         foreseen=foresee(pool.z[chosen]),
+        kept=pool.z[kept],
+        kept_weight=w[kept],
     )
