@@ -44,7 +44,7 @@ def test_the_example_of_the_readme_runs(tmp_path, monkeypatch):
     assert 0 < found.low < found.probability < found.high < 1e-3
 
 
-def test_texts_tell_what_the_main_problem_takes():
+def test_texts_state_what_the_main_problem_takes():
     rows = pd.read_csv(SAMPLERS).set_index(["problem", "method"]).loc["segment_5_15"]
     text = " ".join(BENCHMARKS.read_text(encoding="utf-8").split())
     ours, paper, nais = (rows.loc[method] for method in ("surrogate", "piecewise", "nais_25"))
@@ -59,13 +59,13 @@ def test_texts_tell_what_the_main_problem_takes():
 
 
 @pytest.mark.parametrize("problem", ["segment_5_15", "range_1", "range_2", "near_miss_1e-5"])
-def test_the_guide_to_the_sampler_tells_what_it_takes_now(problem):
+def test_the_guide_to_the_sampler_states_what_it_takes_now(problem):
     row = pd.read_csv(SAMPLERS).set_index(["problem", "method"]).loc[(problem, "surrogate")]
-    told = (
+    row_of_the_guide = (
         f"| {row.seeds:,.0f} | 0.3 | {row.calls_mean:.0f} | {row.calls_p95:.0f} | {row.error:.2f} | "
         f"{row.bias:+.0%} | {row.coverage80:.0%} | {row.failed * row.seeds:.0f} |"
     )
-    assert told in GUIDE.read_text(encoding="utf-8").replace(" %", "%")
+    assert row_of_the_guide in GUIDE.read_text(encoding="utf-8").replace(" %", "%")
 
 
 @pytest.mark.parametrize(
@@ -80,21 +80,22 @@ def test_every_row_of_a_table_has_as_many_cells_as_its_head(path):
 
 
 @pytest.mark.parametrize("problem", ["segment_15_25", "impact_10"])
-def test_the_guide_to_the_sampler_names_the_dearest_problems(problem):
+def test_the_guide_to_the_sampler_names_the_most_expensive_problems(problem):
     row = pd.read_csv(SAMPLERS).set_index(["problem", "method"]).loc[(problem, "surrogate")]
     assert f"about {5 * round(row.calls_mean / 5)}" in " ".join(GUIDE.read_text(encoding="utf-8").split())
 
 
 @pytest.mark.skipif(not CLAIMS.exists(), reason="the tables of the real events are not in this copy")
-def test_the_benchmarks_tell_how_far_thresholds_move_the_answer():
+def test_the_benchmarks_state_how_far_thresholds_move_the_answer():
     moved = threshold_ratio(pd.read_csv(CLAIMS.parent / "answer_thresholds.csv"))
     text = " ".join(BENCHMARKS.read_text(encoding="utf-8").split())
     assert f"the answer moves by {moved:.2f} over the thresholds" in text
 
 
 @pytest.mark.skipif(not CLAIMS.exists(), reason="the tables of the real events are not in this copy")
-def test_readme_tells_the_shares_of_the_uncertainty():
+def test_readme_states_the_shares_of_the_uncertainty():
     shares = pd.read_csv(CLAIMS.parent / "uncertainty.csv").set_index("source")["variance_share"]
     text = " ".join(README.read_text(encoding="utf-8").split())
     assert shares["sampling"] < 0.01
-    assert f"sampling has under 1 % of it, finite data {100 * shares['data']:.0f} %" in text
+    assert "Sampling contributes less than 1 % of the variance" in text
+    assert f"finite data contribute {100 * shares['data']:.0f} %" in text
