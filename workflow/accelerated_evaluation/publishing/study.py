@@ -326,6 +326,11 @@ class Study:
         """The answer under other readings of the records."""
         return self._table("laws/data_quality.csv")
 
+    @cached_property
+    def counted_crashes(self) -> pd.DataFrame:
+        """Crash rates per million miles: those that the study predicts, and those that were counted."""
+        return self._table("counted_crashes.csv")
+
     # What happens.
 
     @cached_property

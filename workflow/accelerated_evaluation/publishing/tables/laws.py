@@ -18,11 +18,12 @@ def with_intervals(rows: pd.DataFrame) -> pd.DataFrame:
         With columns ``low50`` and ``high50``, and so on.
     """
     levels = [f"{100 * level:.0f}" for level in LEVELS]
-    ends = {f"{level} %": _between(rows[f"low{level}"], rows[f"high{level}"]) for level in levels}
+    ends = {f"{level} %": interval_column(rows[f"low{level}"], rows[f"high{level}"]) for level in levels}
     return rows.drop(columns=[f"{end}{level}" for level in levels for end in ("low", "high")]).assign(**ends)
 
 
-def _between(low: pd.Series, high: pd.Series) -> list[str]:
+def interval_column(low: pd.Series, high: pd.Series) -> list[str]:
+    """Write the ends of intervals as text, and a dash where an end is not known."""
     known = low.notna() & high.notna()
     pairs = zip(low, high, known, strict=True)
     return [f"{readable(a, DIGITS)} to {readable(b, DIGITS)}" if told else "–" for a, b, told in pairs]
@@ -108,9 +109,9 @@ def vehicles_digest(vehicles: pd.DataFrame) -> pd.DataFrame:
             "recorded": vehicles["recorded"],
             "expected": vehicles["expected"],
             "median": vehicles["median"],
-            "80 %": _between(vehicles["low80"], vehicles["high80"]),
+            "80 %": interval_column(vehicles["low80"], vehicles["high80"]),
             "ratio": vehicles["ratio"],
-            "80 % of ratio": _between(vehicles["ratio_low80"], vehicles["ratio_high80"]),
+            "80 % of ratio": interval_column(vehicles["ratio_low80"], vehicles["ratio_high80"]),
             "safer": vehicles["safer"],
         }
     )

@@ -1,0 +1,237 @@
+"""Compare the predicted crash rates of vehicles with crashes that were counted on roads.
+
+The predictions are crashes of cut-ins whose gap closes, per distance: the crash probability of a cut-in times
+the number of such cut-ins in a kilometre of the records. The counts come from the 100-Car Naturalistic
+Driving Study, in which ordinary drivers were recorded for about two million miles, and from published rates.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy.stats import gamma, poisson
+
+from accelerated_evaluation.base.errors import InputError
+
+KILOMETRES_PER_MILE = 1.609344
+HUNDRED_CAR = "100-Car"
+HUNDRED_CAR_MILES = 2.0  # [million miles], Neale and others 2005, paper 05-0400, abstract
+LEVEL = 0.95  # of all limits
+SIGNIFICANT = 0.05
+COLUMNS = {0: "event", 4: "severity", 9: "incident", 12: "precipitating_event", 13: "evasive_manoeuvre"}
+SEVERITIES = {"Crash": "crash", "Near-Crash": "near-crash"}
+
+CUT_IN = "cut-in in front of the subject"
+STRUCK = "cut-in in front of the subject, rear-end conflict"
+LANE_CHANGE = "any lane change of another vehicle"
+SLOWED = "lead vehicle that slowed or stopped, struck from behind"
+
+OUTPUT = ("who", "kind", "what", "million_miles", "count", "per_million_miles", "low95", "high95")
+OUTPUT += ("in_hundred_car", "probability_of_so_few", "verdict", "comparable", "reference")
+
+
+def read_events(path: str | Path) -> pd.DataFrame:
+    """Read the event table of the 100-Car study.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The columns of `COLUMNS`, a row for each crash or near-crash.
+
+    Raises
+    ------
+    InputError
+        If the file is not that table.
+    """
+    expected = "the event table of the 100-Car study, as data/crash_counts/README.md describes it"
+    try:
+        table = pd.read_csv(path, sep="\t", header=None, encoding="latin-1", usecols=list(COLUMNS), dtype=str)
+    except (OSError, ValueError) as error:
+        raise InputError(
+            str(path), seen=str(error), expected=expected, change="Restore the file from the repository."
+        ) from error
+    events = table.rename(columns=COLUMNS)
+    if other := set(events["severity"].unique()) - set(SEVERITIES):
+        raise InputError(
+            f"{path}, column 5",
+            seen=f"the severity {min(map(str, other))!r}",
+            expected=f"one of {', '.join(SEVERITIES)}",
+            change="Restore the file from the repository.",
+        )
+    return events
+
+
+def count_events(events: pd.DataFrame) -> pd.DataFrame:
+    """Count the crashes and near-crashes of the 100-Car study that belong to a lane change or a slower lead.
+
+    Parameters
+    ----------
+    events
+        As `read_events` returns them.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``what``, ``severity`` (crash or near-crash) and ``count``.
+    """
+    cause, striking = events["precipitating_event"].fillna(""), events["incident"] == "Rear-end, striking"
+    in_front = cause.str.fullmatch(r"Other vehicle lane change - (?:left|right) in front of subject")
+    rules = {
+        CUT_IN: in_front,
+        STRUCK: in_front & striking,
+        LANE_CHANGE: cause.str.startswith("Other vehicle lane change"),
+        SLOWED: cause.str.startswith("Other vehicle ahead") & striking,
+    }
+    return pd.DataFrame(
+        [
+            {"what": what, "severity": named, "count": int((chosen & (events["severity"] == severity)).sum())}
+            for what, chosen in rules.items()
+            for severity, named in SEVERITIES.items()
+        ]
+    )
+
+
+def poisson_limits(count: int, level: float = LEVEL) -> tuple[float, float]:
+    """Return the exact limits of the mean of a Poisson count (Garwood 1936).
+
+    Parameters
+    ----------
+    count
+        The number that was counted.
+    level
+        Probability with which the interval covers the mean, at least.
+    """
+    tail = (1 - level) / 2
+    low = float(gamma.ppf(tail, count)) if count else 0.0
+    return low, float(gamma.isf(tail, count + 1))
+
+
+def counted_rows(counts: pd.DataFrame, published: pd.DataFrame) -> pd.DataFrame:
+    """Return the counted rates per million miles, with the limits that chance gives to counts.
+
+    Parameters
+    ----------
+    counts
+        Of the 100-Car study, as `count_events` returns them.
+    published
+        Table of published rates, ``data/crash_counts/published_rates.csv``.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Some of the columns of `compare_with_counts`.
+    """
+    own = counts.assign(
+        source=HUNDRED_CAR,
+        what=counts["severity"] + ": " + counts["what"],
+        million_miles=HUNDRED_CAR_MILES,
+        comparable=np.where(
+            counts["what"] == SLOWED,
+            "no: not a cut-in",
+            "yes: ordinary drivers, United States 2003-2004; another region than the records",
+        ),
+        reference="doi 10.15787/VTT1/CEU6RB",
+    )
+    rows = []
+    for row in [*own.to_dict("records"), *published.to_dict("records")]:
+        miles, is_count = row["million_miles"], row["source"] == HUNDRED_CAR
+        # The counts of other sources are estimates from samples of police reports, and not Poisson.
+        limits = poisson_limits(int(row["count"])) if is_count else (np.nan, np.nan)
+        rate = row["count"] / miles if pd.notna(row["count"]) else row["per_million_miles"]
+        low, high = (limit / miles for limit in limits)
+        rows.append(
+            {name: row[name] for name in ("what", "million_miles", "count", "comparable", "reference")}
+            | {"who": row["source"], "kind": "counted", "per_million_miles": rate}
+            | {"low95": low, "high95": high}
+        )
+    return pd.DataFrame(rows)
+
+
+def predicted_rows(vehicles: pd.DataFrame, cut_ins_per_km: float | None, counted: int) -> pd.DataFrame:
+    """Return the predicted crash rates of vehicles, and whether they allow the number that was counted.
+
+    A prediction is contradicted if so few crashes as ``counted`` have a probability below 5 % even at the
+    lower end of its 95 % interval. Fewer predicted crashes than counted ones contradict nothing, because a
+    vehicle may well be better than the drivers of the 100-Car study.
+
+    Parameters
+    ----------
+    vehicles
+        Table ``vehicles`` of a study: the crash probability of a cut-in for each vehicle, with its interval.
+    cut_ins_per_km
+        Recorded closing cut-ins per kilometre [1/km]; None where the distance is not known.
+    counted
+        Crashes that were counted in the distance of the 100-Car study, by the most generous rule.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Some of the columns of `compare_with_counts`; empty where the distance is not known.
+    """
+    if cut_ins_per_km is None:
+        return pd.DataFrame()
+    per_million_miles = 1e6 * KILOMETRES_PER_MILE * cut_ins_per_km
+    known = vehicles[vehicles["resolved"]]
+    low, high = (per_million_miles * known[end] for end in ("low95", "high95"))
+    rate = per_million_miles * known["probability"]
+    so_few = poisson.cdf(counted, HUNDRED_CAR_MILES * low)
+    return pd.DataFrame(
+        {
+            "who": known["vehicle"],
+            "kind": "predicted",
+            "what": "crash: closing cut-in, predicted",
+            "per_million_miles": rate,
+            "low95": low,
+            "high95": high,
+            "in_hundred_car": HUNDRED_CAR_MILES * rate,
+            "probability_of_so_few": so_few,
+            "verdict": np.where(so_few < SIGNIFICANT, "more than were counted", "compatible with the count"),
+            "comparable": "with the 100-Car rows, if cut-ins are as frequent and as severe there",
+            "reference": "this study",
+        }
+    )
+
+
+def compare_with_counts(
+    vehicles: pd.DataFrame,
+    exposure: pd.DataFrame,
+    events: pd.DataFrame,
+    published: pd.DataFrame,
+) -> pd.DataFrame:
+    """Put predicted and counted crash rates into one table.
+
+    Parameters
+    ----------
+    vehicles, exposure
+        Tables of the study of laws.
+    events
+        As `read_events` returns them.
+    published
+        Table of published rates.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``who``; ``kind`` (counted or predicted); ``what``; ``million_miles`` and ``count`` of counted
+        rows; ``per_million_miles`` with its 95 % limits ``low95`` and ``high95``; and for predictions
+        ``in_hundred_car``, the crashes that are expected in the distance of the 100-Car study,
+        ``probability_of_so_few`` and ``verdict``; ``comparable`` and ``reference`` in words.
+    """
+    counts = count_events(events)
+    most = count_of(counts, LANE_CHANGE, "crash")
+    rows = [predicted_rows(vehicles, cut_in_rate(exposure), most), counted_rows(counts, published)]
+    table = pd.concat([part for part in rows if not part.empty], ignore_index=True)
+    return table.reindex(columns=OUTPUT)
+
+
+def cut_in_rate(exposure: pd.DataFrame) -> float | None:
+    """Return the recorded closing cut-ins per kilometre [1/km]; None where the distance is not known."""
+    rows = exposure[(exposure["event"] == "cut-in") & (exposure["per"] == "kilometre")]
+    return None if rows.empty else float(rows["mean"].iloc[0])
+
+
+def count_of(counts: pd.DataFrame, what: str, severity: str) -> int:
+    """Return one of the numbers of `count_events`."""
+    row: Mapping[tuple[str, str], int] = counts.set_index(["what", "severity"])["count"]
+    return int(row[what, severity])

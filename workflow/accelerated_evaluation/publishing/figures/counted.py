@@ -1,0 +1,64 @@
+"""Beyond the paper: predicted and counted crash rates (31)."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from accelerated_evaluation.publishing.figures.dot_chart import FRAME, ROW, finish, name_rows, spaced
+from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, PIECES, paper_style
+from accelerated_evaluation.publishing.published import figure
+
+GROUPS = {
+    "predicted": "predicted crashes of closing cut-ins",
+    "counted crash": "counted crashes, 100-Car study",
+    "counted near-crash": "counted near-crashes, 100-Car study",
+    "counted other": "published crash rates of other kinds",
+}
+MARKERS = {"predicted": ("o", PIECES[0]), "counted": ("s", "black")}
+SMALLEST = 0.01  # [1/million miles], left end of the axis, where a rate of zero is drawn
+
+
+def rows_to_draw(counted: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of the chart in the order of its groups, each with its group and label."""
+    severity = counted["what"].str.extract(r"^(crash|near-crash): ", expand=False).fillna("other")
+    groups = np.where(counted["kind"] == "predicted", "predicted", "counted " + severity)
+    what = counted["what"].str.replace(r"^(?:crash|near-crash): ", "", regex=True)
+    label = np.where(
+        groups == "predicted", counted["who"], np.where(severity == "other", counted["who"], what)
+    )
+    order = pd.Categorical(groups, list(GROUPS), ordered=True)
+    drawn = counted.assign(group=order, label=label).sort_values("group", kind="stable")
+    return drawn.assign(group=drawn["group"].astype(str).map(GROUPS)).reset_index(drop=True)
+
+
+@figure
+def fig31_counted_crashes(counted_crashes: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
+    """Draw predicted and counted crash rates per million miles with their 95 % limits.
+
+    Parameters
+    ----------
+    counted_crashes
+        ``counted_crashes.csv`` of a study.
+    source
+        Description of the data.
+    """
+    rows = rows_to_draw(counted_crashes)
+    y = spaced(rows["group"], 1.6)
+    with paper_style():
+        drawn, axes = plt.subplots(figsize=(2 * COLUMN_WIDTH, FRAME + ROW * (y[-1] + 3)))
+        for kind, (marker, color) in MARKERS.items():
+            of_kind = (rows["kind"] == kind).to_numpy()
+            chosen = rows[of_kind]
+            rate = chosen["per_million_miles"].clip(lower=SMALLEST)
+            low = chosen["low95"].fillna(rate).clip(lower=SMALLEST)
+            reach = [rate - low, chosen["high95"].fillna(rate) - rate]
+            look = {"marker": marker, "color": color, "linestyle": "none", "markersize": 3.5}
+            axes.errorbar(rate, y[of_kind], xerr=reach, elinewidth=0.8, label=f"{kind}, 95 % limits", **look)
+        axes.set(xscale="log", xlabel="crashes or near-crashes per million miles")
+        axes.set_xlim(left=0.8 * SMALLEST)
+        name_rows(axes, y, rows["group"], rows["label"])
+        finish(
+            drawn, axes, f"{source}, and the 100-Car study. A count of zero lies at the left end of the axis"
+        )
+    return drawn, rows
