@@ -24,7 +24,7 @@ from accelerated_evaluation.distributions import (
     from_dict,
 )
 from accelerated_evaluation.laws import CutIns, Factors
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.independent import IndependentLaw, recorded_counts
 from accelerated_evaluation.problem import ScoreProblem, SystemProblem
 from accelerated_evaluation.vehicles import AccAeb, Outcomes, Vehicle, load_vehicle
 from accelerated_evaluation.vehicles.events import Event
@@ -110,7 +110,7 @@ class Scored:
 
     def evaluate(self, z: Array) -> tuple[Array, Array]:
         """Run the system at normal scores, shape (n, 3)."""
-        cut_ins = self.problem.law.from_scores(z)
+        cut_ins = self.problem.law.from_normal_scores(z)
         scores = self.score(self.problem.simulate(cut_ins), cut_ins)
         return scores <= 0, scores
 
@@ -121,12 +121,12 @@ def law() -> IndependentLaw:
     content = read_json(DATA / "model.json")
     return IndependentLaw(
         description=content["description"],
-        events=content["events"],
+        counts=recorded_counts(content),
         inverse_range=from_dict(content["inverse_range"]["distribution"]),
         inverse_ttc={
             segment: from_dict(each) for segment, each in content["inverse_ttc"]["distributions"].items()
         },
-        lead_speeds={segment: lead_speed(segment) for segment in content["events"]},
+        lead_speeds={segment: lead_speed(segment) for segment in recorded_counts(content)},
         closing_speed_max=CLOSING_SPEED_MAX,
     )
 

@@ -16,7 +16,7 @@ from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.smooth.family import Member
 from accelerated_evaluation.publishing.tables.formats import reproducible
 from kinds import LEVEL, World, worlds
-from setting import ROOT, WorldSettings, distinct_events, read_setting, simulate_records
+from setting import ROOT, WorldSettings, distinct_records, read_setting, simulate_records
 from tqdm import tqdm
 
 DRAWS = 200  # of the posterior, for each threshold as well
@@ -36,7 +36,7 @@ def examine(kind: str, number: int, world: World, setting: WorldSettings) -> dic
     """
     records = simulate_records(world, setting, child_generator(ROOT, "worlds", kind, number))
     generator = child_generator(ROOT, "worlds", kind, number, "causes")
-    weighted = weight_laws(distinct_events(records)[0], generator, draws=DRAWS)
+    weighted = weight_laws(distinct_records(records)[0], generator, draws=DRAWS)
     true_law = [member == Member(LEVEL, TRUE_LAW[kind]) for member in weighted.members]
     only = np.tile(np.array(true_law, dtype=float), (DRAWS, 1))
     levels = threshold_table(weighted, setting.lines, generator)["probability"]

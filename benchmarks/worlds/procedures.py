@@ -10,12 +10,12 @@ from accelerated_evaluation.laws.smooth.family import Fitter
 from accelerated_evaluation.records.segments import assign_segments
 from kinds import independent_masses
 from scipy.special import ndtri
-from setting import MEMBERS, WorldSettings, distinct_events
+from setting import MEMBERS, WorldSettings, distinct_records
 
 COVERAGES = (0.5, 0.8, 0.95)
 DRAWS = 100  # of the posterior, fewer than in the study
 BLOCKS = 5  # held out, fewer than in the study
-THIN = 10  # of the events outside the region of the score
+THIN = 10  # of the distinct outside the region of the score
 REGION = 0.25  # [1/s], TTC^-1 above which laws are scored
 CAP = 23.49 / 22.13  # the authors' cap on closing speeds, as a multiple of the largest that is recorded
 EDGES = [5, 15, 25, 35]  # [m/s], the paper's segments
@@ -26,12 +26,12 @@ Intervals = dict[str, float]
 
 def ours(records: pd.DataFrame, setting: WorldSettings, generator: np.random.Generator) -> Intervals:
     """Fit the family to distinct records, weigh its laws by held-out scores, and draw from the posterior."""
-    events, _ = distinct_events(records)
-    fitter = Fitter(events, MEMBERS)
+    distinct, _ = distinct_records(records)
+    fitter = Fitter(distinct, MEMBERS)
     family = fitter.fit(setting.family)
-    boundary = REGION * events.range_
+    boundary = REGION * distinct.range_
     scores = held_out_scores(fitter, family, {"region": boundary}, BLOCKS, THIN)["region"]
-    weights = bootstrapped_weights(scores, events.closing_speed > boundary, DRAWS, generator)
+    weights = bootstrapped_weights(scores, distinct.closing_speed > boundary, DRAWS, generator)
     posterior = draw_posterior({"crash": setting.lines}, family, MEMBERS, weights, generator)["crash"]
     told = {"probability": posterior.probability, "mean": float(posterior.probabilities.mean())}
     for level in COVERAGES:

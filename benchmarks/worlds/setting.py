@@ -47,8 +47,8 @@ def runs_of(records: pd.DataFrame) -> tuple[pd.DataFrame, Array]:
     return records[first], np.diff(np.flatnonzero(first), append=len(records))
 
 
-def distinct_events(records: pd.DataFrame) -> tuple[DistinctRecords, Array]:
-    """Return the distinct records as events, and how many rows each stands for."""
+def distinct_records(records: pd.DataFrame) -> tuple[DistinctRecords, Array]:
+    """Return the distinct records, and how many rows each stands for."""
     distinct, lengths = runs_of(records)
     speed, inverse_range, inverse_ttc = (
         distinct[name].to_numpy() for name in ("lead_speed", "inverse_range", "inverse_ttc")
@@ -60,9 +60,9 @@ def distinct_events(records: pd.DataFrame) -> tuple[DistinctRecords, Array]:
 def prepare(config: dict) -> WorldSettings:
     """Fit, and map the crashes."""
     records = pd.read_parquet(config["data"]["spmd"]["path"])
-    events, lengths = distinct_events(records)
-    speed = events.lead_speed
-    family = Fitter(events, MEMBERS).fit()
+    distinct, lengths = distinct_records(records)
+    speed = distinct.lead_speed
+    family = Fitter(distinct, MEMBERS).fit()
     segmented = assign_segments(records, config["segments"]["lead_speed_edges"])
     law = fit_paper_laws(segmented, config["models"], config["filters"]["range_max"], "records", np.inf)[
         "two_pieces"
@@ -79,9 +79,9 @@ def prepare(config: dict) -> WorldSettings:
 def simulate_records(world: World, setting: WorldSettings, generator: np.random.Generator) -> pd.DataFrame:
     """Draw as many cut-ins as were recorded, and repeat rows as often as they repeat in the record."""
     size = setting.lead_speeds.size
-    events = world.draw(generator.choice(setting.lead_speeds, size), generator)
-    inverse_range = 1 / np.minimum(events.range_, SUPPORT.range_max)
-    columns = events.lead_speed, inverse_range, events.closing_speed * inverse_range
+    drawn = world.draw(generator.choice(setting.lead_speeds, size), generator)
+    inverse_range = 1 / np.minimum(drawn.range_, SUPPORT.range_max)
+    columns = drawn.lead_speed, inverse_range, drawn.closing_speed * inverse_range
     lengths = generator.permutation(setting.run_lengths)
     return pd.DataFrame(
         {

@@ -11,7 +11,7 @@ from accelerated_evaluation.records.encounter_table import complete, write_encou
 SPEEDS = np.linspace(5, 15, 1000)
 LAW = IndependentLaw(
     description="made up for tests",
-    events={"5-15": 1000},
+    counts={"5-15": 1000},
     inverse_range=BoundedExponential(rate=50, lower=1 / 75),
     inverse_ttc={"5-15": BoundedExponential(rate=15)},
     lead_speeds={"5-15": Empirical(SPEEDS)},

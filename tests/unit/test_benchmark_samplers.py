@@ -99,7 +99,7 @@ def test_graded_scores_tell_crashes_apart_and_stay_of_order_one():
 def test_tables_of_quantiles_hardly_change_the_inputs():
     problem = problems()["segment_5_15"]
     z = np.random.default_rng(4).uniform(-4, 6, (300, 3))
-    exact, quick = (vars(each.law.from_scores(z)) for each in (problem.cut_in, problem.event))
+    exact, quick = (vars(each.law.from_normal_scores(z)) for each in (problem.cut_in, problem.event))
     for name, values in exact.items():
         np.testing.assert_allclose(quick[name], values, rtol=1e-6, atol=1e-9)
 
@@ -109,7 +109,7 @@ def test_near_misses_are_the_event_that_the_papers_methods_estimate():
     z = reference.draw_wide(np.random.default_rng(5), 2000, 3)
     happened, _ = problem.event.evaluate(z)
     np.testing.assert_array_equal(problem.cut_in.evaluate(z)[0], happened)
-    crashes = problem.cut_in.simulate(problem.cut_in.law.from_scores(z)).crash
+    crashes = problem.cut_in.simulate(problem.cut_in.law.from_normal_scores(z)).crash
     assert happened[crashes].all()
     assert happened.sum() > crashes.sum()
 

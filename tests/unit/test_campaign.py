@@ -58,7 +58,7 @@ def test_a_campaign_is_the_sampler_told_run_by_run(begun):
     assert status_of(read_campaign("c.json")).estimate.row() == wanted.row()
 
 
-def told_to_the_end(begun, *, batches=60):
+def driven_to_the_end(begun, *, batches=60):
     for _ in range(batches):
         if status_of(read_campaign("c.json")).may_stop:
             return
@@ -81,7 +81,7 @@ def test_a_new_version_of_the_sampler_goes_on_with_a_batch_that_is_out(begun, mo
     assert after.estimate().probability == pytest.approx(before.estimate().probability, nan_ok=True)
     drive()
     assert begun("tell", "done.csv") == 0
-    told_to_the_end(begun)
+    driven_to_the_end(begun)
     found = read_campaign("c.json").estimate()
     assert found.converged
     assert found.simulations == len(read_campaign("c.json").runs)
@@ -95,7 +95,7 @@ def test_another_batch_size_holds_from_the_next_batch_on(begun):
     begun("ask", "next", "--no-scenarios")
     assert drive()["run"].tolist() == list(range(11, 36))
     begun("tell", "done.csv")
-    told_to_the_end(begun)
+    driven_to_the_end(begun)
     assert status_of(read_campaign("c.json")).may_stop
 
 
@@ -109,7 +109,7 @@ def test_the_estimate_counts_whole_batches_alone(begun):
     drive().head(7).to_csv("part.csv", index=False)
     begun("tell", "part.csv")
     now = status_of(read_campaign("c.json"))
-    assert (now.asked, now.told, now.used) == (30, 27, 20)
+    assert (now.asked, now.reported, now.used) == (30, 27, 20)
     assert len(done) == 10
 
 

@@ -77,7 +77,7 @@ def test_a_campaign_within_limits_drives_nothing_beyond_and_finds_the_event_with
     runs = pd.concat(driven)
     assert LIMITS.hold(runs["lead_speed"], runs["range"], runs["closing_speed"]).all()
     status = status_of(read_campaign("c.json"))
-    assert status.asked == status.told == status.used == len(runs)
+    assert status.asked == status.reported == status.used == len(runs)
     assert status.spared == len(read_campaign("c.json").runs) - len(runs) > 0
     # Told of what lies beyond, the sampler itself comes to the same.
     wanted = METHODS["surrogate"](batch_size=20).estimate(

@@ -9,7 +9,7 @@ import pytest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.paper import candidate_estimators
 from accelerated_evaluation.laws.paper.candidate_families import FAMILIES
-from accelerated_evaluation.laws.paper.candidates import CandidateFit, compare, fit_candidates, score
+from accelerated_evaluation.laws.paper.candidates import CandidateFit, assessed_fit, compare, fit_candidates
 from scipy import optimize, stats
 
 LOWER = 0.2
@@ -243,7 +243,7 @@ def test_equal_values_leave_only_families_with_one_parameter():
 
 
 def test_non_convergence_is_listed(monkeypatch):
-    monkeypatch.setattr(candidate_estimators, "SCORE_LIMIT", 0.0)
+    monkeypatch.setattr(candidate_estimators, "GRADIENT_LIMIT", 0.0)
     assert "no convergence" in fit_one("logistic", draw("logistic", 101)).reason
 
 
@@ -255,7 +255,7 @@ def test_parameters_beyond_the_range_of_numbers_are_listed():
 
 
 def test_score_against_exact_numbers():
-    fit = score("uniform", lambda x: np.zeros_like(x), lambda x: x, 2, [0.5, 0.1, 0.5, 0.9, 0.6])
+    fit = assessed_fit("uniform", lambda x: np.zeros_like(x), lambda x: x, 2, [0.5, 0.1, 0.5, 0.9, 0.6])
     # the empirical function rises at 0.5 from 0.2 to 0.6: 0.3 below the uniform's 0.5
     expected = CandidateFit("uniform", {}, 2, 0.0, 4.0, 2 * np.log(5), pytest.approx(0.3))
     assert fit == expected
@@ -263,14 +263,14 @@ def test_score_against_exact_numbers():
 
 def test_a_model_without_density_somewhere_is_listed_with_the_reason():
     law = stats.uniform(0, 1)
-    fit = score("uniform", law.logpdf, law.cdf, 2, [0.5, 1.5, 2.5])
+    fit = assessed_fit("uniform", law.logpdf, law.cdf, 2, [0.5, 1.5, 2.5])
     assert fit.reason == "no finite density at 2 of 3 values"
 
 
 def test_comparison_ranks_by_aic_and_keeps_the_unfitted():
     x = np.append(draw("generalized Pareto", 2000), LOWER)
     law = BY_NAME["generalized Pareto"].freeze(LOWER, *TRUTH["generalized Pareto"])
-    fits = [*fit_candidates(x, LOWER), score("the truth", law.logpdf, law.cdf, 0, x)]
+    fits = [*fit_candidates(x, LOWER), assessed_fit("the truth", law.logpdf, law.cdf, 0, x)]
     table = compare(fits)
     assert ", ".join(table) == COLUMNS
     ranked = table[table["rank"].notna()]

@@ -17,7 +17,7 @@ from accelerated_evaluation.methods.cross_entropy import search as cross_entropy
 from accelerated_evaluation.methods.cross_entropy.families import (
     PiecewiseFamily,
 )
-from accelerated_evaluation.methods.cross_entropy.search import Settings, event_score, search
+from accelerated_evaluation.methods.cross_entropy.search import SearchSettings, event_score, search
 from accelerated_evaluation.problem import Problem, Sample
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
 from toy_segment import CONFIG, PAPERS, SETTINGS, F, Toy, before, families, found, toy
@@ -195,7 +195,7 @@ class Fading(Toy):
     ],
 )
 def test_a_search_that_does_not_end_gives_its_last_proposal_and_says_so(vehicle, changes, message):
-    settings = Settings(**{"sample_size": 100, "maximum_iterations": 6, "minimum_events": 5} | changes)
+    settings = SearchSettings(**{"sample_size": 100, "maximum_iterations": 6, "minimum_events": 5} | changes)
     result = search(before(vehicle), "all", families("piecewise"), settings, np.random.default_rng(1))
     assert message in result.unfinished
     assert 1 < len(result.trace) <= 7

@@ -244,7 +244,7 @@ def test_the_papers_laws(models):
         "single": 4,
     }
     for model in fitted.values():
-        assert model.events == {"5-15": 2000, "15-25": 1000, "25-35": 500}
+        assert model.counts == {"5-15": 2000, "15-25": 1000, "25-35": 500}
         assert model.segments == ("5-15", "15-25", "25-35")
         assert model.inverse_range.lower == 1 / 75
         assert model.description == "made up"

@@ -67,7 +67,7 @@ class StripedCar:
 
 
 @pytest.fixture(scope="module")
-def events():
+def records():
     generator = np.random.default_rng(1)
     lead_speed = generator.uniform(5, 34.9, SIZE)
     range_ = SUPPORT.range_max * generator.uniform(0, 1, SIZE) ** 0.5
@@ -75,50 +75,50 @@ def events():
 
 
 @pytest.fixture(scope="module")
-def weighted(events):
-    fitter = Fitter(events, members_at((0.9,)))
+def weighted(records):
+    fitter = Fitter(records, members_at((0.9,)))
     members = len(fitter.members)
     return WeightedLaws(fitter, fitter.fit(), np.zeros((SIZE, members)), np.full((20, members), 1 / members))
 
 
 @pytest.fixture(scope="module")
-def law(events, weighted):
-    table = pd.DataFrame({"lead_speed": events.lead_speed, "segment": "all"})
+def law(records, weighted):
+    table = pd.DataFrame({"lead_speed": records.lead_speed, "segment": "all"})
     speeds = recorded_lead_speeds(table, ["all"])
     family = weighted.family
     return DependentLaw("made up", {"all": SIZE}, family.ranges, family.law(Member()), speeds)
 
 
-def lines_of(crash_map, events):
-    return CrashLines.of(crash_map, events.lead_speed)
+def lines_of(crash_map, records):
+    return CrashLines.of(crash_map, records.lead_speed)
 
 
-def test_random_closing_speeds_find_stripes_that_a_scan_does_not(events, law):
+def test_random_closing_speeds_find_stripes_that_a_scan_does_not(records, law):
     """A quarter of the probability of the whole; the scan is wrong by far more than the tolerance."""
     generator = np.random.default_rng(3)
-    whole = lines_of(map_crashes(FastCar(), GRID, [], generator), events)
+    whole = lines_of(map_crashes(FastCar(), GRID, [], generator), records)
     truth = SHARE * whole.probability(law.ranges, law.speeds)
     scanned = map_crashes(StripedCar(), GRID, [], generator)
-    found = lines_of(sample_crashes(StripedCar(), scanned, generator), events)
+    found = lines_of(sample_crashes(StripedCar(), scanned, generator), records)
     assert found.probability(law.ranges, law.speeds) == pytest.approx(truth, rel=0.06)
-    assert lines_of(scanned, events).probability(law.ranges, law.speeds) != pytest.approx(truth, rel=0.18)
+    assert lines_of(scanned, records).probability(law.ranges, law.speeds) != pytest.approx(truth, rel=0.18)
 
 
-def test_random_closing_speeds_agree_with_a_scan_that_is_right(events, law):
+def test_random_closing_speeds_agree_with_a_scan_that_is_right(records, law):
     generator = np.random.default_rng(4)
     scanned = map_crashes(RateCar(), GRID, [], generator)
     sampled = sample_crashes(RateCar(), scanned, generator)
-    one, two = (lines_of(part, events).probability(law.ranges, law.speeds) for part in (scanned, sampled))
+    one, two = (lines_of(part, records).probability(law.ranges, law.speeds) for part in (scanned, sampled))
     assert two == pytest.approx(one, rel=0.05)
 
 
-def test_a_contradicted_map_is_resolved_and_the_others_stay(events, weighted):
+def test_a_contradicted_map_is_resolved_and_the_others_stay(records, weighted):
     """The vehicle with stripes gets a number, and it agrees with the replayed records then."""
     generator = np.random.default_rng(5)
     vehicles = {"under_test": RateCar(), "striped": StripedCar()}
     maps = {name: map_crashes(vehicle, GRID, [], generator) for name, vehicle in vehicles.items()}
     names = {"under_test": "crash", "striped": "crash of striped"}
-    lines = {names[name]: lines_of(crash_map, events) for name, crash_map in maps.items()}
+    lines = {names[name]: lines_of(crash_map, records) for name, crash_map in maps.items()}
     thinned = {name: weighted.thinned(part, generator) for name, part in lines.items()}
     study = LawStudy(pd.DataFrame(), vehicles, weighted, dict(lines), thinned, {})
     before = weighted.draw(study.thinned, np.random.default_rng(6))
@@ -136,9 +136,9 @@ def test_a_contradicted_map_is_resolved_and_the_others_stay(events, weighted):
 
 
 @pytest.fixture(scope="module")
-def shown(events, law):
+def shown(records, law):
     crash_map = map_crashes(RateCar(), GRID, [], np.random.default_rng(8))
-    lines = lines_of(crash_map, events)
+    lines = lines_of(crash_map, records)
     ways = ways_to_crash(lines, law, RateCar(), np.random.default_rng(9))
     return ways, lines.probability(law.ranges, law.speeds)
 
@@ -161,17 +161,17 @@ def test_normal_scores_of_drawn_cut_ins_are_standard_normal(law):
     np.testing.assert_allclose(np.cov(z.T), np.eye(3), atol=6 / 4000**0.5)
 
 
-def test_a_vehicle_that_never_crashes_has_no_ways(events, law):
+def test_a_vehicle_that_never_crashes_has_no_ways(records, law):
     class Safe(RateCar):
         def simulate(self, lead_speed, range_, closing_speed):
             return outcomes(closing_speed > np.inf, range_, closing_speed)
 
-    lines = lines_of(map_crashes(Safe(), GRID, [], np.random.default_rng(1)), events)
+    lines = lines_of(map_crashes(Safe(), GRID, [], np.random.default_rng(1)), records)
     assert ways_to_crash(lines, law, Safe(), np.random.default_rng(1)).empty
 
 
-def test_crashes_of_probability_zero_to_rounding_are_none(events, weighted, law):
-    lines = lines_of(map_crashes(RateCar(), GRID, [], np.random.default_rng(1)), events)
+def test_crashes_of_probability_zero_to_rounding_are_none(records, weighted, law):
+    lines = lines_of(map_crashes(RateCar(), GRID, [], np.random.default_rng(1)), records)
     beyond = replace(lines, start=np.full(lines.start.size, 1e6), end=np.full(lines.start.size, np.inf))
     assert ways_to_crash(lines, law, RateCar(), np.random.default_rng(1)).size
     assert ways_to_crash(beyond, law, RateCar(), np.random.default_rng(1)).empty
@@ -188,8 +188,8 @@ def test_a_threshold_whose_laws_have_no_weight_is_told_with_equal_weights(weight
     np.testing.assert_allclose(at_level, np.tile(has_level / has_level.sum(), (len(weights), 1)))
 
 
-def test_the_nearest_records_are_crashes_and_then_the_smallest_times(events):
-    some = events.only(np.arange(1000))
+def test_the_nearest_records_are_crashes_and_then_the_smallest_times(records):
+    some = records.only(np.arange(1000))
     near = nearest_records(some, AccAeb())
     result = AccAeb().simulate(some.lead_speed, some.range_, some.closing_speed)
     assert near["crash"].sum() == min(result.crash.sum(), WAYS)
@@ -197,8 +197,8 @@ def test_the_nearest_records_are_crashes_and_then_the_smallest_times(events):
     assert near.loc[~near["crash"], "min_ttc"].tolist() == calm.tolist()
 
 
-def test_lines_of_what_can_be_prevented(law, events):
-    table = preventable({"rate": RateCar(), "striped": StripedCar()}, law, events.lead_speed)
+def test_lines_of_what_can_be_prevented(law, records):
+    table = preventable({"rate": RateCar(), "striped": StripedCar()}, law, records.lead_speed)
     rate = table[table["name"] == "rate"]
     step = np.diff(CLOSING_SPEEDS)[0]
     assert np.all(rate["first"] == rate["always"])
@@ -242,10 +242,10 @@ def test_figures_say_what_they_cannot_show():
     assert traces_of(table, RateCar()).empty
 
 
-def test_the_figure_of_what_can_be_prevented(law, events, tmp_path):
-    table = preventable({"under test": RateCar(), "striped": StripedCar()}, law, events.lead_speed)
+def test_the_figure_of_what_can_be_prevented(law, records, tmp_path):
+    table = preventable({"under test": RateCar(), "striped": StripedCar()}, law, records.lead_speed)
     raw = pd.DataFrame(
-        dict(zip(PLACE, (events.lead_speed, events.range_, events.closing_speed), strict=True))
+        dict(zip(PLACE, (records.lead_speed, records.range_, records.closing_speed), strict=True))
     )
     encounters = complete(raw)
     check_bytes_and_legend(

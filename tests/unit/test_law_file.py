@@ -33,6 +33,14 @@ LAW = IndependentLaw(
 )
 
 
+def test_a_file_whose_counts_are_called_events_is_read(tmp_path):
+    write_law(tmp_path / "law.json", LAW)
+    content = json.loads((tmp_path / "law.json").read_text(encoding="utf-8"))
+    content["events"] = content.pop("counts")
+    (tmp_path / "law.json").write_text(json.dumps(content), encoding="utf-8")
+    assert read_law(tmp_path / "law.json", ENCOUNTERS) == LAW
+
+
 @pytest.mark.parametrize(
     "law",
     [
@@ -135,10 +143,10 @@ PIECE = ("inverse_ttc", "distributions", "5-15", "components", 1)
         changed(("inverse_ttc", "distributions", "5-15", "weights"), [float("nan"), 1.0]),
         changed(("inverse_ttc", "distributions"), [1, 2]),
         changed(("inverse_ttc", "distributions", "15-25"), ...),
-        changed(("events", "15-25"), ...),
-        changed(("events", "15-25"), 0),
-        changed(("events", "15-25"), "many"),
-        changed(("events",), {}),
+        changed(("counts", "15-25"), ...),
+        changed(("counts", "15-25"), 0),
+        changed(("counts", "15-25"), "many"),
+        changed(("counts",), {}),
         lambda content: json.dumps(content)[:-40],
         lambda content: "",
         lambda content: "[]",
@@ -164,10 +172,10 @@ def test_a_missing_file_and_other_bytes_are_refused(tmp_path):
 @pytest.mark.parametrize(
     "parts",
     [
-        {"events": {"5-15": 3}},
-        {"events": {}},
-        {"events": {"5-15": 3, "15-25": 0}},
-        {"events": {"5-15": 3, "15-25": 2.5}},
+        {"counts": {"5-15": 3}},
+        {"counts": {}},
+        {"counts": {"5-15": 3, "15-25": 0}},
+        {"counts": {"5-15": 3, "15-25": 2.5}},
         {"inverse_ttc": {"5-15": PIECEWISE}},
         {"lead_speeds": {"5-15": Empirical([6.0])}},
     ],

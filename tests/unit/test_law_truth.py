@@ -59,7 +59,7 @@ class ExponentialSpeeds:
 
 
 @pytest.fixture(scope="module")
-def events():
+def records():
     generator = np.random.default_rng(1)
     lead_speed = generator.uniform(5, 34.9, SIZE)
     range_ = SUPPORT.range_max * generator.uniform(0, 1, SIZE) ** 0.5  # P(R < r) = (r / 75)^2
@@ -67,8 +67,8 @@ def events():
 
 
 @pytest.fixture(scope="module")
-def fitter(events):
-    return Fitter(events, MEMBERS)
+def fitter(records):
+    return Fitter(records, MEMBERS)
 
 
 @pytest.fixture(scope="module")
@@ -125,21 +125,21 @@ def test_the_weighted_crps_is_zero_without_doubt_and_counts_only_above_the_bound
     np.testing.assert_allclose(below, -MEAN / 2 * np.exp(-2 * 2.0 / MEAN), rtol=0.01)
 
 
-def test_held_out_scores_know_nothing_of_the_block(events):
+def test_held_out_scores_know_nothing_of_the_block(records):
     seen = []
     held_out(
         lambda part: seen.append(part.size) or ExponentialSpeeds(),
-        events,
-        {"all": events.range_ * 0.1},
+        records,
+        {"all": records.range_ * 0.1},
         blocks=4,
     )
     assert seen == [SIZE - SIZE // 4] * 4
 
 
-def test_members_score_like_the_true_law_where_there_are_records(events, fitter, family):
+def test_members_score_like_the_true_law_where_there_are_records(records, fitter, family):
     regions = {"upper": np.full(SIZE, 5.0)}
     scores = held_out_scores(fitter, family, regions, blocks=5)["upper"]
-    truth = censored_log_score(ExponentialSpeeds(), events.closing_speed, regions["upper"])
+    truth = censored_log_score(ExponentialSpeeds(), records.closing_speed, regions["upper"])
     # Each fitted parameter costs about half a nat held out; the splines of the tail use some tens.
     assert np.all(scores.sum(axis=1) > truth.sum() - 40)
     thinned = held_out_scores(fitter, family, regions, blocks=5, thin=5)["upper"]
@@ -183,13 +183,13 @@ def test_poisson_limits_and_mid_p_values():
     assert np.sum(poisson.pmf(counts, 9.0) * mid_p(counts, 9.0)) == pytest.approx(0.5, abs=0.03)
 
 
-def test_cells_count_what_is_recorded_and_expect_it_from_the_true_law(events):
-    counts = with_limits(cell_counts(events, ExponentialSpeeds()))
+def test_cells_count_what_is_recorded_and_expect_it_from_the_true_law(records):
+    counts = with_limits(cell_counts(records, ExponentialSpeeds()))
     assert len(counts) == len(cells()) >= 12
-    inside = (events.range_ < 5) & (events.closing_speed >= 1) & (events.closing_speed < 2)
+    inside = (records.range_ < 5) & (records.closing_speed >= 1) & (records.closing_speed < 2)
     assert counts["recorded"].iloc[0] == inside.sum()
     assert counts["p_value"].min() > 0.05 / len(counts)
-    wrong = with_limits(cell_counts(events, ExponentialSpeeds(1.5 * MEAN)))
+    wrong = with_limits(cell_counts(records, ExponentialSpeeds(1.5 * MEAN)))
     assert wrong["p_value"].min() < 1e-4
 
 
@@ -198,8 +198,8 @@ def test_near_misses_are_expected_in_proportion():
     assert counts.iloc[0].tolist() == ["near", 4, 5.0]
 
 
-def test_exact_probability_of_a_smooth_law(crash_map, events, family):
-    lines = CrashLines.of(crash_map, events.lead_speed)
+def test_exact_probability_of_a_smooth_law(crash_map, records, family):
+    lines = CrashLines.of(crash_map, records.lead_speed)
     truth = crash_probability()
     law = family.law(Member())
     found = lines.probability(family.ranges, law)
@@ -210,16 +210,16 @@ def test_exact_probability_of_a_smooth_law(crash_map, events, family):
     assert np.all(speed > RATE * range_ * 0.98)
 
 
-def test_thinned_lines_are_unbiased(crash_map, events, family):
-    lines, law = CrashLines.of(crash_map, events.lead_speed), family.law(MEMBERS[1])
+def test_thinned_lines_are_unbiased(crash_map, records, family):
+    lines, law = CrashLines.of(crash_map, records.lead_speed), family.law(MEMBERS[1])
     whole, generator = lines.probability(family.ranges, law), np.random.default_rng(7)
     mass = lines.masses(family.ranges, family.law(Member()))
     drawn = [lines.thinned(mass, 60, generator).probability(family.ranges, law) for _ in range(60)]
     assert abs(np.mean(drawn) - whole) < 4 * np.std(drawn) / np.sqrt(60) + 1e-4 * whole
 
 
-def test_the_posterior_holds_the_truth_and_its_budget_adds_up(crash_map, events, family):
-    lines, generator = CrashLines.of(crash_map, events.lead_speed), np.random.default_rng(8)
+def test_the_posterior_holds_the_truth_and_its_budget_adds_up(crash_map, records, family):
+    lines, generator = CrashLines.of(crash_map, records.lead_speed), np.random.default_rng(8)
     weights = np.full((80, len(MEMBERS)), 1 / len(MEMBERS))
     posterior = draw_posterior({"crash": lines}, family, MEMBERS, weights, generator)["crash"]
     low, high = posterior.interval(0.95)
@@ -236,9 +236,13 @@ def test_a_budget_without_data_error_blames_the_choice():
 
 
 @pytest.fixture(scope="module")
-def encounters(events):
-    segment = np.array(["5-15", "15-25", "25-35"])[np.digitize(events.lead_speed, [15, 25])]
-    columns = {"lead_speed": events.lead_speed, "range": events.range_, "closing_speed": events.closing_speed}
+def encounters(records):
+    segment = np.array(["5-15", "15-25", "25-35"])[np.digitize(records.lead_speed, [15, 25])]
+    columns = {
+        "lead_speed": records.lead_speed,
+        "range": records.range_,
+        "closing_speed": records.closing_speed,
+    }
     return pd.DataFrame(columns).assign(segment=segment)
 
 
@@ -274,8 +278,8 @@ def test_a_dependent_law_is_read_back_as_it_was_written(law, encounters, tmp_pat
     again = read_law(tmp_path / "law.json", encounters)
     assert again == law
     z = np.random.default_rng(10).standard_normal((50, 3))
-    for name, values in vars(law.from_scores(z)).items():
-        np.testing.assert_array_equal(getattr(again.from_scores(z), name), values)
+    for name, values in vars(law.from_normal_scores(z)).items():
+        np.testing.assert_array_equal(getattr(again.from_normal_scores(z), name), values)
 
 
 def test_the_map_weighs_a_dependent_law_as_lines_do(law, crash_map, encounters, family):
@@ -285,8 +289,8 @@ def test_the_map_weighs_a_dependent_law_as_lines_do(law, crash_map, encounters, 
     assert lines.probability(family.ranges, law.speeds) == pytest.approx(exact.probability, rel=0.02)
 
 
-def test_an_independent_tail_is_one_distribution(events):
-    law = IndependentTail.fit(events, 0.95, Exponential())
+def test_an_independent_tail_is_one_distribution(records):
+    law = IndependentTail.fit(records, 0.95, Exponential())
     places = Places.of(np.array([8.0, 30.0]), np.array([30.0, 60.0]))
     given = law.given(places)
     for speed in (np.array([1.0, 1.0]), np.array([40.0, 60.0])):
@@ -296,8 +300,8 @@ def test_an_independent_tail_is_one_distribution(events):
         )
 
 
-def test_conditional_extremes_are_one_distribution_above_their_threshold(events, family):
-    law = ConditionalExtremes.fit(events, family.body, 0.9, Exponential())
+def test_conditional_extremes_are_one_distribution_above_their_threshold(records, family):
+    law = ConditionalExtremes.fit(records, family.body, 0.9, Exponential())
     places = Places.of(np.array([10.0]), np.array([40.0]))
     given, start = law.given(places), np.array([law.threshold])
     assert given.cumulative(start + 1e-9) == pytest.approx(
@@ -308,13 +312,13 @@ def test_conditional_extremes_are_one_distribution_above_their_threshold(events,
     assert added[0] == pytest.approx(4.0 / MEAN, rel=0.25)
 
 
-def test_the_study_car_has_crashes_at_short_range_first(events, family):
+def test_the_study_car_has_crashes_at_short_range_first(records, family):
     grid = Grid(5, 35, 75, 6, 12, 2, 45.0, 80)
     crash_map = map_crashes(AccAeb(), grid, [], np.random.default_rng(11))
-    lines = CrashLines.of(crash_map, events.lead_speed)
+    lines = CrashLines.of(crash_map, records.lead_speed)
     nearest = lines.start[np.argsort(lines.places.range_[lines.row])]
     assert nearest[:20].mean() < nearest[-20:].mean()
-    assert events.places.splines.shape == (SIZE, 72)
+    assert records.places.splines.shape == (SIZE, 72)
 
 
 def test_a_map_that_misses_crashes_of_the_records_is_refused():

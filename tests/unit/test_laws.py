@@ -34,7 +34,7 @@ def drawn(law, size=SIZE):
 
 def mapped(law, size=SIZE):
     """Return cut-ins at random normal scores, and the index of their stratum."""
-    cut_ins = law.from_scores(np.random.default_rng(2).standard_normal((size, 3)))
+    cut_ins = law.from_normal_scores(np.random.default_rng(2).standard_normal((size, 3)))
     return cut_ins, np.where(cut_ins.lead_speed < 10, 0, 1)
 
 
@@ -105,7 +105,7 @@ def test_normal_scores_are_mapped_as_rosenblatt_says(law):
     """Each coordinate is the quantile of its own score, also where one in 10^15 cut-ins lies."""
     scores = np.array([-6.0, -2.0, 0.0, 2.0, 8.0])
     z = np.stack(np.meshgrid([-1.5, 1.5], scores, scores), axis=-1).reshape(-1, 3)
-    cut_ins = law.from_scores(z)
+    cut_ins = law.from_normal_scores(z)
     for side, stratum in zip((-1.5, 1.5), law.strata.values(), strict=True):
         here = z[:, 0] == side
         place = cut_ins.lead_speed[here], cut_ins.inverse_range[here]
@@ -117,7 +117,7 @@ def test_normal_scores_are_mapped_as_rosenblatt_says(law):
         np.testing.assert_allclose(
             stratum.second(*place, cut_ins.closing_speed[here]), expected[1], rtol=1e-9
         )
-    assert not np.any(law.from_scores(z[:0]).lead_speed)
+    assert not np.any(law.from_normal_scores(z[:0]).lead_speed)
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
@@ -213,7 +213,7 @@ def test_one_stratum_is_a_law_of_its_own(law, name):
     cut_ins, index = drawn(alone)
     assert set(index) == {0}
     assert kstest(cut_ins.lead_speed, law.strata[name].lead_speed.cdf).pvalue > DOUBTFUL
-    scored = alone.from_scores(np.array([[-9.0, 0, 0], [9.0, 0, 0]])).lead_speed
+    scored = alone.from_normal_scores(np.array([[-9.0, 0, 0], [9.0, 0, 0]])).lead_speed
     speeds = law.strata[name].lead_speed
     assert scored.tolist() == [speeds.lower, speeds.upper]
     with pytest.raises(KeyError):

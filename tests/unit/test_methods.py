@@ -117,7 +117,7 @@ def test_a_dishonest_method_would_be_noticed():
         for estimate in honest
     ]
     assert not fits(narrow, truth)
-    other_shares = dataclasses.replace(LAW, events={"slow": 1, "fast": 9})
+    other_shares = dataclasses.replace(LAW, counts={"slow": 1, "fast": 9})
     assert not fits(estimates("single", dataclasses.replace(PROBLEM, law=other_shares)), truth)
     found = {name: single.search(PROBLEM, name, np.random.default_rng(1)).proposal for name in LAW.strata}
     forgetful = [

@@ -98,19 +98,19 @@ def test_without_marginals_the_scores_are_the_inputs():
 
 def test_lead_speeds_run_through_the_segments_in_their_shares():
     z = np.sort(normal_scores(1), axis=0) * [1, 0, 0]
-    speed = LAW.from_scores(z).lead_speed
+    speed = LAW.from_normal_scores(z).lead_speed
     assert (np.diff(speed) >= 0).all()
     expected = {v: SHARES[name] / len(values) for name, values in SPEEDS.items() for v in values}
     values, counts = np.unique(speed, return_counts=True)
     assert values.tolist() == [*expected]
     assert chisquare(counts, SIZE * np.array([*expected.values()])).pvalue > DOUBTFUL
     assert chisquare(counts, np.full(len(counts), SIZE / len(counts))).pvalue < 1e-20
-    far = LAW.from_scores(np.array([[-40.0, 0, 0], [40.0, 0, 0]]))
+    far = LAW.from_normal_scores(np.array([[-40.0, 0, 0], [40.0, 0, 0]]))
     assert far.lead_speed.tolist() == [6.0, 34.0]
 
 
 def test_cut_ins_have_the_laws_of_their_segment():
-    cut_ins = LAW.from_scores(normal_scores(3, seed=8))
+    cut_ins = LAW.from_normal_scores(normal_scores(3, seed=8))
     assert kstest(LAW.inverse_range.cdf(cut_ins.inverse_range), "uniform").pvalue > DOUBTFUL
     for name, law in LAW.inverse_ttc.items():
         here = cut_ins.inverse_ttc[np.isin(cut_ins.lead_speed, SPEEDS[name])]
@@ -123,7 +123,7 @@ def test_the_score_of_a_cut_in_is_shown_only_where_it_is_graded():
     z = normal_scores(3)[:100]
     assert PROBLEM.dimension == 3
     happened, score = PROBLEM.evaluate(z)
-    inverse_ttc = LAW.from_scores(z).inverse_ttc
+    inverse_ttc = LAW.from_normal_scores(z).inverse_ttc
     np.testing.assert_array_equal(happened, inverse_ttc > 0.1)
     np.testing.assert_allclose(score, 1 / inverse_ttc, rtol=1e-12)
     flags, nothing = replace(PROBLEM, graded=False).evaluate(z)
@@ -138,7 +138,7 @@ def test_one_stratum_is_a_problem_of_its_own():
     alone = PROBLEM.only("middle")
     assert (alone.vehicle, alone.event, alone.graded) == (PROBLEM.vehicle, CRASH, True)
     assert dict(alone.law.shares) == {"middle": 1.0}
-    cut_ins = alone.law.from_scores(normal_scores(3))
+    cut_ins = alone.law.from_normal_scores(normal_scores(3))
     assert set(cut_ins.lead_speed) == {16.0, 24.0}
     happened, _ = alone.evaluate(normal_scores(3))
     exact = np.exp(-15 * 0.1)
@@ -187,7 +187,7 @@ FINGERPRINTED = {
     "another cap": replace(PROBLEM, law=replace(LAW, closing_speed_max=20.0)),
     "another distribution": replace(PROBLEM, law=replace(LAW, inverse_range=Pareto(2.0, 1 / 75))),
     "another rate": replace(PROBLEM, law=replace(LAW, inverse_range=BoundedExponential(50.0001, 1 / 75))),
-    "other shares": replace(PROBLEM, law=replace(LAW, events=LAW.events | {"slow": 6})),
+    "other shares": replace(PROBLEM, law=replace(LAW, counts=LAW.counts | {"slow": 6})),
     "other speeds": replace(
         PROBLEM, law=replace(LAW, lead_speeds=LAW.lead_speeds | {"slow": Empirical([6.0, 9.0])})
     ),

@@ -154,7 +154,7 @@ def test_laws_of_few_records_have_tails_above_thresholds_that_some_exceed(record
     levels = {member.level for member in weighted.members} - {None}
     assert levels < set(LEVELS)
     assert all(weighted.family.exceedances[level].index.size >= FEWEST for level in levels)
-    assert np.isfinite(weighted.scores).all()
+    assert np.isfinite(weighted.log_scores).all()
     assert weighted.weights.sum(axis=1) == pytest.approx(1)
 
 
@@ -170,7 +170,7 @@ def test_a_rival_whose_fit_overflows_has_no_scores(recorded, monkeypatch):
 
     rows = recorded.iloc[:: len(recorded) // 200].assign(range=lambda table: 1 / table["inverse_range"])
     weighted = weight_laws(DistinctRecords.of(rows), np.random.default_rng(1), draws=20, members=(Member(),))
-    monkeypatch.setattr(law_scores, "regions", lambda events, _: {"all": np.zeros(events.size)})
+    monkeypatch.setattr(law_scores, "regions", lambda records, _: {"all": np.zeros(records.size)})
     monkeypatch.setattr(law_scores, "rivals", lambda *_: {"a regression": lambda _: Overflown()})
     with pytest.warns(UserWarning, match="a regression cannot be fitted, and has no scores: its parameters"):
         scores, crps = law_scores.score_laws(weighted, AccAeb())

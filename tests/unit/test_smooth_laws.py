@@ -32,7 +32,7 @@ def mean_speed(lead_speed, range_):
 
 
 @pytest.fixture(scope="module")
-def events():
+def records():
     generator = np.random.default_rng(1)
     lead_speed = generator.uniform(5, 35, SIZE)
     range_ = 75 * generator.uniform(0.01, 1, SIZE) ** 0.5  # P(R < r) rises with r^2
@@ -42,8 +42,8 @@ def events():
 
 
 @pytest.fixture(scope="module")
-def family(events):
-    return Fitter(events, members_at((0.9, 0.95))).fit()
+def family(records):
+    return Fitter(records, members_at((0.9, 0.95))).fit()
 
 
 def test_splines_add_up_to_one_and_are_constant_beyond_their_ends():
@@ -73,13 +73,13 @@ def test_array_products_equal_those_of_the_large_design_matrix():
     )
 
 
-def test_time_at_risk_adds_up_to_all_closing_speeds(events):
-    data = speed_grid().count(events.lead_speed, np.sqrt(events.range_), events.closing_speed)
-    assert data.events.sum() == SIZE
-    np.testing.assert_allclose(data.exposure.sum(), events.closing_speed.sum(), rtol=1e-10)
+def test_time_at_risk_adds_up_to_all_closing_speeds(records):
+    data = speed_grid().count(records.lead_speed, np.sqrt(records.range_), records.closing_speed)
+    assert data.counts.sum() == SIZE
+    np.testing.assert_allclose(data.exposure.sum(), records.closing_speed.sum(), rtol=1e-10)
 
 
-def test_a_smooth_hazard_finds_the_law_it_was_drawn_from(events, family):
+def test_a_smooth_hazard_finds_the_law_it_was_drawn_from(records, family):
     places = Places.of(np.array([10.0, 20.0, 30.0]), np.array([60.0, 40.0, 20.0]))
     at = np.array([3.0, 2.0, 1.0])
     found = places.body(family.body).at(at)
@@ -87,10 +87,10 @@ def test_a_smooth_hazard_finds_the_law_it_was_drawn_from(events, family):
     np.testing.assert_allclose(found, at / mean_speed(places.lead_speed, places.range_), rtol=0.12)
 
 
-def test_without_time_at_risk_the_hazard_would_be_wrong(events):
+def test_without_time_at_risk_the_hazard_would_be_wrong(records):
     grid = speed_grid()
-    data = grid.count(events.lead_speed, np.sqrt(events.range_), events.closing_speed)
-    wrong = Binned(data.events, np.full_like(data.exposure, data.exposure.mean()))
+    data = grid.count(records.lead_speed, np.sqrt(records.range_), records.closing_speed)
+    wrong = Binned(data.counts, np.full_like(data.exposure, data.exposure.mean()))
     places, at = Places.of(np.array([20.0]), np.array([40.0])), np.array([4.0])
     truth = at / mean_speed(places.lead_speed, places.range_)
     assert abs(places.body(fit_hazard(grid, wrong)).at(at) / truth - 1) > 0.3
@@ -177,9 +177,9 @@ def test_draws_of_a_fit_spread_as_their_covariance_says():
     assert abs(drawn.std() / 0.05 - 1) < 0.06  # 1 / sqrt(400), to five standard errors
 
 
-def test_a_threshold_is_exceeded_as_often_as_its_level_says(events, family):
+def test_a_threshold_is_exceeded_as_often_as_its_level_says(records, family):
     threshold = family.thresholds[0.9]
-    share = np.mean(events.closing_speed > threshold(events.lead_speed, events.range_))
+    share = np.mean(records.closing_speed > threshold(records.lead_speed, records.range_))
     assert abs(share - 0.1) < 4 * np.sqrt(0.09 / SIZE)
 
 
@@ -200,8 +200,8 @@ def test_every_law_of_the_family_is_one_distribution_through_body_and_tail(famil
         assert np.isinf(given.cumulative(np.full(3, np.inf))).all()
 
 
-def test_refits_without_a_block_differ_and_those_without_nothing_do_not(events, family):
-    fitter = Fitter(events, members_at((0.9, 0.95)))
+def test_refits_without_a_block_differ_and_those_without_nothing_do_not(records, family):
+    fitter = Fitter(records, members_at((0.9, 0.95)))
     same = fitter.refit(family, np.array([], dtype=int))
     np.testing.assert_allclose(same.body.coefficients, family.body.coefficients, atol=0.05)
     other = fitter.refit(family, np.arange(3000))

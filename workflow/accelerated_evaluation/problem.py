@@ -124,7 +124,7 @@ class Problem:
 
     def evaluate(self, z: Array) -> Response:
         """Simulate the cut-ins at normal scores, shape (n, 3); see `ScoreProblem.evaluate`."""
-        outcomes = self.simulate(self.law.from_scores(z))
+        outcomes = self.simulate(self.law.from_normal_scores(z))
         return self.event.happens(outcomes), self.event.score(outcomes) if self.graded else None
 
     def sample(self, stratum: str, proposal: Factors, generator: np.random.Generator, size: int) -> Sample:

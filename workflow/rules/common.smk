@@ -101,12 +101,12 @@ def simulating(*names: str) -> tuple[int, dict]:
     """
     settings = config["simulations"]
     slow = any(is_slow(VEHICLES[name]["name"], settings) for name in names)
-    told = {
+    own = {
         key: value
         for key, value in settings.items()
         if key != "workers" and (slow or key == "keep_class")
     }
-    return settings["workers"] if slow else 1, told
+    return settings["workers"] if slow else 1, own
 
 
 WORKERS, SIMULATIONS = simulating("under_test")

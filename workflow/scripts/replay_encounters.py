@@ -18,14 +18,14 @@ if __name__ == "__main__":
         files, params, outputs = snakemake.input, snakemake.params, snakemake.output
         encounters = read_encounters(files.encounters)
         law = read_law(files.law, encounters)
-        events = DistinctRecords.of(encounters, law.support)
-        lines = CrashLines.of(read_crash_map(files.map), events.lead_speed, support=law.support)
+        records = DistinctRecords.of(encounters, law.support)
+        lines = CrashLines.of(read_crash_map(files.map), records.lead_speed, support=law.support)
         generator = child_generator(params.seed, "happened")
         simulations = params.simulations | {"workers": snakemake.threads}
         with all_loaded(params.vehicles, simulations) as vehicles:
             vehicle = vehicles[params.tested]
-            shown = [ways_to_crash(lines, law, vehicle, generator), nearest_records(events, vehicle)]
+            shown = [ways_to_crash(lines, law, vehicle, generator), nearest_records(records, vehicle)]
             happened = pd.concat([table for table in shown if len(table)], ignore_index=True)
             write_csv(outputs.encounters, happened)
             write_csv(outputs.traces, traces_of(happened, vehicle))
-            write_csv(outputs.preventable, preventable(vehicles, law, events.lead_speed))
+            write_csv(outputs.preventable, preventable(vehicles, law, records.lead_speed))

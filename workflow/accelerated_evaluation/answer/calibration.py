@@ -58,12 +58,12 @@ def cells(range_max: float = SUPPORT.range_max) -> list[Cell]:
     ]
 
 
-def cell_counts(events: DistinctRecords, law: GivenLaw) -> pd.DataFrame:
+def cell_counts(records: DistinctRecords, law: GivenLaw) -> pd.DataFrame:
     """Count records in the cells, and what a law expects there, given their lead speeds and ranges.
 
     Parameters
     ----------
-    events
+    records
         Distinct cut-ins.
     law
         The law of the closing speed at their lead speeds and ranges.
@@ -74,10 +74,10 @@ def cell_counts(events: DistinctRecords, law: GivenLaw) -> pd.DataFrame:
         Columns ``where``, ``recorded`` and ``expected``.
     """
     rows = []
-    for cell in cells(events.support.range_max):
-        beside = cell.beside(events.range_)
-        low, high = (np.full(events.size, speed) for speed in cell.closing_speed)
-        inside = beside & (events.closing_speed >= low) & (events.closing_speed < high)
+    for cell in cells(records.support.range_max):
+        beside = cell.beside(records.range_)
+        low, high = (np.full(records.size, speed) for speed in cell.closing_speed)
+        inside = beside & (records.closing_speed >= low) & (records.closing_speed < high)
         expected = np.exp(-law.cumulative(low)) - np.exp(-law.cumulative(high))
         rows.append((cell.name, int(inside.sum()), float(expected[beside].sum())))
     return pd.DataFrame(rows, columns=["where", "recorded", "expected"])

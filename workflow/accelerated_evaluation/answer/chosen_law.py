@@ -76,20 +76,20 @@ def choose_law(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any])
 
 def _smooth(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any]) -> DependentLaw:
     """Fit one law with dependence, or all, to find the one that the records bear out best."""
-    events = DistinctRecords.of(encounters, Support.configured(config))
+    records = DistinctRecords.of(encounters, Support.configured(config))
     if choice == ANSWER:
         generator = child_generator(config["seed"], "laws", "weigh")
-        weighted = weight_laws(events, generator, draws=config["answer"]["draws"])
-        return DependentLaw.fitted(weighted.family, weighted.heaviest, encounters, events.support)
-    family = Fitter(events, tuple(dict.fromkeys((Member(), SMOOTH[choice])))).fit()
+        weighted = weight_laws(records, generator, draws=config["answer"]["draws"])
+        return DependentLaw.fitted(weighted.family, weighted.heaviest, encounters, records.support)
+    family = Fitter(records, tuple(dict.fromkeys((Member(), SMOOTH[choice])))).fit()
     if SMOOTH[choice].level is not None and SMOOTH[choice] not in family.tails:
         raise InputError(
             "--law",
-            seen=f"{choice!r}, whose threshold fewer than ten of the {events.size:,} distinct records exceed",
+            seen=f"{choice!r}, whose threshold fewer than ten of the {records.size:,} records exceed",
             expected="a threshold that more records exceed",
             change=f"Choose a lower one, or {ANSWER}.",
         )
-    return DependentLaw.fitted(family, SMOOTH[choice], encounters, events.support)
+    return DependentLaw.fitted(family, SMOOTH[choice], encounters, records.support)
 
 
 def _of_file(path: str, encounters: pd.DataFrame) -> Law:

@@ -36,31 +36,31 @@ ERRORS = 2.5  # standard errors by which a refused law lies behind the best
 THIN_CRPS = 20
 
 
-def regions(events: DistinctRecords, vehicle: Vehicle) -> dict[str, Array]:
+def regions(records: DistinctRecords, vehicle: Vehicle) -> dict[str, Array]:
     """Return the boundaries of all regions [m/s] by the name of their column."""
-    inside = {f"inverse_ttc_{q:g}": q * events.range_ for q in INVERSE_TTC}
+    inside = {f"inverse_ttc_{q:g}": q * records.range_ for q in INVERSE_TTC}
     for ttc in SIMULATED_TTC:
-        boundary = time_to_collision_boundary(vehicle, ttc, events.support)
-        inside[f"simulated_ttc_{ttc:g}"] = boundary(events.lead_speed, events.range_)
+        boundary = time_to_collision_boundary(vehicle, ttc, records.support)
+        inside[f"simulated_ttc_{ttc:g}"] = boundary(records.lead_speed, records.range_)
     return inside
 
 
 def rivals(fitter: Fitter, family: LawFamily) -> dict[str, Callable[[DistinctRecords], FittedLaw]]:
     """Return how to fit each rival, the paper's law first."""
 
-    def extremes(events: DistinctRecords) -> ConditionalExtremes:
-        body = fit_hazard(fitter.grids[1], fitter.count_speeds(events), start=family.body)
-        return ConditionalExtremes.fit(events, body, EXTREME, Exponential())
+    def extremes(records: DistinctRecords) -> ConditionalExtremes:
+        body = fit_hazard(fitter.grids[1], fitter.count_speeds(records), start=family.body)
+        return ConditionalExtremes.fit(records, body, EXTREME, Exponential())
 
     fits = {
-        PAPER: lambda events: IndependentTail.fit(events, KNOT, Exponential()),
-        "independent, generalised 0.95": lambda events: IndependentTail.fit(events, KNOT, Generalised()),
+        PAPER: lambda records: IndependentTail.fit(records, KNOT, Exponential()),
+        "independent, generalised 0.95": lambda records: IndependentTail.fit(records, KNOT, Generalised()),
         f"conditional extremes {EXTREME:g}": extremes,
     }
     for regression in REGRESSIONS:
-        whole = fit_regression(regression, fitter.events)
-        fits[f"regression: {regression.name}"] = lambda events, r=regression, w=whole: fit_regression(
-            r, events, w
+        whole = fit_regression(regression, fitter.records)
+        fits[f"regression: {regression.name}"] = lambda records, r=regression, w=whole: fit_regression(
+            r, records, w
         )
     return fits
 
@@ -73,12 +73,12 @@ def score_laws(
     Returns
     -------
     scores : dict
-        Held-out log scores by law and region, shape (events,).
+        Held-out log scores by law and region, shape (records,).
     crps : dict
         Negative threshold-weighted CRPS by law, in the first region.
     """
     fitter, family = weighted.fitter, weighted.family
-    inside = regions(fitter.events, vehicle)
+    inside = regions(fitter.records, vehicle)
     first = dict([next(iter(inside.items()))])
     weighted = {"thin": THIN_CRPS, "score": threshold_weighted_crps}
     by_member = held_out_scores(fitter, family, inside)
@@ -89,8 +89,8 @@ def score_laws(
         crps[member.name] = next(iter(crps_by_member.values()))[place]
     for name, fit in tqdm(rivals(fitter, family).items(), desc="rivals", unit=" laws"):
         try:
-            of_rival = held_out(fit, fitter.events, inside)
-            crps_of_rival = next(iter(held_out(fit, fitter.events, first, **weighted).values()))
+            of_rival = held_out(fit, fitter.records, inside)
+            crps_of_rival = next(iter(held_out(fit, fitter.records, first, **weighted).values()))
             failed = "its parameters overflow" if np.isnan([*of_rival.values()]).any() else ""
         except (ConvergenceError, LinAlgError) as error:
             failed = str(error)
@@ -114,7 +114,7 @@ def law_table(
 
     Parameters
     ----------
-    weighed
+    weighted
         The family with its weights.
     scores, crps
         As `score_laws` returns them.
@@ -129,8 +129,8 @@ def law_table(
         ``probability``; ``refused``.
     """
     mean_weights = weighted.weights.mean(axis=0)
-    inside = weighted.events.closing_speed > region(weighted.events) * weighted.events.range_
-    stacked = stacking_weights(weighted.scores, inside)
+    inside = weighted.records.closing_speed > region(weighted.records) * weighted.records.range_
+    stacked = stacking_weights(weighted.log_scores, inside)
     names = [member.name for member in weighted.members]
     own = pd.DataFrame({"weight": mean_weights, "stacking": stacked}, index=names)
     together = {

@@ -78,7 +78,7 @@ def normal_scores(law: DependentLaw, lead_speed: Array, range_: Array, closing_s
     return np.column_stack([ndtri(rank), *(-ndtri_exp(-exponent) for exponent in exponents)])
 
 
-def nearest_records(events: DistinctRecords, vehicle: Vehicle) -> pd.DataFrame:
+def nearest_records(records: DistinctRecords, vehicle: Vehicle) -> pd.DataFrame:
     """Find the distinct records that come nearest to a crash when the vehicle replays them.
 
     Returns
@@ -87,7 +87,7 @@ def nearest_records(events: DistinctRecords, vehicle: Vehicle) -> pd.DataFrame:
         Columns SHOWN: ``kind`` is "record", and ``probability`` is NaN; crashes first, and then the others by
         the smallest time to collision.
     """
-    place = events.lead_speed, events.range_, events.closing_speed
+    place = records.lead_speed, records.range_, records.closing_speed
     outcomes = vehicle.simulate(*place)
     order = np.lexsort([CRASH.score(outcomes), -outcomes.impact_speed, ~outcomes.crash])[:WAYS]
     table = pd.DataFrame(dict(zip(PLACE, (column[order] for column in place), strict=True)))

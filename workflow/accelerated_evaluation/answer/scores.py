@@ -46,7 +46,7 @@ Score = Callable[[GivenLaw, Array, Array], Array]
 
 
 def contiguous_blocks(size: int, blocks: int = BLOCKS) -> NDArray[np.int_]:
-    """Return the block of each of ``size`` events, in the order of the record."""
+    """Return the block of each of ``size`` records, in the order of the record."""
     return np.arange(size) * blocks // size
 
 
@@ -84,21 +84,21 @@ def held_out_scores(
     Parameters
     ----------
     fitter, family
-        The events with what fits need, and the fit to all of them, from which refits start.
+        The records with what fits need, and the fit to all of them, from which refits start.
     regions
-        Boundaries of closing speeds [m/s] by name, each of shape (events,).
+        Boundaries of closing speeds [m/s] by name, each of shape (records,).
     blocks
         Number of contiguous blocks.
     thin
-        Of the events outside all regions, whose scores are all alike, only every so many are scored and stand
-        for the others; saves time where many sets of events are scored.
+        Of the records outside all regions, whose scores are all alike, only every so many are scored and
+        stand for the others; this saves time where many sets of records are scored.
     score
         Of a law at records, given the boundary of a region.
 
     Returns
     -------
     dict
-        Scores by region, shape (members, events).
+        Scores by region, shape (members, records).
     """
 
     def laws_without(left_out: Array, places: Places) -> list[GivenLaw]:
@@ -106,7 +106,7 @@ def held_out_scores(
         below = places.body(refit.body)
         return [refit.law(member).given(places, below) for member in fitter.members]
 
-    return _score_blocks(laws_without, len(fitter.members), fitter.events, regions, blocks, thin, score)
+    return _score_blocks(laws_without, len(fitter.members), fitter.records, regions, blocks, thin, score)
 
 
 def thinned_times(inside: NDArray[np.bool_], thin: int) -> NDArray[np.int_]:
@@ -116,7 +116,7 @@ def thinned_times(inside: NDArray[np.bool_], thin: int) -> NDArray[np.int_]:
 
 def held_out(
     fit: Callable[[DistinctRecords], FittedLaw],
-    events: DistinctRecords,
+    records: DistinctRecords,
     regions: Mapping[str, Array],
     blocks: int = BLOCKS,
     thin: int = 1,
@@ -127,8 +127,8 @@ def held_out(
     Parameters
     ----------
     fit
-        Takes events and returns the law.
-    events
+        Takes records and returns the law.
+    records
         Distinct cut-ins in the order of the record.
     regions, blocks, thin, score
         As there.
@@ -136,36 +136,40 @@ def held_out(
     Returns
     -------
     dict
-        Scores by region, shape (events,).
+        Scores by region, shape (records,).
     """
 
     def law_without(left_out: Array, places: Places) -> list[GivenLaw]:
-        kept = np.setdiff1d(np.arange(events.size), left_out)
-        return [fit(events.only(kept)).given(places)]
+        kept = np.setdiff1d(np.arange(records.size), left_out)
+        return [fit(records.only(kept)).given(places)]
 
-    scores = _score_blocks(law_without, 1, events, regions, blocks, thin, score)
+    scores = _score_blocks(law_without, 1, records, regions, blocks, thin, score)
     return {name: rows[0] for name, rows in scores.items()}
 
 
 def _score_blocks(
     laws_without: Callable[[Array, Places], list[GivenLaw]],
     laws: int,
-    events: DistinctRecords,
+    records: DistinctRecords,
     regions: Mapping[str, Array],
     blocks: int,
     thin: int,
     score: Score,
 ) -> dict[str, Array]:
-    """Score laws, fitted without the events of a block and given at their places, on each block in turn."""
-    block = contiguous_blocks(events.size, blocks)
-    inside = np.any([events.closing_speed > boundary for boundary in regions.values()], axis=0)
+    """Score laws, fitted without the records of a block and given at their places, on each block in turn."""
+    block = contiguous_blocks(records.size, blocks)
+    inside = np.any([records.closing_speed > boundary for boundary in regions.values()], axis=0)
     times = thinned_times(inside, thin)
-    scores = {name: np.zeros((laws, events.size)) for name in regions}
+    scores = {name: np.zeros((laws, records.size)) for name in regions}
     for number in range(blocks):
         out = np.flatnonzero((block == number) & (times > 0))
-        for place, given in enumerate(laws_without(np.flatnonzero(block == number), events.only(out).places)):
+        for place, given in enumerate(
+            laws_without(np.flatnonzero(block == number), records.only(out).places)
+        ):
             for name, boundary in regions.items():
-                scores[name][place, out] = times[out] * score(given, events.closing_speed[out], boundary[out])
+                scores[name][place, out] = times[out] * score(
+                    given, records.closing_speed[out], boundary[out]
+                )
     return scores
 
 

@@ -15,7 +15,7 @@ from accelerated_evaluation.answer.summary import (
     answer_table,
     is_supported,
     quality_table,
-    readings,
+    record_variants,
     threshold_table,
     vehicle_table,
 )
@@ -55,7 +55,7 @@ class LawStudy:
         Encounter table in the order of the record.
     vehicles
         By name, the car under test first.
-    weighed
+    weighted
         The family with its weights.
     lines
         Its map by event, for distinct lead speeds, and the crashes of the other vehicles.
@@ -102,14 +102,14 @@ class LawStudy:
         support
             Limits of the records.
         """
-        events = DistinctRecords.of(encounters, support)
+        records = DistinctRecords.of(encounters, support)
         (_, own), *others = maps.items()
-        speeds, named = events.lead_speed, {event_name(event): event for event in sorted(own.events)}
+        speeds, named = records.lead_speed, {event_name(event): event for event in sorted(own.events)}
         lines = {name: CrashLines.of(own, speeds, event, support) for name, event in named.items()}
         lines |= {
             f"crash of {name}": CrashLines.of(mapped, speeds, support=support) for name, mapped in others
         }
-        weighted = weight_laws(events, generator, draws=draws)
+        weighted = weight_laws(records, generator, draws=draws)
         thinned = {name: weighted.thinned(part, generator) for name, part in lines.items()}
         return cls(encounters, vehicles, weighted, lines, thinned, named)
 
@@ -123,15 +123,15 @@ class LawStudy:
         generator
             Draws the closing speeds.
         """
-        events, family = self.weighted.events, self.family
+        records, family = self.weighted.records, self.family
         for name, vehicle in self.vehicles.items():
             crash = "crash" if vehicle is self.vehicle else f"crash of {name}"
             lines = self.thinned[crash]
             of_laws = {m: lines.probability(family.ranges, family.law(m)) for m in self.weighted.members}
             recorded = int(self.replayed(vehicle).crash.sum())
-            if not is_supported(recorded, events.size * self.weighted.mean(of_laws)):
+            if not is_supported(recorded, records.size * self.weighted.mean(of_laws)):
                 sampled = sample_crashes(vehicle, maps[name], generator)
-                self.lines[crash] = CrashLines.of(sampled, events.lead_speed, support=events.support)
+                self.lines[crash] = CrashLines.of(sampled, records.lead_speed, support=records.support)
                 self.thinned[crash] = self.weighted.thinned(self.lines[crash], generator)
                 self.sampled.add(crash)
 
@@ -159,8 +159,8 @@ class LawStudy:
 
     def replayed(self, vehicle: Vehicle) -> Outcomes:
         """Replay the distinct records with a vehicle."""
-        events = self.weighted.events
-        return vehicle.simulate(events.lead_speed, events.range_, events.closing_speed)
+        records = self.weighted.records
+        return vehicle.simulate(records.lead_speed, records.range_, records.closing_speed)
 
     def laws(self) -> pd.DataFrame:
         """Table ``laws``; see `law_scores.law_table`."""
@@ -169,11 +169,11 @@ class LawStudy:
 
     def calibration(self) -> pd.DataFrame:
         """Table ``calibration``: ``law`` and the columns of `calibration.with_limits`."""
-        events, family = self.weighted.events, self.family
-        places, outcomes = events.places, self.replayed(self.vehicle)
+        records, family = self.weighted.records, self.family
+        places, outcomes = records.places, self.replayed(self.vehicle)
         below = places.body(family.body)
         by_member = {
-            m: cell_counts(events, family.law(m).given(places, below)) for m in self.weighted.members
+            m: cell_counts(records, family.law(m).given(places, below)) for m in self.weighted.members
         }
         near = {name: self.probabilities(name) for name in self.events}
         recorded = {name: int(event.happens(outcomes).sum()) for name, event in self.events.items()}
@@ -183,14 +183,14 @@ class LawStudy:
         tables = {
             TOGETHER: [
                 together,
-                near_miss_counts(recorded, {n: self.weighted.mean(p) for n, p in near.items()}, events.size),
+                near_miss_counts(recorded, {n: self.weighted.mean(p) for n, p in near.items()}, records.size),
             ]
         }
         for member in self.shown:
             of_member = {name: values[member] for name, values in near.items()}
-            tables[member.name] = [by_member[member], near_miss_counts(recorded, of_member, events.size)]
-        independent = IndependentTail.fit(events, KNOT, Exponential())
-        tables[PAPER] = [cell_counts(events, independent.given(places))]
+            tables[member.name] = [by_member[member], near_miss_counts(recorded, of_member, records.size)]
+        independent = IndependentTail.fit(records, KNOT, Exponential())
+        tables[PAPER] = [cell_counts(records, independent.given(places))]
         rows = [
             with_limits(pd.concat(parts, ignore_index=True)).assign(law=law) for law, parts in tables.items()
         ]
@@ -213,13 +213,13 @@ class LawStudy:
         return pd.concat(parts, ignore_index=True)
 
     def _largest(self, range_: float) -> float:
-        events = self.weighted.events
-        return float(events.closing_speed[np.abs(events.range_ - range_) < LIKE_RANGE].max(initial=0.0))
+        records = self.weighted.records
+        return float(records.closing_speed[np.abs(records.range_ - range_) < LIKE_RANGE].max(initial=0.0))
 
     def representative(self) -> DependentLaw:
         """Return the law of the largest weight, from which methods that need one law draw."""
         weighted = self.weighted
-        return DependentLaw.fitted(self.family, weighted.heaviest, self.encounters, weighted.events.support)
+        return DependentLaw.fitted(self.family, weighted.heaviest, self.encounters, weighted.records.support)
 
     def answers(
         self, exposure: Mapping[str, float | None], half_width: float, generator: np.random.Generator
@@ -243,7 +243,7 @@ class LawStudy:
             ``crash_places``.
         """
         posteriors = self.weighted.draw(self.thinned, generator)
-        cut_ins, kilometres = self.weighted.events.size, exposure["kilometres"]
+        cut_ins, kilometres = self.weighted.records.size, exposure["kilometres"]
         per_km = None if kilometres is None else cut_ins / kilometres
         own = {name: posteriors[name] for name in self.events}
         crashes = {
@@ -266,12 +266,12 @@ class LawStudy:
         """Return the table of vehicles, of which replayed records have to bear out the maps."""
         vehicles = zip(posteriors, self.vehicles.values(), strict=True)
         recorded = {name: int(self.replayed(vehicle).crash.sum()) for name, vehicle in vehicles}
-        table = vehicle_table(posteriors, recorded, self.weighted.events.size, REFERENCE)
+        table = vehicle_table(posteriors, recorded, self.weighted.records.size, REFERENCE)
         crashes = ["crash" if name == UNDER_TEST else f"crash of {name}" for name in table["vehicle"]]
         return table.assign(scan=["random" if crash in self.sampled else "refined" for crash in crashes])
 
     def quality(self, outlier_rows: list[int], draws: int, generator: np.random.Generator) -> pd.DataFrame:
-        """Return the table of what other readings of the records do to the answer.
+        """Return the table of what other variants of the records do to the answer.
 
         Parameters
         ----------
@@ -284,7 +284,9 @@ class LawStudy:
         """
         names = ("lead_speed", "range", "closing_speed")
         replayed = self.vehicle.simulate(*(self.encounters[name].to_numpy() for name in names))
-        choices = readings(self.encounters, replayed.crash, outlier_rows, self.weighted.events.support)
+        choices = record_variants(
+            self.encounters, replayed.crash, outlier_rows, self.weighted.records.support
+        )
         return quality_table(choices, self.weighted, self.thinned["crash"], draws, generator)
 
 

@@ -123,7 +123,7 @@ def threshold_table(
     return pd.DataFrame(rows, columns=["level", *SUMMARY])
 
 
-def readings(
+def record_variants(
     encounters: pd.DataFrame, crashed: Array, outlier_rows: list[int], support: Support = SUPPORT
 ) -> dict[str, DistinctRecords]:
     """Return the records as other choices of data quality leave them.
@@ -172,7 +172,7 @@ def quality_table(
     Parameters
     ----------
     choices
-        Events by the reading; see `readings`.
+        Distinct records by variant; see `record_variants`.
     start
         The fit of the answer, from which the others start and whose smoothing they keep.
     lines
@@ -189,12 +189,12 @@ def quality_table(
         left.
     """
     rows = []
-    for reading, events in tqdm(choices.items(), desc="data quality", unit=" readings"):
-        if events.size < MINIMUM_ROWS:
-            rows.append({"reading": reading, "events": events.size})
+    for reading, records in tqdm(choices.items(), desc="data quality", unit=" readings"):
+        if records.size < MINIMUM_ROWS:
+            rows.append({"reading": reading, "events": records.size})
             continue
         same = deepcopy(generator)  # the same random numbers for every reading
-        weighted = weight_laws(events, same, draws=draws, members=start.members, start=start.family)
+        weighted = weight_laws(records, same, draws=draws, members=start.members, start=start.family)
         posterior = weighted.draw({"crash": lines}, same)["crash"]
-        rows.append({"reading": reading, "events": events.size} | summarise(posterior))
+        rows.append({"reading": reading, "events": records.size} | summarise(posterior))
     return pd.DataFrame(rows)

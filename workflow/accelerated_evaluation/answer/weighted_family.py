@@ -26,22 +26,22 @@ class WeightedLaws:
     Attributes
     ----------
     fitter, family
-        The events, and the fit to all of them.
-    scores
-        Held-out log scores censored to TTC^-1 above that of `region`, shape (members, events).
+        The records, and the fit to all of them.
+    log_scores
+        Held-out log scores censored to TTC^-1 above that of `region`, shape (members, records).
     weights
         Draws of the weights, shape (draws, members).
     """
 
     fitter: Fitter
     family: LawFamily
-    scores: Array
+    log_scores: Array
     weights: Array
 
     @property
-    def events(self) -> DistinctRecords:
+    def records(self) -> DistinctRecords:
         """The distinct cut-ins."""
-        return self.fitter.events
+        return self.fitter.records
 
     @property
     def members(self) -> tuple[Member, ...]:
@@ -85,13 +85,13 @@ class WeightedLaws:
         return draw_posterior(lines, self.family, self.members, chosen, generator)
 
 
-def region(events: DistinctRecords) -> float:
+def region(records: DistinctRecords) -> float:
     """Return the TTC^-1 [1/s] above which laws are weighed: `REGION`, or less if it holds few records."""
-    return min(REGION, float(np.quantile(events.closing_speed / events.range_, 1 - REGION_SHARE)))
+    return min(REGION, float(np.quantile(records.closing_speed / records.range_, 1 - REGION_SHARE)))
 
 
 def weight_laws(
-    events: DistinctRecords,
+    records: DistinctRecords,
     generator: np.random.Generator,
     *,
     draws: int = DRAWS,
@@ -103,7 +103,7 @@ def weight_laws(
 
     Parameters
     ----------
-    events
+    records
         Distinct cut-ins in the order of the record.
     generator
         Draws the weights.
@@ -114,13 +114,13 @@ def weight_laws(
     blocks
         Number of contiguous blocks that are held out in turn.
     start
-        An earlier fit to like events, whose smoothing parameters are kept.
+        An earlier fit to like records, whose smoothing parameters are kept.
     """
-    fitter = Fitter(events, members)
-    family, boundary = fitter.fit(start), region(events) * events.range_
+    fitter = Fitter(records, members)
+    family, boundary = fitter.fit(start), region(records) * records.range_
     fitted = tuple(member for member in members if member.level is None or member in family.tails)
     if fitted != members:
-        fitter = Fitter(events, fitted)
+        fitter = Fitter(records, fitted)
     scores = held_out_scores(fitter, family, {"region": boundary}, blocks)["region"]
-    weights = bootstrapped_weights(scores, events.closing_speed > boundary, draws, generator)
+    weights = bootstrapped_weights(scores, records.closing_speed > boundary, draws, generator)
     return WeightedLaws(fitter, family, scores, weights)

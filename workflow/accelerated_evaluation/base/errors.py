@@ -74,12 +74,12 @@ def explained(error: Exception) -> Exception:
 
 def unusable(error: Exception) -> Exception:
     """Return what tells a user which file or folder cannot be used; an error of no file as it is."""
-    told = explained(error)
-    if not isinstance(told, OSError) or not told.filename:
-        return told
+    cause = explained(error)
+    if not isinstance(cause, OSError) or not cause.filename:
+        return cause
     return InputError(
-        str(told.filename),
-        seen=f'"{told.strerror}"',
+        str(cause.filename),
+        seen=f'"{cause.strerror}"',
         expected="a file that can be read, or a folder in which files can be made",
         change="Name another.",
     )

@@ -105,6 +105,6 @@ def cut(text: str) -> str:
 
 
 def _unreadable(path: str | os.PathLike, reason: object, expected: str) -> InputError:
-    told = " ".join(str(reason).split())[:LONGEST_REASON]
-    seen = f"content that cannot be read ({told})"
+    shown = " ".join(str(reason).split())[:LONGEST_REASON]
+    seen = f"content that cannot be read ({shown})"
     return InputError(str(path), seen=seen, expected=expected, change="Mend the file or make it anew.")

@@ -48,7 +48,7 @@ class Levels:
     @classmethod
     def of(cls, model: IndependentLaw) -> "Levels":
         """Read them off a fitted model; the weight of its bodies, which may differ by ties, is pooled."""
-        bodies = [law.weights[0] * model.events[segment] for segment, law in model.inverse_ttc.items()]
+        bodies = [law.weights[0] * model.counts[segment] for segment, law in model.inverse_ttc.items()]
         # Where few rows have made the body of a segment simpler, the refit tries the richest one in all.
         fitted = [[PieceFamily.of(piece) for piece in law.components] for law in model.inverse_ttc.values()]
         body, tail = (
@@ -57,7 +57,7 @@ class Levels:
         )
         return cls(
             tuple(np.cumsum(model.inverse_range.weights[:-1]).tolist()),
-            sum(bodies) / sum(model.events.values()),
+            sum(bodies) / sum(model.counts.values()),
             PieceFamily.of(model.inverse_range.components[0]),
             body,
             tail,
@@ -99,13 +99,13 @@ def fit_for_crashes(
     families = [levels.pieces_of_range] * (len(levels.inverse_range) + 1)
     knots = usable_knots(inverse_range, knots_at_quantiles(inverse_range, levels.inverse_range))
     groups = encounters.groupby("segment")
-    events = {segment: len(rows) for segment, rows in groups}
+    counts = {segment: len(rows) for segment, rows in groups}
     return IndependentLaw(
         "refit",
-        events,
+        counts,
         fit_piecewise(inverse_range, 1 / range_max, knots, families),
         {segment: inverse_ttc(rows["inverse_ttc"].to_numpy()) for segment, rows in groups},
-        recorded_lead_speeds(encounters, events),
+        recorded_lead_speeds(encounters, counts),
         closing_speed_max,
     )
 

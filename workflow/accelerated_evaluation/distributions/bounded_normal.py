@@ -188,8 +188,8 @@ class BoundedNormal(Bounded):
         log_sf = np.logaddexp(log_above + log_ndtr(-a), log_below + log_ndtr(-b))
         # Each side is solved where it is the smaller, and so the more exact.
         side, smaller = np.where(log_cdf < log_sf, 1, -1), np.minimum(np.minimum(log_cdf, log_sf), 0)
-        score = side * ndtri_exp(smaller)
-        return np.clip(self.location + self.sd * score, self.lower, self.upper)
+        standardised = side * ndtri_exp(smaller)
+        return np.clip(self.location + self.sd * standardised, self.lower, self.upper)
 
     def mean(self) -> float:
         """Return E X."""

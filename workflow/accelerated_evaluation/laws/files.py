@@ -67,7 +67,7 @@ def _require_cut_ins(law: Law) -> None:
     if not law.closing_speed_max > 0:
         raise ValueError(f"closing speeds up to {law.closing_speed_max:g} m/s")
     with np.errstate(all="ignore"):
-        cut_ins = law.from_scores(np.array([*product(PLACES, repeat=3)]))
+        cut_ins = law.from_normal_scores(np.array([*product(PLACES, repeat=3)]))
     possible = (cut_ins.lead_speed >= 0) & (cut_ins.inverse_range > 0) & (cut_ins.inverse_ttc >= 0)
     if not (possible & np.isfinite([*vars(cut_ins).values()]).all(axis=0)).all():
         raise ValueError("cut-ins with a range that is not above 0, or with a speed below 0 or without end")

@@ -2,10 +2,10 @@
 
 A law is a mixture over strata of the lead speed v_L. In each stratum v_L is taken as it was recorded, and a
 cut-in is described by two coordinates that are independent of each other there. For the paper's laws the
-coordinates are R^-1 and TTC^-1 themselves. A law in which the closing speed depends on the range uses scores:
-the Rosenblatt map turns any pair of dependent variables into a pair of independent ones. All that follows,
-which is drawing, tilting, likelihood ratios, normal scores and probabilities of intervals, needs only the
-distributions of the two coordinates and the map between coordinates and cut-ins.
+coordinates are R^-1 and TTC^-1 themselves. A law in which the closing speed depends on the range uses
+unit-exponential coordinates: the Rosenblatt map turns any pair of dependent variables into a pair of
+independent ones. Drawing, tilting, likelihood ratios, normal scores and probabilities of intervals need only
+the distributions of the two coordinates and the map between coordinates and cut-ins.
 """
 
 from abc import ABC, abstractmethod
@@ -221,12 +221,12 @@ class Law(ABC):
         columns = (np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0]))
         return CutIns(*columns), np.repeat(np.arange(len(counts)), counts)
 
-    def stratum_of_scores(self, z: Array) -> NDArray[np.intp]:
+    def stratum_of_normal_scores(self, z: Array) -> NDArray[np.intp]:
         """Return the index of the stratum that each row of normal scores, shape (n, 3), belongs to."""
         share = np.array(list(self.shares.values()))
         return np.searchsorted(np.cumsum(share) - share, ndtr(z[:, 0]), side="right") - 1
 
-    def from_scores(self, z: Array) -> CutIns:
+    def from_normal_scores(self, z: Array) -> CutIns:
         """Map normal scores to cut-ins (Rosenblatt 1952).
 
         The score of v_L runs through the strata one after the other, so that a sampler in normal scores
@@ -242,7 +242,7 @@ class Law(ABC):
         CutIns
             Of shape (n,).
         """
-        u, index = ndtr(z[:, 0]), self.stratum_of_scores(z)
+        u, index = ndtr(z[:, 0]), self.stratum_of_normal_scores(z)
         share = np.array(list(self.shares.values()))
         before = np.cumsum(share) - share
         columns = np.empty((3, len(z)))

@@ -77,8 +77,8 @@ def with_cut_ins(runs: pd.DataFrame, problem: Problem) -> pd.DataFrame:
     """
     scores = [f"z_{k}" for k in (1, 2, 3)]
     z = runs[scores].to_numpy()
-    cut_ins = vars(problem.law.from_scores(z))
-    names = np.array([*problem.law.shares])[problem.law.stratum_of_scores(z)]
+    cut_ins = vars(problem.law.from_normal_scores(z))
+    names = np.array([*problem.law.shares])[problem.law.stratum_of_normal_scores(z)]
     renamed = runs.rename(columns={z: f"z_{name}" for z, name in zip(scores, cut_ins, strict=True)})
     return renamed.assign(**cut_ins, segment=names)
 

@@ -41,8 +41,8 @@ def job(log: str | os.PathLike) -> Iterator[None]:
         )
     except Exception as error:
         message = traceback.format_exc()
-        if (told := explained(error)) is not error:
-            message = f"error: {told}\n"
+        if (cause := explained(error)) is not error:
+            message = f"error: {cause}\n"
         elif is_disk_full(error):
             message = "error: no space left on the disk; free some and run the study again\n"
     if message:

@@ -177,7 +177,7 @@ class Campaign:
 
     def _choose(self, law: Law) -> None:
         """Let the sampler choose a batch; what lies beyond the limits is known to be no event within them."""
-        cut_ins = law.from_scores(self.sampler.ask(certify=self.sampler.is_narrow(self.goal)))
+        cut_ins = law.from_normal_scores(self.sampler.ask(certify=self.sampler.is_narrow(self.goal)))
         columns = cut_ins.lead_speed, cut_ins.range_, law.capped(cut_ins.closing_speed)
         within = self.limits.hold(*columns).tolist()
         first, batch = len(self.runs) + 1, self.batches + 1
@@ -213,11 +213,13 @@ class Campaign:
         InputError
             If a run contradicts what was told of it before; nothing is taken then.
         """
-        news = {number: told for number, told in results.items() if self.runs[number - 1].outcome != told}
+        news = {
+            number: outcome for number, outcome in results.items() if self.runs[number - 1].outcome != outcome
+        }
         for number in news:
             self._require_open(number, correct=correct)
-        for number, told in news.items():
-            self.runs[number - 1].outcome = told
+        for number, outcome in news.items():
+            self.runs[number - 1].outcome = outcome
         if news:
             self._hand_over()
         return len(news)

@@ -34,9 +34,9 @@ class DrivenOutcome:
 BEYOND = DrivenOutcome(False, note="beyond the limits, not to be driven")
 
 
-def outcomes_of(told: Iterable[DrivenOutcome]) -> Outcomes:
+def outcomes_of(driven: Iterable[DrivenOutcome]) -> Outcomes:
     """Return what was told of runs as outcomes; what was not measured is as harmless as the flag allows."""
-    rows = list(told)
+    rows = list(driven)
     crash = np.array([row.crash for row in rows])
 
     def column(name: str, unknown: Any) -> np.ndarray:  # noqa: ANN401
@@ -51,10 +51,10 @@ def outcomes_of(told: Iterable[DrivenOutcome]) -> Outcomes:
     )
 
 
-def outcome_in_words(told: DrivenOutcome) -> str:
+def outcome_in_words(driven: DrivenOutcome) -> str:
     """Return the outcome of a run for a message."""
-    words = ["crash" if told.crash else "no crash"]
+    words = ["crash" if driven.crash else "no crash"]
     for name in ("min_range", "min_ttc", "impact_speed"):
-        if getattr(told, name) is not None:
-            words.append(f"{name} {getattr(told, name):g}")
+        if getattr(driven, name) is not None:
+            words.append(f"{name} {getattr(driven, name):g}")
     return ", ".join(words)

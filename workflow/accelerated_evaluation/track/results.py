@@ -58,10 +58,10 @@ def read_results(path: str | os.PathLike, campaign: Campaign) -> dict[int, Drive
             continue
         where = f"{path}, row {row}"
         run = _run_of(given, campaign, where)
-        told = _driven_outcome(given, run, campaign.event, where)
-        if told is None:
+        outcome = _driven_outcome(given, run, campaign.event, where)
+        if outcome is None:
             continue
-        if results.setdefault(run.number, told) != told:
+        if results.setdefault(run.number, outcome) != outcome:
             seen = f"run {run.number} a second time, with another outcome"
             expected = f"{outcome_in_words(results[run.number])}, as in the row before"
             raise InputError(where, seen=seen, expected=expected, change="Remove the wrong row.")

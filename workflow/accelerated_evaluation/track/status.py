@@ -20,7 +20,7 @@ class Status:
 
     Attributes
     ----------
-    asked, told
+    asked, reported
         Runs that were asked for, and of how many the outcome is known.
     used
         Runs of whole batches, of which the estimate is made.
@@ -33,7 +33,7 @@ class Status:
     """
 
     asked: int
-    told: int
+    reported: int
     used: int
     spared: int
     estimate: Estimate
@@ -48,15 +48,15 @@ class Status:
 def status_of(campaign: Campaign) -> Status:
     """Say where a campaign stands; the open batch counts for nothing before it is whole."""
     to_drive = [run for run in campaign.runs if run.outcome != BEYOND]
-    told = sum(run.outcome is not None for run in to_drive)
+    reported = sum(run.outcome is not None for run in to_drive)
     # The open batch is one of which a run is outstanding.
     used = sum(run.batch < campaign.batches or not campaign.outstanding for run in to_drive)
     spared, estimate = len(campaign.runs) - len(to_drive), campaign.estimate()
     needed: int | None = 0
     if not estimate.converged:
         needed = forecast(estimate, campaign.sampler.batch_size, campaign.goal)
-        needed = None if needed is None else max(needed - (told - used), 0)
-    return Status(len(to_drive), told, used, spared, estimate, needed)
+        needed = None if needed is None else max(needed - (reported - used), 0)
+    return Status(len(to_drive), reported, used, spared, estimate, needed)
 
 
 def forecast(found: Estimate, batch_size: int, goal: Stopping) -> int | None:
@@ -95,8 +95,8 @@ def in_words(campaign: Campaign, status: Status) -> str:
     found, goal = status.estimate, campaign.goal
     lines = [
         f"event       {campaign.event.in_words}, under the law {campaign.description!r}",
-        f"runs        {status.asked} asked for, {status.told} told, "
-        f"{status.asked - status.told} outstanding; "
+        f"runs        {status.asked} asked for, {status.reported} told, "
+        f"{status.asked - status.reported} outstanding; "
         f"{found.events} with the event in the {status.used} runs of whole batches",
         f"estimate    {_estimate(found)}",
         f"unseen      {unseen_in_words(found.diagnostics)}",

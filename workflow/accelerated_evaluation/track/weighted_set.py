@@ -125,7 +125,7 @@ def _places(law: Law, generator: np.random.Generator) -> tuple[CutIns, NDArray[n
     place, shift = np.arange(PLACES), generator.random(2)
     u = np.column_stack([(place + shift[0]) / PLACES, (place * GOLDEN + shift[1]) % 1])
     z = np.column_stack([ndtri(np.clip(u, EDGE, 1 - EDGE)), np.zeros(PLACES)])
-    return law.from_scores(z), law.stratum_of_scores(z)
+    return law.from_normal_scores(z), law.stratum_of_normal_scores(z)
 
 
 def _tails(law: Law, places: CutIns, stratum: NDArray[np.intp], edges: Array) -> Array:

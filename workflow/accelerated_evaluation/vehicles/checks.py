@@ -158,8 +158,8 @@ def outcome_error(
     seen, expected, change
         As in `InputError`.
     """
-    told = f"{change} The module accelerated_evaluation.vehicles.protocol says what a vehicle gives."
-    return InputError(f"vehicle {vehicle}, {what}", seen=seen, expected=expected, change=told)
+    advice = f"{change} The module accelerated_evaluation.vehicles.protocol says what a vehicle gives."
+    return InputError(f"vehicle {vehicle}, {what}", seen=seen, expected=expected, change=advice)
 
 
 def _checked_column(outcomes: object, name: str, count: int, vehicle: str) -> NDArray:

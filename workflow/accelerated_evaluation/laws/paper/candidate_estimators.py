@@ -22,7 +22,7 @@ from accelerated_evaluation.base.errors import StudyError
 Estimator = Callable[[Array], tuple[float, ...]]
 Objective = Callable[[Array], tuple[float, Array]]
 
-SCORE_LIMIT = 1e-6  # per observation, in logarithms and standard units: costs n 1e-12 of log-likelihood
+GRADIENT_LIMIT = 1e-6  # per observation, in logarithms and standard units: costs n 1e-12 of log-likelihood
 MOST_DEGREES = 1e6  # of freedom; a t beyond is taken for its limit, the normal
 TO_ONE = np.concatenate([np.linspace(0, 0.9, 10), 1 - np.logspace(-1.3, -12, 33)])
 
@@ -31,22 +31,22 @@ class NoMaximumError(StudyError):
     """The sample has no maximum likelihood estimate in the family; the message is the reason."""
 
 
-def _root(score: Callable[[float], float], low: float, high: float) -> float:
-    if not score(low) * score(high) < 0:
+def _root(gradient: Callable[[float], float], low: float, high: float) -> float:
+    if not gradient(low) * gradient(high) < 0:
         raise NoMaximumError("the values differ too little for double precision")
-    return optimize.brentq(score, low, high, xtol=1e-14 * high)
+    return optimize.brentq(gradient, low, high, xtol=1e-14 * high)
 
 
 def _climb(negative: Objective, starts: list[list[float]], bounds: list[tuple] | None = None) -> Array:
     """Return the least of the minima of `negative` (value, gradient) reached from `starts`, or a bound."""
-    options = {"ftol": 1e-16, "gtol": SCORE_LIMIT / 100, "maxiter": 500}
+    options = {"ftol": 1e-16, "gtol": GRADIENT_LIMIT / 100, "maxiter": 500}
     search = {"method": "L-BFGS-B", "jac": True, "bounds": bounds, "options": options}
     best = min((optimize.minimize(negative, start, **search) for start in starts), key=lambda end: end.fun)
     if bounds is not None and any(v in bound for v, bound in zip(best.x, bounds, strict=True)):
         return best.x
-    score = np.abs(best.jac).max()
-    if not score <= SCORE_LIMIT:
-        raise NoMaximumError(f"no convergence: score {score:.1e} per value, limit {SCORE_LIMIT:.0e}")
+    gradient = np.abs(best.jac).max()
+    if not gradient <= GRADIENT_LIMIT:
+        raise NoMaximumError(f"no convergence: gradient {gradient:.1e} per value, limit {GRADIENT_LIMIT:.0e}")
     return best.x
 
 
@@ -79,8 +79,8 @@ def fit_beta(y: Array) -> tuple[float, float]:
 
     def negative(log_shapes: Array) -> tuple[float, Array]:
         shapes = np.exp(log_shapes)
-        score = special.psi(shapes) - special.psi(shapes.sum()) - log_means
-        return special.betaln(*shapes) - (shapes - 1) @ log_means, shapes * score
+        gradient = special.psi(shapes) - special.psi(shapes.sum()) - log_means
+        return special.betaln(*shapes) - (shapes - 1) @ log_means, shapes * gradient
 
     mean = y.mean()
     total = mean * (1 - mean) / y.var() - 1
@@ -91,11 +91,11 @@ def fit_birnbaum_saunders(y: Array) -> tuple[float, float]:
     """Return shape, and scale: one root between harmonic and arithmetic mean (Birnbaum, Saunders, 1969)."""
     arithmetic, harmonic = y.mean(), 1 / (1 / y).mean()
 
-    def score(scale: float) -> float:
+    def gradient(scale: float) -> float:
         k = 1 / (1 / (scale + y)).mean()
         return scale**2 - scale * (2 * harmonic + k) + harmonic * (arithmetic + k)
 
-    scale = _root(score, harmonic, arithmetic)
+    scale = _root(gradient, harmonic, arithmetic)
     return np.sqrt(arithmetic / scale + scale / harmonic - 2), scale
 
 
@@ -112,11 +112,11 @@ def _minima(x: Array, most: float = np.inf) -> tuple[float, float]:
     """
     top, mean = x.max(), x.mean()
 
-    def score(scale: float) -> float:
+    def gradient(scale: float) -> float:
         weights = np.exp((x - top) / scale)
         return weights @ x / weights.sum() - mean - scale
 
-    scale = min(_root(score, 1e-3 * (top - mean), top - mean), most)
+    scale = min(_root(gradient, 1e-3 * (top - mean), top - mean), most)
     return top + scale * np.log(np.exp((x - top) / scale).mean()), scale
 
 
@@ -243,7 +243,7 @@ def fit_rayleigh(y: Array) -> tuple[float]:
 def fit_rician(y: Array) -> tuple[float, float]:
     """Return noncentrality c >= 0 and scale s.
 
-    Profile over q = c^2 / mean y^2, for both scores vanish only where c^2 + 2 s^2 = mean y^2.
+    Profile over q = c^2 / mean y^2, for both derivatives vanish only where c^2 + 2 s^2 = mean y^2.
     """
     root = np.sqrt((y**2).mean())
     unit = y / root

@@ -45,7 +45,7 @@ class CandidateFit:
     reason: str = ""
 
 
-def score(
+def assessed_fit(
     name: str,
     logpdf: Callable[[Array], Array],
     cdf: Callable[[Array], Array],
@@ -54,7 +54,7 @@ def score(
     *,
     parameters: dict[str, float] | None = None,
 ) -> CandidateFit:
-    """Score a fitted model on the sample x, shape (n,), that it was fitted to.
+    """Assess a fitted model on the sample x, shape (n,), that it was fitted to.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def _fit(family: CandidateFamily, x: Array, lower: float) -> CandidateFit:
     except (ZeroDivisionError, OverflowError):
         reason = "parameters beyond the range of numbers"
         return CandidateFit(family.name, {}, len(family.parameters), reason=reason)
-    return score(family.name, law.logpdf, law.cdf, len(estimates), x, parameters=estimates)
+    return assessed_fit(family.name, law.logpdf, law.cdf, len(estimates), x, parameters=estimates)
 
 
 def _checked(x: ArrayLike) -> Array:

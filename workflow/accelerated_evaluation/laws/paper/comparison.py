@@ -7,7 +7,7 @@ from tqdm import tqdm
 
 from accelerated_evaluation.base.errors import located
 from accelerated_evaluation.distributions import PiecewiseMixture
-from accelerated_evaluation.laws.paper.candidates import compare, fit_candidates, score
+from accelerated_evaluation.laws.paper.candidates import assessed_fit, compare, fit_candidates
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.laws.paper.models import refit
 
@@ -49,7 +49,9 @@ def compare_with_candidates(
         with located(f"{variable} in segment {segment}"):
             fitted = refit(law, inside)
         parameters = fitted.n_parameters + len(fitted.knots)
-        fits.append(score(f"piecewise ({pieces} pieces)", fitted.logpdf, fitted.cdf, parameters, inside))
+        fits.append(
+            assessed_fit(f"piecewise ({pieces} pieces)", fitted.logpdf, fitted.cdf, parameters, inside)
+        )
     counts = {"rows": inside.size, "rows_on_edge": x.size - inside.size}
     comparison = compare(fits)
     labels = {"variable": variable, "segment": segment, **counts}

@@ -51,7 +51,7 @@ class IndependentLaw(Law):
     ----------
     description
         The data that it was fitted to, in words.
-    events
+    counts
         Number of lane changes by segment of v_L, by rising speed; their shares weigh the segments.
     inverse_range
         Distribution of R^-1 [1/m].
@@ -72,7 +72,7 @@ class IndependentLaw(Law):
     kind: ClassVar[str] = "independent"
 
     description: str
-    events: Mapping[str, int]
+    counts: Mapping[str, int]
     inverse_range: Described
     inverse_ttc: Mapping[str, Described]
     lead_speeds: Mapping[str, Empirical] = field(compare=False)
@@ -80,21 +80,21 @@ class IndependentLaw(Law):
 
     def __post_init__(self) -> None:
         segments = {name: [*part] for name, part in vars(self).items() if isinstance(part, Mapping)}
-        if not self.events or any(set(names) != set(self.events) for names in segments.values()):
+        if not self.counts or any(set(names) != set(self.counts) for names in segments.values()):
             raise ValueError(f"all parts of a law must be of the same segments, got {segments}")
-        if not all(isinstance(count, int) and count > 0 for count in self.events.values()):
-            raise ValueError(f"events must be positive whole numbers, got {dict(self.events)}")
+        if not all(isinstance(count, int) and count > 0 for count in self.counts.values()):
+            raise ValueError(f"counts must be positive whole numbers, got {dict(self.counts)}")
 
     @property
     def segments(self) -> tuple[str, ...]:
         """Names of the segments, by rising speed."""
-        return tuple(self.events)
+        return tuple(self.counts)
 
     @property
     def shares(self) -> dict[str, float]:
         """Share of the lane changes that fall into each segment."""
-        total = sum(self.events.values())
-        return {segment: count / total for segment, count in self.events.items()}
+        total = sum(self.counts.values())
+        return {segment: count / total for segment, count in self.counts.items()}
 
     @property
     def strata(self) -> dict[str, IndependentStratum]:
@@ -113,7 +113,7 @@ class IndependentLaw(Law):
 
     def only(self, stratum: str) -> Self:
         """Return the law of one segment alone, whose share is then one."""
-        parts = {name: {stratum: getattr(self, name)[stratum]} for name in ("events", "inverse_ttc")}
+        parts = {name: {stratum: getattr(self, name)[stratum]} for name in ("counts", "inverse_ttc")}
         return type(self)(
             self.description,
             **parts,
@@ -126,7 +126,7 @@ class IndependentLaw(Law):
         """Return what a law file holds of it, as JSON can: counts, and distributions with their units."""
         laws = {segment: law.to_dict() for segment, law in self.inverse_ttc.items()}
         return {
-            "events": dict(self.events),
+            "counts": dict(self.counts),
             "inverse_range": {"unit": UNITS["inverse_range"], "distribution": self.inverse_range.to_dict()},
             "inverse_ttc": {"unit": UNITS["inverse_ttc"], "distributions": laws},
         }
@@ -136,15 +136,20 @@ class IndependentLaw(Law):
         cls, content: Mapping[str, Any], encounters: pd.DataFrame, description: str, closing_speed_max: float
     ) -> Self:
         """Build the law that `content` described, with the lead speeds of an encounter table."""
-        laws = content["inverse_ttc"]["distributions"]
+        counts, laws = recorded_counts(content), content["inverse_ttc"]["distributions"]
         return cls(
             description=description,
-            events=content["events"],
+            counts=counts,
             inverse_range=from_dict(content["inverse_range"]["distribution"]),
             inverse_ttc={segment: from_dict(law) for segment, law in laws.items()},
-            lead_speeds=recorded_lead_speeds(encounters, content["events"]),
+            lead_speeds=recorded_lead_speeds(encounters, counts),
             closing_speed_max=closing_speed_max,
         )
+
+
+def recorded_counts(content: Mapping[str, Any]) -> dict[str, int]:
+    """Return the number of lane changes by segment in a law file; earlier versions call it ``events``."""
+    return content["counts"] if "counts" in content else content["events"]
 
 
 def recorded_lead_speeds(encounters: pd.DataFrame, segments: Mapping[str, Any]) -> dict[str, Empirical]:

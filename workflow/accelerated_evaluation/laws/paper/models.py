@@ -101,9 +101,9 @@ def fit_paper_laws(
         "three_pieces": (piecewise_range(3, models["inverse_range"]["three_pieces"]), ttc),
         "single": (Pareto.fit(inverse_range, lower), _by_segment(encounters, fit_exponential_from_zero)),
     }
-    events = {segment: len(rows) for segment, rows in _segments(encounters)}
-    recorded = recorded_lead_speeds(encounters, events), closing_speed_max
-    fitted = {name: IndependentLaw(description, events, *laws, *recorded) for name, laws in ranges.items()}
+    counts = {segment: len(rows) for segment, rows in _segments(encounters)}
+    recorded = recorded_lead_speeds(encounters, counts), closing_speed_max
+    fitted = {name: IndependentLaw(description, counts, *laws, *recorded) for name, laws in ranges.items()}
     for piece in simpler_pieces(fitted["two_pieces"], models):
         warnings.warn(piece, stacklevel=2)
     return fitted

@@ -8,7 +8,7 @@ cumulative hazard of the body, that of the law is
     Lambda(c) = Lambda_0(u) + H((c - u) / scale)       above,
 
 so body and tail share no parameter: their likelihood is a product, and so is their posterior. The
-unit-exponential score of a cut-in is Lambda(c) itself.
+unit-exponential coordinate of a cut-in is Lambda(c) itself.
 """
 
 from dataclasses import dataclass, replace

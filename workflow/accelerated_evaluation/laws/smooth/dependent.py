@@ -13,7 +13,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.distributions import BoundedExponential, Empirical, PiecewiseMixture
 from accelerated_evaluation.distributions.tails import interval_probability
 from accelerated_evaluation.laws import LAWS
-from accelerated_evaluation.laws.paper.independent import recorded_lead_speeds
+from accelerated_evaluation.laws.paper.independent import recorded_counts, recorded_lead_speeds
 from accelerated_evaluation.laws.protocol import CutIns, Factors, Law, Stratum
 from accelerated_evaluation.laws.smooth.conditional import (
     Places,
@@ -28,8 +28,8 @@ from accelerated_evaluation.laws.smooth.shapes import SHAPES
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
 
-SCORES = Factors(BoundedExponential(1.0), BoundedExponential(1.0))
-TAIL = 0.05  # share of the upper piece of a score: the paper's for the tail of TTC^-1
+COORDINATES = Factors(BoundedExponential(1.0), BoundedExponential(1.0))
+TAIL = 0.05  # share of the upper piece of a coordinate: the paper's for the tail of TTC^-1
 KNOT = -math.log(TAIL)
 # An exponential has no memory: cut anywhere, it is two exponentials of the same rate.
 CUT = PiecewiseMixture((1 - TAIL, TAIL), (BoundedExponential(1.0, 0.0, KNOT), BoundedExponential(1.0, KNOT)))
@@ -38,7 +38,7 @@ PLACES_AT_ONCE = 50_000  # bounds the memory: about 100 MB
 
 @dataclass(frozen=True)
 class DependentStratum(Stratum):
-    """One segment of the lead speed; its coordinates are unit-exponential scores.
+    """One segment of the lead speed; its coordinates are unit exponentials.
 
     The first is -log P(R^-1 > r | v_L), the second -log P(C > c | v_L, R) for the closing speed C, so that
     both rise with their variable and are independent of each other and of v_L (Rosenblatt 1952).
@@ -48,15 +48,15 @@ class DependentStratum(Stratum):
     ranges: SmoothHazard
     speeds: SpeedLaw
     support: Support = SUPPORT
-    factors: Factors = SCORES
+    factors: Factors = COORDINATES
 
     @property
     def pieces(self) -> Factors:
-        """The unit exponentials of the scores, each cut at its 95 % quantile."""
+        """The unit exponentials of the coordinates, each cut at its 95 % quantile."""
         return Factors(CUT, CUT)
 
     def cut_ins(self, lead_speed: Array, first: Array, second: Array) -> CutIns:
-        """Return the cut-ins of given scores."""
+        """Return the cut-ins of given coordinates."""
         range_, speed = np.empty(first.size), np.empty(first.size)
         for part in _parts(first.size):
             farthest = self.support.range_max
@@ -67,38 +67,40 @@ class DependentStratum(Stratum):
         return CutIns(lead_speed, 1 / range_, speed / range_)
 
     def first(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
-        """Return the score of the range; infinite where R^-1 is."""
+        """Return the coordinate of the range; infinite where R^-1 is."""
         speed, inverse_range = np.broadcast_arrays(*_floats(lead_speed, inverse_range))
-        score = np.full(speed.shape, math.inf)
+        coordinate = np.full(speed.shape, math.inf)
         near = np.isfinite(inverse_range)
         logarithm = np.maximum(np.log(self.support.range_max * inverse_range[near]), 0.0)
-        score[near] = self._places(speed[near], 1 / inverse_range[near]).nearer(self.ranges).at(logarithm)
-        return score
+        coordinate[near] = (
+            self._places(speed[near], 1 / inverse_range[near]).nearer(self.ranges).at(logarithm)
+        )
+        return coordinate
 
     def second(self, lead_speed: ArrayLike, inverse_range: ArrayLike, closing_speed: ArrayLike) -> Array:
-        """Return the score of the closing speed; infinite where that is."""
+        """Return the coordinate of the closing speed; infinite where that is."""
         arrays = np.broadcast_arrays(*_floats(lead_speed, inverse_range, closing_speed))
-        (score,) = self._scores(*(array.ravel() for array in arrays))
-        return score.reshape(arrays[0].shape)
+        (coordinate,) = self._second_coordinates(*(array.ravel() for array in arrays))
+        return coordinate.reshape(arrays[0].shape)
 
     def closing_speed_probability(
         self, lead_speed: Array, inverse_range: Array, start: Array, end: Array
     ) -> Array:
         """Return P(start <= closing speed < end) at given v_L and R^-1; see `Stratum`."""
-        scores = self._scores(lead_speed, inverse_range, start, end)
-        return interval_probability(self.factors.second, *scores)
+        coordinates = self._second_coordinates(lead_speed, inverse_range, start, end)
+        return interval_probability(self.factors.second, *coordinates)
 
-    def _scores(self, lead_speed: Array, inverse_range: Array, *closing_speeds: Array) -> Array:
-        """Return the scores of several closing speeds at each of n places, shape (speeds, n)."""
-        scores = np.empty((len(closing_speeds), lead_speed.size))
+    def _second_coordinates(self, lead_speed: Array, inverse_range: Array, *closing_speeds: Array) -> Array:
+        """Return the coordinates of several closing speeds at each of n places, shape (speeds, n)."""
+        coordinates = np.empty((len(closing_speeds), lead_speed.size))
         for part in _parts(lead_speed.size):
             given = self.speeds.given(self._places(lead_speed[part], 1 / inverse_range[part]))
-            for score, closing in zip(scores, closing_speeds, strict=True):
-                score[part] = given.cumulative(closing[part])
-        return scores
+            for coordinate, closing in zip(coordinates, closing_speeds, strict=True):
+                coordinate[part] = given.cumulative(closing[part])
+        return coordinates
 
     def log_first_slope(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
-        """Return the log derivative of the first score by R^-1."""
+        """Return the log derivative of the first coordinate by R^-1."""
         speed, inverse_range = np.broadcast_arrays(*_floats(lead_speed, inverse_range))
         logarithm = np.maximum(np.log(self.support.range_max * inverse_range), 0.0)
         rate = self._places(speed, 1 / inverse_range).nearer(self.ranges).rate(logarithm)
@@ -122,7 +124,7 @@ class DependentLaw(Law):
     ----------
     description
         The data that it was fitted to, in words.
-    events
+    counts
         Number of lane changes by segment of v_L, by rising speed. Segments only sort the results: the law
         is the same in all.
     ranges
@@ -140,7 +142,7 @@ class DependentLaw(Law):
     kind: ClassVar[str] = "dependent"
 
     description: str
-    events: Mapping[str, int]
+    counts: Mapping[str, int]
     ranges: SmoothHazard = field(compare=False)
     speeds: SpeedLaw = field(compare=False)
     lead_speeds: Mapping[str, Empirical] = field(compare=False)
@@ -168,26 +170,26 @@ class DependentLaw(Law):
     @property
     def shares(self) -> dict[str, float]:
         """Share of the lane changes that fall into each segment."""
-        total = sum(self.events.values())
-        return {segment: count / total for segment, count in self.events.items()}
+        total = sum(self.counts.values())
+        return {segment: count / total for segment, count in self.counts.items()}
 
     @property
     def strata(self) -> dict[str, DependentStratum]:
         """The law in each segment."""
         return {
             segment: DependentStratum(self.lead_speeds[segment], self.ranges, self.speeds, self.support)
-            for segment in self.events
+            for segment in self.counts
         }
 
     def only(self, stratum: str) -> Self:
         """Return the law of one segment alone, whose share is then one."""
-        events, lead_speeds = {stratum: self.events[stratum]}, {stratum: self.lead_speeds[stratum]}
-        return replace(self, events=events, lead_speeds=lead_speeds)
+        counts, lead_speeds = {stratum: self.counts[stratum]}, {stratum: self.lead_speeds[stratum]}
+        return replace(self, counts=counts, lead_speeds=lead_speeds)
 
     def content(self) -> dict[str, Any]:
         """Return what a law file holds of it: coefficients of the splines, thresholds and the excess."""
         content = {
-            "events": dict(self.events),
+            "counts": dict(self.counts),
             "support": self.support.content(),
             "range": {"log_hazard": self.ranges.coefficients.tolist()},
             "closing_speed": {"log_hazard": self.speeds.body.coefficients.tolist()},
@@ -222,9 +224,9 @@ class DependentLaw(Law):
             surface = Threshold(threshold["level"], *grids[1].edges[:2], np.array(threshold["table"]))
             excess = Excess(SHAPES[tail["shape"]], np.array(tail["log_scale"]), np.array(tail["parameters"]))
             speeds = SpeedLaw(body, surface, excess)
-        events = content["events"]
-        lead_speeds = recorded_lead_speeds(encounters, events)
-        return cls(description, events, ranges, speeds, lead_speeds, closing_speed_max, support)
+        counts = recorded_counts(content)
+        lead_speeds = recorded_lead_speeds(encounters, counts)
+        return cls(description, counts, ranges, speeds, lead_speeds, closing_speed_max, support)
 
 
 def _floats(*arrays: ArrayLike) -> list[Array]:

@@ -126,10 +126,10 @@ class _Problem:
         """Return the maximum, and the factor of the expected information there."""
         objective = self._objective(values, precision)
         for _ in range(ITERATIONS):
-            score, expected = self._derivatives(values, precision)
+            gradient, expected = self._derivatives(values, precision)
             factor = np.triu(cho_factor(expected)[0])
-            step = self._step(values, precision, score, factor)
-            gain = float(step @ score)
+            step = self._step(values, precision, gradient, factor)
+            gain = float(step @ gradient)
             size, value = self._line_search(values, step, objective, precision)
             if gain < TOLERANCE or size == 0:
                 return values, factor
@@ -138,16 +138,16 @@ class _Problem:
         reached = f"a gain of {gain:.2g} in log likelihood"
         raise ConvergenceError("the excesses", reached=reached, limit=f"{TOLERANCE:g}", change=change)
 
-    def _step(self, values: Array, precision: Array, score: Array, factor: Array) -> Array:
+    def _step(self, values: Array, precision: Array, gradient: Array, factor: Array) -> Array:
         """Return Newton's step with the observed information, or Fisher's where that is not positive.
 
         Where the likelihood is flat, as with two kinds that hardly differ, the expected information is
         larger than the curvature, and Fisher's steps are far too short.
         """
         try:
-            return cho_solve(cho_factor(self._information(self._observed(values), precision)), score)
+            return cho_solve(cho_factor(self._information(self._observed(values), precision)), gradient)
         except LinAlgError:
-            return cho_solve((factor, False), score)
+            return cho_solve((factor, False), gradient)
 
     def _line_search(
         self, values: Array, step: Array, objective: float, precision: Array
@@ -181,10 +181,10 @@ class _Problem:
         p = self.covariates.shape[1]
         by_z, by_parameters = self.shape.derivatives(z, parameters)
         deviation = np.asarray(self.shape.prior_deviation)
-        score = np.concatenate([self.covariates.T @ (-1 - z * by_z), by_parameters.sum(axis=0)])
-        score[:p] -= precision @ values[:p]
-        score[p:] -= (parameters - self.shape.prior_mean) / deviation**2
-        return score, self._information(unit_information(self.shape, parameters), precision)
+        gradient = np.concatenate([self.covariates.T @ (-1 - z * by_z), by_parameters.sum(axis=0)])
+        gradient[:p] -= precision @ values[:p]
+        gradient[p:] -= (parameters - self.shape.prior_mean) / deviation**2
+        return gradient, self._information(unit_information(self.shape, parameters), precision)
 
     def _information(self, each: Array, precision: Array) -> Array:
         """Return the information of all excesses and the prior, from that of one excess."""
@@ -198,17 +198,17 @@ class _Problem:
         return information
 
     def _observed(self, values: Array) -> Array:
-        """Return the mean observed information of one excess, by differences of its scores."""
+        """Return the mean observed information of one excess, by differences of gradients."""
         z, _, parameters = self._split(values)
 
-        def score(log_scale: float, parameters: Array) -> Array:
+        def gradient(log_scale: float, parameters: Array) -> Array:
             scaled = z * np.exp(-log_scale)
             by_z, by_parameters = self.shape.derivatives(scaled, parameters)
             return np.array([np.mean(-1 - scaled * by_z), *by_parameters.mean(axis=0)])
 
         steps = DIFFERENCE * np.eye(1 + parameters.size)
         columns = [
-            (score(-step[0], parameters - step[1:]) - score(step[0], parameters + step[1:]))
+            (gradient(-step[0], parameters - step[1:]) - gradient(step[0], parameters + step[1:]))
             / (2 * DIFFERENCE)
             for step in steps
         ]
@@ -219,5 +219,5 @@ def unit_information(shape: Shape, parameters: Array) -> Array:
     """Return the expected information of one excess about log scale and parameters, (1 + q, 1 + q)."""
     z = shape.inverse(NODES, parameters)
     by_z, by_parameters = shape.derivatives(z, parameters)
-    scores = np.column_stack([-1 - z * by_z, by_parameters])
-    return scores.T @ (MASSES[:, None] * scores) / MASSES.sum()
+    gradients = np.column_stack([-1 - z * by_z, by_parameters])
+    return gradients.T @ (MASSES[:, None] * gradients) / MASSES.sum()

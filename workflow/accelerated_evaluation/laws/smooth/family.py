@@ -21,7 +21,7 @@ from accelerated_evaluation.laws.smooth.smooth_hazard import Binned, HazardGrid,
 from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
 
 LEVELS = (0.9, 0.925, 0.95, 0.97, 0.98, 0.99, 0.995)  # of the thresholds
-FEWEST = 10  # events above a threshold, without which it gets no tails
+FEWEST = 10  # records above a threshold, without which it gets no tails
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class DistinctRecords:
 
     @property
     def size(self) -> int:
-        """Number of events."""
+        """Number of records."""
         return self.lead_speed.size
 
     @property
@@ -82,23 +82,23 @@ class DistinctRecords:
 
 @dataclass(frozen=True)
 class Exceedances:
-    """Events above a threshold: their places in the record, excesses [m/s] and splines."""
+    """Records above a threshold: their places in the record, excesses [m/s] and splines."""
 
     index: NDArray[np.intp]
     excess: Array
     splines: Array
 
     @classmethod
-    def of(cls, events: DistinctRecords, threshold: Threshold) -> "Exceedances":
+    def of(cls, records: DistinctRecords, threshold: Threshold) -> "Exceedances":
         """Find them."""
-        excess = events.closing_speed - threshold(events.lead_speed, events.range_)
+        excess = records.closing_speed - threshold(records.lead_speed, records.range_)
         index = np.flatnonzero(excess > 0)
-        return cls(index, excess[index], events.only(index).places.splines)
+        return cls(index, excess[index], records.only(index).places.splines)
 
 
 @dataclass(frozen=True)
 class LawFamily:
-    """Laws above one body, all fitted to the same events, and the law of the range."""
+    """Laws above one body, all fitted to the same records, and the law of the range."""
 
     ranges: SmoothHazard
     body: SmoothHazard
@@ -115,39 +115,39 @@ class LawFamily:
 
 @dataclass(frozen=True)
 class Fitter:
-    """Events, with what all fits to them need.
+    """Distinct records, with what all fits to them need.
 
     Attributes
     ----------
-    events
+    records
         Distinct cut-ins in the order of the record.
     members
         Laws to fit.
     grids
         Of range and closing speed.
     binned
-        The events in the bins of both.
+        The records in the bins of both.
     """
 
-    events: DistinctRecords
+    records: DistinctRecords
     members: tuple[Member, ...] = MEMBERS
     grids: tuple[HazardGrid, HazardGrid] = field(init=False)
     binned: tuple[Binned, Binned] = field(init=False)
 
     def __post_init__(self) -> None:
-        support = self.events.support
+        support = self.records.support
         object.__setattr__(self, "grids", (range_grid(support), speed_grid(support)))
-        logarithms = np.log(support.range_max / self.events.range_)
-        ranges = self.grids[0].count(self.events.lead_speed, np.zeros(self.events.size), logarithms)
-        object.__setattr__(self, "binned", (ranges, self.count_speeds(self.events)))
+        logarithms = np.log(support.range_max / self.records.range_)
+        ranges = self.grids[0].count(self.records.lead_speed, np.zeros(self.records.size), logarithms)
+        object.__setattr__(self, "binned", (ranges, self.count_speeds(self.records)))
 
     def fit(self, start: LawFamily | None = None) -> LawFamily:
-        """Fit all laws to all events, but for those above thresholds that fewer than ten events exceed.
+        """Fit all laws to all records, but for those above thresholds that fewer than ten records exceed.
 
         Parameters
         ----------
         start
-            A fit to like events, from which the fits start and whose smoothing parameters are kept.
+            A fit to like records, from which the fits start and whose smoothing parameters are kept.
         """
         before = (start.ranges, start.body) if start else (None, None)
         ranges, body = (
@@ -155,23 +155,23 @@ class Fitter:
             for grid, data, fit in zip(self.grids, self.binned, before, strict=True)
         )
         levels = sorted({member.level for member in self.members if member.level is not None})
-        thresholds = {level: Threshold.of(body, level, self.events.support) for level in levels}
-        above = {level: Exceedances.of(self.events, threshold) for level, threshold in thresholds.items()}
+        thresholds = {level: Threshold.of(body, level, self.records.support) for level in levels}
+        above = {level: Exceedances.of(self.records, threshold) for level, threshold in thresholds.items()}
         above = {level: those for level, those in above.items() if those.index.size >= FEWEST}
-        tails = self._tails(above, np.ones(self.events.size, dtype=bool), start)
+        tails = self._tails(above, np.ones(self.records.size, dtype=bool), start)
         return LawFamily(ranges, body, thresholds, above, tails)
 
     def refit(self, family: LawFamily, left_out: Array) -> LawFamily:
-        """Fit the laws of the closing speed without some events, by index; thresholds and smoothing stay."""
-        data = self.binned[1] - self.count_speeds(self.events.only(left_out))
-        kept = np.ones(self.events.size, dtype=bool)
+        """Fit the laws of the closing speed without some records, by index; thresholds and smoothing stay."""
+        data = self.binned[1] - self.count_speeds(self.records.only(left_out))
+        kept = np.ones(self.records.size, dtype=bool)
         kept[left_out] = False
         body = fit_hazard(self.grids[1], data, start=family.body)
         return replace(family, body=body, tails=self._tails(family.exceedances, kept, family))
 
-    def count_speeds(self, events: DistinctRecords) -> Binned:
+    def count_speeds(self, records: DistinctRecords) -> Binned:
         """Bin closing speeds with their lead speeds and ranges."""
-        return self.grids[1].count(events.lead_speed, np.sqrt(events.range_), events.closing_speed)
+        return self.grids[1].count(records.lead_speed, np.sqrt(records.range_), records.closing_speed)
 
     def _tails(
         self, above: dict[float, Exceedances], kept: NDArray[np.bool_], start: LawFamily | None
@@ -186,7 +186,7 @@ class Fitter:
                 tails[member] = fit_excess(
                     excess,
                     splines,
-                    self.events.support.penalty,
+                    self.records.support.penalty,
                     SHAPES[member.shape],
                     start=before,
                     gram=gram,

@@ -148,7 +148,7 @@ class GivenRegression:
 
 
 def fit_regression(
-    regression: Regression, events: DistinctRecords, start: FittedRegression | None = None
+    regression: Regression, records: DistinctRecords, start: FittedRegression | None = None
 ) -> FittedRegression:
     """Fit by penalised maximum likelihood.
 
@@ -156,19 +156,19 @@ def fit_regression(
     ----------
     regression
         The family.
-    events
+    records
         Distinct cut-ins.
     start
         An earlier fit to start from.
     """
-    cell, splines = _cells(events)
-    p, c = splines.shape[1], np.maximum(events.closing_speed, SLOWEST)
-    precision = events.support.penalty.total(SMOOTHING)
+    cell, splines = _cells(records)
+    p, c = splines.shape[1], np.maximum(records.closing_speed, SLOWEST)
+    precision = records.support.penalty.total(SMOOTHING)
 
     def negative(values: Array) -> tuple[float, Array]:
         scale, shape = values[:p], values[p : 2 * p]
-        told = regression.log_density(c, (splines @ scale)[cell], (splines @ shape)[cell], values[2 * p :])
-        value, *slopes, shared = told
+        terms = regression.log_density(c, (splines @ scale)[cell], (splines @ shape)[cell], values[2 * p :])
+        value, *slopes, shared = terms
         total = -value.sum() + (scale @ precision @ scale + shape @ precision @ shape) / 2
         sums = [np.bincount(cell, slope, len(splines)) @ splines for slope in slopes]
         gradient = [
@@ -185,16 +185,16 @@ def fit_regression(
     return FittedRegression(regression, found.x[: 2 * p].reshape(2, p), found.x[2 * p :])
 
 
-def _cells(events: DistinctRecords) -> tuple[NDArray[np.intp], Array]:
+def _cells(records: DistinctRecords) -> tuple[NDArray[np.intp], Array]:
     """Return the cell of each event, and the splines at the middles of the cells."""
-    edges = speed_grid(events.support).edges[:2]
-    values = events.lead_speed, np.sqrt(events.range_)
+    edges = speed_grid(records.support).edges[:2]
+    values = records.lead_speed, np.sqrt(records.range_)
     places = [
         np.clip(np.searchsorted(edge, x, side="right") - 1, 0, edge.size - 2)
         for edge, x in zip(edges, values, strict=True)
     ]
     middles = np.meshgrid(*((edge[1:] + edge[:-1]) / 2 for edge in edges), indexing="ij")
     shape = middles[0].shape
-    along = [basis(middle.ravel()) for basis, middle in zip(events.support.bases, middles, strict=True)]
+    along = [basis(middle.ravel()) for basis, middle in zip(records.support.bases, middles, strict=True)]
     splines = (along[0][:, :, None] * along[1][:, None, :]).reshape(middles[0].size, -1)
     return np.ravel_multi_index(places, shape), splines

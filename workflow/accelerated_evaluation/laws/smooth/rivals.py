@@ -1,6 +1,6 @@
 """Rivals with a threshold: the paper's independent law, with both kinds of tails, and conditional extremes.
 
-Each fit takes events and returns an object whose ``given(places)`` is the law of the closing speed there.
+Each fit takes records and returns an object whose ``given(places)`` is the law of the closing speed there.
 """
 
 from dataclasses import dataclass
@@ -47,13 +47,13 @@ class IndependentTail:
     between: tuple[float, ...]
 
     @classmethod
-    def fit(cls, events: DistinctRecords, level: float, shape: Shape) -> "IndependentTail":
+    def fit(cls, records: DistinctRecords, level: float, shape: Shape) -> "IndependentTail":
         """Fit each segment of the lead speed by itself, with its knot at a quantile.
 
-        A segment with few events takes the law of all, and a knot that nothing exceeds moves down.
+        A segment with few records takes the law of all, and a knot that nothing exceeds moves down.
         """
-        inverse_ttc, between = events.closing_speed / events.range_, events.support.segment_edges
-        segment = np.digitize(events.lead_speed, between)
+        inverse_ttc, between = records.closing_speed / records.range_, records.support.segment_edges
+        segment = np.digitize(records.lead_speed, between)
         edges, densities, tails = [], [], []
         for number in range(len(between) + 1):
             x = inverse_ttc[segment == number]
@@ -130,21 +130,21 @@ class ConditionalExtremes:
 
     @classmethod
     def fit(
-        cls, events: DistinctRecords, body: SmoothHazard, level: float, shape: Shape
+        cls, records: DistinctRecords, body: SmoothHazard, level: float, shape: Shape
     ) -> "ConditionalExtremes":
         """Fit to what exceeds a quantile of all closing speeds; ConvergenceError if that is too little."""
-        threshold = float(np.quantile(events.closing_speed, level))
-        above = events.closing_speed > threshold
+        threshold = float(np.quantile(records.closing_speed, level))
+        above = records.closing_speed > threshold
         if above.sum() < FEWEST:
             raise ConvergenceError(
                 "conditional extremes",
-                reached=f"{above.sum()} events above the threshold",
+                reached=f"{above.sum()} records above the threshold",
                 limit=f"{FEWEST}",
                 change="Add records.",
             )
-        excess = events.closing_speed[above] - threshold
+        excess = records.closing_speed[above] - threshold
         tail = fit_excess(excess, np.ones((excess.size, 1)), Penalty.of([Constant()]), shape)
-        beside = np.column_stack([events.lead_speed, np.sqrt(events.range_)])[above]
+        beside = np.column_stack([records.lead_speed, np.sqrt(records.range_)])[above]
         slopes = np.linalg.lstsq(_regressors(excess), beside)[0]
         residuals = beside - _regressors(excess) @ slopes
         return cls(body, threshold, tail, slopes, np.linalg.inv(np.cov(residuals.T)))

@@ -64,28 +64,28 @@ class HazardGrid:
             for edges, x in zip(self.edges, (first, second, value), strict=True)
         ]
         index, size = np.ravel_multi_index(place, shape), int(np.prod(shape))
-        events = np.bincount(index, weight, size).reshape(shape)
+        counts = np.bincount(index, weight, size).reshape(shape)
         spent = np.bincount(index, weight * (value - self.edges[2][place[2]]), size).reshape(shape)
-        later = np.cumsum(events[..., ::-1], axis=2)[..., ::-1] - events
-        return Binned(events, spent + later * np.diff(self.edges[2]))
+        later = np.cumsum(counts[..., ::-1], axis=2)[..., ::-1] - counts
+        return Binned(counts, spent + later * np.diff(self.edges[2]))
 
 
 @dataclass(frozen=True)
 class Binned:
-    """Events and time at risk in each bin of a grid.
+    """Counts of records and time at risk in each bin of a grid.
 
     A value on the lower edge of its bin, as rounded records have it, has spent no time there.
     """
 
-    events: Array
+    counts: Array
     exposure: Array
 
     def __post_init__(self) -> None:
-        at_risk = np.where(self.events > 0, np.maximum(self.exposure, SHORTEST), self.exposure)
+        at_risk = np.where(self.counts > 0, np.maximum(self.exposure, SHORTEST), self.exposure)
         object.__setattr__(self, "exposure", at_risk)
 
     def __sub__(self, other: "Binned") -> "Binned":
-        return Binned(self.events - other.events, np.maximum(self.exposure - other.exposure, 0))
+        return Binned(self.counts - other.counts, np.maximum(self.exposure - other.exposure, 0))
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,7 @@ def fit_hazard(
     if start is not None:
         coefficients, factor = problem.newton(start.coefficients, penalty.total(start.smoothing))
         return SmoothHazard(grid, coefficients, start.smoothing, factor)
-    constant = np.log(data.events.sum() / data.exposure.sum())
+    constant = np.log(data.counts.sum() / data.exposure.sum())
     chosen = np.ones(3)
     coefficients, factor = problem.newton(np.full(problem.tensor.shape, constant), penalty.total(chosen))
     for _ in range(SMOOTHING_ROUNDS):
@@ -215,11 +215,11 @@ class _Problem:
         for _ in range(ITERATIONS):
             expected = self.data.exposure * self._hazard(coefficients)
             factor, _ = cho_factor(self.tensor.gram(expected) + precision)
-            score = (
-                self.tensor.transposed(self.data.events - expected).ravel() - precision @ coefficients.ravel()
+            gradient = (
+                self.tensor.transposed(self.data.counts - expected).ravel() - precision @ coefficients.ravel()
             )
-            step = cho_solve((factor, False), score)
-            gain, size = float(step @ score), 1.0
+            step = cho_solve((factor, False), gradient)
+            gain, size = float(step @ gradient), 1.0
             while size > SMALLEST_STEP:
                 trial = coefficients + size * step.reshape(coefficients.shape)
                 value = self._objective(trial, precision)
@@ -239,5 +239,5 @@ class _Problem:
     def _objective(self, coefficients: Array, precision: Array) -> float:
         log_hazard = np.minimum(self.tensor.values(coefficients), LOG_HAZARD_MAX)
         flat = coefficients.ravel()
-        likelihood = np.sum(self.data.events * log_hazard - self.data.exposure * np.exp(log_hazard))
+        likelihood = np.sum(self.data.counts * log_hazard - self.data.exposure * np.exp(log_hazard))
         return float(likelihood - flat @ precision @ flat / 2)

@@ -10,7 +10,7 @@ import numpy as np
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.methods.cross_entropy.families import ProposalFamily
 from accelerated_evaluation.methods.cross_entropy.proposals import Proposals
-from accelerated_evaluation.methods.cross_entropy.search import Search, Settings, Shift, search
+from accelerated_evaluation.methods.cross_entropy.search import Search, SearchSettings, Shift, search
 from accelerated_evaluation.methods.estimate import Estimate, Method, Stopping
 from accelerated_evaluation.methods.importance_sampling import (
     bound_without_event,
@@ -70,7 +70,9 @@ class CrossEntropyMethod(Method):
         on_iteration: Callable[[dict[str, float]], None] = lambda _: None,
     ) -> Search:
         """Search f* of one stratum; see `search.search` for the arguments and what is raised."""
-        settings = Settings(**{name: self.cross_entropy[name] for name in Settings.__dataclass_fields__})
+        settings = SearchSettings(
+            **{name: self.cross_entropy[name] for name in SearchSettings.__dataclass_fields__}
+        )
         start = self.start(problem.law.strata[stratum].pieces)
         return search(
             problem, stratum, start, settings, generator, shift=self.shift(), on_iteration=on_iteration

@@ -13,7 +13,7 @@ from accelerated_evaluation.problem import Problem, Sample
 
 
 @dataclass(frozen=True)
-class Settings:
+class SearchSettings:
     """How the search is run.
 
     Attributes
@@ -99,7 +99,7 @@ def search(
     problem: Problem,
     stratum: str,
     start: tuple[ProposalFamily, ProposalFamily],
-    settings: Settings,
+    settings: SearchSettings,
     generator: np.random.Generator,
     *,
     shift: Shift | None = None,
@@ -173,7 +173,7 @@ def search(
     return _unfinished(state, settings, f"events down to a time to collision of {threshold:.3g} s")
 
 
-def _unfinished(state: Search, settings: Settings, reached: str) -> Search:
+def _unfinished(state: Search, settings: SearchSettings, reached: str) -> Search:
     limit = f"{settings.maximum_iterations} iterations of {settings.sample_size} simulations"
     reason = f"the search did not come to the event: it reached {reached}, within {limit}"
     return replace(state, unfinished=reason)
@@ -190,7 +190,7 @@ def _draw_level(
     problem: Problem,
     stratum: str,
     proposal: Factors,
-    settings: Settings,
+    settings: SearchSettings,
     threshold: float,
     generator: np.random.Generator,
 ) -> tuple[Sample, float]:

@@ -42,7 +42,7 @@ def read_predecessor(path: str | os.PathLike, law: Law) -> Predecessor:
     if not happened.any():
         seen = f"no event in {len(z)} simulations"
         raise InputError(str(path), seen=seen, expected="at least one", change=change)
-    cut_ins = law.from_scores(z)
+    cut_ins = law.from_normal_scores(z)
     own = np.column_stack([getattr(cut_ins, name) for name in VARIABLES])
     if not np.allclose(own, recorded, rtol=ROUNDING, atol=0):
         expected = f"cut-ins of the law {law.description!r}, fitted to the same records"

@@ -134,7 +134,7 @@ def _obstacles(estimates: pd.DataFrame) -> dict[str, str]:
 
 
 def _counts(models: Mapping[str, IndependentLaw], trace: pd.DataFrame) -> dict[str, Spread]:
-    events = count(sum(models["piecewise"].events.values()))
+    events = count(sum(models["piecewise"].counts.values()))
     numbers = {"identified": events, "closing": events}
     for method in ("piecewise", "single"):
         numbers[f"fitted_{method}"] = count(models[method].n_parameters)

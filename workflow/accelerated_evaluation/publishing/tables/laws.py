@@ -69,12 +69,12 @@ def rates_in_words(exposure: pd.DataFrame) -> str:
     crashes = exposure[exposure["event"] == "crash"]
     if crashes.empty:
         return "In how many kilometres or hours the records were made is not known, so there is no rate."
-    told = [
+    medians = [
         f"{readable(1e6 * row.median, DIGITS)} (80 % interval {readable(1e6 * row.low80, DIGITS)} to "
         f"{readable(1e6 * row.high80, DIGITS)}) per million {row.per}s"
         for row in crashes.itertuples()
     ]
-    return f"**Crashes of cut-ins, median: {' and '.join(told)}.**"
+    return f"**Crashes of cut-ins, median: {' and '.join(medians)}.**"
 
 
 @table("answer_budget", digits=3)

@@ -31,7 +31,7 @@ def parameter_table(model: IndependentLaw) -> pd.DataFrame:
     """
     laws = [("inverse_range", "all", model.inverse_range)]
     laws += [("inverse_ttc", segment, law) for segment, law in model.inverse_ttc.items()]
-    lines = [
+    rows = [
         {
             "variable": variable,
             "segment": segment,
@@ -48,7 +48,7 @@ def parameter_table(model: IndependentLaw) -> pd.DataFrame:
         for weight, leaf in leaves(law)
         for name, parameter in leaf.parameters.items()
     ]
-    return pd.DataFrame(lines)
+    return pd.DataFrame(rows)
 
 
 def rank_table(candidates: pd.DataFrame) -> pd.DataFrame:
@@ -110,12 +110,12 @@ def close_call_table(
     """
     first = next(iter(models.values()))
     pooled = {name: model.inverse_range for name, model in models.items()}
-    lines = [_close_call("all", f"R < {r:g} m", encounters["inverse_range"], 1 / r, pooled) for r in ranges]
+    rows = [_close_call("all", f"R < {r:g} m", encounters["inverse_range"], 1 / r, pooled) for r in ranges]
     for segment in first.segments:
         records = encounters.loc[encounters["segment"] == segment, "inverse_ttc"]
         laws = {name: model.inverse_ttc[segment] for name, model in models.items()}
-        lines += [_close_call(segment, f"TTC < {t:g} s", records, 1 / t, laws) for t in ttcs]
-    return pd.DataFrame(lines)
+        rows += [_close_call(segment, f"TTC < {t:g} s", records, 1 / t, laws) for t in ttcs]
+    return pd.DataFrame(rows)
 
 
 def _close_call(

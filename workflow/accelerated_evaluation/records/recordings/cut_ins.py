@@ -98,14 +98,14 @@ def finished(cut_ins: pd.DataFrame, account: Account, *, milliseconds: int, micr
     return result
 
 
-def require_agreement(where: str, *, moved: float, told: float, what: str, key: str) -> None:
+def require_agreement(where: str, *, moved: float, reported: float, what: str, key: str) -> None:
     """Refuse speeds that do not agree with what else is recorded, because of a wrong unit or sign.
 
     Parameters
     ----------
     where
         Folder or file, for the error.
-    moved, told
+    moved, reported
         Two sums over the recording that agree, but for noise, if the units do. Nothing is said if the second
         is not positive.
     what, key
@@ -116,10 +116,10 @@ def require_agreement(where: str, *, moved: float, told: float, what: str, key: 
     InputError
         If the ratio is below 1/2 or above 2; km/h for m/s, feet for metres and a wrong sign are all outside.
     """
-    if told > 0 and not 0.5 <= moved / told <= 2:
+    if reported > 0 and not 0.5 <= moved / reported <= 2:
         raise InputError(
             where,
-            seen=f"{what} in the ratio {moved / told:.3g}",
+            seen=f"{what} in the ratio {moved / reported:.3g}",
             expected="a ratio near 1, as the same units and signs give",
             change=f"Correct {key}.",
         )

@@ -135,7 +135,7 @@ def _read_recording(
         connection, settings, range_=form.range_, complete=form.complete, same_lane=form.same_lane
     )
     what, key = form.speeds
-    require_agreement(str(file), moved=counts["moved"], told=counts["told"], what=what, key=key)
+    require_agreement(str(file), moved=counts["moved"], reported=counts["reported"], what=what, key=key)
     return candidates.assign(recording=name), counts
 
 

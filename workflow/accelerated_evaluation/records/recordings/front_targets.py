@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 TRACKS = """
     CREATE OR REPLACE TEMP TABLE tracks AS
     SELECT * EXCLUDE (before, range_before, rate_before), range - range_before AS moved,
-        (range_rate + rate_before) / 2 * (time - before) / 1000 AS told,
+        (range_rate + rate_before) / 2 * (time - before) / 1000 AS reported,
         coalesce(time = before, FALSE) AS repeated,
         max(CASE WHEN before IS NULL OR time - before > {gap} THEN time END) OVER (
             PARTITION BY device, trip, obstacle ORDER BY time ROWS UNBOUNDED PRECEDING) AS since
@@ -120,8 +120,8 @@ COUNTS = """
         count(*) FILTER (complete AND range > 0 AND NOT list_contains({types}, type)) AS other_type,
         (SELECT count(*) FROM tracks WHERE repeated) AS repeated,
         (SELECT count(*) FROM changes) AS changes,
-        (SELECT coalesce(sum(moved * told), 0) FROM tracks WHERE {steady}) AS moved,
-        (SELECT coalesce(sum(told * told), 0) FROM tracks WHERE {steady}) AS told
+        (SELECT coalesce(sum(moved * reported), 0) FROM tracks WHERE {steady}) AS moved,
+        (SELECT coalesce(sum(reported * reported), 0) FROM tracks WHERE {steady}) AS reported
     FROM targets
 """
 STEADY = (

@@ -2,7 +2,7 @@
 
 A reader fills two tables. ``frames`` has a row for each vehicle and frame: ``id``, ``time`` [ms], ``lane``,
 ``host`` (the vehicle behind in the same lane, if any), ``velocity`` [m/s], ``x`` [m] along the road,
-``moved`` and ``told`` (changes of x since the frame before, and by the velocity), and ``seen``, when the
+``moved`` and ``reported`` (changes of x since the frame before, and by the velocity), and ``seen``, when the
 vehicle was first in view. ``meta`` has ``id`` and ``class`` of each vehicle. ``tracks`` is what was read.
 """
 
@@ -52,8 +52,8 @@ COUNTS = """
         (SELECT count(*) FROM tracks WHERE NOT {complete}) AS incomplete,
         (SELECT count(*) FROM frames) AS used,
         (SELECT count(*) FROM stays) AS stays,
-        (SELECT coalesce(sum(moved * told), 0) FROM frames) AS moved,
-        (SELECT coalesce(sum(told * told), 0) FROM frames) AS told,
+        (SELECT coalesce(sum(moved * reported), 0) FROM frames) AS moved,
+        (SELECT coalesce(sum(reported * reported), 0) FROM frames) AS reported,
         coalesce(sum(lasts), 0) AS milliseconds, coalesce(sum(distance), 0) AS micrometres
     FROM (
         SELECT max(time) - min(time) AS lasts, CAST(round((max(x) - min(x)) * 1e6) AS BIGINT) AS distance

@@ -32,7 +32,7 @@ FRAMES = f"""
         SELECT * EXCLUDE (copy, laneChange, laneletId, aside),
             (xCenter - lag(xCenter) OVER one) * cos(radians(heading))
                 + (yCenter - lag(yCenter) OVER one) * sin(radians(heading)) AS moved,
-            velocity * (time - lag(time) OVER one) / 1000 AS told,
+            velocity * (time - lag(time) OVER one) / 1000 AS reported,
             CASE WHEN {CHANGED}
                 THEN CASE WHEN aside < lag(aside) OVER one THEN 1 ELSE -1 END ELSE 0 END AS side
         FROM (

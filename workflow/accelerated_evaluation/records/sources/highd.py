@@ -14,7 +14,7 @@ COLUMNS = ("frame", "id", "x", "width", "xVelocity", "followingId", "laneId")
 FRAMES = """
     CREATE OR REPLACE TEMP TABLE frames AS
     SELECT * EXCLUDE (copy), x - lag(x) OVER one AS moved,
-        velocity * (time - lag(time) OVER one) / 1000 AS told,
+        velocity * (time - lag(time) OVER one) / 1000 AS reported,
         min(time) OVER (PARTITION BY id) AS seen
     FROM (
         SELECT CAST(id AS INTEGER) AS id, CAST(round(frame * 1000 / {rate}) AS BIGINT) AS time, x, width,

@@ -31,7 +31,7 @@ TRACKS = """
 FRAMES = f"""
     CREATE OR REPLACE TEMP TABLE frames AS
     SELECT * EXCLUDE (copy), x - lag(x) OVER one AS moved,
-        velocity * (time - lag(time) OVER one) / 1000 AS told,
+        velocity * (time - lag(time) OVER one) / 1000 AS reported,
         min(time) OVER (PARTITION BY id) AS seen
     FROM (
         SELECT *, row_number() OVER (PARTITION BY id, time ORDER BY x) AS copy FROM tracks WHERE {COMPLETE}
@@ -102,7 +102,7 @@ def _require_use(where: str, counts: Mapping[str, float]) -> None:
     require_agreement(
         where,
         moved=counts["moved"],
-        told=counts["told"],
+        reported=counts["reported"],
         what="changes of position and velocity times the time between frames",
         key="position [m], velocity [m/s] or timestamp of the messages",
     )

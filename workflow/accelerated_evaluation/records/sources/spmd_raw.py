@@ -195,14 +195,14 @@ def _require_units(folder: str, counts: Mapping[str, float]) -> None:
     require_agreement(
         folder,
         moved=counts["moved"],
-        told=counts["told"],
+        reported=counts["reported"],
         what="changes of Range and RangeRate times the time between frames",
         key="data.spmd_raw.time_unit, or the columns Range [m] and RangeRate [m/s, negative when closing]",
     )
     require_agreement(
         folder,
         moved=counts["speed"],
-        told=counts["gps_speed"],
+        reported=counts["gps_speed"],
         what="SpeedWsu, as m/s, and GpsSpeedWsu [m/s]",
         key="data.spmd_raw.speed_unit",
     )

@@ -135,8 +135,8 @@ class Command(ForeignVehicle):
             raise self._error(described_batch(encounters), f"{how}{printed.last_line()}", "exit status 0")
 
     def _error(self, what: str, seen: str, expected: str, change: str = "Correct the command.") -> InputError:
-        told = f"{change} docs/your_vehicle.md says what a command is given and has to give."
-        return InputError(f"vehicle {self.name}, {what}", seen=seen, expected=expected, change=told)
+        advice = f"{change} docs/your_vehicle.md says what a command is given and has to give."
+        return InputError(f"vehicle {self.name}, {what}", seen=seen, expected=expected, change=advice)
 
 
 class Printed:
