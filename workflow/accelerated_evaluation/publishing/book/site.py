@@ -124,7 +124,8 @@ def _write_sources(parts: Parts, sources: Path, names: dict[str, Any]) -> None:
     shutil.copytree(parts.pages, sources, dirs_exist_ok=True)
     shutil.copy(files("sphinx-mathjax-offline") / "static" / "mathjax" / MATHJAX, sources)
     for guide in parts.guides:
-        shutil.copy(guide, sources)
+        text = guide.read_text(encoding="utf-8").replace("](../notebooks/", "](")  # all pages share a folder
+        (sources / guide.name).write_text(text, encoding="utf-8")
     for path in parts.notebooks:
         notebook = nbformat.read(path, as_version=4)
         notebook.cells = list(_chapter(parts, path.stem, notebook))
