@@ -21,7 +21,7 @@ SEARCH = {"search_proposals", "collect_traces"}
 ESTIMATE = {"estimate_single", "estimate_piecewise", "estimate_heuristic", "estimate_surrogate"}
 JUDGE = {"run_crude_monte_carlo", "study_coverage", "collect_coverage"}
 TRUTH = {"compute_exact", "bootstrap_uncertainty", "study_sensitivity"}
-LAWS = {"study_laws_answer", "study_laws_score", "study_laws_quality", "replay_encounters"}
+LAWS = {"fit_family", "study_laws_answer", "study_laws_score", "study_laws_quality", "replay_encounters"}
 END = {"book", "all"}
 DRIVEN = {"map_crashes_under_test", "map_crashes_acc_only", "map_crashes_cc_human"}
 DRIVEN |= {"map_crashes_reg157", "map_crashes_rss", "map_crashes_fsm"}
@@ -51,7 +51,7 @@ EDITS = {
             "run_crude_monte_carlo": {"vehicles/builtin/kernel.py"},
             "estimate_surrogate": {"vehicles/builtin/kernel.py"},
         },
-        STUDY | LAWS | DRIVEN | {"map_crashes", "inspect_records"},
+        STUDY | LAWS - {"fit_family"} | DRIVEN | {"map_crashes", "inspect_records"},
     ),
     "records": (
         {rule: {"records/filters.py"} for rule in ("inspect_records", "ingest_encounters")},

@@ -5,8 +5,6 @@
 # calibration and the scores of all laws on records that they have not seen, what the quality of the data does to the
 # answer, and what happens in the likeliest crashes and the nearest records.
 
-from accelerated_evaluation.laws.smooth.support import Support
-
 NO_EVENTS = {name: [] for name in config["answer"]["events"]}
 ANSWERED = {
     name: mapped(
@@ -24,9 +22,6 @@ ALL_FILES = [path for files in FILES.values() for path in files]
 ALL_CONTENT = content_digest(ALL_FILES)
 ALL_WORKERS, ALL_SIMULATIONS = simulating(*VEHICLES)
 OF_VEHICLES = {"vehicles": [section["name"] for section in VEHICLES.values()]}
-SUPPORT = Support.configured(
-    config
-).content()  # of the smooth laws: where the records lie
 LAW_TABLES = {  # by job, so that they can run beside each other
     "answer": [
         "answer",
@@ -81,6 +76,7 @@ for _job, _tables in LAW_TABLES.items():
         input:
             encounters=rules.ingest_encounters.output.encounters,
             exposure=rules.ingest_encounters.output.exposure,
+            family=rules.fit_family.output.family,
             maps=[
                 map_of(description, "crash_map/full.npz")
                 for description in ANSWERED.values()

@@ -1,7 +1,13 @@
 # Fit: lane-change models and their comparison (paper, sections II, III and VI.A).
 #
-# In: encounters.parquet. Out: a model file for each of two_pieces, three_pieces and single, and the table of
-# candidate families with log-likelihood, AIC, BIC and rank.
+# In: encounters.parquet. Out: a model file for each of two_pieces, three_pieces and single, the table of candidate
+# families with log-likelihood, AIC, BIC and rank, and the family of laws with dependence (beyond the paper).
+
+from accelerated_evaluation.laws.smooth.support import Support
+
+SUPPORT = Support.configured(
+    config
+).content()  # of the smooth laws: where the records lie
 
 
 rule fit_models:
@@ -35,6 +41,28 @@ rule fit_models:
         "Fitting the lane-change models"
     script:
         "../scripts/fit_models.py"
+
+
+rule fit_family:
+    """Fit the laws with dependence once, score them on held-out records, and keep both for all jobs that read them."""
+    input:
+        encounters=rules.ingest_encounters.output.encounters,
+        library=modules_of("fit_family.py"),
+    output:
+        family=result("laws", "family.npz"),
+    log:
+        log_of("fit_family.log"),
+    benchmark:
+        benchmark_of("fit_family.tsv")
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        support=SUPPORT,
+    message:
+        "Fitting the laws with dependence"
+    script:
+        "../scripts/fit_family.py"
 
 
 rule fit_candidates:

@@ -1,10 +1,12 @@
-"""Weigh laws with dependence, and write the tables that the rule asks for, and the law of largest weight."""
+"""Weight the laws of the fitted family; write the tables that the rule names, and the likeliest law."""
 
+from accelerated_evaluation.answer.family_file import read_family
 from accelerated_evaluation.answer.study import LawStudy
 from accelerated_evaluation.base.files import read_json, write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.maps import read_crash_map
 from accelerated_evaluation.laws.files import write_law
+from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.study.jobs import job
@@ -15,14 +17,10 @@ if __name__ == "__main__":
         files, params, outputs = snakemake.input, snakemake.params, dict(snakemake.output.items())
         with all_loaded(params.vehicles, params.simulations | {"workers": snakemake.threads}) as vehicles:
             maps = dict(zip(params.vehicles, map(read_crash_map, files.maps), strict=True))
-            study = LawStudy.of(
-                read_encounters(files.encounters),
-                vehicles,
-                maps,
-                params.answer["draws"],
-                child_generator(params.seed, "laws", "weigh"),
-                Support.of(params.support),
-            )
+            encounters = read_encounters(files.encounters)
+            scored = read_family(files.family, DistinctRecords.of(encounters, Support.of(params.support)))
+            generator = child_generator(params.seed, "laws", "weigh")
+            study = LawStudy.of(encounters, vehicles, maps, scored, params.answer["draws"], generator)
             law = outputs.pop("law", None)
             drawn = (name for name in outputs if name != "exposure")  # which is computed, and draws nothing
             generator, tables = child_generator(params.seed, "laws", *drawn), {}

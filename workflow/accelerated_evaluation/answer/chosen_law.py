@@ -7,7 +7,7 @@ from typing import Any
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from accelerated_evaluation.answer.weighted_family import weight_laws
+from accelerated_evaluation.answer.weighted_family import score_family
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import Law
@@ -79,7 +79,7 @@ def _smooth(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any]) ->
     records = DistinctRecords.of(encounters, Support.configured(config))
     if choice == ANSWER:
         generator = child_generator(config["seed"], "laws", "weigh")
-        weighted = weight_laws(records, generator, draws=config["answer"]["draws"])
+        weighted = score_family(records).weighted(generator, config["answer"]["draws"])
         return DependentLaw.fitted(weighted.family, weighted.heaviest, encounters, records.support)
     family = Fitter(records, tuple(dict.fromkeys((Member(), SMOOTH[choice])))).fit()
     if SMOOTH[choice].level is not None and SMOOTH[choice] not in family.tails:

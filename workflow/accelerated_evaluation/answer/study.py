@@ -19,16 +19,15 @@ from accelerated_evaluation.answer.summary import (
     threshold_table,
     vehicle_table,
 )
-from accelerated_evaluation.answer.weighted_family import WeightedLaws, weight_laws
+from accelerated_evaluation.answer.weighted_family import ScoredFamily, WeightedLaws
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines, crash_places
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.crash_map.sampled import sample_crashes
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw
-from accelerated_evaluation.laws.smooth.family import DistinctRecords, LawFamily, Member
+from accelerated_evaluation.laws.smooth.family import LawFamily, Member
 from accelerated_evaluation.laws.smooth.rivals import IndependentTail
 from accelerated_evaluation.laws.smooth.shapes import Exponential
-from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
 from accelerated_evaluation.vehicles.events import Event
 from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
 
@@ -81,11 +80,11 @@ class LawStudy:
         encounters: pd.DataFrame,
         vehicles: Mapping[str, Vehicle],
         maps: Mapping[str, CrashMap],
+        scored: ScoredFamily,
         draws: int,
         generator: np.random.Generator,
-        support: Support = SUPPORT,
     ) -> "LawStudy":
-        """Fit and weigh the family.
+        """Weight the laws of a fitted family, and prepare the crash maps for them.
 
         Parameters
         ----------
@@ -95,21 +94,21 @@ class LawStudy:
             By name, the car under test first.
         maps
             Their crash maps, the first with all events, up to where nothing changes: the laws have no cap.
+        scored
+            The family, fitted to the distinct records of the encounter table, and its scores.
         draws
-            Draws of the posterior.
+            Draws of the weights and of the posterior.
         generator
             Draws everything.
-        support
-            Limits of the records.
         """
-        records = DistinctRecords.of(encounters, support)
+        records, support = scored.records, scored.records.support
         (_, own), *others = maps.items()
         speeds, named = records.lead_speed, {event_name(event): event for event in sorted(own.events)}
         lines = {name: CrashLines.of(own, speeds, event, support) for name, event in named.items()}
         lines |= {
             f"crash of {name}": CrashLines.of(mapped, speeds, support=support) for name, mapped in others
         }
-        weighted = weight_laws(records, generator, draws=draws)
+        weighted = scored.weighted(generator, draws)
         thinned = {name: weighted.thinned(part, generator) for name, part in lines.items()}
         return cls(encounters, vehicles, weighted, lines, thinned, named)
 

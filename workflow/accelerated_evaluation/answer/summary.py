@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from accelerated_evaluation.answer.calibration import mid_p
 from accelerated_evaluation.answer.posterior import LEVELS, Posterior
-from accelerated_evaluation.answer.weighted_family import WeightedLaws, weight_laws
+from accelerated_evaluation.answer.weighted_family import ScoredFamily, WeightedLaws, score_family
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
@@ -162,7 +162,7 @@ def record_variants(
 
 def quality_table(
     choices: Mapping[str, DistinctRecords],
-    start: WeightedLaws,
+    start: ScoredFamily,
     lines: CrashLines,
     draws: int,
     generator: np.random.Generator,
@@ -194,7 +194,7 @@ def quality_table(
             rows.append({"reading": reading, "events": records.size})
             continue
         same = deepcopy(generator)  # the same random numbers for every reading
-        weighted = weight_laws(records, same, draws=draws, members=start.members, start=start.family)
+        weighted = score_family(records, start.members, start=start.family).weighted(same, draws)
         posterior = weighted.draw({"crash": lines}, same)["crash"]
         rows.append({"reading": reading, "events": records.size} | summarise(posterior))
     return pd.DataFrame(rows)

@@ -20,8 +20,10 @@ GUIDE = 0.95  # level of the thresholds whose laws, with the body alone, say whi
 
 
 @dataclass(frozen=True)
-class WeightedLaws:
-    """A fitted family with its weights.
+class ScoredFamily:
+    """A family fitted to records, with its scores on held-out records: what `family_file` keeps.
+
+    No random number is needed to make it.
 
     Attributes
     ----------
@@ -29,14 +31,11 @@ class WeightedLaws:
         The records, and the fit to all of them.
     log_scores
         Held-out log scores censored to TTC^-1 above that of `region`, shape (members, records).
-    weights
-        Draws of the weights, shape (draws, members).
     """
 
     fitter: Fitter
     family: LawFamily
     log_scores: Array
-    weights: Array
 
     @property
     def records(self) -> DistinctRecords:
@@ -47,6 +46,25 @@ class WeightedLaws:
     def members(self) -> tuple[Member, ...]:
         """The laws."""
         return self.fitter.members
+
+    def weighted(self, generator: np.random.Generator, draws: int = DRAWS) -> "WeightedLaws":
+        """Return the family with weights drawn from its scores; see `weights.bootstrapped_weights`."""
+        inside = self.records.closing_speed > region(self.records) * self.records.range_
+        weights = bootstrapped_weights(self.log_scores, inside, draws, generator)
+        return WeightedLaws(self.fitter, self.family, self.log_scores, weights)
+
+
+@dataclass(frozen=True)
+class WeightedLaws(ScoredFamily):
+    """A scored family with its weights.
+
+    Attributes
+    ----------
+    weights
+        Draws of the weights, shape (draws, members).
+    """
+
+    weights: Array
 
     @property
     def heaviest(self) -> Member:
@@ -90,37 +108,30 @@ def region(records: DistinctRecords) -> float:
     return min(REGION, float(np.quantile(records.closing_speed / records.range_, 1 - REGION_SHARE)))
 
 
-def weight_laws(
+def score_family(
     records: DistinctRecords,
-    generator: np.random.Generator,
-    *,
-    draws: int = DRAWS,
     members: tuple[Member, ...] = MEMBERS,
     blocks: int = BLOCKS,
     start: LawFamily | None = None,
-) -> WeightedLaws:
-    """Fit the family, score it on blocks that it has not seen, and weigh its laws.
+) -> ScoredFamily:
+    """Fit the family to all records, and score it on each block of records by a fit to the other blocks.
 
     Parameters
     ----------
     records
         Distinct cut-ins in the order of the record.
-    generator
-        Draws the weights.
-    draws
-        Number of draws of the weights.
     members
         The laws; those above thresholds that hardly any event exceeds are left out.
     blocks
         Number of contiguous blocks that are held out in turn.
     start
-        An earlier fit to like records, whose smoothing parameters are kept.
+        An earlier fit to similar records, whose smoothing parameters are kept.
     """
     fitter = Fitter(records, members)
     family, boundary = fitter.fit(start), region(records) * records.range_
     fitted = tuple(member for member in members if member.level is None or member in family.tails)
     if fitted != members:
         fitter = Fitter(records, fitted)
-    scores = held_out_scores(fitter, family, {"region": boundary}, blocks)["region"]
-    weights = bootstrapped_weights(scores, records.closing_speed > boundary, draws, generator)
-    return WeightedLaws(fitter, family, scores, weights)
+    return ScoredFamily(
+        fitter, family, held_out_scores(fitter, family, {"region": boundary}, blocks)["region"]
+    )

@@ -1,0 +1,165 @@
+"""The family file: a fitted family with its held-out scores, written and read by this module alone.
+
+The file is a NumPy archive (npz). Its array ``header`` is a JSON text with these keys:
+
+========== ==========================================================================================
+format     ``accelerated-evaluation family``
+version    Of the format.
+records    Digest of the distinct records that the family was fitted to, and of their limits.
+code       Digest of the source code that fits and scores.
+members    Names of the laws: the rows of ``scores``.
+========== ==========================================================================================
+
+The other arrays are, in the units of the records (m and s):
+
+================================== ==================================================================
+scores                             Held-out log scores, shape (members, records).
+ranges NAME, body NAME             Smooth hazards; NAME is ``coefficients``, ``smoothing`` or
+                                   ``factor``, as in `SmoothHazard`.
+threshold LEVEL                    Closing speeds at the nodes of a threshold [m/s].
+tail MEMBER, NAME                  The excess of one law; NAME as above, or ``parameters``.
+================================== ==================================================================
+
+What is read is equal to what was written. Everything that a few operations derive from the records, such as
+which of them exceed a threshold, is computed again.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+
+from accelerated_evaluation import answer
+from accelerated_evaluation.answer.weighted_family import ScoredFamily, score_family
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.digests import content_digest
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.files import atomic_path
+from accelerated_evaluation.laws import smooth
+from accelerated_evaluation.laws.smooth.conditional import Threshold
+from accelerated_evaluation.laws.smooth.excess import Excess
+from accelerated_evaluation.laws.smooth.family import (
+    MEMBERS,
+    DistinctRecords,
+    Exceedances,
+    Fitter,
+    LawFamily,
+    Member,
+)
+from accelerated_evaluation.laws.smooth.shapes import SHAPES
+from accelerated_evaluation.laws.smooth.smooth_hazard import HazardGrid, SmoothHazard
+
+FORMAT = "accelerated-evaluation family"
+VERSION = 1
+HAZARD = ("coefficients", "smoothing", "factor")
+EXCESS = (*HAZARD, "parameters")
+BY_NAME = {member.name: member for member in MEMBERS}
+SCORING = ("scores.py", "weighted_family.py", "family_file.py")
+
+
+def fit_or_read(path: str | os.PathLike, records: DistinctRecords) -> ScoredFamily:
+    """Return the scored family of the given records: read if the file has it, otherwise fitted and written.
+
+    The file is written again if it was made for other records or by other code, or if it is damaged.
+
+    Parameters
+    ----------
+    path
+        The family file.
+    records
+        Distinct cut-ins in the order of the record.
+    """
+    try:
+        return read_family(path, records)
+    except InputError:
+        scored = score_family(records)
+        write_family(path, scored)
+        return scored
+
+
+def write_family(path: str | os.PathLike, scored: ScoredFamily) -> None:
+    """Write a scored family, atomically; equal families give equal bytes."""
+    family = scored.family
+    header = _header(scored.records) | {"members": [member.name for member in scored.members]}
+    arrays = {"header": np.array(json.dumps(header)), "scores": scored.log_scores}
+    for kind in ("ranges", "body"):
+        arrays |= {f"{kind} {name}": getattr(getattr(family, kind), name) for name in HAZARD}
+    for level, threshold in family.thresholds.items():
+        arrays[f"threshold {level!r}"] = threshold.table
+    for member in scored.members:
+        if member in family.tails:
+            arrays |= {f"tail {member.name}, {name}": getattr(family.tails[member], name) for name in EXCESS}
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, **arrays)
+
+
+def read_family(path: str | os.PathLike, records: DistinctRecords) -> ScoredFamily:
+    """Read what `write_family` wrote.
+
+    Parameters
+    ----------
+    path
+        The family file.
+    records
+        The records that the family was fitted to.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or damaged, or was made for other records or by other code.
+    """
+    change = "Run the study, which fits the family of laws again."
+    try:
+        with np.load(path) as archive:
+            arrays = dict(archive)
+        header = json.loads(str(arrays.pop("header")))
+        differing = [key for key, value in _header(records).items() if header[key] != value]
+        if differing:
+            seen, expected = f"another value of {' and '.join(differing)}", "the family of these records"
+            raise InputError(str(path), seen=seen, expected=expected, change=change)
+        return _from_arrays(arrays, tuple(BY_NAME[name] for name in header["members"]), records)
+    except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile) as error:
+        seen, expected = f"{type(error).__name__}: {error}", "a family file"
+        raise InputError(str(path), seen=seen, expected=expected, change=change) from error
+
+
+def _header(records: DistinctRecords) -> dict[str, str | int]:
+    """Return what a family file must state to belong to these records and to this version of the library."""
+    digest = hashlib.sha256(json.dumps(records.support.content()).encode())
+    for values in (records.lead_speed, records.range_, records.closing_speed):
+        digest.update(np.ascontiguousarray(values).tobytes())
+    folders = Path(*smooth.__path__), Path(*answer.__path__)
+    sources = [*sorted(folders[0].glob("*.py")), *(folders[1] / name for name in SCORING)]
+    code = content_digest(sources)
+    return {"format": FORMAT, "version": VERSION, "records": digest.hexdigest(), "code": code}
+
+
+def _from_arrays(
+    arrays: Mapping[str, Array], members: tuple[Member, ...], records: DistinctRecords
+) -> ScoredFamily:
+    fitter = Fitter(records, members)
+    ranges, body = (
+        _hazard(arrays, kind, grid) for kind, grid in zip(("ranges", "body"), fitter.grids, strict=True)
+    )
+    nodes = fitter.grids[1].edges[:2]
+    levels = [float(key.split()[1]) for key in arrays if key.startswith("threshold")]
+    thresholds = {level: Threshold(level, *nodes, arrays[f"threshold {level!r}"]) for level in levels}
+    tails = {member: _excess(arrays, member) for member in members if member.level is not None}
+    used = dict.fromkeys(member.level for member in tails)
+    exceedances = {level: Exceedances.of(records, thresholds[level]) for level in sorted(used)}
+    family = LawFamily(ranges, body, thresholds, exceedances, tails)
+    return ScoredFamily(fitter, family, arrays["scores"])
+
+
+def _hazard(arrays: Mapping[str, Array], kind: str, grid: HazardGrid) -> SmoothHazard:
+    coefficients, smoothing, factor = (arrays[f"{kind} {name}"] for name in HAZARD)
+    return SmoothHazard(grid, coefficients, tuple(smoothing.tolist()), factor)
+
+
+def _excess(arrays: Mapping[str, Array], member: Member) -> Excess:
+    coefficients, smoothing, factor, parameters = (arrays[f"tail {member.name}, {name}"] for name in EXCESS)
+    return Excess(SHAPES[member.shape], coefficients, parameters, tuple(smoothing.tolist()), factor)

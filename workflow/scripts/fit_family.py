@@ -1,0 +1,14 @@
+"""Fit the family of laws with dependence to the records, and score each law on held-out records."""
+
+from accelerated_evaluation.answer.family_file import write_family
+from accelerated_evaluation.answer.weighted_family import score_family
+from accelerated_evaluation.laws.smooth.family import DistinctRecords
+from accelerated_evaluation.laws.smooth.support import Support
+from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.study.jobs import job
+
+if __name__ == "__main__":
+    with job(snakemake.log[0]):
+        encounters = read_encounters(snakemake.input.encounters)
+        records = DistinctRecords.of(encounters, Support.of(snakemake.params.support))
+        write_family(snakemake.output.family, score_family(records))
