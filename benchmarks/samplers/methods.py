@@ -119,6 +119,10 @@ class _CountedEvent:
     def fingerprint(self) -> str:
         return self.event.fingerprint
 
+    @property
+    def deterministic(self) -> bool | None:
+        return self.event.deterministic
+
     def evaluate(self, z: Array) -> Response:
         self.counter.count(len(z))
         return self.event.evaluate(z)

@@ -108,6 +108,11 @@ class Scored:
         """That of the problem, whose score is another one here."""
         return f"{self.problem.fingerprint}; {self.score.__qualname__}"
 
+    @property
+    def deterministic(self) -> bool | None:
+        """That of the problem."""
+        return self.problem.deterministic
+
     def evaluate(self, z: Array) -> tuple[Array, Array]:
         """Run the system at normal scores, shape (n, 3)."""
         cut_ins = self.problem.law.from_normal_scores(z)
@@ -219,7 +224,9 @@ def limit_state(
         score = g(*z.T)
         return score <= 0, score
 
-    return Problem(name, label, SystemProblem(respond, dimension, fingerprint=name), exact=exact)
+    return Problem(
+        name, label, SystemProblem(respond, dimension, None, name, deterministic=True), exact=exact
+    )
 
 
 def whole() -> Problem:

@@ -20,7 +20,7 @@ def standard_normal_event(margin, *, graded=True, dimension=2):
         score = margin(z)
         return score < 0, score if graded else None
 
-    return SystemProblem(respond, dimension, fingerprint="half planes")
+    return SystemProblem(respond, dimension, fingerprint="half planes", deterministic=True)
 
 
 def half_plane(level=4.0, *, graded=True):

@@ -29,6 +29,8 @@ DRAWS = 2_000_000
 class Within:
     """The study's car; beyond the limits nothing happens."""
 
+    deterministic = True
+
     def __init__(self):
         self.car = load_vehicle("acc_aeb")
 

@@ -123,7 +123,19 @@ def first(tmp_path, monkeypatch):
 
 def begin_next(*options):
     files = ("--law", "law.json", "--encounters", "encounters.parquet", "--half-width", "0.5")
-    return cli.main(["campaign", "new", "next.json", *files, "--predecessor", "c.json", *options])
+    return cli.main(
+        [
+            "campaign",
+            "new",
+            "next.json",
+            *files,
+            "--deterministic",
+            "yes",
+            "--predecessor",
+            "c.json",
+            *options,
+        ]
+    )
 
 
 def test_a_campaign_begins_where_its_predecessor_met_the_event(first):

@@ -128,17 +128,50 @@ def test_a_fault_keeps_what_other_batches_gave(here, threads):
     assert kept < len(broken.store) < 12
 
 
-def test_a_car_that_is_not_deterministic_is_refused_in_every_run(here, threads):
-    for _ in range(2):
-        with pytest.raises(InputError, match=r"min_ttc of the encounter .* when simulated again"):
-            run(slow(threads, trouble="random"))
+def test_a_car_that_is_not_deterministic_is_noticed_once_and_remembered(here, threads):
+    car = slow(threads, trouble="random")
+    with pytest.warns(UserWarning, match=r"min_ttc of the encounter .* when simulated again"):
+        run(car)
+    assert car.deterministic is False
+    assert slow(threads, trouble="random").deterministic is False
+
+
+def test_a_car_that_contradicts_its_declaration_is_refused(here, threads):
+    car = slow(threads, trouble="random")
+    car.deterministic = True
+    with pytest.raises(InputError, match=r"min_ttc of the encounter .* when simulated again"):
+        run(car)
+
+
+def test_every_outcome_of_a_car_with_chance_is_kept_with_its_number(here, threads):
+    car = slow(threads, trouble="random")
+    car.deterministic = False
+    times = [run(car, RANGES[[0, 0, 1]]).min_ttc, run(car, RANGES[[0, 0, 1]]).min_ttc]
+    assert len(np.unique(times)) == 6
+    assert (car.simulated, car.found) == (6, 0)
+    again = slow(threads, trouble="random")
+    again.deterministic = False
+    for first in times:  # asked in the same order, the store gives the same outcomes
+        np.testing.assert_array_equal(run(again, RANGES[[0, 0, 1]]).min_ttc, first)
+    assert (again.simulated, again.found) == (0, 6)
+    assert run(again, RANGES[:1]).min_ttc[0] not in np.ravel(times)
+
+
+def test_a_repeat_is_simulated_again_and_kept(here, threads):
+    car = slow(threads, trouble="random")
+    car.store.set_verdict(deterministic=True)
+    first = run(car).min_ttc
+    np.testing.assert_array_equal(run(car).min_ttc, first)
+    cut_ins = np.full(12, 20.0), RANGES, np.full(12, 2.0)
+    assert (car.repeat(*cut_ins).min_ttc != first).all()
+    assert car.simulated == 24
 
 
 def test_the_repetition_is_of_all_kept_outcomes_once(here, threads):
     car = slow(threads)
-    assert not car.store.is_deterministic
+    assert car.store.verdict is None
     run(car)
-    assert slow(threads).store.is_deterministic
+    assert slow(threads).store.verdict is True
 
 
 @pytest.mark.parametrize(("trouble", "limit"), [("exits", 60.0), ("hangs", 2.0)])
@@ -204,14 +237,13 @@ def test_what_a_vehicle_is_names_its_store(here):
 
 
 def test_a_store_gives_back_the_same_numbers(tmp_path):
-    encounters = [(0.1, 1 / 3, -5e-324), (1e308, 2.0, 0.0)]
-    outcomes = [(1.0, -1 / 3, np.inf, 1e-300), (0.0, 5.0, 0.1, 0.0)]
+    requests = [((0.1, 1 / 3, -5e-324), 0), ((1e308, 2.0, 0.0), 0), ((1e308, 2.0, 0.0), 3)]
+    outcomes = [(1.0, -1 / 3, np.inf, 1e-300), (0.0, 5.0, 0.1, 0.0), (0.0, 6.0, 0.2, 0.0)]
     store = Store(tmp_path / "new" / "outcomes.sqlite")
-    store.add(encounters, outcomes)
-    store.add(encounters[:1], [(0.0, 0.0, 0.0, 0.0)])  # the first one stays
-    assert Store(store.path).known([*encounters, (1.0, 1.0, 1.0)]) == dict(
-        zip(encounters, outcomes, strict=True)
-    )
+    store.add(requests, outcomes)
+    store.add([requests[0], requests[2]], [(0.0, 0.0, 0.0, 0.0)] * 2)  # the first ones stay
+    unknown = [((1.0, 1.0, 1.0), 0), ((1e308, 2.0, 0.0), 1)]
+    assert Store(store.path).known([*requests, *unknown]) == dict(zip(requests, outcomes, strict=True))
     assert len(store) == 2
 
 

@@ -165,8 +165,14 @@ def test_outcomes_survive_a_vehicle_that_reuses_its_arrays(user_file):
 def test_users_vehicle_that_gives_other_outcomes_again(user_file, how, n):
     vehicle = load_vehicle(f"{user_file}:Unreliable", how=how)
     message = r"min_ttc of the encounter lead_speed 20, range .* when simulated again in another batch; "
+    encounters = np.full(n, 20.0), np.linspace(10, 90, n), np.full(n, 5.0)
+    with pytest.warns(UserWarning, match=message):
+        vehicle.simulate(*encounters)
+    assert vehicle.deterministic is False
+    vehicle = load_vehicle(f"{user_file}:Unreliable", how=how)
+    vehicle.deterministic = True
     with pytest.raises(InputError, match=message):
-        vehicle.simulate(np.full(n, 20.0), np.linspace(10, 90, n), np.full(n, 5.0))
+        vehicle.simulate(*encounters)
 
 
 @pytest.mark.parametrize("how", ["none", "rounding"])

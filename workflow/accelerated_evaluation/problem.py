@@ -18,7 +18,7 @@ from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.vehicles.events import CRASH, Event
 from accelerated_evaluation.vehicles.external.slow import loaded_for
-from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
+from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle, repeats_itself
 
 Response = tuple[NDArray[np.bool_], Array | None]
 
@@ -32,10 +32,13 @@ class ScoreProblem(Protocol):
         Number d of normal scores.
     fingerprint
         A text that tells this problem from others, for states that are saved and taken up again.
+    deterministic
+        Whether the same normal scores always end the same way; None where that has to be found out.
     """
 
     dimension: int
     fingerprint: str
+    deterministic: bool | None
 
     def evaluate(self, z: Array) -> Response:
         """Run the system at normal scores, shape (n, d).
@@ -112,6 +115,11 @@ class Problem:
         # What Python prints for such an object holds its address in memory, which differs in every process.
         return re.sub(r"<\S*?(\w+) object at 0x\w+>", r"\1", repr(self))
 
+    @property
+    def deterministic(self) -> bool | None:
+        """Whether the vehicle repeats itself; None where that is not known."""
+        return repeats_itself(self.vehicle)
+
     def only(self, stratum: str) -> Self:
         """Return the problem in one stratum of the lead speed."""
         return replace(self, law=self.law.only(stratum))
@@ -124,7 +132,16 @@ class Problem:
 
     def evaluate(self, z: Array) -> Response:
         """Simulate the cut-ins at normal scores, shape (n, 3); see `ScoreProblem.evaluate`."""
-        outcomes = self.simulate(self.law.from_normal_scores(z))
+        return self._response(self.simulate(self.law.from_normal_scores(z)))
+
+    def repeat(self, z: Array) -> Response:
+        """Simulate the cut-ins at normal scores once more, even where their outcomes are kept in a store."""
+        cut_ins = self.law.from_normal_scores(z)
+        again = getattr(self.vehicle, "repeat", self.vehicle.simulate)
+        closing_speed = self.law.capped(cut_ins.closing_speed)
+        return self._response(again(cut_ins.lead_speed, cut_ins.range_, closing_speed))
+
+    def _response(self, outcomes: Outcomes) -> Response:
         return self.event.happens(outcomes), self.event.score(outcomes) if self.graded else None
 
     def sample(self, stratum: str, proposal: Factors, generator: np.random.Generator, size: int) -> Sample:
@@ -184,12 +201,16 @@ class SystemProblem:
         Number d of inputs.
     fingerprint
         A text that tells this problem from others.
+    deterministic
+        Whether the system gives the same response to the same inputs. By default a handful of repeats find
+        out whether it does. They notice noise, but not a system that fails once in a hundred runs.
     """
 
     respond: Callable[[Array], Response]
     dimension: int
     marginals: Sequence[Distribution] | None = None
     fingerprint: str = "a system with independent inputs"
+    deterministic: bool | None = None
 
     def inputs(self, z: Array) -> Array:
         """Map normal scores to inputs, both of shape (n, d)."""

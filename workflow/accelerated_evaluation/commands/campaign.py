@@ -7,6 +7,7 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.commands import COMMANDS, LAW, add_law, add_seed, require_seed
 
 LEAST = 1e-6  # half-width and confidence that can be asked for, and what they have to keep from 1
+DETERMINISTIC = {"yes": True, "no": False, "unknown": None}
 DESCRIPTION = """\
 Estimate how often a real vehicle meets an event, from runs on a proving ground, by as few runs as possible.
 
@@ -102,6 +103,13 @@ def _add_new(command: argparse.ArgumentParser) -> None:
         type=Path,
         help="campaign of a vehicle that is like this one; it saves about two fifths of the runs",
     )
+    command.add_argument(
+        "--deterministic",
+        choices=DETERMINISTIC,
+        default="unknown",
+        help="whether the vehicle always does the same in the same cut-in; with unknown, repeats of runs "
+        "find it out (default: %(default)s)",
+    )
     add_seed(command)
     limits = command.add_argument_group("limits of the proving ground, none by default; see docs/campaign.md")
     for name, unit, what in (
@@ -147,6 +155,7 @@ def _new(arguments: argparse.Namespace) -> None:
         seed=arguments.seed,
         limits=Limits(arguments.host_speed_max, arguments.closing_speed_max, arguments.range_min),
         predecessor=None if arguments.predecessor is None else read_campaign(arguments.predecessor),
+        deterministic=DETERMINISTIC[arguments.deterministic],
     )
     write_campaign(arguments.campaign, campaign)
     if campaign.limits:

@@ -9,9 +9,10 @@ from scipy.ndimage import maximum_filter
 from tqdm import tqdm
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, Cells, CrashMap, Grid, Intervals
 from accelerated_evaluation.vehicles.events import CRASH, Event
-from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
+from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle, repeats_itself
 
 STANDSTILL = 1e-6  # first point of a scan: so slow that what happens there happens at any slower speed
 HALVINGS = 10  # bisections of a step of the scan
@@ -35,10 +36,28 @@ def map_crashes(
         What to look for; crashes always are.
     generator
         Places the lines in their cells and the scans on their lines.
+
+    Raises
+    ------
+    InputError
+        If chance has a part in the outcomes of the vehicle, so that it has no such map.
     """
+    _require_repeating(vehicle)
     whole = grid.cells(np.ones((grid.lead_speed_cells, grid.range_cells), dtype=int))
     coarse = _map_cells(vehicle, grid, whole, [CRASH], generator)
+    _require_repeating(vehicle)  # the first encounters may have shown that it does not repeat itself
     return _map_cells(vehicle, grid, grid.cells(_parts(coarse)), sorted({CRASH, *events}), generator)
+
+
+def _require_repeating(vehicle: Vehicle) -> None:
+    """Raise InputError for a vehicle that is known not to repeat itself."""
+    if repeats_itself(vehicle) is False:
+        raise InputError(
+            "crash map of the vehicle",
+            seen="a vehicle in whose outcomes chance has a part",
+            expected="a vehicle that repeats itself: the map says of every encounter whether it is a crash",
+            change="Estimate this vehicle with `accelerated-evaluation estimate`, which allows for chance.",
+        )
 
 
 def _parts(coarse: CrashMap) -> NDArray[np.int_]:

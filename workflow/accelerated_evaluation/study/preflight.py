@@ -29,7 +29,8 @@ def compared_sections(compared: Mapping[str, Mapping[str, Any]]) -> dict[str, di
     An entry without a name is the built-in vehicle that its label names.
     """
     return {
-        label: {"name": label, "parameters": {}, "files": [], **entry} for label, entry in compared.items()
+        label: {"name": label, "parameters": {}, "files": [], "deterministic": None, **entry}
+        for label, entry in compared.items()
     }
 
 

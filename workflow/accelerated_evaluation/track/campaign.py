@@ -105,6 +105,7 @@ class Campaign:
         seed: int,
         limits: Limits = UNLIMITED,
         predecessor: "Campaign | None" = None,
+        deterministic: bool | None = None,
     ) -> Self:
         """Return a new campaign; its law is read once, to see that it can be used.
 
@@ -120,6 +121,8 @@ class Campaign:
             What can be driven.
         predecessor
             Campaign of a vehicle that is like this one; where it met the event, this one begins.
+        deterministic
+            Whether the vehicle always does the same in the same cut-in; None if repeats have to show it.
 
         Raises
         ------
@@ -139,6 +142,7 @@ class Campaign:
             batch_size,
             fingerprint=fingerprint,
             predecessor=None if predecessor is None else predecessor.as_predecessor(law, event),
+            deterministic=deterministic,
         )
         return cls(law, encounters, read.description, event, goal, sampler, limits, beyond)
 

@@ -34,7 +34,17 @@ class Outcomes:
 
 @runtime_checkable
 class Vehicle(Protocol):
-    """A car under test: deterministic, and simulated in batches."""
+    """A car under test, simulated in batches.
+
+    A vehicle may have an attribute ``deterministic``: True if an encounter always ends in the same outcomes,
+    False if chance has a part in them, and None (or no such attribute) if that is not known and has to be
+    found out; see `repeats_itself`.
+    """
 
     def simulate(self, lead_speed: Array, range_: Array, closing_speed: Array) -> Outcomes:
         """Simulate n cut-ins: lead speed [m/s], range [m], closing speed [m/s], each of shape (n,)."""
+
+
+def repeats_itself(vehicle: Vehicle) -> bool | None:
+    """Return whether an encounter always ends in the same outcomes; None where that is not known."""
+    return getattr(vehicle, "deterministic", None)

@@ -11,10 +11,11 @@ import numpy as np
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.estimate import Estimate, Method, Stopping
 from accelerated_evaluation.methods.surrogate.certificate import BY_DEFAULT, Certificate
+from accelerated_evaluation.methods.surrogate.constants import ENOUGH_REPEATS, FIRST_REPEATS
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.methods.surrogate.state import read_state, write_state
-from accelerated_evaluation.problem import ScoreProblem
+from accelerated_evaluation.problem import Problem, ScoreProblem
 
 
 @METHODS.add("surrogate")
@@ -87,7 +88,8 @@ class Surrogate(Method):
         limit = stopping.maximum_simulations
         while not sampler.has_converged(stopping) and sampler.simulations + self.batch_size <= limit:
             z = sampler.ask(certify=sampler.is_narrow(stopping))
-            sampler.tell(*problem.evaluate(z))
+            again = getattr(problem, "repeat", problem.evaluate)
+            sampler.tell(*(again(z) if sampler.repeats_next else problem.evaluate(z)))
             if self.state_file is not None:
                 write_state(self.state_file, sampler.state())
             if self.on_batch is not None:
@@ -104,6 +106,8 @@ class Surrogate(Method):
                 batch_size=self.batch_size,
                 certificate=self.certificate,
                 predecessor=self.predecessor,
+                deterministic=getattr(problem, "deterministic", None),
+                enough_repeats=ENOUGH_REPEATS if isinstance(problem, Problem) else FIRST_REPEATS,
             )
         state = read_state(self.state_file)
         state.check(**own, batch_size=self.batch_size, where=str(self.state_file))

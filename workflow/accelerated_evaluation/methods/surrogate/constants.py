@@ -5,6 +5,8 @@ they decide how many simulations it takes. A change of one of them changes every
 gives.
 """
 
+import numpy as np
+
 # ---- how a run of the sampler proceeds
 
 # Simulations of the wide law before a surrogate is fitted, because a handful of flags does not determine one.
@@ -165,3 +167,23 @@ SETTLED, ROUGHLY_SETTLED = 1e-3, 0.03
 # Precision of a site that is new, and bounds that rounding must not cross while sites are updated.
 FIRST_PRECISION = 1e-3
 LEAST_PRECISION, LEAST_VARIANCE = 1e-10, 1e-13
+
+# ---- vehicles that do not repeat themselves
+
+# Two scores are the same if they differ by no more than this, relative to one of them or to 1: rounding may
+# depend on the batch.
+SAME_SCORE = 1e-5
+
+# A score that is not finite is replaced by this, because JSON has no infinity.
+LARGEST_SCORE = float(np.finfo(float).max)
+
+# Repeats that a sampler makes at the beginning of the second phase, unless the vehicle is known to repeat
+# itself. They find out whether chance has a part in most runs, as noise has.
+FIRST_REPEATS = 5
+
+# Repeats without a difference after which a vehicle counts as one that repeats itself. A vehicle that lapses
+# in 1 % of its runs then shows a difference with probability 1 - 0.98^350 = 99.9 %.
+ENOUGH_REPEATS = 350
+
+# Share of repeats that differ from which on chance has a part in most runs.
+OFTEN = 0.2

@@ -1,13 +1,19 @@
 """What the runs of a sampler say: the estimate, whether it is good enough, and a table of all runs."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
 from accelerated_evaluation.methods.surrogate.certificate import Certificate, Unseen, look_beyond
-from accelerated_evaluation.methods.surrogate.combining import Combined, combine, that_count
+from accelerated_evaluation.methods.surrogate.combining import (
+    BatchEstimate,
+    Combined,
+    combine,
+    that_count,
+)
 from accelerated_evaluation.methods.surrogate.state import Progress
 from accelerated_evaluation.methods.surrogate.two_phase import reach_of
 from accelerated_evaluation.methods.surrogate.wide_laws import bound_without_event
@@ -48,12 +54,12 @@ def estimate(progress: Progress, batch_size: int, stopping: Stopping, certificat
     else:
         bound = bound_without_event(progress.looks[:, 0].sum(), stopping.alpha)
         probability, interval = (1.0, (1 - bound, 1.0)) if events else (0.0, (0.0, bound))
-    estimating = sum(batch.runs for batch in that_count(progress.estimates))
+    estimating = sum(batch.runs for batch in _that_count(progress))
     return Estimate(
         probability,
         *interval,
         alpha=stopping.alpha,
-        learning=len(progress.z) - estimating,
+        learning=len(progress.z) + len(progress.repeats) - estimating,
         estimating=estimating,
         events=events,
         converged=is_narrow(progress, stopping) and is_certified(progress, certificate),
@@ -87,8 +93,13 @@ def where_to_search(progress: Progress, certificate: Certificate) -> float:
 
 def _mean(progress: Progress) -> float:
     """Return the mean of the batches that count; 0 while none does."""
-    batches = that_count(progress.estimates)
+    batches = _that_count(progress)
     return combine(batches).probability if batches else 0.0
+
+
+def _that_count(progress: Progress) -> Sequence[BatchEstimate]:
+    """Return the batches of which the estimate is made; none from before chance was noticed."""
+    return that_count(progress.estimates[progress.chance_since :])
 
 
 def _unseen(progress: Progress, probability: float, certificate: Certificate) -> Unseen:
@@ -99,7 +110,7 @@ def _unseen(progress: Progress, probability: float, certificate: Certificate) ->
 
 def combined_estimate(progress: Progress, alpha: float) -> Combined | None:
     """Return the estimate of the batches that count; None while there is none that can be trusted."""
-    batches = that_count(progress.estimates)
+    batches = _that_count(progress)
     if not progress.happened.any() or len(batches) < 2:
         return None
     combined = combine(batches)
@@ -114,13 +125,14 @@ def tabulate_runs(progress: Progress, batch_size: int) -> pd.DataFrame:
     pandas.DataFrame
         run and batch, counted from 1; phase; the normal scores z_1, ..., z_d; event. The phase is ``search``
         until no event more probable than those seen is found, then ``learn`` until the batches that count,
-        and then ``estimate``: of these simulations the estimate is made.
+        and then ``estimate``: of these simulations the estimate is made. At the end come the repeats of runs,
+        with the phase ``repeat`` and the batch 0.
     """
     run = np.arange(len(progress.z)) + 1
     batch = (run - 1) // batch_size + 1
     batches = len(run) // batch_size
     searched = batches - len(progress.estimates)
-    learnt = batches - len(that_count(progress.estimates))
+    learnt = batches - len(_that_count(progress))
     columns = {
         "run": run,
         "batch": batch,
@@ -128,7 +140,12 @@ def tabulate_runs(progress: Progress, batch_size: int) -> pd.DataFrame:
         **{f"z_{k + 1}": values for k, values in enumerate(progress.z.T)},
         "event": progress.happened,
     }
-    return pd.DataFrame(columns)
+    table, repeated = pd.DataFrame(columns), progress.repeats.repeated
+    if not len(repeated):
+        return table
+    own = {"run": len(run) + 1 + np.arange(len(repeated)), "batch": 0, "phase": "repeat"}
+    again = table.iloc[repeated].assign(**own, event=progress.repeats.happened)
+    return pd.concat([table, again], ignore_index=True)
 
 
 def _diagnostics(progress: Progress, combined: Combined | None, certificate: Certificate) -> dict[str, float]:
@@ -145,4 +162,6 @@ def _diagnostics(progress: Progress, combined: Combined | None, certificate: Cer
         "looks": unseen.runs,
         "unseen_mode": unseen.mode,
         "unseen_any": unseen.anything,
+        "repeats": len(progress.repeats),
+        "differed": int(np.count_nonzero(progress.repeats.differed)),
     }

@@ -34,8 +34,11 @@ from accelerated_evaluation.methods.surrogate.constants import (
     CORE,
     DEFENCE,
     DEFENCE_ALONE,
+    ENOUGH_REPEATS,
+    FIRST_REPEATS,
     FRINGE_WEIGHT,
     KERNELS,
+    LARGEST_SCORE,
     PATIENCE,
     POOL,
     POOL_PER_RUN,
@@ -45,6 +48,7 @@ from accelerated_evaluation.methods.surrogate.constants import (
     WIDE_SHARE,
 )
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
+from accelerated_evaluation.methods.surrogate.repeats import RepeatBatch, choose_repeats, end_differently
 from accelerated_evaluation.methods.surrogate.search import draw_approach
 from accelerated_evaluation.methods.surrogate.state import (
     ApproachBatch,
@@ -56,6 +60,7 @@ from accelerated_evaluation.methods.surrogate.state import (
 )
 from accelerated_evaluation.methods.surrogate.two_phase import (
     Defence,
+    Flags,
     Pool,
     Prediction,
     TwoPhaseBatch,
@@ -94,6 +99,11 @@ class Sampler:
     predecessor
         Runs of another vehicle that is like the one under test, with events among them. The sampler then
         begins where these events are, and does without a search.
+    deterministic
+        Whether the vehicle always does the same at the same normal scores. None lets repeats find it out.
+    enough_repeats
+        Repeats without a difference that have to be made, where it is not known, before the vehicle counts as
+        one that repeats itself and the estimate can have converged.
     """
 
     def __init__(
@@ -105,6 +115,8 @@ class Sampler:
         fingerprint: str,
         certificate: Certificate = BY_DEFAULT,
         predecessor: Predecessor | None = None,
+        deterministic: bool | None = True,
+        enough_repeats: int = ENOUGH_REPEATS,
     ) -> None:
         if predecessor is not None:
             predecessor.check(dimension)
@@ -112,7 +124,9 @@ class Sampler:
             raise ValueError(f"batch_size must be from 1 to {POOL // 4}, got {batch_size}")
         self.dimension, self.batch_size, self.fingerprint = dimension, batch_size, fingerprint
         self.certificate = certificate
+        self.deterministic, self.enough_repeats = deterministic, enough_repeats
         self.progress = Progress.start(dimension)
+        self.progress.chance = deterministic is False
         self._generator = generator
         self.predecessor = predecessor
         self._belief = Belief(dimension, predecessor)
@@ -151,10 +165,13 @@ class Sampler:
             )
         if np.isnan(score).any():
             raise ValueError("a score is not a number")
-        largest = np.finfo(float).max  # JSON has no infinity
+        score = np.clip(score, -LARGEST_SCORE, LARGEST_SCORE)
+        if isinstance(batch, RepeatBatch):
+            self._take_repeats(batch, happened, score)
+            return
         progress.z = np.vstack([progress.z, batch.z])
         progress.happened = np.append(progress.happened, happened)
-        progress.score = np.append(progress.score, np.clip(score, -largest, largest))
+        progress.score = np.append(progress.score, score)
         progress.pending = None
         if isinstance(batch, TwoPhaseBatch):
             progress.looks = np.vstack([progress.looks, batch.looks])
@@ -169,14 +186,39 @@ class Sampler:
             progress.searched += len(batch.z) / self._search_reach
         progress.rarest = rarest
 
+    def _take_repeats(self, batch: RepeatBatch, happened: Flags, score: Array) -> None:
+        """Compare repeats with their runs; one that ends differently shows that chance has a part."""
+        progress, first = self.progress, batch.repeated
+        differed = end_differently(progress.happened[first], progress.score[first], happened, score)
+        progress.repeats = progress.repeats.extended(batch, happened, differed)
+        progress.pending = None
+        if differed.any() and not progress.chance:
+            # What was foretold and estimated so far took every outcome for certain.
+            progress.chance, progress.chance_since = True, len(progress.estimates)
+            progress.foreseen = np.empty((0, 2))
+
     @property
     def simulations(self) -> int:
-        """Number of simulations whose outcomes were told."""
-        return len(self.progress.z)
+        """Number of simulations whose outcomes were told, repeats included."""
+        return len(self.progress.z) + len(self.progress.repeats)
+
+    @property
+    def repeats_next(self) -> bool:
+        """Whether the batch that was asked for consists of runs that were made before."""
+        return isinstance(self.progress.pending, RepeatBatch)
 
     def has_converged(self, stopping: Stopping) -> bool:
-        """Whether the interval is narrow, enough events were seen, and the certificate is met."""
-        return self.is_narrow(stopping) and results.is_certified(self.progress, self.certificate)
+        """Whether the interval is narrow, enough events were seen, and nothing is left to exclude."""
+        if not self.is_narrow(stopping) or not results.is_certified(self.progress, self.certificate):
+            return False
+        return self._repeats_wanted(certify=True) == 0 and not self.progress.chance
+
+    def _repeats_wanted(self, *, certify: bool) -> int:
+        """Return how many repeats are still wanted: some to notice noise, and many before convergence."""
+        if self.deterministic is True or (self.progress.chance and self.deterministic is None):
+            return 0
+        wanted = self.enough_repeats if certify and not self.progress.chance else FIRST_REPEATS
+        return max(wanted - len(self.progress.repeats), 0)
 
     def is_narrow(self, stopping: Stopping) -> bool:
         """Whether the interval is as narrow as asked, and enough events were seen."""
@@ -184,7 +226,8 @@ class Sampler:
 
     def estimate(self, stopping: Stopping) -> Estimate:
         """Return what the runs so far say; see `results.estimate`."""
-        return results.estimate(self.progress, self.batch_size, stopping, self.certificate)
+        found = results.estimate(self.progress, self.batch_size, stopping, self.certificate)
+        return replace(found, converged=self.has_converged(stopping))
 
     # ---- saved state
 
@@ -209,6 +252,8 @@ class Sampler:
             graded_theta=self._belief.scores.theta,
             generator=self._generator.bit_generator.state,
             predecessor=self.predecessor,
+            deterministic=self.deterministic,
+            enough_repeats=self.enough_repeats,
         )
 
     @classmethod
@@ -221,6 +266,8 @@ class Sampler:
             fingerprint=state.fingerprint,
             certificate=certificate,
             predecessor=state.predecessor,
+            deterministic=state.deterministic,
+            enough_repeats=state.enough_repeats,
         )
         sampler.progress = state.progress
         flags = sampler._belief.flags
@@ -235,8 +282,18 @@ class Sampler:
             with BLAS.limit(limits=1):
                 beyond = results.where_to_search(self.progress, self.certificate)
                 defence = Defence(DEFENCE_ALONE if certify else DEFENCE, beyond)
-                self.progress.pending = self._design(defence)
+                self.progress.pending = self._repeats(certify=certify) or self._design(defence)
         return self.progress.pending
+
+    def _repeats(self, *, certify: bool) -> RepeatBatch | None:
+        """Choose runs to repeat; None while there are none, or no more are wanted."""
+        progress = self.progress
+        if not (count := min(self._repeats_wanted(certify=certify), self.batch_size)):
+            return None
+        if self._is_searching() or (certify and not results.is_certified(progress, self.certificate)):
+            return None
+        known = progress.z, progress.happened, progress.score, progress.repeats
+        return choose_repeats(*known, count, self._generator)
 
     def _design(self, defence: Defence) -> Batch:
         """Choose the next batch, by what is known so far."""

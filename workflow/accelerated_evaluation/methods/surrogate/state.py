@@ -18,11 +18,12 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import read_json, write_json
 from accelerated_evaluation.methods.surrogate.combining import BatchEstimate
-from accelerated_evaluation.methods.surrogate.constants import POOL, REACH
+from accelerated_evaluation.methods.surrogate.constants import ENOUGH_REPEATS, POOL, REACH
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
+from accelerated_evaluation.methods.surrogate.repeats import RepeatBatch, Repeats
 from accelerated_evaluation.methods.surrogate.two_phase import Flags, TwoPhaseBatch
 
-FORMAT, VERSION = "accelerated-evaluation sampler state", 8
+FORMAT, VERSION = "accelerated-evaluation sampler state", 9
 
 # What is raised where a content does not fit together.
 MISFIT = (KeyError, TypeError, ValueError, OverflowError, AttributeError, StopIteration)
@@ -58,7 +59,7 @@ class ApproachBatch:
     z: Array
 
 
-Batch = WideBatch | ApproachBatch | TwoPhaseBatch
+Batch = WideBatch | ApproachBatch | TwoPhaseBatch | RepeatBatch
 
 
 @dataclass
@@ -81,6 +82,11 @@ class Progress:
     foreseen
         Probabilities that the two surrogates gave to all runs of the second phase, which are the last m,
         before they were made, shape (m, 2).
+    repeats
+        Runs that were made once more; they are not among the runs.
+    chance, chance_since
+        Whether chance has a part in the outcomes, and how many estimates had been made when that was found
+        out. These were designed for an event that is certain at every point, and do not count any more.
     pending
         The batch that was asked for and whose outcomes were not told yet.
     centres
@@ -100,6 +106,9 @@ class Progress:
     estimates: list[BatchEstimate] = field(default_factory=list)
     batches: list[TwoPhaseBatch] = field(default_factory=list)
     foreseen: Array = field(default_factory=lambda: np.empty((0, 2)))
+    repeats: Repeats = field(default_factory=Repeats.none)
+    chance: bool = False
+    chance_since: int = 0
     pending: Batch | None = None
     centres: Array | None = None
     searched: float = 0.0
@@ -133,6 +142,8 @@ class State:
         State of the bit generator.
     predecessor
         Runs of a vehicle that is alike.
+    deterministic, enough_repeats
+        Whether the vehicle is said to repeat itself, and how many repeats show it; see `Sampler`.
     """
 
     fingerprint: str
@@ -145,6 +156,8 @@ class State:
     graded_theta: Array
     generator: dict[str, Any]
     predecessor: Predecessor | None = None
+    deterministic: bool | None = True
+    enough_repeats: int = ENOUGH_REPEATS
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of a state file: plain lists and numbers, with a version and a checksum."""
@@ -238,6 +251,11 @@ def _whole(state: State) -> State:
     _require_shape("score", progress.score, runs)
     _require_shape("looks", progress.looks, len(progress.looks), 3)
     _require_shape("foreseen", progress.foreseen, min(len(progress.foreseen), runs), 2)
+    for name, value in vars(progress.repeats).items():
+        _require_shape(name, value, len(progress.repeats))
+    asked = progress.pending.repeated if isinstance(progress.pending, RepeatBatch) else np.empty(0)
+    if not np.isin(np.append(progress.repeats.repeated, asked), np.arange(runs)).all():
+        raise ValueError("a repeat of a run that was not made")
     if progress.centres is not None:
         _require_shape("centres", progress.centres, max(len(progress.centres), 1), d)
     for batch in (*progress.batches, *filter(None, [progress.pending])):

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field, fields
+from typing import ClassVar
 
 import pandas as pd
 from numpy.typing import ArrayLike
@@ -61,6 +62,8 @@ class AccAeb:
     InputError
         If a parameter is not a finite number in its range.
     """
+
+    deterministic: ClassVar[bool] = True
 
     aeb: bool = True
     aeb_deceleration: float = 10.0

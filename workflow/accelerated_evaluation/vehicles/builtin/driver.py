@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, ClassVar
 
 import pandas as pd
 from numpy.typing import ArrayLike
@@ -48,6 +48,8 @@ class ReferenceDriver:
     length, width
         Size of both cars [m] (JRC-FSM).
     """
+
+    deterministic: ClassVar[bool] = True
 
     lateral_speed: float = zero_or_more(0.0)
     entry_offset: float = 3.5

@@ -1,6 +1,7 @@
 """A user's vehicle, whose code is not ours: what it gives is checked, and what it raises is told."""
 
 import os
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.base.errors import StudyError
+from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.vehicles.checks import (
     OUTCOMES,
     checked_encounters,
@@ -17,7 +18,7 @@ from accelerated_evaluation.vehicles.checks import (
     described,
     outcome_error,
 )
-from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
+from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle, repeats_itself
 
 REPEATED = 4  # encounters of the first batch that are simulated twice again
 TOLERANCE = 1e-5  # relative, for outcomes of the same encounter: rounding may depend on the batch
@@ -27,9 +28,10 @@ TOLERANCE = 1e-5  # relative, for outcomes of the same encounter: rounding may d
 class CheckedVehicle:
     """A user's vehicle whose inputs and outcomes are checked against the protocol.
 
-    The first batch also tells whether the vehicle is deterministic: at most four of its encounters are
-    simulated again, each twice, in another order and in a batch of another size. That costs at most eight
-    simulations for each vehicle that is loaded.
+    Unless the vehicle is known to depend on chance, at most four encounters of the first batch are simulated
+    again, each twice, in another order and in a batch of another size. That costs at most eight simulations
+    for each vehicle that is loaded. It finds a vehicle that answers differently most of the time; a vehicle
+    that does so in one run out of a hundred needs the many repeats that the sampler makes.
 
     Attributes
     ----------
@@ -37,13 +39,25 @@ class CheckedVehicle:
         The user's own.
     name
         Its name in messages, such as ``path/to/file.py:ClassName``.
+    deterministic
+        Whether the vehicle repeats itself, as its user says; by default what the attribute of that name of
+        the user's class says. None means that it has to be found out. It becomes False when an encounter ends
+        in other outcomes.
     was_repeated
-        Whether that was done; set it where somebody else sees to it.
+        Whether encounters were simulated again; set it where somebody else sees to it.
     """
 
     vehicle: Vehicle
     name: str
+    deterministic: bool | None = field(default=None, repr=False, compare=False)
     was_repeated: bool = field(default=False, init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if self.deterministic is None:
+            self.deterministic = repeats_itself(self.vehicle)
+        if not isinstance(self.deterministic, bool | None):
+            seen, expected = repr(self.deterministic), "True, False or None"
+            raise outcome_error(self.name, "its attribute deterministic", seen, expected)
 
     def simulate(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
         """Simulate n cut-ins; see `Vehicle`.
@@ -52,13 +66,15 @@ class CheckedVehicle:
         ------
         InputError
             If the encounters are not valid, the user's code raises or exits, its outcomes break the protocol,
-            or it gives other outcomes for the same encounters.
+            or it gives other outcomes for the same encounters although it is said to be deterministic.
         """
         encounters = checked_encounters(lead_speed, range_, closing_speed)
         outcomes = self._outcomes(encounters)
         if not self.was_repeated and encounters.shape[1] > 0:
-            check_repetition(self._outcomes, encounters, outcomes, self.name)
             self.was_repeated = True
+            self.deterministic = after_repetition(
+                self._outcomes, encounters, outcomes, self.name, declared=self.deterministic
+            )
         return outcomes
 
     def _outcomes(self, encounters: Array) -> Outcomes:
@@ -73,10 +89,48 @@ class CheckedVehicle:
         return checked_outcomes(outcomes, encounters, vehicle=self.name)
 
 
-def check_repetition(
+def after_repetition(
+    simulate: Callable[[Array], Outcomes],
+    encounters: Array,
+    first: Outcomes,
+    vehicle: str,
+    *,
+    declared: bool | None,
+) -> bool | None:
+    """Return what is known of a vehicle after some encounters were simulated again.
+
+    Parameters
+    ----------
+    simulate, encounters, first, vehicle
+        As for `found_difference`.
+    declared
+        Whether the vehicle is said to be deterministic. If it is said to depend on chance, nothing is done.
+
+    Returns
+    -------
+    bool or None
+        ``declared``, or False if it was None and an outcome differs; a warning then says which.
+
+    Raises
+    ------
+    InputError
+        If an outcome differs although the vehicle is said to be deterministic.
+    """
+    if declared is False:
+        return False
+    difference = found_difference(simulate, encounters, first, vehicle)
+    if difference is not None and declared:
+        raise difference
+    if difference is not None:
+        warnings.warn(f"{difference} It is treated as a vehicle that depends on chance.", stacklevel=3)
+        return False
+    return declared
+
+
+def found_difference(
     simulate: Callable[[Array], Outcomes], encounters: Array, first: Outcomes, vehicle: str
-) -> None:
-    """Simulate some encounters again, and refuse a vehicle that gives other outcomes.
+) -> InputError | None:
+    """Simulate some encounters again, and describe the first outcome that differs; None if none does.
 
     At most four are, each twice. They are spread over the batch, and stand in the new batch once forwards and
     once backwards. So the number of earlier calls, the size of the batch, the neighbours and the place in it
@@ -92,11 +146,6 @@ def check_repetition(
         What they ended in.
     vehicle
         The vehicle's name in messages.
-
-    Raises
-    ------
-    InputError
-        If an outcome is another one.
     """
     count = encounters.shape[1]
     chosen = np.unique(np.linspace(0, count - 1, min(count, REPEATED)).astype(int))
@@ -107,14 +156,16 @@ def check_repetition(
         differs = ~np.isclose(after, before, rtol=TOLERANCE, atol=TOLERANCE)
         if differs.any():
             row = int(np.argmax(differs))
-            raise outcome_error(
+            return outcome_error(
                 vehicle,
                 f"{name} of {described(encounters[:, rows[row]])}",
                 f"{before[row]:g} at first, and {after[row]:g} when simulated again in another batch",
                 "the same outcomes of an encounter in every call and in every batch",
-                change="Seed its random numbers anew in each call, keep no state between calls, and let "
+                change="If chance is a part of this vehicle, say so with vehicle.deterministic: false. "
+                "Otherwise seed its random numbers in each call, keep no state between calls, and let "
                 "no encounter depend on the others in its batch.",
             )
+    return None
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
 from contextlib import ExitStack, contextmanager
@@ -15,9 +16,13 @@ from tqdm import tqdm
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.vehicles.checks import checked_encounters, described_batch, outcome_error
-from accelerated_evaluation.vehicles.external.checked import check_repetition, error_in_words
+from accelerated_evaluation.vehicles.external.checked import (
+    CheckedVehicle,
+    after_repetition,
+    error_in_words,
+)
 from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
-from accelerated_evaluation.vehicles.external.store import Encounter, Store, store_of
+from accelerated_evaluation.vehicles.external.store import Encounter, Request, Store, store_of
 from accelerated_evaluation.vehicles.external.workers import Workers, simulate_batch, workers_of
 from accelerated_evaluation.vehicles.loading import load_vehicle, section_files
 from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
@@ -29,6 +34,8 @@ AT_ONCE = 50_000  # encounters that are looked up together, which bounds the mem
 @dataclass
 class SlowVehicle:
     """A vehicle that is simulated once for each encounter, in batches, on workers.
+
+    Where chance has a part in its outcomes, an encounter is simulated every time that it is asked for.
 
     Attributes
     ----------
@@ -45,6 +52,8 @@ class SlowVehicle:
         are then smaller.
     time_limit
         How long a batch may take [s].
+    deterministic
+        Whether the vehicle repeats itself; see `CheckedVehicle`.
     simulated, found
         Encounters that were simulated by this object, those simulated again to see whether the vehicle is
         deterministic included, and those that the store had.
@@ -57,8 +66,14 @@ class SlowVehicle:
     workers: Workers = field(repr=False)
     batch_size: int = field(default=100, repr=False)
     time_limit: float = field(default=600.0, repr=False)
+    deterministic: bool | None = field(default=None, repr=False)
     simulated: int = field(default=0, repr=False)
     found: int = field(default=0, repr=False)
+    _handed_out: Counter = field(default_factory=Counter, init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if self.deterministic is None and self.store.verdict is False:
+            self.deterministic = False
 
     def simulate(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
         """Simulate those of n cut-ins that the store does not have; see `Vehicle`.
@@ -67,36 +82,56 @@ class SlowVehicle:
         ------
         InputError
             If the encounters are not valid, or the vehicle fails, takes too long, ends its worker, breaks the
-            protocol, or gives other outcomes for the same encounters. The outcomes of other batches are kept.
+            protocol, or gives other outcomes for the same encounters although it is said to be deterministic.
+            The outcomes of other batches are kept.
         """
         encounters = checked_encounters(lead_speed, range_, closing_speed)
         starts = range(0, max(encounters.shape[1], 1), AT_ONCE)
-        parts = [self._looked_up(encounters[:, start : start + AT_ONCE]) for start in starts]
+        parts = [self._checked(encounters[:, start : start + AT_ONCE]) for start in starts]
         return Outcomes(
             *(np.concatenate(column) for column in zip(*(vars(part).values() for part in parts), strict=True))
         )
 
-    def _looked_up(self, encounters: Array) -> Outcomes:
-        """Return the outcomes of encounters, shape (3, n); the store is asked first."""
+    def repeat(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
+        """Simulate n cut-ins once more, whether or not they were simulated before; see `simulate`."""
+        return self._again(checked_encounters(lead_speed, range_, closing_speed))
+
+    def _checked(self, encounters: Array) -> Outcomes:
+        """Return the outcomes of encounters, shape (3, n), and find out once whether the vehicle varies."""
+        outcomes = self._looked_up(encounters, again=self.deterministic is False)
+        if encounters.shape[1] and self.deterministic is not False and self.store.verdict is None:
+            self.deterministic = after_repetition(
+                self._again, encounters, outcomes, self.title, declared=self.deterministic
+            )
+            self.store.set_verdict(deterministic=self.deterministic is not False)
+        return outcomes
+
+    def _again(self, encounters: Array) -> Outcomes:
+        return self._looked_up(encounters, again=True)
+
+    def _looked_up(self, encounters: Array, *, again: bool) -> Outcomes:
+        """Return the outcomes of encounters, shape (3, n); the store is asked first.
+
+        With ``again``, every encounter has an outcome for each time that this object was asked for it.
+        """
         keys: list[Encounter] = list(zip(*encounters.tolist(), strict=True))
-        known = self.store.known(dict.fromkeys(keys))
-        missing = [key for key in dict.fromkeys(keys) if key not in known]
+        requests: list[Request] = [(key, self._next_number(key) if again else 0) for key in keys]
+        if not again:
+            self._handed_out |= Counter(dict.fromkeys(keys, 1))
+        known = self.store.known(dict.fromkeys(requests))
+        missing = [request for request in dict.fromkeys(requests) if request not in known]
         self.found += len(known)
-        for first, outcomes in self._simulated(missing):
+        for first, outcomes in self._simulated([encounter for encounter, _ in missing]):
             rows = list(zip(*outcomes.tolist(), strict=True))
             batch = missing[first : first + len(rows)]
             self.store.add(batch, rows)
             known |= zip(batch, rows, strict=True)
-        outcomes = _outcomes(np.array([known[key] for key in keys]).reshape(-1, 4).T)
-        if keys and not self.store.is_deterministic:
-            check_repetition(self._again, encounters, outcomes, self.title)
-            self.store.set_deterministic()
-        return outcomes
+        return _outcomes(np.array([known[request] for request in requests]).reshape(-1, 4).T)
 
-    def _again(self, encounters: Array) -> Outcomes:
-        """Simulate encounters, whether or not the store has them."""
-        parts = dict(self._simulated(list(zip(*encounters.tolist(), strict=True))))
-        return _outcomes(np.hstack([parts[first] for first in sorted(parts)]))
+    def _next_number(self, encounter: Encounter) -> int:
+        """Return how often this object was asked for an encounter before."""
+        self._handed_out[encounter] += 1
+        return self._handed_out[encounter] - 1
 
     def _simulated(self, encounters: Sequence[Encounter]) -> Iterator[tuple[int, Array]]:
         """Yield, as they end, where batches begin, and their outcomes, shape (4, n).
@@ -178,13 +213,16 @@ def loaded_for(vehicle: Mapping[str, Any], simulations: Mapping[str, Any]) -> It
     """
     name, parameters = vehicle["name"], vehicle["parameters"]
     car = load_vehicle(name, **parameters)  # also to refuse what cannot be loaded before any worker starts
+    if isinstance(car, CheckedVehicle) and vehicle.get("deterministic") is not None:
+        car.deterministic = vehicle["deterministic"]
     if not is_slow(name, simulations):
         yield car
         return
     store = store_of(name, parameters, section_files(vehicle))
+    declared = car.deterministic if isinstance(car, CheckedVehicle) else None
     with workers_of(simulations) as workers:
         limits = {key: simulations[key] for key in ("batch_size", "time_limit")}
-        yield SlowVehicle(name, parameters, car.name, store, workers, **limits)
+        yield SlowVehicle(name, parameters, car.name, store, workers, **limits, deterministic=declared)
 
 
 @contextmanager

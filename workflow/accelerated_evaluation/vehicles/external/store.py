@@ -1,4 +1,9 @@
-"""A store of outcomes: what a slow vehicle did in which encounter, so that nothing is simulated twice."""
+"""A store of outcomes: what a slow vehicle did in which encounter, so that nothing is simulated twice.
+
+Where chance has a part in the outcomes of a vehicle, an encounter is simulated several times. Every outcome
+is kept with its number, which counts the simulations of this encounter from 0. Whoever asks for the outcomes
+again, in the same order, gets the same ones.
+"""
 
 import os
 import sqlite3
@@ -17,15 +22,20 @@ PATIENCE = 600.0  # [s] to wait while another process writes
 
 Encounter = tuple[float, float, float]
 Outcome = tuple[float, float, float, float]
+Request = tuple[Encounter, int]  # an encounter, and the number of the simulation
 
 TABLES = f"""
 CREATE TABLE IF NOT EXISTS outcomes ({", ".join(f'"{name}" REAL NOT NULL' for name in (*INPUTS, *OUTCOMES))},
     PRIMARY KEY ({", ".join(f'"{name}"' for name in INPUTS)})) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS repeats (number INTEGER NOT NULL,
+    {", ".join(f'"{name}" REAL NOT NULL' for name in (*INPUTS, *OUTCOMES))},
+    PRIMARY KEY ({", ".join(f'"{name}"' for name in INPUTS)}, number)) WITHOUT ROWID;
 CREATE TABLE IF NOT EXISTS verdicts (verdict TEXT PRIMARY KEY) WITHOUT ROWID;
 """
 CONDITION = " AND ".join(f'"{name}" = ?' for name in INPUTS)
 LOOK_UP = f"SELECT {', '.join(OUTCOMES)} FROM outcomes WHERE {CONDITION}"
-DETERMINISTIC = "deterministic"
+LOOK_UP_REPEAT = f"SELECT {', '.join(OUTCOMES)} FROM repeats WHERE {CONDITION} AND number = ?"
+DETERMINISTIC, VARIES = "deterministic", "varies"
 
 
 class Store:
@@ -51,31 +61,42 @@ class Store:
         with self._connected() as connection:
             connection.executescript(TABLES)
 
-    def known(self, encounters: Iterable[Encounter]) -> dict[Encounter, Outcome]:
-        """Return the outcomes of those encounters that were added before."""
+    def known(self, requests: Iterable[Request]) -> dict[Request, Outcome]:
+        """Return the outcomes of those requests that were added before."""
+        found = {}
         with self._connected() as connection:
-            found = {each: connection.execute(LOOK_UP, each).fetchone() for each in encounters}
-        return {encounter: outcome for encounter, outcome in found.items() if outcome is not None}
+            for encounter, number in requests:
+                first = connection.execute(LOOK_UP, encounter)
+                asked = connection.execute(LOOK_UP_REPEAT, (*encounter, number)) if number else first
+                found[encounter, number] = asked.fetchone()
+        return {request: outcome for request, outcome in found.items() if outcome is not None}
 
-    def add(self, encounters: Sequence[Encounter], outcomes: Sequence[Outcome]) -> None:
-        """Add outcomes; those of an encounter that another process has added meanwhile stay as they are."""
-        rows = [(*encounter, *outcome) for encounter, outcome in zip(encounters, outcomes, strict=True)]
+    def add(self, requests: Sequence[Request], outcomes: Sequence[Outcome]) -> None:
+        """Add outcomes; those that another process has added meanwhile stay as they are."""
+        rows = [
+            (number, *encounter, *outcome)
+            for (encounter, number), outcome in zip(requests, outcomes, strict=True)
+        ]
+        first, repeats = [row[1:] for row in rows if not row[0]], [row for row in rows if row[0]]
         with self._connected() as connection:
-            connection.executemany("INSERT OR IGNORE INTO outcomes VALUES (?, ?, ?, ?, ?, ?, ?)", rows)
+            connection.executemany("INSERT OR IGNORE INTO outcomes VALUES (?, ?, ?, ?, ?, ?, ?)", first)
+            connection.executemany("INSERT OR IGNORE INTO repeats VALUES (?, ?, ?, ?, ?, ?, ?, ?)", repeats)
 
     @property
-    def is_deterministic(self) -> bool:
-        """Whether the vehicle was seen to give the same outcomes again."""
+    def verdict(self) -> bool | None:
+        """Whether the vehicle gave the same outcomes again; None if that was not tried."""
         with self._connected() as connection:
-            return connection.execute("SELECT 1 FROM verdicts").fetchone() is not None
+            verdicts = {row[0] for row in connection.execute("SELECT verdict FROM verdicts")}
+        return None if not verdicts else VARIES not in verdicts
 
-    def set_deterministic(self) -> None:
-        """Remember that the vehicle gave the same outcomes again."""
+    def set_verdict(self, *, deterministic: bool) -> None:
+        """Remember whether the vehicle gave the same outcomes again; that it did not is never forgotten."""
+        verdict = DETERMINISTIC if deterministic else VARIES
         with self._connected() as connection:
-            connection.execute("INSERT OR IGNORE INTO verdicts VALUES (?)", (DETERMINISTIC,))
+            connection.execute("INSERT OR IGNORE INTO verdicts VALUES (?)", (verdict,))
 
     def __len__(self) -> int:
-        """Return the number of encounters."""
+        """Return the number of encounters that were simulated at least once."""
         with self._connected() as connection:
             return connection.execute("SELECT count(*) FROM outcomes").fetchone()[0]
 

@@ -1,0 +1,258 @@
+"""The sampler before cars that do not repeat themselves: truth in closed form, and many seeds.
+
+    python benchmarks/samplers/chance.py run lapses_0.01 --seeds 0 40 --output lapses.csv
+    python benchmarks/samplers/chance.py table benchmarks/results/chance_runs.csv --output chance.csv
+
+Every problem here has a known probability. A car that drives like another one in a share of its runs crashes
+as often as the mixture of both. Noise that turns the normal scores z into rho z + sqrt(1 - rho^2) e leaves
+their law as it is, and so the probability. A half-space with probit noise of standard deviation s at the
+distance b has the probability Phi(-b / sqrt(1 + s^2)).
+"""
+
+import argparse
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.files import write_csv
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.methods.surrogate import Surrogate
+from accelerated_evaluation.problem import Response, ScoreProblem, SystemProblem
+from accelerated_evaluation.vehicles import AccAeb, Outcomes, Vehicle, load_vehicle
+from methods import Target
+from problems import BENCHMARK, problems, segment_problem
+from run import ROOT
+from scipy.special import ndtr
+from scipy.stats import binomtest
+
+RESULTS = Path(__file__).resolve().parents[1] / "results"
+LIMIT = 1000  # simulations after which the sampler gives up, as in the other tables
+CLOSING = 5.0  # [m/s]
+BEYOND_CLOSING = 1_000_000  # draws that say how many cut-ins close in faster
+
+
+@dataclass
+class Lapsing:
+    """A car that drives like another one in a share of its runs."""
+
+    car: Vehicle
+    other: Vehicle
+    rate: float
+    generator: np.random.Generator = field(repr=False, compare=False)
+    deterministic: bool | None = False
+
+    def simulate(self, lead_speed: Array, range_: Array, closing_speed: Array) -> Outcomes:
+        """Simulate n cut-ins; see `Vehicle`."""
+        outcomes = [car.simulate(lead_speed, range_, closing_speed) for car in (self.car, self.other)]
+        lapse = self.generator.random(len(range_)) < self.rate
+        own, others = (vars(each) for each in outcomes)
+        return Outcomes(**{name: np.where(lapse, others[name], own[name]) for name in own})
+
+
+@dataclass
+class Careless:
+    """A car that also crashes in a share of all cut-ins that close in fast, whatever it does otherwise."""
+
+    car: Vehicle
+    rate: float
+    generator: np.random.Generator = field(repr=False, compare=False)
+    deterministic: bool | None = False
+
+    def simulate(self, lead_speed: Array, range_: Array, closing_speed: Array) -> Outcomes:
+        """Simulate n cut-ins; see `Vehicle`."""
+        own = self.car.simulate(lead_speed, range_, closing_speed)
+        lapse = (self.generator.random(len(range_)) < self.rate) & (np.asarray(closing_speed) > CLOSING)
+        lapse &= ~own.crash
+        return Outcomes(
+            own.crash | lapse,
+            np.where(lapse, 0.0, own.min_range),
+            np.where(lapse, 1e-3, own.min_ttc),
+            np.where(lapse, closing_speed, own.impact_speed),
+        )
+
+
+@dataclass
+class Shaken:
+    """A problem whose normal scores are disturbed in every run, which leaves their law as it is."""
+
+    problem: ScoreProblem
+    spread: float
+    generator: np.random.Generator = field(repr=False, compare=False)
+    deterministic: bool | None = False
+
+    @property
+    def dimension(self) -> int:
+        """That of the problem."""
+        return self.problem.dimension
+
+    @property
+    def fingerprint(self) -> str:
+        """That of the problem, and the disturbance."""
+        return f"{self.problem.fingerprint}, disturbed by {self.spread}"
+
+    def evaluate(self, z: Array) -> Response:
+        """Run the system at disturbed scores."""
+        noise = self.generator.standard_normal(z.shape)
+        return self.problem.evaluate(math.sqrt(1 - self.spread**2) * z + self.spread * noise)
+
+
+@dataclass(frozen=True)
+class Chance:
+    """A problem with chance in its outcomes: how it is made from a generator, and its probability."""
+
+    make: Callable[[np.random.Generator], ScoreProblem]
+    exact: float
+
+
+def reference(name: str) -> float:
+    """Return the probability of a problem of the benchmark, from its table."""
+    table = pd.read_csv(RESULTS / "samplers.csv")
+    return float(table.loc[table["problem"] == name, "reference"].iloc[0])
+
+
+def noisy_plane(distance: float, spread: float, dimension: int, *, graded: bool = True) -> Chance:
+    """Return a half-space whose score, and with it the flag, has normal noise."""
+
+    def make(generator: np.random.Generator) -> ScoreProblem:
+        def respond(z: Array) -> Response:
+            score = distance - z.sum(1) / math.sqrt(dimension) + spread * generator.standard_normal(len(z))
+            return score <= 0, score if graded else None
+
+        return SystemProblem(respond, dimension, fingerprint="noisy half-space", deterministic=False)
+
+    return Chance(make, float(ndtr(-distance / math.sqrt(1 + spread**2))))
+
+
+def lapsing(other: str, name: str, rate: float) -> Chance:
+    """Return the study's car that drives like another one in a share of its runs."""
+
+    def make(generator: np.random.Generator) -> ScoreProblem:
+        return segment_problem("5-15", Lapsing(AccAeb(), load_vehicle(other), rate, generator), BENCHMARK)
+
+    return Chance(make, (1 - rate) * reference("segment_5_15") + rate * reference(name))
+
+
+def careless(rate: float) -> Chance:
+    """Return the study's car that crashes in a share of all fast cut-ins."""
+    own = segment_problem("5-15", AccAeb(), BENCHMARK)
+    z = child_generator(ROOT, "chance", "closing").standard_normal((BEYOND_CLOSING, 3))
+    fast = float((own.law.capped(own.law.from_normal_scores(z).closing_speed) > CLOSING).mean())
+
+    def make(generator: np.random.Generator) -> ScoreProblem:
+        return replace(own, vehicle=Careless(AccAeb(), rate, generator))
+
+    exact = reference("segment_5_15")
+    return Chance(make, exact + rate * (fast - exact))
+
+
+def shaken(spread: float) -> Chance:
+    """Return the crash of the main problem with disturbed scores."""
+    own = problems()["segment_5_15"].event
+    return Chance(lambda generator: Shaken(own, spread, generator), reference("segment_5_15"))
+
+
+def unchanged(name: str) -> Chance:
+    """Return a problem of the benchmark as it is, which repeats itself."""
+    return Chance(lambda _: problems()[name].event, reference(name))
+
+
+PROBLEMS: dict[str, Callable[[], Chance]] = {
+    "main": lambda: unchanged("segment_5_15"),
+    "lapses_0.001": lambda: lapsing("cc_human", "driver_cc_human", 0.001),
+    "lapses_0.01": lambda: lapsing("cc_human", "driver_cc_human", 0.01),
+    "lapses_0.1": lambda: lapsing("cc_human", "driver_cc_human", 0.1),
+    "no_brakes_0.01": lambda: lapsing("acc_only", "no_aeb", 0.01),
+    "careless_0.01": lambda: careless(0.01),
+    "shaken_0.1": lambda: shaken(0.1),
+    "shaken_0.3": lambda: shaken(0.3),
+    "noise_0.1": lambda: noisy_plane(4.5, 0.1, 2),
+    "noise_0.3": lambda: noisy_plane(4.5, 0.3, 2),
+    "noise_0.6": lambda: noisy_plane(4.5, 0.6, 2),
+    "noise_0.3_flags": lambda: noisy_plane(4.5, 0.3, 2, graded=False),
+    "noise_0.3_6d": lambda: noisy_plane(4.5, 0.3, 6),
+    "reg157": lambda: unchanged("driver_reg157"),
+}
+
+
+def repeated(name: str, seeds: range, limit: int = LIMIT) -> pd.DataFrame:
+    """Return what the sampler gave on a problem, a row a seed."""
+    chance, rows = PROBLEMS[name](), []
+    for seed in seeds:
+        start = time.perf_counter()
+        event = chance.make(child_generator(ROOT, name, "chance of the car", seed))
+        found = Surrogate().estimate(
+            event,
+            Target(minimum_events=1, maximum_simulations=limit),
+            child_generator(ROOT, name, "chance", seed),
+        )
+        numbers = found.probability, found.low, found.high
+        rows.append(
+            {
+                "problem": name,
+                "seed": seed,
+                "exact": chance.exact,
+                **dict(zip(("probability", "low", "high"), numbers, strict=True)),
+                "simulations": found.simulations,
+                "converged": found.converged,
+                "seconds": round(time.perf_counter() - start, 2),
+            }
+        )
+        print(rows[-1], flush=True)
+    return pd.DataFrame(rows)
+
+
+def table(runs: pd.DataFrame) -> pd.DataFrame:
+    """Sum up the runs, a row a problem."""
+    rows = []
+    for (name, exact), own in runs.groupby(["problem", "exact"], sort=False):
+        done = own[own["converged"]]
+        ratio = done["probability"] / exact
+        off = int(((ratio < 0.5) | (ratio > 2)).sum())
+        covered = int(((done["low"] <= exact) & (exact <= done["high"])).sum())
+        ends = binomtest(covered, len(done)).proportion_ci(0.95, "exact") if len(done) else (math.nan,) * 2
+        held = ((own["low"] <= exact) & (exact <= own["high"])).mean()
+        rows.append(
+            {
+                "problem": name,
+                "exact": exact,
+                "seeds": len(own),
+                "converged": len(done),
+                "simulations": own["simulations"].mean(),
+                "ratio": ratio.mean(),
+                "error": math.sqrt(((ratio - 1) ** 2).mean()) if len(done) else math.nan,
+                "covered": covered,
+                "coverage_low": ends[0],
+                "coverage_high": ends[1],
+                "off": off,
+                "covered_all": held,
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def main() -> None:
+    """Run one problem, or sum up all runs."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    steps = parser.add_subparsers(dest="step", required=True)
+    run = steps.add_parser("run", help="estimate one problem with some seeds")
+    run.add_argument("problem", choices=PROBLEMS)
+    run.add_argument("--seeds", type=int, nargs=2, metavar=("FIRST", "END"), required=True)
+    run.add_argument("--limit", type=int, default=LIMIT, help="simulations (default: %(default)s)")
+    summed = steps.add_parser("table", help="sum up all runs")
+    summed.add_argument("runs", nargs="+")
+    for step in (run, summed):
+        step.add_argument("--output", required=True)
+    arguments = parser.parse_args()
+    if arguments.step == "run":
+        write_csv(arguments.output, repeated(arguments.problem, range(*arguments.seeds), arguments.limit))
+    else:
+        write_csv(arguments.output, table(pd.concat(map(pd.read_csv, arguments.runs), ignore_index=True)))
+
+
+if __name__ == "__main__":
+    main()

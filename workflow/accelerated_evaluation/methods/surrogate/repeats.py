@@ -1,0 +1,126 @@
+"""Repeats of runs: whether a vehicle does the same thing twice, and how often it does not.
+
+A vehicle that drives differently in one run out of a hundred looks deterministic in a few hundred runs, and
+can yet owe most of its crashes to these runs. Repeats can show it. If n repeats agree with the runs that they
+repeat, the share of repeats that end differently is below log(1 / alpha) / n with confidence 1 - alpha.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import beta
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.methods.surrogate.constants import LARGEST_SCORE, OFTEN, SAME_SCORE
+from accelerated_evaluation.methods.surrogate.two_phase import Flags
+
+
+@dataclass(frozen=True)
+class RepeatBatch:
+    """A batch of runs that were made before.
+
+    Attributes
+    ----------
+    z
+        Normal scores to simulate, shape (n, d).
+    repeated
+        Places of the runs that are repeated among all runs, shape (n,).
+    """
+
+    z: Array
+    repeated: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """Outcomes of the repeats so far; every array has shape (k,).
+
+    Attributes
+    ----------
+    repeated
+        Places of the runs that were repeated among all runs.
+    happened
+        Whether the event happened in the repeat.
+    differed
+        Whether the repeat ended differently from the run: another flag or another score.
+    """
+
+    repeated: NDArray[np.int64]
+    happened: Flags
+    differed: Flags
+
+    @classmethod
+    def none(cls) -> "Repeats":
+        """Return the repeats of a sampler that has made none."""
+        return cls(np.empty(0, np.int64), np.empty(0, bool), np.empty(0, bool))
+
+    def __len__(self) -> int:
+        """Return the number of repeats."""
+        return len(self.repeated)
+
+    def extended(self, batch: RepeatBatch, happened: Flags, differed: Flags) -> "Repeats":
+        """Return these repeats and those of a batch."""
+        return Repeats(
+            np.append(self.repeated, batch.repeated),
+            np.append(self.happened, happened),
+            np.append(self.differed, differed),
+        )
+
+    @property
+    def vary_often(self) -> bool:
+        """Whether so many repeats differ that chance has a part in most runs, as noise has.
+
+        Otherwise it may have a part in few runs, which are then lapses; these are seldom met.
+        """
+        return len(self) > 0 and self.differed.mean() >= OFTEN
+
+    def largest_share(self, alpha: float) -> float:
+        """Return a bound, with confidence 1 - alpha, on the share of repeats that end differently.
+
+        This is the upper limit of Clopper and Pearson; 1 without any repeat.
+        """
+        differed = int(np.count_nonzero(self.differed))
+        if differed == len(self):
+            return 1.0
+        return float(beta.ppf(1 - alpha, differed + 1, len(self) - differed))
+
+
+def end_differently(happened: Flags, score: Array, again: Flags, score_again: Array) -> Flags:
+    """Return which repeats end differently from their runs; all arrays have shape (n,)."""
+    return (happened != again) | ~np.isclose(score, score_again, rtol=SAME_SCORE, atol=SAME_SCORE)
+
+
+def choose_repeats(
+    z: Array,
+    happened: Flags,
+    score: Array,
+    known: Repeats,
+    count: int,
+    generator: np.random.Generator,
+) -> RepeatBatch:
+    """Choose runs to repeat, in a random order: half of them events, half others, those repeated least first.
+
+    Of the runs without the event those come first that came nearest to it. Runs without any score, such as
+    those in which the host never closed in, are repeated only if there are no others.
+
+    Parameters
+    ----------
+    z, happened, score
+        Normal scores, shape (n, d), flags and scores, shape (n,), of all runs.
+    known
+        Repeats so far.
+    count
+        Number of repeats.
+    generator
+        Source of the order.
+    """
+    times = np.bincount(known.repeated, minlength=len(z))
+    safe = ~happened & (score < LARGEST_SCORE)
+    kinds = [np.flatnonzero(happened), np.flatnonzero(safe if safe.any() else ~happened)]
+    nearness = np.where(happened, -score, score)  # the nearest to the boundary come first
+    ordered = [kind[np.lexsort((nearness[kind], times[kind]))] for kind in kinds]
+    events = min(count // 2, len(ordered[0])) if len(ordered[1]) else count
+    chosen = np.concatenate([np.resize(ordered[0], events), np.resize(ordered[1], count - events)])
+    chosen = generator.permutation(chosen).astype(np.int64)
+    return RepeatBatch(z[chosen], chosen)
