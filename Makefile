@@ -66,15 +66,15 @@ lint: $(ENVIRONMENT) ## ruff and snakefmt
 	ruff format --check .
 	snakefmt --check $(RULES)
 
-test: lint ## lint and run the tests
+test: lint ## lint and run the tests; says at the end what it left out
 	pytest
 
 test-slurm: $(ENVIRONMENT) ## run the smoke study through a Slurm on this machine; skipped where it cannot be installed
 	tests/slurm/install.sh
-	pytest -n 0 -rs -s tests/slurm
+	pytest -n 0 -s -m slurm tests/slurm
 
 test-studies: $(ENVIRONMENT) ## whole small studies of odd data, vehicles and settings; about an hour
-	pytest tests/corpus --dist worksteal
+	pytest tests/corpus -m '' --dist worksteal
 
 format: $(ENVIRONMENT) ## rewrite the sources as the linters want them
 	ruff check --fix .

@@ -10,8 +10,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+# Two processes of the tests share the cores. With several threads each, OpenBLAS mostly waits for itself.
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation.vehicles import load_vehicle
 
 # A user's Python keeps what it prints in buffers. Machines that test often switch that off, and hide errors.
 os.environ.pop("PYTHONUNBUFFERED", None)
@@ -20,44 +25,74 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 PARTS = ("Snakefile", "workflow", "notebooks", "docs", "config", "data", "profiles", "environment.txt")
 PARTS += ("benchmarks/results/worlds.csv", "benchmarks/results/worlds_causes.csv")
+WITH_TOYS = ("config/smoke.yaml", "config/toys.yaml")
+
+
+LEFT_OUT = """\
+The tests marked browser, slurm and crate: pytest -m "browser or slurm or crate"
+Whole studies of odd data, vehicles and settings: make test-studies"""
+
+
+def pytest_terminal_summary(terminalreporter, config):
+    """Say at the end which tests the options in pyproject.toml leave out, and how to run them."""
+    if config.option.markexpr == "not (browser or slurm or crate)":
+        terminalreporter.section("left out")
+        terminalreporter.write_line(LEFT_OUT)
+
+
+@functools.cache
+def compile_vehicles() -> None:
+    """Compile the kernels of the vehicles in this project, so that its copies need not."""
+    for name in ("acc_aeb", "cc_human"):
+        load_vehicle(name).simulate(np.array([20.0]), np.array([20.0]), np.array([3.0]))
 
 
 class Project:
-    """A folder with the project's files, and Snakemake in it."""
+    """A folder with the project's files, the configurations of its study, and Snakemake in it."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *configs: str) -> None:
         self.folder = folder
+        self.configs = configs or ("config/smoke.yaml",)
 
     @classmethod
     def fresh(cls, folder: Path) -> "Project":
         """Copy the files of the project into a folder, without anything that ran."""
+        compile_vehicles()
         folder.mkdir(parents=True, exist_ok=True)
         for part in PARTS:
             source = ROOT / part
             if source.is_dir():
-                shutil.copytree(source, folder / part, ignore=shutil.ignore_patterns("__pycache__", "raw"))
+                # Machine code of Numba comes along: it is valid as long as its sources keep their dates.
+                shutil.copytree(source, folder / part, ignore=shutil.ignore_patterns("*.pyc", "raw"))
             else:
                 (folder / part).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(source, folder / part)
         return cls(folder)
 
+    @classmethod
+    def with_toys(cls, folder: Path) -> "Project":
+        """Copy the project with the toys of tests/toys, which its study then uses."""
+        cls.fresh(folder)
+        shutil.copytree(
+            HERE / "toys", folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("*.pyc", "*.md")
+        )
+        return cls(folder, *WITH_TOYS)
+
     def copied(self, folder: Path) -> "Project":
         """Copy this project with all that ran in it, dates included."""
         shutil.copytree(self.folder, folder, dirs_exist_ok=True)
-        return Project(folder)
+        return Project(folder, *self.configs)
 
-    def command(
-        self, *arguments: str, config: str = "config/smoke.yaml", cores: int = 2, quick: bool = False
-    ) -> list[str]:
-        """Return the command that runs the project; ``quick`` imports the libraries once for all its jobs."""
-        snakemake = [str(HERE / "quick_snakemake.py")] if quick else ["-m", "snakemake"]
-        return [sys.executable, *snakemake, "--cores", str(cores), *arguments, "--configfile", config]
+    def command(self, *arguments: str, config: str = "", cores: int = 2) -> list[str]:
+        """Return the command that runs Snakemake here, with other configurations if any are given."""
+        snakemake = [sys.executable, "-m", "snakemake", "--cores", str(cores)]
+        return [*snakemake, *arguments, "--configfile", *(config.split() or self.configs)]
 
     @property
     def environment(self) -> dict[str, str]:
         return os.environ | {"PYTHONPATH": str(self.folder / "workflow")}
 
-    def run(self, *arguments: str, **options: str | int | bool) -> subprocess.CompletedProcess:
+    def run(self, *arguments: str, **options: str | int) -> subprocess.CompletedProcess:
         return subprocess.run(
             self.command(*arguments, **options),
             cwd=self.folder,
@@ -88,9 +123,9 @@ def stored():
 
 @pytest.fixture(scope="session")
 def finished(tmp_path_factory, worker_id):
-    """Return a project whose smoke study ran to the end on two cores, once for all processes of the tests.
+    """Return a project whose smoke study, with the toys, ran to the end on two cores: once for all tests.
 
-    Tests only look at it; those that change files do so in a copy.
+    Tests only read it; those that change files do so in a copy (``finished.copied``).
     """
     if worker_id == "master":
         shared = tmp_path_factory.getbasetemp()
@@ -100,11 +135,11 @@ def finished(tmp_path_factory, worker_id):
     with open(shared / "finished_smoke_study.lock", "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not (shared / "finished_smoke_study.log").exists():
-            run = Project.fresh(folder).run()
+            run = Project.with_toys(folder).run()
             (shared / "finished_smoke_study.log").write_text(f"{run.returncode}\n{run.stdout}{run.stderr}")
     status, output = (shared / "finished_smoke_study.log").read_text().split("\n", 1)
     assert status == "0", output[-5000:]
-    return Project(folder)
+    return Project(folder, *WITH_TOYS)
 
 
 @pytest.fixture(scope="session")
@@ -117,3 +152,9 @@ def project_in():
 def project(tmp_path):
     """Return a project in which nothing has run yet."""
     return Project.fresh(tmp_path)
+
+
+@pytest.fixture
+def project_with_toys(tmp_path):
+    """Return a project with the toys in which nothing has run yet: that of ``finished``, before its run."""
+    return Project.with_toys(tmp_path)

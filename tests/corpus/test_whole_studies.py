@@ -266,7 +266,7 @@ def test_the_study_ends_whole(shared, name):
     study = re.sub(r"\W", "-", name)
     config = merged(TINY, STUDIES[name]) | {"study": study}
     (shared.folder / f"{study}.yaml").write_text(yaml.safe_dump(config, allow_unicode=True))
-    run = shared.run(config=f"{study}.yaml", cores=1, quick=True)
+    run = shared.run(config=f"{study}.yaml", cores=1)
     output = run.stdout + run.stderr
     assert run.returncode == 0, output[-8000:]
     assert "Traceback" not in output

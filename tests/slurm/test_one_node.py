@@ -10,10 +10,13 @@ from one_node import OneNodeSlurm, missing_programs
 
 PATIENCE = 3600  # seconds for the whole study, on a machine that has other things to do
 
-pytestmark = pytest.mark.skipif(
-    bool(missing_programs()),
-    reason=f"no Slurm on this machine ({', '.join(missing_programs())}); tests/slurm/install.sh",
-)
+pytestmark = [
+    pytest.mark.slurm,
+    pytest.mark.skipif(
+        bool(missing_programs()),
+        reason=f"no Slurm on this machine ({', '.join(missing_programs())}); tests/slurm/install.sh",
+    ),
+]
 
 
 @pytest.fixture(scope="module")
@@ -23,8 +26,9 @@ def slurm():
         yield cluster
 
 
-def test_slurm_makes_the_same_tables_though_a_job_is_killed(slurm, project, request):
+def test_slurm_makes_the_same_tables_though_a_job_is_killed(slurm, project_with_toys, request):
     """The study without Slurm, which it is compared with, is asked for last: another process may run it."""
+    project = project_with_toys
     command = [*project.command(), "--workflow-profile", "profiles/slurm"]
     command[command.index("--cores") + 1] = "1"  # of a Slurm job, as in the profile
     command += ["--slurm-init-seconds-before-status-checks", "2"]

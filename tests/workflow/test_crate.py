@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.crate
+
 PROFILE = "provenance-run-crate-0.5"
 # The terms of RO-Crate 1.1 that have another address in the version that comes with the library rocrate.
 ADDRESSES = {name: f"https://bioschemas.org/{name}" for name in ("ComputationalWorkflow", "FormalParameter")}

@@ -34,7 +34,7 @@ def test_motorway_cut_ins_are_not_cut_away_and_give_a_crash_probability(motorway
     targets = [
         f"results/motorway/{name}" for name in ("laws/answer.csv", "config.json", "records_report.csv")
     ]
-    run = motorway.run(*targets, config="motorway.yaml", quick=True)
+    run = motorway.run(*targets, config="motorway.yaml")
     assert run.returncode == 0, (run.stdout + run.stderr)[-5000:]
 
     config = json.loads((results / "config.json").read_text())

@@ -13,38 +13,36 @@ ROOT = Path(__file__).resolve().parents[2]
 GUIDE = (ROOT / "docs" / "your_vehicle.md").read_text(encoding="utf-8")
 FILES = dict(re.findall(r"^File `([^`]+)`:\n\n```\w+\n(.*?)^```$", GUIDE, re.DOTALL | re.MULTILINE))
 CONFIG = "my_comparison.yaml"
-TABLE = "results/my_comparison/laws/vehicles.csv"
-FIGURE = "results/my_comparison/happened/preventable.csv"
-FEWER = {
-    "data": {"sample": 1000, "spmd": {"outlier_rows": []}},
-    "answer": {
-        "grid": {"lead_speed_cells": 4, "range_cells": 8, "refinement": 2, "closing_speed_points": 20},
-        "draws": 20,
-    },
+TABLE = "results/smoke/laws/vehicles.csv"
+COARSE = {
+    "grid": {"lead_speed_cells": 4, "range_cells": 8, "refinement": 2, "closing_speed_points": 20},
+    "draws": 20,
 }
 
 
-@pytest.fixture
-def clone(project):
-    """Return a project with the files of the guide, its comparison on fewer records and a coarser grid."""
+def compare(project):
+    """Give a project the files of the guide and its comparison, on a coarser grid."""
     if shutil.which("awk") is None:
         pytest.skip("no awk is here")
     for name, content in FILES.items():
         (project.folder / name).write_text(content)
-    config = yaml.safe_load(FILES[CONFIG]) | FEWER
-    (project.folder / CONFIG).write_text(yaml.safe_dump(config))
+    comparison = yaml.safe_load(FILES[CONFIG]) | {"study": "smoke", "answer": COARSE}
+    (project.folder / CONFIG).write_text(yaml.safe_dump(comparison))
+    project.configs = (*project.configs, CONFIG)
     return project
 
 
 def rules_to_run(project, *targets):
     """Return the rules that a dry run would run."""
-    run = project.run("--dry-run", *targets, config=CONFIG)
+    run = project.run("--dry-run", *targets)
     assert run.returncode == 0, run.stderr[-5000:]
     return set(re.findall(r"^(\w+): .*\n    because of", run.stdout + run.stderr, re.MULTILINE))
 
 
-def test_own_vehicles_are_compared(clone):
-    run = clone.run(TABLE, config=CONFIG, quick=True)
+def test_own_vehicles_are_compared(finished, tmp_path):
+    """The finished study gets other vehicles, so that only what concerns vehicles runs."""
+    clone = compare(finished.copied(tmp_path))
+    run = clone.run(TABLE)
     assert run.returncode == 0, run.stderr[-5000:]
     table = pd.read_csv(clone.folder / TABLE).set_index("vehicle")
     assert {"under test", "brakes_harder", "in_awk", "weak_aeb", "cc_human"} < set(table.index)
@@ -61,12 +59,13 @@ def test_own_vehicles_are_compared(clone):
     assert rules_to_run(clone, TABLE) == {"map_crashes_in_awk", "study_laws_answer"}
 
 
-def test_the_vehicles_of_a_comparison_are_looked_up_before_any_job(clone):
+def test_the_vehicles_of_a_comparison_are_looked_up_before_any_job(project):
+    clone = compare(project)
     (clone.folder / "my_vehicle.awk").unlink()
     config = yaml.safe_load((clone.folder / CONFIG).read_text())
     config["compared_vehicles"]["brakes_harder"]["name"] = "my_vehicle.py:Breaking"
     (clone.folder / CONFIG).write_text(yaml.safe_dump(config))
-    run = clone.run(TABLE, config=CONFIG)
+    run = clone.run(TABLE)
     assert run.returncode != 0
     assert "compared_vehicles.brakes_harder, vehicle my_vehicle.py:Breaking: seen no class" in run.stderr
     assert "Did you mean Braking?" in run.stderr

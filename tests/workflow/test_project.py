@@ -13,7 +13,6 @@ from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
-LIBRARY = sorted((ROOT / "workflow" / "accelerated_evaluation").rglob("*.py"))
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
@@ -36,12 +35,6 @@ def test_every_rule_has_been_measured_for_the_cluster(project):
     assert len(rules) > 40
     assert set(asked["set-resources"]) == rules, "run python benchmarks/rules.py results/STUDY"
     assert set(asked["groups"]) <= rules
-
-
-@pytest.mark.parametrize("path", LIBRARY, ids=lambda path: f"{path.parent.name}/{path.stem}")
-def test_the_library_draws_only_from_generators_handed_down(path):
-    allowed = {"Generator", "SeedSequence"} | ({"default_rng"} if path.stem == "randomness" else set())
-    assert set(re.findall(r"np\.random\.(\w+)", path.read_text())) <= allowed
 
 
 @pytest.mark.parametrize(

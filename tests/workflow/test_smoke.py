@@ -40,8 +40,9 @@ def jobs(output: str) -> set[str]:
     return set(re.findall(r"^(\w+) +\d+$", statistics, flags=re.MULTILINE)) - {"total"}
 
 
-def test_a_killed_run_resumes_on_one_core_and_ends_with_the_same_bytes(project, request):
+def test_a_killed_run_resumes_on_one_core_and_ends_with_the_same_bytes(project_with_toys, request):
     """The whole study, which it is compared with, is asked for last, as another process may be running it."""
+    project = project_with_toys
     process = subprocess.Popen(
         project.command(*RESUMED, cores=1),
         cwd=project.folder,
@@ -105,7 +106,7 @@ def test_published_tables_say_what_the_data_are(finished):
 
 def test_the_estimate_alone_is_under_the_law_of_the_answer(finished, tmp_path, monkeypatch):
     monkeypatch.chdir(finished.folder)
-    config = resolved(load(["config/smoke.yaml"]))
+    config = resolved(load(finished.configs))
     _, law = choose_law("answer", read_records(config)[0], config)
     write_law(tmp_path / "law.json", law)
     assert (tmp_path / "law.json").read_bytes() == Path("results/smoke/laws/answer.json").read_bytes()
