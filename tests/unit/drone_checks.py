@@ -31,7 +31,7 @@ def settings(source, folder, **changes):
 
 
 def extract(source, folder, **changes):
-    return SOURCES[source](settings(source, folder, **changes))
+    return SOURCES[source].read(settings(source, folder, **changes))
 
 
 def adds_up(cut_ins, cases):

@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 import yaml
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.records.sources.table import UNITS
+from accelerated_evaluation.base.sections import default_of
 from accelerated_evaluation.study import configuration
 from accelerated_evaluation.study.configuration import ConfigurationError, load, parameter_table, validate
+from accelerated_evaluation.study.schema import own_sections, schema
 from jsonschema import Draft202012Validator
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -18,7 +19,7 @@ sys.path.append(str(REPOSITORY / "tests" / "corpus"))
 
 from test_whole_studies import STUDIES, TINY, merged  # noqa: E402
 
-SCHEMA = yaml.safe_load((REPOSITORY / "workflow" / "schemas" / "config.schema.yaml").read_text())
+SCHEMA = schema()
 
 
 def changed(**values):
@@ -124,17 +125,12 @@ def test_a_part_that_leaves_something_open_is_noticed(part):
     assert not is_closed(("a",), part)
 
 
-def test_units_of_the_schema_are_those_that_tables_are_read_with():
-    table = SCHEMA["properties"]["data"]["properties"]["table"]["properties"]["columns"]["properties"]
-    known = {
-        quantity: [unit for factors in inverses.values() for unit in factors]
-        for quantity, inverses in UNITS.items()
-    }
-    assert table["lead_speed"]["properties"]["unit"]["enum"] == known["lead_speed"]
-    assert table["range"]["properties"]["unit"]["enum"] == known["range"]
-    closing = table["closing"]["properties"]
-    assert closing["unit"]["enum"] == known["closing_speed"] + known["ttc"]
-    assert set(closing["quantity"]["enum"]) == set(known) - {"lead_speed", "range"}
+def test_what_the_shipped_configuration_states_of_a_module_is_the_default_there():
+    shipped = yaml.safe_load((REPOSITORY / "config" / "config.yaml").read_text())
+    for place, sections in own_sections().items():
+        for name, part in sections.items():
+            if place != "data" or name == shipped["data"]["source"]:
+                assert (shipped[place] if place else shipped)[name] == default_of(part), name
 
 
 # ---------------------------------------------------------------- what is refused
@@ -253,7 +249,7 @@ INCONSISTENT = {
         "source of records: one of exid, highd, osi, spmd, spmd_raw",
     ),
     "outliers of a sample": ({"data__sample": 1000}, "no outlier rows with a sample"),
-    "no table": ({"data__source": "table"}, "the path of the table"),
+    "no table": ({"data__source": "table"}, "a path, as the source is table: CSV or Parquet file"),
     "unknown distribution": (
         {"models__inverse_ttc__tail": "bounded gamma"},
         "one of bounded exponential, bounded normal",

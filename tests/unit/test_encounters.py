@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.sections import default_of, number
 from accelerated_evaluation.base.tables import read_csv
 from accelerated_evaluation.records.encounter_table import (
     COLUMNS,
@@ -23,7 +24,7 @@ from accelerated_evaluation.records.segments import (
     segment_names,
     tau_interval,
 )
-from accelerated_evaluation.records.sources import SOURCES, describe, read_source, spmd, table
+from accelerated_evaluation.records.sources import SOURCES, describe, read_source, source, spmd, table
 from accelerated_evaluation.study.configuration import load
 from scipy.stats import binom, kendalltau
 
@@ -511,18 +512,18 @@ def test_dependence_has_a_line_for_each_pair_and_segment():
 def test_every_source_has_its_section_in_the_configuration():
     data = load()["data"]
     assert {"spmd", "table"} <= set(SOURCES)
-    for source in SOURCES:
-        assert {"description", "path", "outlier_rows"} <= set(data[source])
+    for name in SOURCES:
+        assert {"description", "path", "outlier_rows"} <= set(data[name])
 
 
 def test_a_new_source_is_one_function(config, monkeypatch):
     monkeypatch.setattr(SOURCES, "_members", dict(SOURCES))
 
-    @SOURCES.add("toy")
+    @source("toy", description="made up", files="Nothing", gap=number(50, 0, 100, "Range [m]."))
     def read(settings):
         return pd.DataFrame({"lead_speed": [10.0], "range": [settings["gap"]], "closing_speed": [2.0]})
 
-    config["data"].update(source="toy", toy={"description": "made up", "gap": 50.0})
+    config["data"].update(source="toy", toy=default_of(SOURCES["toy"].section))
     assert complete(read_source(config["data"], np.random.default_rng()))["inverse_range"].tolist() == [0.02]
     assert describe(config["data"]) == "made up"
 
@@ -543,7 +544,7 @@ def test_a_sample_keeps_rows_and_order_and_says_that_it_is_one(csv_config):
 def test_a_sample_of_all_records_is_all_of_them_and_a_larger_one_is_refused(csv_config):
     config = csv_config(GOOD_ROWS, sample=3)
     pd.testing.assert_frame_equal(
-        read_source(config["data"], np.random.default_rng()), SOURCES["table"](config["data"]["table"])
+        read_source(config["data"], np.random.default_rng()), SOURCES["table"].read(config["data"]["table"])
     )
     config["data"]["sample"] = 4
     with pytest.raises(InputError, match=r"data\.sample: seen 4, but only 3 records in .*events\.csv"):

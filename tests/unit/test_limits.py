@@ -46,7 +46,7 @@ def test_the_paper_keeps_its_limits():
 
 def test_the_rules_would_give_the_paper_its_own_limits():
     config = load()
-    raw = SOURCES["spmd"](config["data"]["spmd"] | {"path": ROOT / config["data"]["spmd"]["path"]})
+    raw = SOURCES["spmd"].read(config["data"]["spmd"] | {"path": ROOT / config["data"]["spmd"]["path"]})
     limits = limits_of(raw, with_values(config, dict.fromkeys(AUTOMATIC, AUTO)))
     for key in (*AUTOMATIC[:4], "sensitivity.lead_speed_edges"):
         assert limits[key] == value_of(config, key)

@@ -23,7 +23,7 @@ import trajectories  # noqa: E402
 
 def extract(folder, source="osi", **changes):
     settings = copy.deepcopy(load([])["data"][source]) | {"path": str(folder)} | changes
-    return SOURCES[source](settings)
+    return SOURCES[source].read(settings)
 
 
 @pytest.fixture(scope="module")

@@ -181,7 +181,7 @@ def settings(folder, **changes):
 
 
 def extract(folder, **changes):
-    return SOURCES["spmd_raw"](settings(folder, **changes))
+    return SOURCES["spmd_raw"].read(settings(folder, **changes))
 
 
 def counts(cut_ins):

@@ -28,7 +28,7 @@ PART = slice(30_000, 60_000)  # a part of the record, in its order
 @cache
 def real():
     config = load()
-    return SOURCES["spmd"](config["data"]["spmd"] | {"path": ROOT / config["data"]["spmd"]["path"]})
+    return SOURCES["spmd"].read(config["data"]["spmd"] | {"path": ROOT / config["data"]["spmd"]["path"]})
 
 
 @cache

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-import yaml
 from accelerated_evaluation.study.configuration import load
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -86,7 +85,7 @@ def test_the_defaults_that_the_guide_explains_are_those_of_the_configuration(key
 
 
 def test_every_setting_of_the_rule_is_explained():
-    data = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())["data"]
+    data = load()["data"]
     for section in ("spmd_raw", "highd", "exid"):
         names = set(data[section]) - {"description", "path", "outlier_rows", "rule"} | set(
             data[section]["rule"]

@@ -56,7 +56,7 @@ class Extract:
                 change="Rename it.",
             )
         data = load([arguments.study])["data"]
-        cut_ins = SOURCES[data["source"]](data[data["source"]])
+        cut_ins = SOURCES[data["source"]].read(data[data["source"]])
         if "account" not in cut_ins.attrs:
             raise InputError(
                 f"{arguments.study}, data.source",

@@ -18,6 +18,7 @@ from tqdm import tqdm
 from accelerated_evaluation.base.digests import file_digest, value_digest
 from accelerated_evaluation.base.files import read_json, write_json
 from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.base.sections import Schema, integer, section
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.estimate import Estimate, Method, Stopping
 from accelerated_evaluation.methods.intervals import (
@@ -30,6 +31,21 @@ from accelerated_evaluation.problem import Problem, ScoreProblem
 
 ALL = "all"
 Counts = dict[str, list[int]]  # simulations and crashes of one batch, by segment
+SETTINGS = section(
+    simulations=integer(
+        60_000_000,
+        100,
+        100_000_000_000,
+        "Simulations of crude Monte Carlo (section VI.C extrapolates to 5.5e7).",
+    ),
+    batch_size=integer(500_000, 100, 10_000_000, "Simulations of a batch."),
+    save_every=integer(
+        4,
+        1,
+        1_000_000,
+        "Batches after which the state is saved, so that a run that was stopped continues from there.",
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -136,6 +152,7 @@ class Crude(Method):
 
     name: ClassVar[str] = "crude"
     look: ClassVar[dict[str, Any]] = {"color": "#777777", "linestyle": ":", "marker": "v"}
+    settings: ClassVar[dict[str, Schema]] = {"crude_monte_carlo": SETTINGS}
 
     @classmethod
     def replicates(cls, config: Mapping[str, Any]) -> int:

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import ndtri
 
+from accelerated_evaluation.base.sections import Schema
 from accelerated_evaluation.problem import ScoreProblem
 
 
@@ -112,8 +113,10 @@ class Method(ABC):
         In the registry, in files and in tables.
     look
         Colour, line style and marker in figures.
+    settings
+        The sections of the configuration that this method adds, by name: schemas with defaults.
     sections
-        The sections of the configuration that `configured` reads.
+        Names of all sections of the configuration that `configured` reads.
     tables
         Names of the tables in its estimates.
     learns_apart
@@ -122,6 +125,7 @@ class Method(ABC):
 
     name: ClassVar[str]
     look: ClassVar[Mapping[str, Any]]
+    settings: ClassVar[Mapping[str, Schema]] = {}
     sections: ClassVar[tuple[str, ...]] = ()
     tables: ClassVar[tuple[str, ...]] = ()
     learns_apart: ClassVar[bool] = False

@@ -122,14 +122,14 @@ def dependence(encounters: pd.DataFrame, confidence: float = 0.95) -> pd.DataFra
         Columns ``segment``, ``pair``, ``tau`` (tau-b), ``ci_low``, ``ci_high``, ``n``. NaN for the tau of a
         variable that does not vary, and for the interval of fewer rows than two a block.
     """
-    rows = []
+    table = []
     for segment in segment_counts(encounters)["segment"]:
         rows = encounters[encounters["segment"] == segment]
         for pair in combinations(VARIABLES, 2):
             x, y = (rows[name].to_numpy() for name in pair)
             tau, half_width = tau_interval(x, y, confidence)
-            rows.append((segment, " vs ".join(pair), tau, tau - half_width, tau + half_width, len(rows)))
-    return pd.DataFrame(rows, columns=["segment", "pair", "tau", "ci_low", "ci_high", "n"])
+            table.append((segment, " vs ".join(pair), tau, tau - half_width, tau + half_width, len(rows)))
+    return pd.DataFrame(table, columns=["segment", "pair", "tau", "ci_low", "ci_high", "n"])
 
 
 def tau_interval(x: np.ndarray, y: np.ndarray, confidence: float) -> tuple[float, float]:

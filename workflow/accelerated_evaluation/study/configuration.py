@@ -3,12 +3,11 @@
 ``python -m accelerated_evaluation.study.configuration`` updates the table of keys in ``config/README.md``.
 """
 
-import json
 import math
 import os
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
-from functools import cache, reduce
+from functools import reduce
 from operator import eq, getitem
 from pathlib import Path
 from typing import Any
@@ -17,24 +16,20 @@ import yaml
 
 from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.base.files import write_text
+from accelerated_evaluation.base.sections import default_of
 from accelerated_evaluation.records.limits import AUTO, AUTOMATIC, with_limits, with_values
 from accelerated_evaluation.study.consistency import CHECKS
 from accelerated_evaluation.study.imports import without
+from accelerated_evaluation.study.schema import WORKFLOW, in_words, keys, own_sections, schema, shown
 
 with without("rfc3987_syntax"):
     from jsonschema import Draft202012Validator, ValidationError, validators
 
-WORKFLOW = Path(__file__).resolve().parents[2]
-SCHEMA = WORKFLOW / "schemas" / "config.schema.yaml"
 DEFAULTS = WORKFLOW.parent / "config" / "config.yaml"
 README = WORKFLOW.parent / "config" / "README.md"
 MARKS = ("<!-- parameters: made from the schema -->\n", "<!-- end of parameters -->\n")
 
 LARGEST = 1_000_000  # bytes of a file; to read more takes minutes, and no configuration has as many
-LONGEST = 1000  # characters of a value that a message shows
-TYPES = {"boolean": "true or false", "object": "mapping"}
-BOUNDS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
-
 
 # YAML knows .nan and .inf, and jsonschema takes 5.0 for an integer: neither is of use here
 _NUMBERS = Draft202012Validator.TYPE_CHECKER.redefine_many(
@@ -84,13 +79,22 @@ def load(paths: Sequence[str | os.PathLike] = (), given: Mapping[str, Any] | Non
     return config
 
 
+def default_configuration() -> dict[str, Any]:
+    """Return ``config/config.yaml``, completed with the defaults of the sections that modules own."""
+    own: dict[str, Any] = {}
+    for place, sections in own_sections().items():
+        defaults = {name: default_of(part) for name, part in sections.items()}
+        own |= {place: defaults} if place else defaults
+    return _merged(own, read_yaml(DEFAULTS))
+
+
 def completed(config: Mapping[str, Any]) -> dict[str, Any]:
     """Return a configuration with the keys that it does not state as ``config/config.yaml`` states them.
 
     The limits there are those of its source. For another source they are `limits.AUTO`, and are read off the
     records (`limits.with_limits`).
     """
-    defaults = read_yaml(DEFAULTS)
+    defaults = default_configuration()
     data = config.get("data")
     if (
         isinstance(data, Mapping)
@@ -133,7 +137,7 @@ def validate(config: Mapping[str, Any]) -> None:
     ConfigurationError
         With all violations, one line each.
     """
-    validator = StrictValidator(_schema())
+    validator = StrictValidator(schema())
     violations = [violation for error in validator.iter_errors(config) for violation in _violations(error)]
     lines = [line for _, line in violations]
     for check in CHECKS:
@@ -145,7 +149,7 @@ def validate(config: Mapping[str, Any]) -> None:
             continue  # which is looked at again when the records have told the value
         if not check.holds(*values):
             lines.append(
-                f"{', '.join(check.keys)}: seen {', '.join(map(_shown, values))}; expected {check.expected}"
+                f"{', '.join(check.keys)}: seen {', '.join(map(shown, values))}; expected {check.expected}"
             )
     if lines:
         raise ConfigurationError(*dict.fromkeys(lines))
@@ -153,13 +157,13 @@ def validate(config: Mapping[str, Any]) -> None:
 
 def parameter_table() -> str:
     """Return the Markdown table of all keys: default, what is allowed, meaning."""
-    defaults = read_yaml(DEFAULTS)
+    defaults = default_configuration()
     rows = ["| key | default | allowed | meaning |", "| --- | --- | --- | --- |"]
-    for key, schema in _nodes(_schema()):
-        if "properties" in schema:
+    for key, part in keys():
+        if "properties" in part:
             continue
         default = reduce(getitem, key.split("."), defaults)
-        cells = (f"`{key}`", f"`{_shown(default)}`", _expected(schema), schema["description"])
+        cells = (f"`{key}`", f"`{shown(default)}`", in_words(part), part["description"])
         rows.append(f"| {' | '.join(cell.replace('|', '&#124;') for cell in cells)} |")
     return "\n".join(rows) + "\n"
 
@@ -198,7 +202,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
         ) from error
     if not isinstance(config, Mapping):
         raise InputError(
-            str(path), seen=_shown(config), expected="keys and values", change="See config/config.yaml."
+            str(path), seen=shown(config), expected="keys and values", change="See config/config.yaml."
         )
     return dict(config)
 
@@ -214,20 +218,6 @@ def _merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any
     return merged
 
 
-@cache
-def _schema() -> dict[str, Any]:
-    return yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))
-
-
-def _nodes(schema: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Yield every key of the schema, sections before what is in them, with its part of the schema."""
-    for name, part in schema.get("properties", {}).items():
-        if "$ref" in part:
-            part = _schema()["$defs"][part["$ref"].rsplit("/", 1)[1]]
-        yield prefix + name, part
-        yield from _nodes(part, f"{prefix}{name}.")
-
-
 def _violations(error: ValidationError) -> Iterator[tuple[list, str]]:
     """Yield the path and the line of each violation that an error of jsonschema stands for."""
     path = list(error.absolute_path)
@@ -239,10 +229,10 @@ def _violations(error: ValidationError) -> Iterator[tuple[list, str]]:
     elif error.validator == "required":
         for name in error.validator_value:
             if name not in error.instance:
-                expected = _expected(dict(_nodes(_schema()))[_key([*path, name])])
+                expected = in_words(dict(keys())[_key([*path, name])])
                 yield [*path, name], f"{_key([*path, name])}: seen nothing; expected {expected}"
     else:
-        seen, expected = _shown(error.instance), _expected(error.schema)
+        seen, expected = shown(error.instance), in_words(error.schema)
         yield path, f"{_key(path) or 'top level'}: seen {seen}; expected {expected}"
 
 
@@ -254,39 +244,9 @@ def _key(path: Sequence[str | int]) -> str:
 def _suggestion(path: Sequence[str | int], name: str, siblings: Iterable[str]) -> str:
     """Name the nearest known key, of the same section if one is near, else of any."""
     near = [_key([*path, sibling]) for sibling in get_close_matches(name, siblings, n=1)]
-    elsewhere = {key.rsplit(".", 1)[-1]: key for key, _ in _nodes(_schema())}
+    elsewhere = {key.rsplit(".", 1)[-1]: key for key, _ in keys()}
     near += [elsewhere[match] for match in get_close_matches(name, elsewhere, n=1)]
     return f"; nearest known key: {near[0]}" if near else ""
-
-
-def _expected(schema: Mapping[str, Any]) -> str:
-    """Say in words what a part of the schema allows."""
-    if "enum" in schema:
-        return f"one of {', '.join(schema['enum'])}"
-    if schema.get("type") == "string" and "pattern" in schema:
-        return f"text matching `{schema['pattern']}`"
-    types = [schema["type"]] if isinstance(schema["type"], str) else schema["type"]
-    bounds = " and ".join(f"{sign} {schema[bound]:,}" for bound, sign in BOUNDS.items() if bound in schema)
-    return " or ".join(_expected_type(name, schema, bounds) for name in types)
-
-
-def _expected_type(name: str, schema: Mapping[str, Any], bounds: str) -> str:
-    if name == "array":
-        low, high = schema["minItems"], schema.get("maxItems")
-        size = f"list of {low if low == high else f'at least {low}'}"
-        return f"{size}, each {_expected(schema['items'])}{', none twice' * schema.get('uniqueItems', False)}"
-    if name in ("integer", "number"):
-        return f"{name} {bounds}".rstrip()
-    if name == "string":
-        if schema.get("pattern") == "^auto$":
-            return "auto"
-        return "non-empty text" if "minLength" in schema else "text"
-    return TYPES.get(name, name)
-
-
-def _shown(value: Any) -> str:  # noqa: ANN401
-    text = json.dumps(value, default=str, ensure_ascii=False)
-    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
 
 
 def main() -> None:

@@ -1,12 +1,12 @@
 """Conditions on the configuration that a schema cannot state: they tie keys together, or ask a registry."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations, pairwise
 
+from accelerated_evaluation.base.sections import Check
 from accelerated_evaluation.laws.paper.pieces import mixture_kinds, piece_kinds
 from accelerated_evaluation.records.sources import SOURCES
-from accelerated_evaluation.records.sources.table import UNITS
 from accelerated_evaluation.study.preflight import compared_sections
 
 COMPARED = {"crude", "heuristic", "piecewise", "single", "surrogate"}
@@ -14,15 +14,6 @@ FOLDERS = {"benchmarks", "vehicles"}  # of results/, which no study has for itse
 LONGEST = 64  # name of a study: file systems take 255 bytes, and temporary files need some for themselves
 PIECES = {"two_pieces": 2, "three_pieces": 3}
 KNOTS = ("models.inverse_range.two_pieces", "models.inverse_range.three_pieces", "models.inverse_ttc.knots")
-
-
-@dataclass(frozen=True)
-class Check:
-    """A condition on the values of several keys; skipped where one of them is wrong already."""
-
-    keys: tuple[str, ...]
-    holds: Callable[..., bool]
-    expected: str
 
 
 def _are_methods(names: Sequence[str]) -> bool:
@@ -70,9 +61,26 @@ def _is_own_folder(study: str) -> bool:
     return len(study) <= LONGEST and study.isprintable() and study not in FOLDERS
 
 
-def _all_different(columns: Mapping[str, Mapping[str, str]]) -> bool:
-    names = [column["name"] for column in columns.values()]
-    return len(set(names)) == len(names)
+def _of_sources() -> Iterator[Check]:
+    """Yield the conditions on the section of each source; most hold for the source that is used alone."""
+    for name, source in SOURCES.items():
+        yield Check(
+            (f"data.{name}.description",),
+            _is_plain_line,
+            "one line of printable characters that begins with none of = + - @ and no space",
+        )
+        yield Check(
+            ("data.sample", "data.source", f"data.{name}.outlier_rows"),
+            lambda sample, used, rows, name=name: sample is None or used != name or not rows,
+            "no outlier rows with a sample, because they count the rows of the whole table",
+        )
+        yield Check(
+            ("data.source", f"data.{name}.path"),
+            lambda used, path, name=name: used != name or path is not None,
+            f"a path, as the source is {name}: {source.files}",
+        )
+        for check in source.checks:
+            yield replace(check, keys=tuple(f"data.{name}.{key}" for key in check.keys))
 
 
 CHECKS = (
@@ -81,15 +89,7 @@ CHECKS = (
         _is_own_folder,
         f"a name of at most {LONGEST} characters, on one line and none of {', '.join(sorted(FOLDERS))}",
     ),
-    *(
-        Check(
-            (f"data.{source}.description",),
-            _is_plain_line,
-            "one line of printable characters that begins with none of = + - @ and no space",
-        )
-        for source in SOURCES
-    ),
-    Check(("data.table.columns",), _all_different, "another column for each of the three quantities"),
+    *_of_sources(),
     Check(
         ("methods",),
         _are_methods,
@@ -194,32 +194,5 @@ CHECKS = (
         ("data.source",),
         lambda source: source in SOURCES,
         f"a source of records: one of {', '.join(SOURCES)}",
-    ),
-    *(
-        Check(
-            ("data.sample", "data.source", f"data.{name}.outlier_rows"),
-            lambda sample, source, rows, name=name: sample is None or source != name or not rows,
-            "no outlier rows with a sample, because they count the rows of the whole table",
-        )
-        for name in SOURCES
-    ),
-    *(
-        Check(
-            ("data.source", f"data.{name}.path"),
-            lambda source, path, name=name: source != name or path is not None,
-            f"the path of the {what}, as the source is {name}",
-        )
-        for name, what in (
-            ("table", "table"),
-            ("spmd_raw", "folder"),
-            ("highd", "folder"),
-            ("exid", "folder"),
-            ("osi", "folder"),
-        )
-    ),
-    Check(
-        ("data.table.columns.closing.quantity", "data.table.columns.closing.unit"),
-        lambda quantity, unit: any(unit in factors for factors in UNITS[quantity].values()),
-        "a unit of that quantity",
     ),
 )

@@ -7,6 +7,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from accelerated_evaluation.base.sections import Schema, integer, number, section, share
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.methods.cross_entropy.families import ProposalFamily
 from accelerated_evaluation.methods.cross_entropy.proposals import Proposals
@@ -19,6 +20,55 @@ from accelerated_evaluation.methods.importance_sampling import (
     run_to_convergence,
 )
 from accelerated_evaluation.problem import Problem
+
+SETTINGS = section(
+    seeds=integer(
+        5,
+        1,
+        1000,
+        "Independent repetitions of each search; the replicates of the estimate take their f* in turn.",
+    ),
+    sample_size=integer(1000, 10, 10_000_000, "Simulations N of an iteration (section VI.B)."),
+    maximum_iterations=integer(60, 1, 1000, "Limit of a search (section V.A)."),
+    maximum_batches=integer(
+        5, 1, 1000, "Batches of N that one iteration may take to find its events (section V.C.2)."
+    ),
+    crash_iterations=integer(
+        2,
+        1,
+        100,
+        "A search ends when so many updates in a row have used the crash itself (section V.C.1).",
+    ),
+    event_quantile=share(0.1, "Share of a sample that the next relaxed event holds (section V.C.1)."),
+    range_per_ttc=number(
+        0.1,
+        0,
+        100,
+        "Threshold t_R [m] for each second of t_TTC, hence [m/s] (section VI.B).",
+        exclusive=True,
+    ),
+    minimum_events=integer(50, 1, 10_000_000, "Events that an iteration needs (section V.C.2)."),
+    minimum_piece_events=integer(
+        5, 1, 10_000_000, "A piece with fewer events keeps its parameter theta (section V.C.4)."
+    ),
+    minimum_weight=share(0.01, "Lower bound of the weight of a piece (section V.C.3).", below=0.5),
+    truncation_shift=section(
+        inverse_range=number(
+            0.01,
+            0,
+            10,
+            "Step of the heuristic on the truncation points of R^-1 [1/m] (section V.C.5).",
+            exclusive=True,
+        ),
+        inverse_ttc=number(
+            0.05,
+            0,
+            10,
+            "Step of the heuristic on the truncation points of TTC^-1 [1/s] (section V.C.5).",
+            exclusive=True,
+        ),
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -35,6 +85,7 @@ class CrossEntropyMethod(Method):
         Simulations between two rows of the course of an estimate.
     """
 
+    settings: ClassVar[dict[str, Schema]] = {"cross_entropy": SETTINGS}
     sections: ClassVar[tuple[str, ...]] = ("cross_entropy", "importance_sampling")
     tables: ClassVar[tuple[str, ...]] = ("course",)
     learns_apart: ClassVar[bool] = True

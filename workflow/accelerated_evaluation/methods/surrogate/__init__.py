@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from accelerated_evaluation.base.sections import Schema, integer, section
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.estimate import Estimate, Method, Stopping
 from accelerated_evaluation.methods.surrogate.certificate import BY_DEFAULT, Certificate
@@ -16,6 +17,24 @@ from accelerated_evaluation.methods.surrogate.gaussian_process import Predecesso
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.methods.surrogate.state import read_state, write_state
 from accelerated_evaluation.problem import Problem, ScoreProblem
+
+SETTINGS = section(
+    replicates=integer(
+        10, 1, 1000, "Independent repetitions of the surrogate-guided estimate, its learning included."
+    ),
+    batch_size=integer(
+        5,
+        1,
+        500,
+        "Simulations that the sampler asks for at once; more keep more workers busy, but raise the total.",
+    ),
+    maximum_calls=integer(
+        1000,
+        100,
+        100_000,
+        "Simulations after which a replicate stops, learning included, converged or not.",
+    ),
+)
 
 
 @METHODS.add("surrogate")
@@ -42,6 +61,7 @@ class Surrogate(Method):
 
     name: ClassVar[str] = "surrogate"
     look: ClassVar[dict[str, Any]] = {"color": "#6a3d9a", "linestyle": (0, (3, 1, 1, 1)), "marker": "D"}
+    settings: ClassVar[dict[str, Schema]] = {"surrogate": SETTINGS}
     sections: ClassVar[tuple[str, ...]] = ("surrogate",)
     tables: ClassVar[tuple[str, ...]] = ("runs",)
 

@@ -5,8 +5,24 @@ from collections.abc import Mapping
 import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.sections import number, section
 from accelerated_evaluation.records.filters import Account
 
+RULE = section(  # of each source that finds cut-ins in recordings; in seconds
+    gap=number(
+        0.5,
+        0,
+        10,
+        "A vehicle that is not seen for longer [s] is another vehicle, if it is seen again.",
+        exclusive=True,
+    ),
+    absence=number(
+        1, 0, 60, "A vehicle that is out of the lane of the host for no longer [s] has not left it."
+    ),
+    stay=number(
+        0.5, 0, 60, "A vehicle that is in the lane of the host for a shorter time [s] has not cut in."
+    ),
+)
 # The frames of a vehicle in a lane become stays. A vehicle that is out of the lane for a moment has not left
 # it. A stay begins at its first frame; it is a change into the lane if the vehicle was seen elsewhere before.
 STAYS = """

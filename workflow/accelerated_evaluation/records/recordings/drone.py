@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection
 
 TRACKS = "_tracks.csv"
+FILES = "Folder with files *_tracks.csv, *_tracksMeta.csv and *_recordingMeta.csv"
 HIGHD, EXID, CROSSINGS = "highD", "exiD", "inD, rounD and uniD"
 LANES = ("laneletId", "laneChange")  # of exiD; the other later formats have the rest of its columns
 MARKS = {

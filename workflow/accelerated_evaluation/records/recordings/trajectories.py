@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from accelerated_evaluation.base.sections import Schema, listed, number
 from accelerated_evaluation.records.filters import Account
 from accelerated_evaluation.records.recordings.cut_ins import (
+    RULE,
     drop_in_turn,
     finished,
     milliseconds,
@@ -60,6 +62,30 @@ COUNTS = """
         FROM frames JOIN meta USING (id) WHERE list_contains({host_classes}, class) GROUP BY id
     )
 """
+
+
+def trajectory_keys(
+    lead_classes: Sequence[str], host_classes: Sequence[str], of: str = ""
+) -> dict[str, Schema]:
+    """Return the keys of a source that finds cut-ins in trajectories, see `records.sources.source`.
+
+    Parameters
+    ----------
+    lead_classes, host_classes
+        Classes of vehicles by default: those that cut in, and those before which they do.
+    of
+        Where the names of the classes are from, in words that follow "Classes".
+    """
+    host = "Classes of the vehicles before which they count, and whose driving is the exposure."
+    lead = f"Classes{of} of the vehicles whose cut-ins count."
+    return {
+        "lead_classes": listed(lead_classes, {"type": "string"}, lead),
+        "host_classes": listed(host_classes, {"type": "string"}, host),
+        "rule": RULE,
+        "settled": number(
+            1, 0, 60, "The host has been in its lane for this time [s], or since it came into view."
+        ),
+    }
 
 
 def changes_of_lane(

@@ -1,16 +1,17 @@
 """Sources of lane-change records: one module for each, found by name, with its section in the configuration.
 
-A source is a function ``read(settings)``. It takes its section of the configuration, ``data.<name>``, and
-returns the records as they are: three columns as `contract.complete` takes them, and an index ``row`` that
-counts from 1. It may have further columns, which say where a record comes from and go no further. Its section
-has the keys ``description``, ``path`` and ``outlier_rows``, and any other that the source needs, such as
-``exposure``.
+A source is a function ``read(settings)`` with the decorator `source`, which states the keys of its section.
+The function takes its section of the configuration, ``data.<name>``, and returns the records as they are:
+three columns as `encounter_table.complete` takes them, and an index ``row`` that counts from 1. Further
+columns may say where a record comes from; they are not used otherwise. The section has the keys
+``description``, ``path`` and ``outlier_rows``, and any other that the source needs, such as ``exposure``.
 
 A source that finds the cut-ins in recordings tells more in the attributes of what it returns, see
 `recordings.cut_ins.finished`: the account of what it dropped, and how far and how long the hosts drove.
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,96 @@ import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.registry import Registry
+from accelerated_evaluation.base.sections import Check, Schema, listed, number, section, text
 
 RECORDINGS = (".csv", ".mcap", ".osi")  # endings of files that some source reads from a folder
 UNKNOWN: Mapping[str, float | None] = {"kilometres": None, "hours": None}
-SOURCES: Registry[Callable[[Mapping[str, Any]], pd.DataFrame]] = Registry("source", __name__, __path__)
+Reader = Callable[[Mapping[str, Any]], pd.DataFrame]
+
+
+@dataclass(frozen=True)
+class Source:
+    """A source of records.
+
+    Attributes
+    ----------
+    read
+        Takes the section of the source and returns the records.
+    files
+        What ``path`` has to name, in words.
+    section
+        Schema of the section, with defaults.
+    checks
+        Further conditions on the keys of the section.
+    """
+
+    read: Reader
+    files: str
+    section: Schema
+    checks: tuple[Check, ...] = ()
+
+
+SOURCES: Registry[Source] = Registry("source", __name__, __path__)
+
+
+def exposure(kilometres: float | None = None, hours: float | None = None) -> Schema:
+    """Return the schema of how far and how long the records were made, with the given defaults."""
+
+    def measure(default: float | None, what: str) -> Schema:
+        description = f"{what}, null if it is not known."
+        return number(default, 0, 1.0e15, description, exclusive=True, null=True)
+
+    return section(
+        kilometres=measure(kilometres, "Distance in which all of the records were made [km]"),
+        hours=measure(hours, "Time of driving in which all of the records were made [h]"),
+    )
+
+
+def source(
+    name: str,
+    *,
+    description: str,
+    files: str,
+    path: str | None = None,
+    outlier_rows: tuple[int, ...] = (),
+    checks: tuple[Check, ...] = (),
+    **keys: Schema,
+) -> Callable[[Reader], Reader]:
+    """Return a decorator that registers a function as a source, with its section of the configuration.
+
+    Parameters
+    ----------
+    name
+        Of the source, and of its section below ``data``.
+    description
+        What outputs call the data, unless the user says otherwise.
+    files
+        What ``path`` has to name, such as ``"CSV file"``.
+    path, outlier_rows
+        Defaults of these two keys.
+    checks
+        Further conditions on the keys of the section.
+    keys
+        Schemas, with defaults, of the keys that the source has in addition to ``description``, ``path`` and
+        ``outlier_rows``.
+    """
+    row = {"type": "integer", "minimum": 1, "maximum": 1_000_000_000}
+    shared = {
+        "description": text(description, "What outputs call the data."),
+        "path": text(path, f"{files}; null as long as another source is used.", type=["string", "null"]),
+        "outlier_rows": listed(
+            outlier_rows,
+            row,
+            "Rows of the encounter table, counted from 1, that are left out for one try of the sensitivity.",
+            fewest=0,
+        ),
+    }
+
+    def register(read: Reader) -> Reader:
+        SOURCES.add(name)(Source(read, files, section(**shared | keys), checks))
+        return read
+
+    return register
 
 
 def read_source(data: Mapping[str, Any], generator: np.random.Generator) -> pd.DataFrame:
@@ -48,7 +135,7 @@ def read_source(data: Mapping[str, Any], generator: np.random.Generator) -> pd.D
         If the source has fewer records than the sample asks for, or cannot be read.
     """
     settings = data[data["source"]]
-    raw = SOURCES[data["source"]](settings)
+    raw = SOURCES[data["source"]].read(settings)
     raw.attrs.setdefault("exposure", settings.get("exposure", UNKNOWN))
     size = data["sample"]
     if size is None:

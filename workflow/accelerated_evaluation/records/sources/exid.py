@@ -6,7 +6,8 @@ from typing import Any
 import pandas as pd
 
 from accelerated_evaluation.records.recordings import drone
-from accelerated_evaluation.records.sources import SOURCES
+from accelerated_evaluation.records.recordings.trajectories import trajectory_keys
+from accelerated_evaluation.records.sources import source
 
 NUMBERS = ("trackId", "frame", "xCenter", "yCenter", "heading", "length", "lonVelocity", "laneChange")
 NEIGHBOURS = ("leadId", "rearId")  # -1, or empty, if there is none
@@ -76,7 +77,12 @@ FORMAT = drone.Format(
 )
 
 
-@SOURCES.add("exid")
+@source(
+    "exid",
+    description="cut-ins in trajectories in the format of exiD",
+    files=drone.FILES,
+    **trajectory_keys(["car", "van", "truck"], ["car"]),
+)
 def read(settings: Mapping[str, Any]) -> pd.DataFrame:
     """Find the cut-ins in recordings in the format of exiD.
 

@@ -6,7 +6,8 @@ from typing import Any
 import pandas as pd
 
 from accelerated_evaluation.records.recordings import drone
-from accelerated_evaluation.records.sources import SOURCES
+from accelerated_evaluation.records.recordings.trajectories import trajectory_keys
+from accelerated_evaluation.records.sources import source
 
 # In the format `x` is the left end of the bounding box and `width` its length along the road. Vehicles of
 # direction 1 drive to the left, so that their front is at x; those of direction 2 drive to the right.
@@ -45,7 +46,12 @@ FORMAT = drone.Format(
 )
 
 
-@SOURCES.add("highd")
+@source(
+    "highd",
+    description="cut-ins in trajectories in the format of highD",
+    files=drone.FILES,
+    **trajectory_keys(["Car", "Truck"], ["Car"]),
+)
 def read(settings: Mapping[str, Any]) -> pd.DataFrame:
     """Find the cut-ins in recordings in the format of highD.
 

@@ -13,14 +13,19 @@ from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.records.recordings.cut_ins import require_agreement
 from accelerated_evaluation.records.recordings.database import database
 from accelerated_evaluation.records.recordings.osi_lanes import joined_lanes
-from accelerated_evaluation.records.recordings.trajectories import changes_of_lane, cut_ins_of
-from accelerated_evaluation.records.sources import SOURCES
+from accelerated_evaluation.records.recordings.trajectories import (
+    changes_of_lane,
+    cut_ins_of,
+    trajectory_keys,
+)
+from accelerated_evaluation.records.sources import source
 
 if TYPE_CHECKING:  # an optional extra
     from betterosi import GroundTruth, MovingObject
     from duckdb import DuckDBPyConnection
 
 ENDINGS = (".mcap", ".osi")
+CARS = ("SMALL_CAR", "COMPACT_CAR", "CAR", "LUXURY_CAR")
 BATCH = 100_000  # rows in memory at a time
 COMPLETE = "coalesce(isfinite(x) AND isfinite(velocity), FALSE) AND lane IS NOT NULL"
 # `x` is how far the vehicle has driven in view, so that roads may bend.
@@ -40,7 +45,16 @@ FRAMES = f"""
 """
 
 
-@SOURCES.add("osi")
+@source(
+    "osi",
+    description="cut-ins in ASAM OSI traces",
+    files="Folder with files *.mcap or *.osi",
+    **trajectory_keys(
+        [*CARS, "DELIVERY_VAN", "HEAVY_TRUCK", "SEMITRACTOR", "BUS"],
+        CARS,
+        " (VehicleClassification.Type of OSI)",
+    ),
+)
 def read(settings: Mapping[str, Any]) -> pd.DataFrame:
     """Find the cut-ins in traces of GroundTruth messages, one trace after the other.
 

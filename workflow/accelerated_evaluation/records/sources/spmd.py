@@ -8,13 +8,26 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.sections import text
 from accelerated_evaluation.base.tables import read_parquet, require_file
-from accelerated_evaluation.records.sources import SOURCES
+from accelerated_evaluation.records.sources import exposure, source
 
 COLUMNS = ("lead_speed", "inverse_range", "inverse_ttc")
 
 
-@SOURCES.add("spmd")
+@source(
+    "spmd",
+    description="Safety Pilot Model Deployment (real events)",
+    files="Parquet file of the recorded lane changes, which is part of the repository",
+    path="data/spmd/cut_ins.parquet",
+    outlier_rows=(26382, 114923, 117159),  # which the authors' later code leaves out
+    sha256=text(
+        "d3775682fe969584c219ded2dd8967ab77dd509dcf99fbf7a4a96713dacde471",
+        "Checksum of the file, 64 hexadecimal digits.",
+        pattern="^[0-9a-fA-F]{64}$",
+    ),
+    exposure=exposure(kilometres=3_218_688),  # "over 2 million miles" (section II)
+)
 def read(settings: Mapping[str, str]) -> pd.DataFrame:
     """Read the recorded lane changes, and verify that the file is the one that the study is about.
 

@@ -9,8 +9,11 @@ import pandas as pd
 from tqdm import tqdm
 
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.sections import choice, listed, number, section
+from accelerated_evaluation.base.units import SPEED
 from accelerated_evaluation.records.filters import Account
 from accelerated_evaluation.records.recordings.cut_ins import (
+    RULE,
     drop_in_turn,
     finished,
     milliseconds,
@@ -25,8 +28,7 @@ from accelerated_evaluation.records.recordings.database import (
     recording_files,
 )
 from accelerated_evaluation.records.recordings.front_targets import changes_into_path
-from accelerated_evaluation.records.sources import SOURCES
-from accelerated_evaluation.records.sources.table import SPEED
+from accelerated_evaluation.records.sources import source
 
 if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection, DuckDBPyRelation
@@ -34,6 +36,45 @@ if TYPE_CHECKING:
 TARGETS, HOST = "DataFrontTargets*.csv", "DataWsu*.csv"
 PART = 150_000_000  # bytes of targets, about three million rows, that are worked on at a time
 OUTPUT = ("lead_speed", "range", "closing_speed", "host_speed", "device", "trip", "time", "vehicle")
+
+KEYS = {
+    "time_unit": number(0.01, 0, 1, "What Time counts [s].", exclusive=True),
+    "speed_unit": choice("km/h", SPEED, "Unit of SpeedWsu."),
+    "target_types": listed(
+        [0],
+        {"type": "integer", "minimum": 0, "maximum": 255},
+        "Values of TargetType whose cut-ins count; 0 stands for cars.",
+    ),
+    "rule": RULE,
+    "link": section(
+        time=number(
+            0.5,
+            0,
+            10,
+            "Time [s] within which a vehicle that the sensor loses is found again under another number.",
+        ),
+        range=number(3, 0, 100, "Largest difference from where its range and range rate put it [m]."),
+        transversal=number(1, 0, 100, "Largest difference of its lateral position [m]."),
+    ),
+    "uncovered": choice(
+        "drop",
+        ("drop", "keep"),
+        "What becomes of a vehicle that is the nearest in the path because a nearer one has just left it.",
+    ),
+    "aside": section(
+        time=number(3, 0, 60, "Time before a change into the path [s] in which the vehicle was next to it."),
+        transversal=number(1, 0, 100, "Smallest lateral offset in that time [m]; 0 asks for nothing."),
+    ),
+    "host_gap": number(0.2, 0, 10, "Largest age of the host speed that a cut-in is given [s]."),
+    "turn_signal": number(
+        3,
+        0,
+        60,
+        "A change into the path so soon after a turn signal of the host [s] is a manoeuvre of the host; null "
+        "to count it.",
+        null=True,
+    ),
+}
 
 # The tables as the rule needs them. Each row goes to the part that has all of its trip.
 TARGET_COLUMNS = (
@@ -88,7 +129,12 @@ EXPOSURE = """
 """
 
 
-@SOURCES.add("spmd_raw")
+@source(
+    "spmd_raw",
+    description="cut-ins in raw recordings in the format of the Safety Pilot Model Deployment",
+    files="Folder with files DataFrontTargets*.csv and DataWsu*.csv",
+    **KEYS,
+)
 def read(settings: Mapping[str, Any]) -> pd.DataFrame:
     """Find the cut-ins in raw recordings, of which any number of rows may lie on the disk.
 

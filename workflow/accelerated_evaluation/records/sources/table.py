@@ -1,31 +1,84 @@
 """A user's own lane-change records: a CSV or Parquet table with a mapping of its columns and units."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.sections import Check, Schema, choice, section, text
 from accelerated_evaluation.base.tables import read_csv, read_parquet, require_file
-from accelerated_evaluation.records.sources import SOURCES
+from accelerated_evaluation.base.units import INVERSE_LENGTH, INVERSE_TIME, LENGTH, SPEED, TIME
+from accelerated_evaluation.records.sources import exposure, source
 
-# factor of each unit to the SI unit of its quantity
-SPEED = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704, "ft/s": 0.3048}
-
+# By quantity, the quantities that a column may hold, each with its units.
 UNITS = {
     "lead_speed": {"lead_speed": SPEED},
-    "range": {
-        "range": {"m": 1.0, "km": 1000.0, "ft": 0.3048},
-        "inverse_range": {"1/m": 1.0, "1/ft": 1 / 0.3048},
-    },
+    "range": {"range": LENGTH, "inverse_range": INVERSE_LENGTH},
     "closing_speed": {"closing_speed": SPEED},
     "range_rate": {"range_rate": SPEED},
-    "ttc": {"ttc": {"s": 1.0, "ms": 0.001}, "inverse_ttc": {"1/s": 1.0}},
+    "ttc": {"ttc": TIME, "inverse_ttc": INVERSE_TIME},
 }
 
 
-@SOURCES.add("table")
+def _column(name: str, unit: str, name_of: str, unit_of: str, quantities: Iterable[str]) -> dict[str, Schema]:
+    """Return the keys that describe a column: its name and unit, and what these mean."""
+    units = [unit for quantity in quantities for factors in UNITS[quantity].values() for unit in factors]
+    return {"name": text(name, name_of), "unit": choice(unit, dict.fromkeys(units), unit_of)}
+
+
+CLOSING = ("closing_speed", "range_rate", "ttc")
+QUANTITY = choice(
+    "closing_speed",
+    CLOSING,
+    "What it holds: closing speed, range rate (negative when closing) or TTC (eq. 1).",
+)
+COLUMNS = section(
+    lead_speed=section(
+        **_column("lead_speed", "m/s", "Column of the lead speed v_L.", "Its unit.", ["lead_speed"])
+    ),
+    range=section(
+        **_column(
+            "range",
+            "m",
+            "Column of the range R, or of its inverse.",
+            "Its unit; 1/m and 1/ft say that the column holds R^-1.",
+            ["range"],
+        )
+    ),
+    closing=section(
+        **_column(
+            "closing_speed",
+            "m/s",
+            "Column that says how fast the gap closes.",
+            "Its unit; 1/s says that the column holds TTC^-1.",
+            CLOSING,
+        ),
+        quantity=QUANTITY,
+    ),
+)
+
+
+def _all_different(columns: Mapping[str, Mapping[str, str]]) -> bool:
+    return len({column["name"] for column in columns.values()}) == len(columns)
+
+
+def _is_unit_of(quantity: str, unit: str) -> bool:
+    return any(unit in factors for factors in UNITS[quantity].values())
+
+
+@source(
+    "table",
+    description="lane changes of a user's table",
+    files="CSV or Parquet file",
+    exposure=exposure(),
+    columns=COLUMNS,
+    checks=(
+        Check(("columns",), _all_different, "another column for each of the three quantities"),
+        Check(("columns.closing.quantity", "columns.closing.unit"), _is_unit_of, "a unit of that quantity"),
+    ),
+)
 def read(settings: Mapping[str, Any]) -> pd.DataFrame:
     """Read a table of lane changes and convert it to SI units.
 

@@ -12,10 +12,9 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.records.sources.table import SPEED, UNITS
+from accelerated_evaluation.base.units import ACCELERATION, LENGTH, SPEED
 from accelerated_evaluation.vehicles.external.checked import error_in_words
 
-LENGTH = UNITS["range"]["range"]
 # By quantity, the factor of each unit to the SI unit, which comes first.
 INPUT_UNITS = {
     "range": LENGTH,
@@ -24,7 +23,6 @@ INPUT_UNITS = {
     "host_speed": SPEED,
     "lead_speed": SPEED,
 }
-ACCELERATION_UNITS = {"m/s^2": 1.0, "m/s2": 1.0, "ft/s^2": 0.3048, "g": 9.80665}
 REAL = {"2.0": "Real", "3.0": "Float64"}
 
 
@@ -103,7 +101,7 @@ class Model:
         self.is_old = self.description.fmiVersion == "2.0"
         self._variables = {each.name: each for each in self.description.modelVariables}
         self.inputs = [self._variable("inputs", *item, INPUT_UNITS) for item in inputs.items()]
-        outputs = {"acceleration": ACCELERATION_UNITS}
+        outputs = {"acceleration": ACCELERATION}
         self.acceleration = self._variable("parameters", "acceleration", acceleration, outputs)
         for name in self.start:
             self._require(f"start.{name}", name, self._variables)
