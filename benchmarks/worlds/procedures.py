@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 from accelerated_evaluation.answer.posterior import draw_posterior
-from accelerated_evaluation.answer.scores import held_out_scores
+from accelerated_evaluation.answer.scores import HeldOut
 from accelerated_evaluation.answer.weights import bootstrapped_weights
 from accelerated_evaluation.crash_map.sensitivity import fit_for_crashes
 from accelerated_evaluation.laws.smooth.family import Fitter
@@ -30,7 +30,7 @@ def ours(records: pd.DataFrame, setting: WorldSettings, generator: np.random.Gen
     fitter = Fitter(distinct, MEMBERS)
     family = fitter.fit(setting.family)
     boundary = REGION * distinct.range_
-    scores = held_out_scores(fitter, family, {"region": boundary}, BLOCKS, THIN)["region"]
+    scores = HeldOut.of_family(fitter, family, BLOCKS).scores({"region": boundary}, THIN)["region"]
     weights = bootstrapped_weights(scores, distinct.closing_speed > boundary, DRAWS, generator)
     posterior = draw_posterior({"crash": setting.lines}, family, MEMBERS, weights, generator)["crash"]
     told = {"probability": posterior.probability, "mean": float(posterior.probabilities.mean())}

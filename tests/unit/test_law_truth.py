@@ -12,10 +12,9 @@ from accelerated_evaluation.answer.calibration import (
 )
 from accelerated_evaluation.answer.posterior import Posterior, budget, draw_posterior
 from accelerated_evaluation.answer.scores import (
+    HeldOut,
     censored_log_score,
     contiguous_blocks,
-    held_out,
-    held_out_scores,
     threshold_weighted_crps,
     time_to_collision_boundary,
 )
@@ -127,22 +126,18 @@ def test_the_weighted_crps_is_zero_without_doubt_and_counts_only_above_the_bound
 
 def test_held_out_scores_know_nothing_of_the_block(records):
     seen = []
-    held_out(
-        lambda part: seen.append(part.size) or ExponentialSpeeds(),
-        records,
-        {"all": records.range_ * 0.1},
-        blocks=4,
-    )
+    HeldOut.of_law(lambda part: seen.append(part.size) or ExponentialSpeeds(), records, blocks=4)
     assert seen == [SIZE - SIZE // 4] * 4
 
 
 def test_members_score_like_the_true_law_where_there_are_records(records, fitter, family):
     regions = {"upper": np.full(SIZE, 5.0)}
-    scores = held_out_scores(fitter, family, regions, blocks=5)["upper"]
+    held_out = HeldOut.of_family(fitter, family, blocks=5)
+    scores = held_out.scores(regions)["upper"]
     truth = censored_log_score(ExponentialSpeeds(), records.closing_speed, regions["upper"])
     # Each fitted parameter costs about half a nat held out; the splines of the tail use some tens.
     assert np.all(scores.sum(axis=1) > truth.sum() - 40)
-    thinned = held_out_scores(fitter, family, regions, blocks=5, thin=5)["upper"]
+    thinned = held_out.scores(regions, thin=5)["upper"]
     np.testing.assert_allclose(thinned.sum(axis=1), scores.sum(axis=1), atol=5)
 
 
@@ -171,6 +166,22 @@ def test_stacking_finds_the_shares_of_a_mixture():
     # The share has a standard error of about 0.008 here.
     assert abs(weights[1] - 0.3) < 0.04
     assert mixture_scores(scores, weights).sum() > scores.sum(axis=1).max()
+
+
+def test_stacking_weights_are_the_maximum_whatever_the_order_of_the_laws():
+    """At the maximum no law gains more than those that have weight, and all of these gain the same."""
+    generator, size = np.random.default_rng(6), 2_000
+    x = np.where(generator.random(size) < 0.3, 3.0, 1.0) * generator.standard_exponential(size)
+    means = np.array([0.5, 1.0, 1.1, 2.0, 3.0, 3.1, 9.0])[:, None]
+    scores, inside = -x / means - np.log(means), x > 0.5
+    weights = stacking_weights(scores, inside)
+    assert weights.sum() == pytest.approx(1)
+    densities = np.exp(scores - scores.max(axis=0))
+    outside = np.log(densities)[:, ~inside].sum(axis=1)
+    gains = densities[:, inside] @ (1 / (weights @ densities[:, inside])) + outside
+    np.testing.assert_allclose(gains[weights > 0], gains.max(), rtol=1e-9)
+    assert (weights == 0).sum() >= 2
+    np.testing.assert_allclose(stacking_weights(scores[::-1], inside)[::-1], weights, atol=1e-9)
 
 
 def test_poisson_limits_and_mid_p_values():

@@ -1,7 +1,8 @@
 """The table of laws: how each scores on unseen records near the crash set, and which are refused."""
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache, partial
 
 import numpy as np
 import pandas as pd
@@ -10,8 +11,7 @@ from tqdm import tqdm
 
 from accelerated_evaluation.answer.scores import (
     FittedLaw,
-    held_out,
-    held_out_scores,
+    HeldOut,
     threshold_weighted_crps,
     time_to_collision_boundary,
 )
@@ -58,9 +58,9 @@ def rivals(fitter: Fitter, family: LawFamily) -> dict[str, Callable[[DistinctRec
         f"conditional extremes {EXTREME:g}": extremes,
     }
     for regression in REGRESSIONS:
-        whole = fit_regression(regression, fitter.records)
+        whole = cache(partial(fit_regression, regression, fitter.records))
         fits[f"regression: {regression.name}"] = lambda records, r=regression, w=whole: fit_regression(
-            r, records, w
+            r, records, w()
         )
     return fits
 
@@ -80,24 +80,25 @@ def score_laws(
     fitter, family = weighted.fitter, weighted.family
     inside = regions(fitter.records, vehicle)
     first = dict([next(iter(inside.items()))])
-    weighted = {"thin": THIN_CRPS, "score": threshold_weighted_crps}
-    by_member = held_out_scores(fitter, family, inside)
-    crps_by_member = held_out_scores(fitter, family, first, **weighted)
     scores, crps = {}, {}
-    for place, member in enumerate(fitter.members):
-        scores[member.name] = {region: values[place] for region, values in by_member.items()}
-        crps[member.name] = next(iter(crps_by_member.values()))[place]
+
+    def add(names: Sequence[str], held_out: HeldOut) -> None:
+        log_scores = held_out.scores(inside)
+        if np.isnan([*log_scores.values()]).any():
+            raise ConvergenceError(
+                "the fit", reached="parameters that overflow", limit="finite ones", change="Add records."
+            )
+        (of_crps,) = held_out.scores(first, THIN_CRPS, threshold_weighted_crps).values()
+        for place, name in enumerate(names):
+            scores[name] = {region: values[place] for region, values in log_scores.items()}
+            crps[name] = of_crps[place]
+
+    add([member.name for member in fitter.members], HeldOut.of_family(fitter, family))
     for name, fit in tqdm(rivals(fitter, family).items(), desc="rivals", unit=" laws"):
         try:
-            of_rival = held_out(fit, fitter.records, inside)
-            crps_of_rival = next(iter(held_out(fit, fitter.records, first, **weighted).values()))
-            failed = "its parameters overflow" if np.isnan([*of_rival.values()]).any() else ""
+            add([name], HeldOut.of_law(fit, fitter.records))
         except (ConvergenceError, LinAlgError) as error:
-            failed = str(error)
-        if failed:
-            warnings.warn(f"{name} cannot be fitted, and has no scores: {failed}", stacklevel=2)
-        else:
-            scores[name], crps[name] = of_rival, crps_of_rival
+            warnings.warn(f"{name} cannot be fitted, and has no scores: {error}", stacklevel=2)
     return scores, crps
 
 

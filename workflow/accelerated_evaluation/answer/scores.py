@@ -6,7 +6,9 @@ the region, and the log probability of being outside of any other, so a law gain
 elsewhere.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -71,106 +73,88 @@ def threshold_weighted_crps(law: GivenLaw, closing_speed: Array, boundary: Array
     return -total * (CRPS_STEPS[1] - CRPS_STEPS[0])
 
 
-def held_out_scores(
-    fitter: Fitter,
-    family: LawFamily,
-    regions: Mapping[str, Array],
-    blocks: int = BLOCKS,
-    thin: int = 1,
-    score: Score = censored_log_score,
-) -> dict[str, Array]:
-    """Score every member of a family on blocks that its fit has not seen.
-
-    Parameters
-    ----------
-    fitter, family
-        The records with what fits need, and the fit to all of them, from which refits start.
-    regions
-        Boundaries of closing speeds [m/s] by name, each of shape (records,).
-    blocks
-        Number of contiguous blocks.
-    thin
-        Of the records outside all regions, whose scores are all alike, only every so many are scored and
-        stand for the others; this saves time where many sets of records are scored.
-    score
-        Of a law at records, given the boundary of a region.
-
-    Returns
-    -------
-    dict
-        Scores by region, shape (members, records).
-    """
-
-    def laws_without(left_out: Array, places: Places) -> list[GivenLaw]:
-        refit = fitter.refit(family, left_out)
-        below = places.body(refit.body)
-        return [refit.law(member).given(places, below) for member in fitter.members]
-
-    return _score_blocks(laws_without, len(fitter.members), fitter.records, regions, blocks, thin, score)
-
-
 def thinned_times(inside: NDArray[np.bool_], thin: int) -> NDArray[np.int_]:
     """Return how many records each stands for: itself inside the regions, of the others one for ``thin``."""
     return np.where(inside, 1, np.where(np.arange(inside.size) % thin == 0, thin, 0))
 
 
-def held_out(
-    fit: Callable[[DistinctRecords], FittedLaw],
-    records: DistinctRecords,
-    regions: Mapping[str, Array],
-    blocks: int = BLOCKS,
-    thin: int = 1,
-    score: Score = censored_log_score,
-) -> dict[str, Array]:
-    """Score any law on blocks that its fit has not seen; see `held_out_scores`.
+@dataclass(frozen=True)
+class HeldOut:
+    """Laws fitted without the records of a block, for each block in turn; they can be scored in many ways.
 
-    Parameters
+    Attributes
     ----------
-    fit
-        Takes records and returns the law.
     records
         Distinct cut-ins in the order of the record.
-    regions, blocks, thin, score
-        As there.
-
-    Returns
-    -------
-    dict
-        Scores by region, shape (records,).
+    given
+        For each contiguous block a function that returns the laws, fitted without the block, at places.
+    laws
+        Number of laws.
     """
 
-    def law_without(left_out: Array, places: Places) -> list[GivenLaw]:
-        kept = np.setdiff1d(np.arange(records.size), left_out)
-        return [fit(records.only(kept)).given(places)]
+    records: DistinctRecords
+    given: Sequence[Callable[[Places], Iterable[GivenLaw]]]
+    laws: int = 1
 
-    scores = _score_blocks(law_without, 1, records, regions, blocks, thin, score)
-    return {name: rows[0] for name, rows in scores.items()}
+    @classmethod
+    def of_family(cls, fitter: Fitter, family: LawFamily, blocks: int = BLOCKS) -> "HeldOut":
+        """Refit every member of a family without each block.
 
+        Parameters
+        ----------
+        fitter, family
+            The records with what fits need, and the fit to all of them, from which refits start.
+        blocks
+            Number of contiguous blocks.
+        """
 
-def _score_blocks(
-    laws_without: Callable[[Array, Places], list[GivenLaw]],
-    laws: int,
-    records: DistinctRecords,
-    regions: Mapping[str, Array],
-    blocks: int,
-    thin: int,
-    score: Score,
-) -> dict[str, Array]:
-    """Score laws, fitted without the records of a block and given at their places, on each block in turn."""
-    block = contiguous_blocks(records.size, blocks)
-    inside = np.any([records.closing_speed > boundary for boundary in regions.values()], axis=0)
-    times = thinned_times(inside, thin)
-    scores = {name: np.zeros((laws, records.size)) for name in regions}
-    for number in range(blocks):
-        out = np.flatnonzero((block == number) & (times > 0))
-        for place, given in enumerate(
-            laws_without(np.flatnonzero(block == number), records.only(out).places)
-        ):
-            for name, boundary in regions.items():
-                scores[name][place, out] = times[out] * score(
-                    given, records.closing_speed[out], boundary[out]
-                )
-    return scores
+        def given_by(refit: LawFamily, places: Places) -> Iterator[GivenLaw]:
+            below = places.body(refit.body)
+            return (refit.law(member).given(places, below) for member in fitter.members)
+
+        block = contiguous_blocks(fitter.records.size, blocks)
+        refits = [fitter.refit(family, np.flatnonzero(block == number)) for number in range(blocks)]
+        return cls(fitter.records, [partial(given_by, refit) for refit in refits], len(fitter.members))
+
+    @classmethod
+    def of_law(
+        cls, fit: Callable[[DistinctRecords], FittedLaw], records: DistinctRecords, blocks: int = BLOCKS
+    ) -> "HeldOut":
+        """Fit any law without each block; ``fit`` takes records and returns the law."""
+        block = contiguous_blocks(records.size, blocks)
+        fits = [fit(records.only(np.flatnonzero(block != number))) for number in range(blocks)]
+        return cls(records, [lambda places, law=law: [law.given(places)] for law in fits])
+
+    def scores(
+        self, regions: Mapping[str, Array], thin: int = 1, score: Score = censored_log_score
+    ) -> dict[str, Array]:
+        """Score each law at the records that its fit has not seen.
+
+        Parameters
+        ----------
+        regions
+            Boundaries of closing speeds [m/s] by name, each of shape (records,).
+        thin
+            Of the records outside all regions, whose scores are all alike, only every so many are scored and
+            stand for the others; this saves time where many sets of records are scored.
+        score
+            Of a law at records, given the boundary of a region.
+
+        Returns
+        -------
+        dict
+            Scores by region, shape (laws, records).
+        """
+        speed = self.records.closing_speed
+        block = contiguous_blocks(speed.size, len(self.given))
+        times = thinned_times(np.any([speed > boundary for boundary in regions.values()], axis=0), thin)
+        scores = {name: np.zeros((self.laws, speed.size)) for name in regions}
+        for number, given in enumerate(self.given):
+            out = np.flatnonzero((block == number) & (times > 0))
+            for place, law in enumerate(given(self.records.only(out).places)):
+                for name, boundary in regions.items():
+                    scores[name][place, out] = times[out] * score(law, speed[out], boundary[out])
+        return scores
 
 
 def time_to_collision_boundary(vehicle: Vehicle, ttc: float, support: Support = SUPPORT) -> Threshold:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from accelerated_evaluation.answer.posterior import Posterior, draw_posterior
-from accelerated_evaluation.answer.scores import BLOCKS, held_out_scores
+from accelerated_evaluation.answer.scores import BLOCKS, HeldOut
 from accelerated_evaluation.answer.weights import bootstrapped_weights
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
@@ -132,6 +132,5 @@ def score_family(
     fitted = tuple(member for member in members if member.level is None or member in family.tails)
     if fitted != members:
         fitter = Fitter(records, fitted)
-    return ScoredFamily(
-        fitter, family, held_out_scores(fitter, family, {"region": boundary}, blocks)["region"]
-    )
+    held_out = HeldOut.of_family(fitter, family, blocks)
+    return ScoredFamily(fitter, family, held_out.scores({"region": boundary})["region"])

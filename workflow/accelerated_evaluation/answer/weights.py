@@ -7,6 +7,10 @@ from scipy.special import logsumexp, softmax
 
 from accelerated_evaluation.base.arrays import Array
 
+SMALLEST = 1e-300
+SEARCH = {"ftol": 1e-13, "maxiter": 1000}
+LEAST_WEIGHT = 1e-6  # below which a law has none
+NEWTON_STEPS = 4  # from weights that are right to six digits
 FLOOR = -1e4  # of a score, so that sums stay defined where a law calls a record impossible
 
 
@@ -44,7 +48,8 @@ def bootstrapped_weights(
 def stacking_weights(scores: Array, inside: NDArray[np.bool_]) -> Array:
     """Return the weights of the mixture of laws with the best held-out log score, shape (laws,).
 
-    The score is concave in the weights, which are found as the softmax of free numbers (Yao et al. 2018).
+    The score is concave in the weights (Yao et al. 2018). Sequential quadratic programming finds which laws
+    have any weight. Newton steps among these then reach the maximum to nine digits, on any processor.
 
     Parameters
     ----------
@@ -56,15 +61,35 @@ def stacking_weights(scores: Array, inside: NDArray[np.bool_]) -> Array:
     """
     floored = np.maximum(scores - scores.max(axis=0), FLOOR)
     densities, outside = np.exp(floored[:, inside]), floored[:, ~inside].sum(axis=1)
+    laws, records = densities.shape
 
-    def negative(free: Array) -> tuple[float, Array]:
-        weights = softmax(free)
-        mixture = weights @ densities
-        slope = densities @ (1 / mixture) + outside
-        value = np.log(mixture).sum() + weights @ outside
-        return -float(value), -weights * (slope - weights @ slope)
+    def negative(weights: Array) -> tuple[float, Array]:
+        mixture = np.maximum(weights @ densities, SMALLEST)
+        value, slope = np.log(mixture).sum() + weights @ outside, densities @ (1 / mixture) + outside
+        return -float(value) / records, -slope / records
 
-    return softmax(minimize(negative, np.zeros(len(scores)), jac=True, method="L-BFGS-B").x)
+    total = {"type": "eq", "fun": lambda weights: weights.sum() - 1, "jac": np.ones_like}
+    equal, within = np.full(laws, 1 / laws), [(0.0, 1.0)] * laws
+    found = minimize(
+        negative, equal, jac=True, method="SLSQP", bounds=within, constraints=total, options=SEARCH
+    )
+    used = np.flatnonzero(found.x > LEAST_WEIGHT)
+    weights = np.zeros(laws)
+    weights[used] = _newton(densities[used], outside[used], found.x[used] / found.x[used].sum())
+    return weights
+
+
+def _newton(densities: Array, outside: Array, weights: Array) -> Array:
+    """Return the weights of the best mixture near given ones, all of which are positive and add up to 1."""
+    for _ in range(NEWTON_STEPS):
+        relative = densities / (weights @ densities)
+        slope = relative.sum(axis=1) + outside
+        curvature = np.block([[relative @ relative.T, np.ones((slope.size, 1))], [np.ones(slope.size), 0.0]])
+        step = np.linalg.lstsq(curvature, np.append(slope, 0.0))[0][:-1]
+        if np.any(weights + step <= 0):  # as where two laws are the same, and only their sum has a meaning
+            break
+        weights = weights + step
+    return weights
 
 
 def mixture_scores(scores: Array, weights: Array) -> Array:

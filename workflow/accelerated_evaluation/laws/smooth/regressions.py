@@ -11,16 +11,41 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
-from scipy.special import digamma, expit, gammaincc, gammaln, log_ndtr, logit
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.special import digamma, expit, gammaincc, gammaln, log_ndtr, logit, polygamma
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import ConvergenceError
 from accelerated_evaluation.laws.smooth.conditional import Places, speed_grid
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 
 SMOOTHING = (1.0, 1.0)  # of scale and shape, along lead speed and range
 SLOWEST = 1e-4  # [m/s], closing speeds below are taken as this: a power of zero has no logarithm
 SMALLEST = 1e-300
+ITERATIONS = 100
+TOLERANCE = 1e-6  # of what a Newton step gains in log likelihood; what is left after it is far smaller
+SMALLEST_STEP = 1e-6
+ROUNDING = 1e-12  # relative, of the log likelihood
+FIRST_DAMPING = 1e-3  # relative to the diagonal of the information
+
+
+@dataclass(frozen=True)
+class Terms:
+    """The log density of n records, and its derivatives by log scale, log shape and the shared numbers.
+
+    Attributes
+    ----------
+    value
+        Log density, shape (n,).
+    gradient
+        First derivatives, shape (2 + shared, n).
+    hessian
+        Second derivatives, shape (2 + shared, 2 + shared, n).
+    """
+
+    value: Array
+    gradient: Array
+    hessian: Array
 
 
 @dataclass(frozen=True)
@@ -31,9 +56,9 @@ class Regression:
     ----------
     name
         What it is called.
-    log_density
+    terms
         Function of closing speed, log scale, log shape and the shared numbers that returns the log density
-        and its derivatives by the three.
+        and its derivatives.
     log_survival
         Function of the same that returns log P(C > c).
     shared
@@ -41,58 +66,85 @@ class Regression:
     """
 
     name: str
-    log_density: Callable[[Array, Array, Array, Array], tuple[Array, Array, Array, list[Array]]]
+    terms: Callable[[Array, Array, Array, Array], Terms]
     log_survival: Callable[[Array, Array, Array, Array], Array]
     shared: tuple[float, ...] = ()
 
 
-def _weibull_terms(c: Array, log_scale: Array, log_shape: Array) -> tuple[Array, Array, Array]:
+def _two_numbers(value: Array, first: tuple[Array, Array], second: tuple[Array, Array, Array]) -> Terms:
+    """Return terms of log scale and log shape alone; ``second`` has scale-scale, scale-shape, shape-shape."""
+    gradient, hessian = np.empty((2, value.size)), np.empty((2, 2, value.size))
+    gradient[0], gradient[1] = first
+    hessian[0, 0], hessian[0, 1], hessian[1, 1] = second
+    hessian[1, 0] = hessian[0, 1]
+    return Terms(value, gradient, hessian)
+
+
+def _weibull(c: Array, log_scale: Array, log_shape: Array, shared: Array) -> Terms:
     shape, x = np.exp(log_shape), np.log(c) - log_scale
-    power = np.exp(shape * x)
-    return log_shape - np.log(c) + shape * x - power, shape * (power - 1), 1 + shape * x * (1 - power)
-
-
-def _weibull(c: Array, log_scale: Array, log_shape: Array, shared: Array) -> tuple[Array, Array, Array, list]:
-    return *_weibull_terms(c, log_scale, log_shape), []
+    kx = shape * x
+    power = np.exp(kx)
+    return _two_numbers(
+        log_shape - np.log(c) + kx - power,
+        (shape * (power - 1), 1 + kx * (1 - power)),
+        (-(shape**2) * power, shape * (power - 1 + kx * power), kx * (1 - power - kx * power)),
+    )
 
 
 def _weibull_survival(c: Array, log_scale: Array, log_shape: Array, shared: Array) -> Array:
     return -np.exp(np.exp(log_shape) * (np.log(c) - log_scale))
 
 
-def _gamma(c: Array, log_scale: Array, log_shape: Array, shared: Array) -> tuple[Array, Array, Array, list]:
+def _gamma(c: Array, log_scale: Array, log_shape: Array, shared: Array) -> Terms:
     shape, x = np.exp(log_shape), np.log(c) - log_scale
-    value = shape * x - np.exp(x) - np.log(c) - gammaln(shape)
-    return value, np.exp(x) - shape, shape * (x - digamma(shape)), []
+    ratio, slope = np.exp(x), shape * (x - digamma(shape))
+    value = shape * x - ratio - np.log(c) - gammaln(shape)
+    curvature = slope - shape**2 * polygamma(1, shape)
+    return _two_numbers(value, (ratio - shape, slope), (-ratio, -shape, curvature))
 
 
 def _gamma_survival(c: Array, log_scale: Array, log_shape: Array, shared: Array) -> Array:
     return np.log(np.maximum(gammaincc(np.exp(log_shape), np.exp(np.log(c) - log_scale)), SMALLEST))
 
 
-def _lognormal(
-    c: Array, log_scale: Array, log_shape: Array, shared: Array
-) -> tuple[Array, Array, Array, list]:
+def _lognormal(c: Array, log_scale: Array, log_shape: Array, shared: Array) -> Terms:
     precision = np.exp(log_shape)
     z = (np.log(c) - log_scale) * precision
     value = log_shape - np.log(c) - z**2 / 2 - np.log(2 * np.pi) / 2
-    return value, z * precision, 1 - z**2, []
+    return _two_numbers(value, (z * precision, 1 - z**2), (-(precision**2), 2 * z * precision, -2 * z**2))
 
 
 def _lognormal_survival(c: Array, log_scale: Array, log_shape: Array, shared: Array) -> Array:
     return log_ndtr(-(np.log(c) - log_scale) * np.exp(log_shape))
 
 
-def _two_kinds(
-    c: Array, log_scale: Array, log_shape: Array, shared: Array
-) -> tuple[Array, Array, Array, list]:
-    share, ratio, step = shared
-    first, second = (_weibull_terms(c, log_scale + a, log_shape + b) for a, b in ((0.0, 0.0), (ratio, step)))
-    parts = np.log(expit(-share)) + first[0], np.log(expit(share)) + second[0]
-    value = np.logaddexp(*parts)
-    other = np.exp(parts[1] - value)
-    mixed = [(1 - other) * first[k] + other * second[k] for k in (1, 2)]
-    return value, *mixed, [other - expit(share), other * second[1], other * second[2]]
+def _two_kinds(c: Array, log_scale: Array, log_shape: Array, shared: Array) -> Terms:
+    """Return the terms of a mixture of two Weibull laws.
+
+    The shared numbers are the logit of the share of the second law, and the log ratios of the two scales and
+    of the two shapes. Let r be the probability that a record is of the second law, and let g and H be the
+    derivatives of the logarithms of the two parts. Then the mixture has the derivatives g_1 + r d and
+    (1 - r) H_1 + r H_2 + r (1 - r) d d', where d = g_2 - g_1.
+    """
+    logit_, ratio, step = shared
+    share = expit(logit_)
+    first, second = (
+        _weibull(c, log_scale + a, log_shape + b, shared) for a, b in ((0.0, 0.0), (ratio, step))
+    )
+    values = np.log(expit(-logit_)) + first.value, np.log(share) + second.value
+    value = np.logaddexp(*values)
+    other = np.exp(values[1] - value)
+    away = np.concatenate([second.gradient - first.gradient, np.ones((1, c.size)), second.gradient])
+    gradient = other * away
+    gradient[:2] += first.gradient
+    gradient[2] -= share
+    hessian = away[:, None] * ((other * (1 - other)) * away)
+    for rows in (slice(0, 2), slice(3, 5)):
+        for columns in (slice(0, 2), slice(3, 5)):
+            hessian[rows, columns] += other * second.hessian
+    hessian[:2, :2] += (1 - other) * first.hessian
+    hessian[2, 2] -= share * (1 - share)
+    return Terms(value, gradient, hessian)
 
 
 def _two_kinds_survival(c: Array, log_scale: Array, log_shape: Array, shared: Array) -> Array:
@@ -139,7 +191,7 @@ class GivenRegression:
     def log_density(self, closing_speed: Array) -> Array:
         """Return the log density at closing speeds, one a place."""
         c = np.maximum(closing_speed, SLOWEST)
-        return self.regression.log_density(c, self.log_scale, self.log_shape, self.shared)[0]
+        return self.regression.terms(c, self.log_scale, self.log_shape, self.shared).value
 
     def cumulative(self, closing_speed: Array) -> Array:
         """Return -log P(C > c), one a place."""
@@ -150,7 +202,7 @@ class GivenRegression:
 def fit_regression(
     regression: Regression, records: DistinctRecords, start: FittedRegression | None = None
 ) -> FittedRegression:
-    """Fit by penalised maximum likelihood.
+    """Fit by penalised maximum likelihood, with Newton steps.
 
     Parameters
     ----------
@@ -160,29 +212,82 @@ def fit_regression(
         Distinct cut-ins.
     start
         An earlier fit to start from.
+
+    Raises
+    ------
+    ConvergenceError
+        If the Newton steps do not end.
     """
     cell, splines = _cells(records)
-    p, c = splines.shape[1], np.maximum(records.closing_speed, SLOWEST)
-    precision = records.support.penalty.total(SMOOTHING)
-
-    def negative(values: Array) -> tuple[float, Array]:
-        scale, shape = values[:p], values[p : 2 * p]
-        terms = regression.log_density(c, (splines @ scale)[cell], (splines @ shape)[cell], values[2 * p :])
-        value, *slopes, shared = terms
-        total = -value.sum() + (scale @ precision @ scale + shape @ precision @ shape) / 2
-        sums = [np.bincount(cell, slope, len(splines)) @ splines for slope in slopes]
-        gradient = [
-            precision @ scale - sums[0],
-            precision @ shape - sums[1],
-            [-part.sum() for part in shared],
-        ]
-        return float(total) / c.size, np.concatenate(gradient) / c.size
-
-    first = np.concatenate([np.full(p, np.log(c.mean())), np.zeros(p), regression.shared])
+    closing_speed = np.maximum(records.closing_speed, SLOWEST)
+    problem = _Problem(regression, closing_speed, cell, splines, records.support.penalty.total(SMOOTHING))
+    p = splines.shape[1]
+    values = np.concatenate([np.full(p, np.log(closing_speed.mean())), np.zeros(p), regression.shared])
     if start is not None:
-        first = np.concatenate([*start.coefficients, start.shared])
-    found = minimize(negative, first, jac=True, method="L-BFGS-B", options={"maxiter": 300, "ftol": 1e-10})
-    return FittedRegression(regression, found.x[: 2 * p].reshape(2, p), found.x[2 * p :])
+        values = np.concatenate([*start.coefficients, start.shared])
+    with np.errstate(over="ignore", invalid="ignore"):  # a trial step may overflow, and is then halved
+        values = problem.newton(values)
+    return FittedRegression(regression, values[: 2 * p].reshape(2, p), values[2 * p :])
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """The penalised likelihood of one set of records, as a function of coefficients and shared numbers."""
+
+    regression: Regression
+    closing_speed: Array
+    cell: NDArray[np.intp]
+    splines: Array  # at the cells
+    precision: Array
+
+    def newton(self, values: Array) -> Array:
+        """Return the maximum."""
+        objective, score, information = self._at(values)
+        for _ in range(ITERATIONS):
+            step = _ascent(information, score)
+            gain, size = float(step @ score), 1.0
+            trial = self._at(values + step)
+            while not trial[0] >= objective - ROUNDING * abs(objective) and size > SMALLEST_STEP:
+                size /= 2
+                trial = self._at(values + size * step)
+            values, (objective, score, information) = values + size * step, trial
+            if gain < TOLERANCE:
+                return values
+        change = "Add records, or leave this rival out."
+        reached = f"a gain of {gain:.2g} in log likelihood"
+        what = f"the regression {self.regression.name}"
+        raise ConvergenceError(what, reached=reached, limit=f"{TOLERANCE:g}", change=change)
+
+    def _at(self, values: Array) -> tuple[float, Array, Array]:
+        """Return the objective, its gradient, and its negative second derivatives."""
+        cells, p = self.splines.shape
+        coefficients, shared = values[: 2 * p].reshape(2, p), values[2 * p :]
+        scale, shape = (self.splines @ part for part in coefficients)
+        terms = self.regression.terms(self.closing_speed, scale[self.cell], shape[self.cell], shared)
+        designs = [self.splines, self.splines, *[np.ones((cells, 1))] * shared.size]
+        penalty = np.zeros((values.size, values.size))
+        penalty[:p, :p] = penalty[p : 2 * p, p : 2 * p] = self.precision
+        score = [design.T @ self._by_cell(row) for design, row in zip(designs, terms.gradient, strict=True)]
+        blocks = [
+            [-(one * self._by_cell(terms.hessian[i, j])[:, None]).T @ two for j, two in enumerate(designs)]
+            for i, one in enumerate(designs)
+        ]
+        objective = float(terms.value.sum() - values @ penalty @ values / 2)
+        return objective, np.concatenate(score) - penalty @ values, np.block(blocks) + penalty
+
+    def _by_cell(self, of_records: Array) -> Array:
+        """Return sums over the records of each cell."""
+        return np.bincount(self.cell, of_records, len(self.splines))
+
+
+def _ascent(information: Array, score: Array) -> Array:
+    """Return Newton's step, damped as far as the information is not positive definite."""
+    damping, scale = 0.0, np.abs(np.diag(information))
+    while True:
+        try:
+            return cho_solve(cho_factor(information + np.diag(damping * scale)), score)
+        except LinAlgError:
+            damping = max(FIRST_DAMPING, 10 * damping)
 
 
 def _cells(records: DistinctRecords) -> tuple[NDArray[np.intp], Array]:
