@@ -64,7 +64,6 @@ LIBRARY = PROJECT / "workflow/accelerated_evaluation"
 SCRIPTS = PROJECT / "workflow/scripts"
 SEGMENTS = segment_names(config["segments"]["lead_speed_edges"])
 SEEDS = range(config["cross_entropy"]["seeds"])
-MODELS = ["two_pieces", "three_pieces", "single"]
 MODEL = config["models"]["inverse_range"]["variant"]
 
 # The user's own files count by their content, in the parameters of the rules, and not by their date.

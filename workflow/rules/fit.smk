@@ -1,8 +1,9 @@
 # Fit: lane-change models and their comparison (paper, sections II, III and VI.A).
 #
-# In: encounters.parquet. Out: a model file for each of two_pieces, three_pieces and single, the table of candidate
+# In: encounters.parquet. Out: a model file for each of the paper's laws, the table of candidate
 # families with log-likelihood, AIC, BIC and rank, and the family of laws with dependence (beyond the paper).
 
+from accelerated_evaluation.laws.paper.models import PAPER_LAWS, PIECEWISE
 from accelerated_evaluation.laws.smooth.support import Support
 
 SUPPORT = Support.configured(
@@ -16,7 +17,7 @@ rule fit_models:
         encounters=rules.ingest_encounters.output.encounters,
         library=modules_of("fit_models.py"),
     output:
-        **{model: result("models", f"{model}.json") for model in MODELS},
+        **{model: result("models", f"{model}.json") for model in PAPER_LAWS},
     log:
         log_of("fit_models.log"),
     benchmark:
@@ -29,8 +30,7 @@ rule fit_models:
             "inverse_range": part(
                 config["models"]["inverse_range"],
                 "pieces",
-                "two_pieces",
-                "three_pieces",
+                *PIECEWISE,
             ),
             "inverse_ttc": config["models"]["inverse_ttc"],
         },
@@ -69,10 +69,7 @@ rule fit_candidates:
     """Fit 18 common families to one variable in one segment, the piecewise models beside them."""
     input:
         encounters=rules.ingest_encounters.output.encounters,
-        models=[
-            rules.fit_models.output.two_pieces,
-            rules.fit_models.output.three_pieces,
-        ],
+        models=[rules.fit_models.output[name] for name in PIECEWISE],
         library=modules_of("fit_candidates.py"),
     output:
         table=result("candidates", "{variable}_{segment}.csv"),

@@ -104,8 +104,7 @@ rule study_sensitivity:
 rule bootstrap_uncertainty:
     """Refit the model to resampled lane changes, and set up the budget of the uncertainty."""
     input:
-        two_pieces=rules.fit_models.output.two_pieces,
-        three_pieces=rules.fit_models.output.three_pieces,
+        **{name: rules.fit_models.output[name] for name in PIECEWISE},
         half=rules.map_crashes.output.half,
         encounters=rules.ingest_encounters.output.encounters,
         library=modules_of("bootstrap_uncertainty.py"),

@@ -5,6 +5,7 @@ from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.maps import read_crash_map
 from accelerated_evaluation.crash_map.uncertainty_study import study_uncertainty
 from accelerated_evaluation.laws.files import read_law
+from accelerated_evaluation.laws.paper.models import PIECEWISE
 from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.study.jobs import job
 
@@ -14,7 +15,7 @@ if __name__ == "__main__":
         encounters = read_encounters(files.encounters)
         tables = study_uncertainty(
             read_crash_map(files.half),
-            {name: read_law(files[name], encounters) for name in ("two_pieces", "three_pieces")},
+            {name: read_law(files[name], encounters) for name in PIECEWISE},
             params.variant,
             encounters,
             child_generator(params.seed, "bootstrap"),

@@ -4,6 +4,7 @@ from accelerated_evaluation.base.files import read_json, write_csv
 from accelerated_evaluation.crash_map.exact_study import exact_tables
 from accelerated_evaluation.crash_map.maps import read_crash_map
 from accelerated_evaluation.laws.files import read_law
+from accelerated_evaluation.laws.paper.models import PAPER_LAWS
 from accelerated_evaluation.methods.cross_entropy.proposals import read_proposals
 from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.study.jobs import job
@@ -15,7 +16,7 @@ if __name__ == "__main__":
         labels = zip(params.methods, params.seeds, strict=True)
         tables = exact_tables(
             {name: read_crash_map(files[name]) for name in ("quarter", "half", "full")},
-            {name: read_law(files[name], encounters) for name in ("two_pieces", "three_pieces", "single")},
+            {name: read_law(files[name], encounters) for name in PAPER_LAWS},
             params.variant,
             {
                 label: read_proposals(path).factors

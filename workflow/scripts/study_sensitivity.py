@@ -6,6 +6,7 @@ from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.maps import read_crash_map
 from accelerated_evaluation.crash_map.sensitivity import study_cap, study_sensitivity
 from accelerated_evaluation.laws.files import read_law
+from accelerated_evaluation.laws.paper.models import PAPER_LAWS
 from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.study.jobs import job
 from accelerated_evaluation.vehicles.external.slow import loaded_for
@@ -14,9 +15,7 @@ if __name__ == "__main__":
     with job(snakemake.log[0]):
         files, params = snakemake.input, snakemake.params
         encounters = read_encounters(files.encounters)
-        models = {
-            name: read_law(files[name], encounters) for name in ("two_pieces", "three_pieces", "single")
-        }
+        models = {name: read_law(files[name], encounters) for name in PAPER_LAWS}
         full, half = read_crash_map(files.full), read_crash_map(files.half)
         choices = study_sensitivity(full, models, params.variant, encounters, params.sensitivity)
         # A cap on the closing speeds changes the map; each is studied with a map at half resolution.

@@ -10,16 +10,13 @@ from threadpoolctl import threadpool_limits
 from accelerated_evaluation.answer.weighted_family import score_family
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.laws import Law
+from accelerated_evaluation.laws import FITS, Law
 from accelerated_evaluation.laws.files import read_law
-from accelerated_evaluation.laws.paper.models import fit_paper_laws
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw
 from accelerated_evaluation.laws.smooth.family import MEMBERS, DistinctRecords, Fitter, Member
 from accelerated_evaluation.laws.smooth.support import Support
-from accelerated_evaluation.records.sources import describe
 
 ANSWER, PAPER = "answer", "paper"
-OF_PAPER = ("two_pieces", "three_pieces", "single")
 SMOOTH = {member.name: member for member in MEMBERS}
 FILE = ".json"
 
@@ -30,11 +27,11 @@ def require_law(choice: str) -> None:
         if not Path(choice).is_file():
             change = "Correct its path."
             raise InputError("--law", seen=f"no file {choice}", expected="a law file", change=change)
-    elif choice not in (ANSWER, PAPER, *OF_PAPER, *SMOOTH):
+    elif choice not in (ANSWER, PAPER, *FITS, *SMOOTH):
         raise InputError(
             "--law",
             seen=repr(choice),
-            expected=f"{ANSWER}, {PAPER}, {', '.join(OF_PAPER)}, a law of the family ({', '.join(SMOOTH)}), "
+            expected=f"{ANSWER}, {PAPER}, {', '.join(FITS)}, a law of the family ({', '.join(SMOOTH)}), "
             f"or a law file, which ends in {FILE}",
             change="Correct the name.",
         )
@@ -68,10 +65,8 @@ def choose_law(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any])
         with threadpool_limits(1, "blas"):  # as in the jobs of the study: the same digits on any machine
             law = _smooth(choice, encounters, config)
         return law.description, law
-    models = config["models"]
-    name = models["inverse_range"]["variant"] if choice == PAPER else choice
-    limits = config["filters"]["range_max"], describe(config["data"]), models["closing_speed_max"]
-    return name, fit_paper_laws(encounters, models, *limits)[name]
+    name = config["models"]["inverse_range"]["variant"] if choice == PAPER else choice
+    return name, FITS[name](encounters, config)
 
 
 def _smooth(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any]) -> DependentLaw:

@@ -1,8 +1,16 @@
 """Laws of cut-ins: how each is put together, drawn from, scored and stored."""
 
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import pandas as pd
+
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.laws.protocol import CutIns, Factors, Law, Stratum
 
+# Kinds of laws, by the name that their files state.
 LAWS: Registry[type[Law]] = Registry("law", __name__, __path__)
+# What fits a law to an encounter table by a complete configuration, by the name that a user gives (--law).
+FITS: Registry[Callable[[pd.DataFrame, Mapping[str, Any]], Law]] = Registry("fitted law", __name__, __path__)
 
-__all__ = ["LAWS", "CutIns", "Factors", "Law", "Stratum"]
+__all__ = ["FITS", "LAWS", "CutIns", "Factors", "Law", "Stratum"]

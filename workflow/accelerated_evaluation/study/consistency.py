@@ -5,6 +5,7 @@ from dataclasses import replace
 from itertools import combinations, pairwise
 
 from accelerated_evaluation.base.sections import Check
+from accelerated_evaluation.laws.paper.models import PIECEWISE
 from accelerated_evaluation.laws.paper.pieces import mixture_kinds, piece_kinds
 from accelerated_evaluation.records.sources import SOURCES
 from accelerated_evaluation.study.preflight import compared_sections
@@ -12,8 +13,7 @@ from accelerated_evaluation.study.preflight import compared_sections
 COMPARED = {"crude", "heuristic", "piecewise", "single", "surrogate"}
 FOLDERS = {"benchmarks", "vehicles"}  # of results/, which no study has for itself
 LONGEST = 64  # name of a study: file systems take 255 bytes, and temporary files need some for themselves
-PIECES = {"two_pieces": 2, "three_pieces": 3}
-KNOTS = ("models.inverse_range.two_pieces", "models.inverse_range.three_pieces", "models.inverse_ttc.knots")
+KNOTS = (*(f"models.inverse_range.{name}" for name in PIECEWISE), "models.inverse_ttc.knots")
 
 
 def _are_methods(names: Sequence[str]) -> bool:
@@ -139,7 +139,7 @@ CHECKS = (
             lambda values, range_max: values is None or min(values) > 1 / range_max,
             "knots above 1 / range_max, where R^-1 begins",
         )
-        for variant in PIECES
+        for variant in PIECEWISE
     ),
     *(
         Check(
@@ -156,7 +156,7 @@ CHECKS = (
     ),
     Check(
         ("cross_entropy.minimum_weight", "models.inverse_range.variant"),
-        lambda weight, variant: weight * PIECES[variant] < 1,
+        lambda weight, variant: weight * PIECEWISE[variant] < 1,
         "a minimum weight that all pieces can have at once: less than 1 / pieces",
     ),
     Check(

@@ -4,6 +4,7 @@ import math
 import warnings
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import pandas as pd
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import ConvergenceError, located
 from accelerated_evaluation.distributions import BoundedExponential, Distribution, Pareto, PiecewiseMixture
+from accelerated_evaluation.laws import FITS
 from accelerated_evaluation.laws.paper.independent import IndependentLaw, recorded_lead_speeds
 from accelerated_evaluation.laws.paper.pieces import EXPONENTIAL, PieceFamily
 from accelerated_evaluation.laws.paper.piecewise import (
@@ -20,6 +22,10 @@ from accelerated_evaluation.laws.paper.piecewise import (
     knots_by_profile_likelihood,
     usable_knots,
 )
+from accelerated_evaluation.records.sources import describe
+
+PIECEWISE = {"two_pieces": 2, "three_pieces": 3}  # laws by name, with the number of pieces of R^-1
+PAPER_LAWS = (*PIECEWISE, "single")
 
 
 def choose_knots(
@@ -66,7 +72,7 @@ def fit_paper_laws(
     description: str,
     closing_speed_max: float,
 ) -> dict[str, IndependentLaw]:
-    """Fit the laws ``two_pieces`` and ``three_pieces``, named by the pieces of R^-1, and ``single``.
+    """Fit the laws of `PAPER_LAWS`, of which the piecewise ones are named by the pieces of R^-1.
 
     Parameters
     ----------
@@ -97,16 +103,29 @@ def fit_paper_laws(
 
     ttc = _by_segment(encounters, piecewise_ttc)
     ranges = {
-        "two_pieces": (piecewise_range(2, models["inverse_range"]["two_pieces"]), ttc),
-        "three_pieces": (piecewise_range(3, models["inverse_range"]["three_pieces"]), ttc),
+        **{
+            name: (piecewise_range(pieces, models["inverse_range"][name]), ttc)
+            for name, pieces in PIECEWISE.items()
+        },
         "single": (Pareto.fit(inverse_range, lower), _by_segment(encounters, fit_exponential_from_zero)),
     }
     counts = {segment: len(rows) for segment, rows in _segments(encounters)}
     recorded = recorded_lead_speeds(encounters, counts), closing_speed_max
     fitted = {name: IndependentLaw(description, counts, *laws, *recorded) for name, laws in ranges.items()}
-    for piece in simpler_pieces(fitted["two_pieces"], models):
+    for piece in simpler_pieces(fitted[next(iter(PIECEWISE))], models):
         warnings.warn(piece, stacklevel=2)
     return fitted
+
+
+def fit_paper_law(name: str, encounters: pd.DataFrame, config: Mapping[str, Any]) -> IndependentLaw:
+    """Fit the paper's laws by a complete configuration, and return the one of a name."""
+    models = config["models"]
+    limits = config["filters"]["range_max"], describe(config["data"]), models["closing_speed_max"]
+    return fit_paper_laws(encounters, models, *limits)[name]
+
+
+for _name in PAPER_LAWS:
+    FITS.add(_name)(partial(fit_paper_law, _name))
 
 
 def families_of_range(models: Mapping[str, Any], pieces: int) -> list[PieceFamily]:
