@@ -6,6 +6,7 @@ from accelerated_evaluation.methods.surrogate.belief import Belief
 from accelerated_evaluation.methods.surrogate.constants import MOST_TRUST
 from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurrogate, Predecessor
 from accelerated_evaluation.methods.surrogate.state import Progress
+from accelerated_evaluation.methods.surrogate.subspace import WholeSpace
 from accelerated_evaluation.methods.surrogate.wide_laws import draw_wide
 
 DIMENSION = 6
@@ -39,7 +40,7 @@ def surprise(probability, z):
 
 def put_to_the_test(runs, *, misleading):
     """Return a belief that foretold some runs of the second phase, and then saw them."""
-    belief, z, later = Belief(DIMENSION, None), first_runs(), near_the_boundary(runs, 3)
+    belief, z, later = Belief(WholeSpace(DIMENSION), None), first_runs(), near_the_boundary(runs, 3)
     belief.fit(seen(z, misleading=misleading))
     after = seen(np.vstack([z, later]), misleading=misleading)
     after.foreseen = belief.foresee(later)
@@ -49,7 +50,7 @@ def put_to_the_test(runs, *, misleading):
 
 @pytest.mark.parametrize("misleading", [False, True])
 def test_smooth_scores_foretell_more_than_flags_and_misleading_ones_less(misleading):
-    belief, new = Belief(DIMENSION, None), near_the_boundary(400, 2)
+    belief, new = Belief(WholeSpace(DIMENSION), None), near_the_boundary(400, 2)
     belief.fit(seen(first_runs(), misleading=misleading))
     by_flags, by_scores = (surprise(said, new) for said in belief.foresee(new).T)
     assert (by_scores > by_flags) if misleading else (by_scores < 0.7 * by_flags)
@@ -80,7 +81,7 @@ def test_scores_that_foretold_too_badly_are_not_asked(monkeypatch):
 
 
 def test_flags_speak_for_both_before_scores_say_anything():
-    belief, z = Belief(DIMENSION, None), draw_wide(30, DIMENSION, np.random.default_rng(4))
+    belief, z = Belief(WholeSpace(DIMENSION), None), draw_wide(30, DIMENSION, np.random.default_rng(4))
     progress = seen(z)
     progress.happened = np.zeros(30, bool)
     belief.fit(progress)
@@ -93,7 +94,7 @@ def beside_a_predecessor():
     """Return a belief that knows a vehicle which is safe where the new one is not, and that vehicle."""
     old = np.vstack([near_the_boundary(150, 5), 9.0 * np.eye(DIMENSION)[:1]])
     old = Predecessor(old, old[:, 0] > 8.0)
-    return Belief(DIMENSION, old), old
+    return Belief(WholeSpace(DIMENSION), old), old
 
 
 def test_beside_a_predecessor_the_own_flags_are_the_second_opinion():
@@ -106,7 +107,7 @@ def test_beside_a_predecessor_the_own_flags_are_the_second_opinion():
     by_all, by_own = belief.foresee(new).T
     np.testing.assert_allclose(by_own, own.probability(new))
     assert np.median(by_own) > 3 * np.median(by_all)  # the predecessor was safe there
-    nothing = Belief(DIMENSION, old)
+    nothing = Belief(WholeSpace(DIMENSION), old)
     nothing.fit(Progress.start(DIMENSION))
     by_all, by_own = nothing.foresee(new).T
     assert (by_all == by_own).all()

@@ -18,6 +18,7 @@ from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurro
 from accelerated_evaluation.methods.surrogate.graded import GradedSurrogate, end_of_events, graded
 from accelerated_evaluation.methods.surrogate.kernel import principal_axes
 from accelerated_evaluation.methods.surrogate.state import Progress
+from accelerated_evaluation.methods.surrogate.subspace import Space
 
 
 class Belief:
@@ -25,21 +26,24 @@ class Belief:
 
     Parameters
     ----------
-    dimension
-        Number d of normal scores.
+    space
+        The coordinates that the surrogates know.
     predecessor
         Runs of a vehicle that is alike; None for none. Their scores are not known, so that scores would know
         much less than flags do, and have no say.
 
     Attributes
     ----------
+    space
+        The coordinates that the surrogates know.
     flags, scores
         The surrogate of all flags, and the regression of the scores along the same axes.
     """
 
-    def __init__(self, dimension: int, predecessor: Predecessor | None) -> None:
-        self.flags = EventSurrogate(dimension, predecessor)
-        self.scores = GradedSurrogate(dimension)
+    def __init__(self, space: Space, predecessor: Predecessor | None) -> None:
+        self.space = space
+        self.flags = EventSurrogate(space.dimension, predecessor)
+        self.scores = GradedSurrogate(space.dimension)
         self._has_predecessor = predecessor is not None
         self._second: Callable[[Array], Array] | None = None
         self._calibration = Calibration()
@@ -51,12 +55,12 @@ class Belief:
         A thin event may lie across the normal scores, and the surrogate then finds its boundary much sooner
         along its own axes.
         """
-        z, happened, runs = progress.z, progress.happened, len(progress.z)
+        z, happened, runs = self.space.coordinates(progress.z), progress.happened, len(progress.z)
         learn = not progress.estimates or runs >= RELEARN * progress.learnt_at
         turned: list[Array] = []
         if learn:
             progress.learnt_at = runs
-            mattered = [] if progress.centres is None else [progress.centres]
+            mattered = [] if progress.centres is None else [self.space.coordinates(progress.centres)]
             turned = [axes for points in (*mattered, z[happened]) for axes in principal_axes(points)]
         self.flags.fit(z, happened, learn=learn, turned=turned)
         self._second = None
@@ -83,6 +87,7 @@ class Belief:
         Where the second says nothing yet, for want of runs or of events among them, or is not asked, the
         first speaks for both.
         """
+        z = self.space.coordinates(z)
         by_flags = self.flags.probability(z)
         by_second = self._second(z) if both and self._second is not None else by_flags
         return np.column_stack([by_flags, by_second])

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.special import betaincc, chdtri, ndtr, ndtri
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.methods.surrogate.constants import REACH, UNSEEN_ALPHA
+from accelerated_evaluation.methods.surrogate.constants import BEYOND, FEW, REACH, UNSEEN_ALPHA
 from accelerated_evaluation.methods.surrogate.wide_laws import rarity
 
 STEPS = 600  # of the integrals over the rarity, and of the distances that are tried
@@ -113,6 +113,8 @@ def look_beyond(looks: Array, dimension: int, reach: float, curvature: float, sh
     distances, caps = _caps(dimension, curvature)
     mode = _nearest(looks, dimension, reach, curvature)
     nearest, farthest = rarity(np.outer([distances[mode], -ndtri(share)], np.eye(dimension)[0]))
+    if dimension > FEW:  # the nearest points of all modes are in the bulk, and say nothing of where to look
+        farthest = max(farthest, reach - 2 * BEYOND)
     cap, middle = (values[reach >= RARITIES][::-1] for values in (caps[mode], RARITIES))
     begin = middle - REACH / STEPS / 2
     mean = np.cumsum(cap) / (np.arange(len(cap)) + 1)  # from each of these rarities to the reach

@@ -127,6 +127,39 @@ UNSEEN_ALPHA = 0.05
 LENGTH, LENGTH_SPREAD = 1.5, 0.7
 AMPLITUDE, AMPLITUDE_SPREAD = 20.0, 0.8
 
+# ---- many normal scores
+
+# Up to so many normal scores all of them are coordinates of the surrogates. Where there are more, a few
+# directions are learnt, and the search begins after as many draws of the wide law as there are scores.
+FEW = 10
+
+# Most directions. With the distance across them they are as many coordinates as the surrogates know well.
+MOST_DIRECTIONS = 4
+
+# Directions whose length is more than one over this times the shortest hardly matter, and are left out.
+LEAST_SINGULAR = 0.02
+
+# What a parameter of the directions must add to the log posterior density. A single input costs the logarithm
+# of the number of inputs besides, because it is chosen among them.
+COST = 1.5
+
+# Prior of one over the length along the distance from the origin, in normal scores: median, and standard
+# deviation of the logarithm. Bounds of the logarithms of this, of the amplitude and of the noise.
+OUTWARD, OUTWARD_SPREAD = 1 / 3, 1.0
+LOG_DIRECTION_BOUNDS = ((-4.0, 1.0), (-1.0, 1.5), (-4.0, 0.5))
+
+# Noise from which the directions are sought, and lengths from which a new one is: the best of these.
+FIRST_NOISE, STARTS = 0.3, (0.05, 0.2, 0.5)
+
+# Most steps of the search for directions, and most runs that it is conditioned on.
+DIRECTION_STEPS, DIRECTION_RUNS = 40, 400
+
+# Share of a pool that is drawn by the wide law of all normal scores.
+WHOLE_SHARE = 0.15
+
+# Share of the usual defence that follows the wide law of the coordinates.
+ALONG = 0.5
+
 # Prior median of the length along the axis of the vehicles, on which the vehicle under test is at 0 and its
 # predecessor at 1. With the median amplitude, the boundaries of the two then differ by about half a normal
 # score.

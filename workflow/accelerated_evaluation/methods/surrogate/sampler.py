@@ -35,6 +35,7 @@ from accelerated_evaluation.methods.surrogate.constants import (
     DEFENCE,
     DEFENCE_ALONE,
     ENOUGH_REPEATS,
+    FEW,
     FIRST_REPEATS,
     FRINGE_WEIGHT,
     KERNELS,
@@ -43,11 +44,13 @@ from accelerated_evaluation.methods.surrogate.constants import (
     POOL,
     POOL_PER_RUN,
     REACH,
+    RELEARN,
     START,
     STEP,
-    WIDE_SHARE,
 )
+from accelerated_evaluation.methods.surrogate.directions import learn_directions
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
+from accelerated_evaluation.methods.surrogate.pools import draw_pool
 from accelerated_evaluation.methods.surrogate.repeats import RepeatBatch, choose_repeats, end_differently
 from accelerated_evaluation.methods.surrogate.search import draw_approach
 from accelerated_evaluation.methods.surrogate.state import (
@@ -58,6 +61,7 @@ from accelerated_evaluation.methods.surrogate.state import (
     WideBatch,
     generator_in,
 )
+from accelerated_evaluation.methods.surrogate.subspace import WholeSpace, space_along
 from accelerated_evaluation.methods.surrogate.two_phase import (
     Defence,
     Flags,
@@ -69,9 +73,7 @@ from accelerated_evaluation.methods.surrogate.two_phase import (
     predict,
 )
 from accelerated_evaluation.methods.surrogate.wide_laws import (
-    KernelMixture,
     draw_wide,
-    log_normal_to_wide,
     rarity,
     truncated,
 )
@@ -129,7 +131,7 @@ class Sampler:
         self.progress.chance = deterministic is False
         self._generator = generator
         self.predecessor = predecessor
-        self._belief = Belief(dimension, predecessor)
+        self._belief = Belief(WholeSpace(dimension), predecessor)
 
     # ---- simulations
 
@@ -179,7 +181,8 @@ class Sampler:
             progress.batches.append(batch)
             progress.foreseen = np.vstack([progress.foreseen, batch.foreseen])
             return
-        rarest = min(rarity(batch.z[happened]).min(initial=REACH), progress.rarest)
+        events = self._belief.space.coordinates(batch.z[happened])
+        rarest = min(rarity(events).min(initial=REACH), progress.rarest)
         if isinstance(batch, WideBatch):
             progress.looks = np.vstack([progress.looks, [len(batch.z), 0.0, REACH]])
         else:
@@ -270,6 +273,8 @@ class Sampler:
             enough_repeats=state.enough_repeats,
         )
         sampler.progress = state.progress
+        space = space_along(state.progress.directions, state.dimension)
+        sampler._belief = Belief(space, state.predecessor)
         flags = sampler._belief.flags
         flags.axes, flags.theta, flags.sites = state.axes, state.theta, state.sites
         sampler._belief.scores.theta = state.graded_theta
@@ -300,16 +305,30 @@ class Sampler:
         progress = self.progress
         if self.predecessor is None:
             happened, score = progress.happened, progress.score
-            few = self.simulations < START
+            few = self.simulations < (START if self.dimension <= FEW else max(START, self.dimension))
             if few or happened.all() or not (happened.any() or np.ptp(score) > 0):  # nothing to learn from
                 return WideBatch(draw_wide(self.batch_size, self.dimension, self._generator))
+            self._learn_directions()
             if self._is_searching():
-                known, reach = (progress.z, happened, score), self._search_reach
+                space = self._belief.space
+                known, reach = (space.coordinates(progress.z), happened, score), self._search_reach
                 in_vain = not happened.any() and progress.searched >= PATIENCE
                 z = draw_approach(self.batch_size, reach, *known, self._generator, in_vain=in_vain)
-                return ApproachBatch(z)
+                return ApproachBatch(space.draw(z, self._generator))
         self._belief.fit(progress)
         return self._two_phase_batch(defence)
+
+    def _learn_directions(self) -> None:
+        """Learn now and then, where there are many normal scores, along which directions the event lies."""
+        progress, runs = self.progress, self.simulations
+        known = progress.directions
+        if self.dimension <= FEW or (known is not None and runs < RELEARN * progress.learnt_at):
+            return
+        progress.directions = learn_directions(progress.z, progress.happened, progress.score, known)
+        self._belief = Belief(space_along(progress.directions, self.dimension), None)
+        progress.learnt_at = runs if self._is_searching() else 0  # the surrogates learn anew then
+        events = progress.z[progress.happened]
+        progress.rarest = rarity(self._belief.space.coordinates(events)).min(initial=REACH)
 
     def _is_searching(self) -> bool:
         """Whether the search goes on: until it has looked long enough for an event more probable than all."""
@@ -328,15 +347,8 @@ class Sampler:
 
     def _pool(self, size: int) -> Pool:
         """Return points of the first phase with their weights, the surrogate there, and the defensive law."""
-        if self.progress.centres is None:
-            z = draw_wide(size, self.dimension, self._generator)
-            log_weight = log_normal_to_wide(z)
-        else:
-            law = KernelMixture.about(self.progress.centres, WIDE_SHARE)
-            z = law.draw(size, self._generator)
-            log_weight = law.log_normal_ratio(z)
-        wide = np.exp(log_weight - log_normal_to_wide(z))
-        return Pool(z, np.exp(log_weight), self._belief.probability(z), wide, rarity(z))
+        belief = self._belief
+        return draw_pool(belief.space, self.progress.centres, size, belief.probability, self._generator)
 
     def _look_ahead(self, defence: Defence) -> tuple[Prediction, float]:
         """Return what the next batch will be worth, and the largest weight of a point of the fringe.

@@ -21,9 +21,10 @@ from accelerated_evaluation.methods.surrogate.combining import BatchEstimate
 from accelerated_evaluation.methods.surrogate.constants import ENOUGH_REPEATS, POOL, REACH
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.methods.surrogate.repeats import RepeatBatch, Repeats
+from accelerated_evaluation.methods.surrogate.subspace import space_along
 from accelerated_evaluation.methods.surrogate.two_phase import Flags, TwoPhaseBatch
 
-FORMAT, VERSION = "accelerated-evaluation sampler state", 9
+FORMAT, VERSION = "accelerated-evaluation sampler state", 10
 
 # What is raised where a content does not fit together.
 MISFIT = (KeyError, TypeError, ValueError, OverflowError, AttributeError, StopIteration)
@@ -33,7 +34,7 @@ LARGEST = float(np.finfo(float).max)
 RANGES = {
     **dict.fromkeys(("looks", "searched", "learnt_at"), (0, 1e12)),
     **dict.fromkeys(("sites", "probability", "controlled", "controlled_square"), (-1e100, 1e100)),
-    **dict.fromkeys(("z", "centres", "kept"), (-1e6, 1e6)),
+    **dict.fromkeys(("z", "centres", "kept", "directions"), (-1e6, 1e6)),
     "axes": (-1.001, 1.001),  # with a margin for rounding
     "dimension": (1, 1e6),
     "batch_size": (1, POOL // 4),
@@ -95,6 +96,8 @@ class Progress:
         Runs of the search for each unit of rarity, up to a little beyond ``rarest``.
     rarest
         Rarity of the most probable event that the search knows.
+    directions
+        Along which the event lies, over their lengths, shape (d, k), where there are many normal scores.
     learnt_at
         Number of runs when the lengths and the amplitude were learnt last.
     """
@@ -113,6 +116,7 @@ class Progress:
     centres: Array | None = None
     searched: float = 0.0
     rarest: float = REACH
+    directions: Array | None = None
     learnt_at: int = 0
 
     @classmethod
@@ -243,9 +247,12 @@ def _whole(state: State) -> State:
     for name, columns in {"z": d, "looks": 3, "foreseen": 2}.items():
         if getattr(progress, name).size == 0:  # an empty list has lost its second dimension
             setattr(progress, name, np.empty((0, columns)))
-    _require_shape("axes", state.axes, d, d)
-    _require_shape("theta", state.theta, d + 1 + (others > 0))
-    _require_shape("graded_theta", state.graded_theta, d + 2)
+    if progress.directions is not None:
+        _require_shape("directions", progress.directions, d, max(progress.directions.shape[-1], 1))
+    coordinates = space_along(progress.directions, d).dimension
+    _require_shape("axes", state.axes, coordinates, coordinates)
+    _require_shape("theta", state.theta, coordinates + 1 + (others > 0))
+    _require_shape("graded_theta", state.graded_theta, coordinates + 2)
     _require_shape("sites", state.sites, 2, min(state.sites.size // 2, runs + others))
     _require_shape("z", progress.z, runs, d)
     _require_shape("score", progress.score, runs)
@@ -264,7 +271,7 @@ def _whole(state: State) -> State:
         progress.estimates
     ):
         raise ValueError("more runs in the batches than in the progress")
-    if not np.allclose(state.axes.T @ state.axes, np.eye(d), atol=1e-6):
+    if not np.allclose(state.axes.T @ state.axes, np.eye(coordinates), atol=1e-6):
         raise ValueError("axes that are not at right angles")
     if (state.sites[0] <= 0).any():
         raise ValueError("a site with a precision that is not above 0")

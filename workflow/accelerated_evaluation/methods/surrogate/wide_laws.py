@@ -53,6 +53,21 @@ def _log_tail(square: Array, dimension: int) -> Array:
     return log_tail
 
 
+@dataclass(frozen=True)
+class WideLaw:
+    """The wide law in some dimension, as the law of a pool."""
+
+    dimension: int
+
+    def draw(self, n: int, generator: np.random.Generator) -> Array:
+        """Draw n points, shape (n, d)."""
+        return draw_wide(n, self.dimension, generator)
+
+    def log_normal_ratio(self, z: Array) -> Array:
+        """Log ratio of the standard normal density to that of the law, shape (n,)."""
+        return log_normal_to_wide(z)
+
+
 def bound_without_event(runs: float, alpha: float) -> float:
     """Return what P(A) cannot exceed, with confidence 1 - alpha, for a set A that no run of the wide law met.
 

@@ -1,0 +1,199 @@
+"""Which directions in the space of many normal scores matter, by the outcomes of the runs.
+
+The outcomes are regressed on z M and on the distance of z from the origin, with the covariance of `kernel`,
+noise, and a matrix M with few columns, which has the lengths in it (Vivarelli and Williams 1999; Tripathy,
+Bilionis and Gonzalez 2016). M and all else have the highest posterior density. The columns are added one by
+one. The evidence does not change to first order when a column begins to grow from 0; to second order it
+grows most along the first eigenvector of a matrix L. The first column is then nearly that of partial least
+squares.
+
+There are two kinds of M: directions of any kind, whose prior holds that all inputs may matter a little, and
+single inputs, one a column. That one is taken whose density is higher after the cost of its parameters.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
+from scipy.optimize import minimize
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.methods.surrogate.constants import (
+    AMPLITUDE_SPREAD,
+    COST,
+    DIRECTION_RUNS,
+    DIRECTION_STEPS,
+    FIRST_NOISE,
+    LOG_DIRECTION_BOUNDS,
+    MOST_DIRECTIONS,
+    NOISE,
+    NOISE_SPREAD,
+    OUTWARD,
+    OUTWARD_SPREAD,
+    STARTS,
+)
+from accelerated_evaluation.methods.surrogate.graded import graded
+from accelerated_evaluation.methods.surrogate.kernel import (
+    covariance_of_runs,
+    negative_log_posterior,
+    thinned,
+)
+from accelerated_evaluation.methods.surrogate.subspace import outward
+from accelerated_evaluation.methods.surrogate.two_phase import Flags
+
+# Prior of the logarithms of one over the length outward, of the amplitude, and of the noise.
+CENTRE = np.log([OUTWARD, 1.0, NOISE])
+SCALE = np.array([OUTWARD_SPREAD, AMPLITUDE_SPREAD, NOISE_SPREAD])
+
+
+def learn_directions(z: Array, happened: Flags, score: Array, before: Array | None) -> Array:
+    """Return the directions that matter, over their lengths, one a column, shape (d, k).
+
+    Parameters
+    ----------
+    z, happened, score
+        Normal scores, shape (n, d), flags and scores, shape (n,), of all runs.
+    before
+        What was found before, from which it is sought too; None for nothing.
+    """
+    outcome = graded(happened, score)
+    kept = thinned(np.argsort(outcome, kind="stable"), DIRECTION_RUNS)
+    regression = _Regression(z[kept], outcome[kept])
+    first = np.log([OUTWARD, 1.0, FIRST_NOISE])
+    none = regression.optimise(_Model(np.zeros((z.shape[1], 0)), first))
+    found = [regression.grown(none, single=single) for single in (False, True)]
+    if before is not None:
+        again = regression.optimise(_Model(before, first))
+        found.append(regression.grown(again, single=not again.free.all()))
+    return min(found, key=lambda model: model.loss).directions
+
+
+@dataclass(frozen=True)
+class _Model:
+    """The parameters of the regression.
+
+    Attributes
+    ----------
+    directions
+        The matrix M, shape (d, k). Where all its entries are free none is exactly 0.
+    others
+        Logarithms of one over the length outward, of the amplitude and of the noise, shape (3,).
+    loss
+        Negative log posterior density, and the cost of the parameters.
+    """
+
+    directions: Array
+    others: Array
+    loss: float = math.inf
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """Which entries of M are parameters, shape (d, k)."""
+        return self.directions != 0
+
+    @property
+    def cost(self) -> float:
+        """What the parameters cost; rotations of columns all of whose entries are free make no difference."""
+        d, k = self.directions.shape
+        return COST * (d * k - k * (k - 1) / 2) if self.free.all() else k * (COST + math.log(d))
+
+    @property
+    def vector(self) -> Array:
+        """All parameters in a row."""
+        return np.append(self.directions[self.free], self.others)
+
+    def at(self, vector: Array) -> Self:
+        """Return the model with other values of its parameters."""
+        directions = np.zeros(self.directions.shape)
+        directions[self.free] = vector[: -len(self.others)]
+        return type(self)(directions, vector[-len(self.others) :])
+
+    def with_column(self, column: Array) -> Self:
+        """Return the model with one column more, shape (d,)."""
+        return type(self)(np.column_stack([self.directions, column]), self.others)
+
+
+class _Regression:
+    """Gaussian process regression of outcomes on a few directions, with its posterior density.
+
+    Parameters
+    ----------
+    z, outcome
+        Normal scores, shape (n, d), and graded outcomes, shape (n,).
+    """
+
+    def __init__(self, z: Array, outcome: Array) -> None:
+        self._z, self._outcome = z, outcome
+        self._outward = outward((z * z).sum(1), z.shape[1])
+
+    def optimise(self, model: _Model) -> _Model:
+        """Return the model of highest posterior density that is found from a given one on."""
+        free = model.free
+        bounds = [(None, None)] * int(free.sum()) + [*LOG_DIRECTION_BOUNDS]
+
+        def loss(vector: Array) -> tuple[float, Array]:
+            value, gradient, _ = self.posterior(model.at(vector), free)
+            return value, gradient
+
+        steps = {"maxiter": DIRECTION_STEPS}
+        found = minimize(loss, model.vector, method="L-BFGS-B", jac=True, bounds=bounds, options=steps)
+        best = model.at(found.x)
+        return _Model(best.directions, best.others, float(found.fun) + model.cost)
+
+    def grown(self, model: _Model, *, single: bool) -> _Model:
+        """Return a model with as many columns more as pay for themselves, and with one at least.
+
+        Parameters
+        ----------
+        model
+            Where to begin.
+        single
+            Whether a column is a single input.
+        """
+        d, k = model.directions.shape
+        while k < min(MOST_DIRECTIONS, d - 1):
+            _, _, growth = self.posterior(model, model.free)
+            if single:
+                gain = np.where(model.free.any(axis=1), -np.inf, np.diag(growth))
+                column = np.eye(d)[gain.argmax()]
+            else:
+                column = np.linalg.eigh(growth)[1][:, -1]
+            tried = [model.with_column(start * column) for start in STARTS]
+            best = min(tried, key=lambda other: self.posterior(other, other.free)[0])
+            wider = self.optimise(best)
+            if k > 0 and wider.loss > model.loss:
+                break
+            model, k = wider, k + 1
+        return model
+
+    def posterior(self, model: _Model, free: NDArray[np.bool_]) -> tuple[float, Array, Array]:
+        """Return the negative log posterior density of a model, its gradient, and the matrix L.
+
+        A column v that is added to M changes the log evidence by v' L v to second order.
+        """
+        along, others = model.directions, model.others
+        scale, (variance, noise) = math.exp(others[0]), np.exp(2 * others[1:])
+        points = np.column_stack([self._z @ along, self._outward * scale])
+        covariance, slope = covariance_of_runs(points, variance, with_slope=True)
+        factor, _ = dpotrf(covariance + noise * np.eye(len(points)), lower=1, clean=1)
+        weights = dpotrs(factor, self._outcome, lower=1)[0]
+        evidence = -0.5 * self._outcome @ weights - np.log(np.diag(factor)).sum()
+        half = np.tril(dpotri(factor, lower=1)[0])
+        outer = 0.5 * (np.outer(weights, weights) - half - np.tril(half, -1).T)
+        by_square = -0.5 * variance * slope * outer  # derivative by the squared distances
+        growth = _sum_over_pairs(self._z, by_square)
+        by_outward = 2 * scale**2 * _sum_over_pairs(self._outward[:, None], by_square).item()
+        by_others = [by_outward, 2 * (outer * covariance).sum(), 2 * noise * np.trace(outer)]
+        gradient = np.append((2 * growth @ along)[free], by_others)
+        width = np.sqrt(np.broadcast_to(free.sum(axis=0), free.shape)[free])  # 1 over the prior's
+        score = np.append(along[free] * width, (others - CENTRE) / SCALE)
+        value, slope_of_loss = negative_log_posterior(evidence, gradient, score, np.append(1 / width, SCALE))
+        return float(value), slope_of_loss, growth
+
+
+def _sum_over_pairs(z: Array, weight: Array) -> Array:
+    """Return the sum over all pairs of weight_ij (z_i - z_j) (z_i - z_j)', shape (d, d)."""
+    return 2 * (z.T @ (weight.sum(axis=1)[:, None] * z) - z.T @ (weight @ z))

@@ -1,0 +1,96 @@
+"""Where the points of a pool are drawn: about the places that mattered, and by wide laws.
+
+Where there are few normal scores, a pool is drawn in their space. Where there are many, it is drawn in the
+space of a few coordinates, with what lies across as it comes, and a part of it by the wide law of all normal
+scores: a part of the event may lie across all that was learnt.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.methods.surrogate.constants import ALONG, DEFENCE, WHOLE_SHARE, WIDE_SHARE
+from accelerated_evaluation.methods.surrogate.subspace import Space, Subspace
+from accelerated_evaluation.methods.surrogate.two_phase import Defence, Pool
+from accelerated_evaluation.methods.surrogate.wide_laws import (
+    KernelMixture,
+    WideLaw,
+    draw_wide,
+    log_normal_to_wide,
+    rarity,
+)
+
+
+@dataclass(frozen=True)
+class SubspacePool(Pool):
+    """A pool for many normal scores, which is guarded along the coordinates as well as across them.
+
+    Attributes
+    ----------
+    along
+        The same points in the space of the coordinates, where the wide law is that of the coordinates.
+    """
+
+    along: Pool
+
+    def guard(self, reach: float, defence: Defence) -> Array:
+        """Return how the defensive share is spread: a part of its usual size follows the coordinates."""
+        share, mean = ALONG * DEFENCE / defence.share, defence.share if 0 < defence.beyond < reach else 1.0
+        return (1 - share) * super().guard(reach, defence) + share * mean * self.along.within(0.0, reach)
+
+
+def draw_pool(
+    space: Space,
+    centres: Array | None,
+    size: int,
+    believed: Callable[[Array], Array],
+    generator: np.random.Generator,
+) -> Pool:
+    """Draw the points of a pool, with their weights and what is believed of them.
+
+    Parameters
+    ----------
+    space
+        The coordinates on which the event depends.
+    centres
+        Points about which to draw, shape (k, d); None where none are known.
+    size
+        Number of points.
+    believed
+        Function that returns the probability of the event at points, shape (n, d).
+    generator
+        Source of all randomness.
+    """
+    law = WideLaw(space.dimension)
+    if centres is not None:
+        law = KernelMixture.about(space.coordinates(centres), WIDE_SHARE)
+    if isinstance(space, Subspace):
+        return _draw_in_subspace(space, law, size, believed, generator)
+    z = law.draw(size, generator)
+    log_weight = law.log_normal_ratio(z)
+    wide = np.exp(log_weight - log_normal_to_wide(z))
+    return Pool(z, np.exp(log_weight), believed(z), wide, rarity(z))
+
+
+def _draw_in_subspace(
+    space: Subspace,
+    law: WideLaw | KernelMixture,
+    size: int,
+    believed: Callable[[Array], Array],
+    generator: np.random.Generator,
+) -> SubspacePool:
+    whole = int(WHOLE_SHARE * size)
+    share = whole / size
+    z = draw_wide(whole, len(space.axes), generator)
+    coordinates = law.draw(size - whole, generator)
+    z = np.vstack([z, space.draw(coordinates, generator)])
+    coordinates = np.vstack([space.coordinates(z[:whole]), coordinates])
+    by_whole, by_law = log_normal_to_wide(z), law.log_normal_ratio(coordinates)
+    log_weight = -np.logaddexp(math.log(share) - by_whole, math.log1p(-share) - by_law)
+    weight, probability = np.exp(log_weight), believed(z)
+    wide, wide_along = (np.exp(log_weight - by) for by in (by_whole, log_normal_to_wide(coordinates)))
+    along = Pool(coordinates, weight, probability, wide_along, rarity(coordinates))
+    return SubspacePool(z, weight, probability, wide, rarity(z), along)

@@ -1,0 +1,103 @@
+"""The few coordinates on which the event depends, where there are many normal scores.
+
+In many dimensions most directions hardly matter (active subspaces, Constantine 2015). Here z is described by
+its components along a few directions at right angles, and by how far out it is across them. The distance
+across counts because many small effects may act through their sum alone. All these coordinates are standard
+normal and independent of each other and of the direction across, which is uniform. So a law of the
+coordinates is a law of z too, and the ratio of the normal density to it is the same in both.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtr, chdtrc, chdtri, gammaincinv, ndtr, ndtri_exp
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.methods.surrogate.constants import LEAST_SINGULAR
+
+OUTERMOST = 37.0  # normal score beyond which a probability is rounded to 0
+
+
+@dataclass(frozen=True)
+class WholeSpace:
+    """All normal scores: the coordinates of a point are its normal scores.
+
+    Attributes
+    ----------
+    dimension
+        Number of coordinates.
+    """
+
+    dimension: int
+
+    def coordinates(self, z: Array) -> Array:
+        """Return the coordinates of points z, shape (n, d)."""
+        return z
+
+    def draw(self, coordinates: Array, generator: np.random.Generator) -> Array:
+        """Return the points that have given coordinates, shape (n, d)."""
+        return coordinates
+
+
+@dataclass(frozen=True)
+class Subspace:
+    """A few directions, and the distance across them.
+
+    Attributes
+    ----------
+    axes
+        The directions, at right angles, one a column, shape (d, k) with k < d.
+    """
+
+    axes: Array
+
+    @property
+    def dimension(self) -> int:
+        """Number of coordinates, k + 1."""
+        return self.axes.shape[1] + 1
+
+    @property
+    def _across(self) -> int:
+        return self.axes.shape[0] - self.axes.shape[1]
+
+    def coordinates(self, z: Array) -> Array:
+        """Return coordinates of points z, shape (n, k + 1): along the axes, and how far out across them."""
+        along = z @ self.axes
+        square = np.maximum((z * z).sum(1) - (along * along).sum(1), 0.0)
+        return np.column_stack([along, outward(square, self._across)])
+
+    def draw(self, coordinates: Array, generator: np.random.Generator) -> Array:
+        """Draw points that have given coordinates, shape (n, k + 1), and uniform directions across."""
+        across = generator.normal(size=(len(coordinates), len(self.axes)))
+        across -= (across @ self.axes) @ self.axes.T
+        radius = np.sqrt(square_of_distance(coordinates[:, -1], self._across))
+        across *= (radius / np.linalg.norm(across, axis=1))[:, None]
+        return coordinates[:, :-1] @ self.axes.T + across
+
+
+Space = WholeSpace | Subspace
+
+
+def space_along(directions: Array | None, dimension: int) -> Space:
+    """Return the space along some directions, one a column, shape (d, k); all of it where there are none."""
+    if directions is None:
+        return WholeSpace(dimension)
+    axes, length, _ = np.linalg.svd(directions, full_matrices=False)
+    return Subspace(axes[:, length > LEAST_SINGULAR * length[0]])
+
+
+def outward(square: Array, dimension: int) -> Array:
+    """Return the normal scores of squared distances from the origin, shape (n,), of normal vectors.
+
+    In each half of the law the smaller probability is used, which has all its digits.
+    """
+    outer = square > 2 * gammaincinv(dimension / 2, 0.5)
+    with np.errstate(divide="ignore"):  # where the smaller probability underflows
+        smaller = np.log(np.where(outer, chdtrc(dimension, square), chdtr(dimension, square)))
+    return np.where(outer, -1, 1) * np.maximum(ndtri_exp(smaller), -OUTERMOST)
+
+
+def square_of_distance(score: Array, dimension: int) -> Array:
+    """Return the squared distances that have given normal scores, shape (n,); inverse of `outward`."""
+    smaller = ndtr(-np.minimum(np.abs(score), OUTERMOST))
+    return np.where(score > 0, chdtri(dimension, smaller), 2 * gammaincinv(dimension / 2, smaller))
