@@ -194,7 +194,7 @@ def test_a_table_that_is_filled_in_by_and_by(begun, capsys):
     ("arguments", "message"),
     [
         (("--law", "no.json"), "no.json: seen no such file"),
-        (("--law", "encounters.parquet"), "expected a whole law file"),
+        (("--law", "encounters.parquet"), "expected a complete law file"),
         (("--event", "crush"), "--event: seen 'crush'"),
         (("--event", "min_range"), "--event: seen 'min_range'"),
         (("--event", "min_range=-1"), "--event: seen 'min_range=-1'"),

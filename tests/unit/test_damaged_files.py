@@ -188,7 +188,7 @@ def test_a_law_without_a_possible_cap_is_refused(law_folder, cap):
     folder, content, encounters = law_folder
     content = changed(content, ("closing_speed_max", "value"), cap)
     (folder / "cap.json").write_text(json.dumps(content))
-    with pytest.raises(InputError, match="expected a whole law file"):
+    with pytest.raises(InputError, match="expected a complete law file"):
         read_law(folder / "cap.json", encounters)
 
 

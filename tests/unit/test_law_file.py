@@ -165,7 +165,7 @@ def test_a_missing_file_and_other_bytes_are_refused(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         read_law(tmp_path / "none.json", ENCOUNTERS)
     (tmp_path / "law.json").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(InputError, match="whole law file"):
+    with pytest.raises(InputError, match="complete law file"):
         read_law(tmp_path / "law.json", ENCOUNTERS)
 
 

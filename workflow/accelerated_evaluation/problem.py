@@ -1,4 +1,4 @@
-"""The problem: a law of cut-ins, a vehicle and an event, whose probability is asked for."""
+"""The problem: the probability of an event, for a law of cut-ins and a vehicle."""
 
 import os
 import re
@@ -24,16 +24,16 @@ Response = tuple[NDArray[np.bool_], Array | None]
 
 
 class ScoreProblem(Protocol):
-    """What a sampler in the space of normal scores needs to know of a problem.
+    """The interface of a problem for samplers in the space of normal scores.
 
     Attributes
     ----------
     dimension
         Number d of normal scores.
     fingerprint
-        A text that tells this problem from others, for states that are saved and taken up again.
+        A text that identifies the problem, so that a saved state is resumed only for the same problem.
     deterministic
-        Whether the same normal scores always end the same way; None where that has to be found out.
+        Whether the same normal scores always give the same outcome; None if this is unknown.
     """
 
     dimension: int
@@ -41,10 +41,20 @@ class ScoreProblem(Protocol):
     deterministic: bool | None
 
     def evaluate(self, z: Array) -> Response:
-        """Run the system at normal scores, shape (n, d).
+        """Run the system at normal scores z.
 
-        Returns whether the event happened, shape (n,), and a score, shape (n,), that falls as the event comes
-        nearer, or None where only the flag is known.
+        Parameters
+        ----------
+        z
+            Normal scores, shape (n, d).
+
+        Returns
+        -------
+        happened : numpy.ndarray
+            Whether the event happened, shape (n,).
+        score : numpy.ndarray or None
+            A number that becomes smaller the closer the run came to the event, shape (n,); None if it is
+            unknown.
         """
 
 
@@ -61,7 +71,7 @@ class Sample:
     happened
         Whether the event happened.
     outcomes
-        What the simulations ended in.
+        Outcomes of the simulations.
     """
 
     first: Array
@@ -88,7 +98,7 @@ class Sample:
 
 @dataclass(frozen=True)
 class Problem:
-    """The question how often a vehicle meets an event if cut-ins follow a law.
+    """The question how often an event happens to a vehicle if cut-ins follow a law.
 
     Attributes
     ----------
@@ -97,9 +107,9 @@ class Problem:
     vehicle
         The car under test.
     event
-        What must not happen; a crash by default.
+        The event, a crash by default.
     graded
-        Whether a sampler sees the score of an encounter, or only whether the event happened.
+        Whether a sampler receives the score of an encounter, or only whether the event happened.
     """
 
     law: Law
@@ -111,21 +121,24 @@ class Problem:
 
     @property
     def fingerprint(self) -> str:
-        """All parts in words; an object that cannot describe itself is named by its class."""
-        # What Python prints for such an object holds its address in memory, which differs in every process.
+        """A text that describes all parts.
+
+        An object without a description of its own is represented by its class.
+        """
+        # The default representation of an object contains its memory address, which differs in every process.
         return re.sub(r"<\S*?(\w+) object at 0x\w+>", r"\1", repr(self))
 
     @property
     def deterministic(self) -> bool | None:
-        """Whether the vehicle repeats itself; None where that is not known."""
+        """Whether the outcomes of the vehicle are deterministic; None if this is unknown."""
         return repeats_itself(self.vehicle)
 
     def only(self, stratum: str) -> Self:
-        """Return the problem in one stratum of the lead speed."""
+        """Return the problem restricted to one stratum of the lead speed."""
         return replace(self, law=self.law.only(stratum))
 
     def simulate(self, cut_ins: CutIns) -> Outcomes:
-        """Simulate cut-ins; closing speeds are capped as the law says."""
+        """Simulate cut-ins, with closing speeds capped by the law."""
         return self.vehicle.simulate(
             cut_ins.lead_speed, cut_ins.range_, self.law.capped(cut_ins.closing_speed)
         )
@@ -145,7 +158,7 @@ class Problem:
         return self.event.happens(outcomes), self.event.score(outcomes) if self.graded else None
 
     def sample(self, stratum: str, proposal: Factors, generator: np.random.Generator, size: int) -> Sample:
-        """Draw cut-ins of one stratum from f*, simulate them, and weigh them by f / f*.
+        """Draw cut-ins of one stratum from f*, simulate them, and weight them by f / f*.
 
         Parameters
         ----------
@@ -174,12 +187,12 @@ def loaded_problem(
     vehicle: Mapping[str, Any],
     simulations: Mapping[str, Any],
 ) -> Iterator[Problem]:
-    """Yield the cut-ins of a law put before a vehicle; outcomes of a slow vehicle are kept in its store.
+    """Yield the problem of a law and a vehicle; outcomes of a slow vehicle are stored.
 
     Parameters
     ----------
     law, encounters
-        Law file, and encounter table that it was fitted to.
+        Law file, and the encounter table to which it was fitted.
     vehicle, simulations
         Sections of these names of the configuration.
     """
@@ -189,21 +202,21 @@ def loaded_problem(
 
 @dataclass(frozen=True)
 class SystemProblem:
-    """An event of any system with independent inputs, for vehicles and systems other than cut-ins.
+    """An event of any system with independent inputs, which need not be a vehicle in a cut-in.
 
     Attributes
     ----------
-    marginals
-        Distributions of the d inputs; None where the inputs are the normal scores themselves.
     respond
-        Runs the system on inputs, shape (n, d); see `ScoreProblem.evaluate` for what it returns.
+        Function that runs the system on inputs, shape (n, d); it returns the same as `ScoreProblem.evaluate`.
     dimension
         Number d of inputs.
+    marginals
+        Distributions of the d inputs; None if the inputs are the normal scores themselves.
     fingerprint
-        A text that tells this problem from others.
+        A text that identifies the problem.
     deterministic
-        Whether the system gives the same response to the same inputs. By default a handful of repeats find
-        out whether it does. They notice noise, but not a system that fails once in a hundred runs.
+        Whether the system gives the same response to the same inputs. By default, a handful of repeated runs
+        are used to find out. They detect noise, but not a system that fails once in a hundred runs.
     """
 
     respond: Callable[[Array], Response]

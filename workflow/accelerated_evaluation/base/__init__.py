@@ -1,1 +1,1 @@
-"""What every other room uses: errors, files, tables, digests, arrays, registries and random generators."""
+"""Basic tools for all other packages: errors, files, tables, digests, arrays, registries and randomness."""

@@ -1,4 +1,4 @@
-"""Digests: of the contents of files, and of values that JSON can hold."""
+"""Digests (checksums) of the contents of files, and of values that can be written as JSON."""
 
 import hashlib
 import json
@@ -9,15 +9,17 @@ from typing import Any
 
 
 def content_digest(paths: Iterable[str | os.PathLike], missing: str = "") -> str:
-    """Return a digest of the contents of files, in their order; their names and dates do not count.
+    """Return a digest of the contents of files, in the given order.
+
+    The names and dates of the files do not influence the digest.
 
     Parameters
     ----------
     paths
         The files.
     missing
-        Stands for the SHA-256 of a file that does not exist, such as one that is still to be retrieved. The
-        rule that needs the file as an input says that it is missing.
+        Value that is used in place of the SHA-256 of a file that does not exist, for example because it has
+        not been retrieved yet. The rule that has the file as an input reports that it is missing.
     """
     files = [Path(path) for path in paths]
     return value_digest([file_digest(file) if file.is_file() else missing for file in files])
@@ -30,5 +32,5 @@ def file_digest(path: Path) -> str:
 
 
 def value_digest(value: Any) -> str:  # noqa: ANN401
-    """Return a digest of a value that JSON can hold; the order of the keys of its mappings does not count."""
+    """Return a digest of a value that can be written as JSON; the order of mapping keys has no influence."""
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()

@@ -1,4 +1,4 @@
-"""Errors of the study: each says where, what was seen, what was expected and what to change."""
+"""Errors of the study. Each message says where, what was found, what was expected and what to change."""
 
 import errno
 from collections.abc import Iterator
@@ -8,18 +8,18 @@ FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
 
 
 class StudyError(Exception):
-    """Anything that a user of the study can mend; scripts and commands print it without a traceback."""
+    """An error that a user of the study can correct; scripts and commands print it without a traceback."""
 
 
 class InputError(StudyError):
-    """Bad input: a file, row, column or configuration key that cannot be used.
+    """An input that cannot be used: a file, row, column or configuration key.
 
     Parameters
     ----------
     where
         File and row, column or configuration key.
     seen, expected
-        What was found there, and what should be.
+        What was found there, and what was expected.
     change
         What the user can do about it.
     """
@@ -34,7 +34,7 @@ class InputError(StudyError):
 
 
 class ConvergenceError(StudyError):
-    """An iteration ended without meeting its criterion; carries how far it came."""
+    """An iteration that ended without meeting its criterion, with the value that it reached."""
 
     def __init__(self, what: str, *, reached: str, limit: str, change: str) -> None:
         self.what, self.reached, self.limit, self.change = what, reached, limit, change
@@ -43,7 +43,7 @@ class ConvergenceError(StudyError):
 
 @contextmanager
 def located(place: str) -> Iterator[None]:
-    """Add the place, which only the caller knows, to an `InputError` or `ConvergenceError` of the block."""
+    """Add a place, which only the caller knows, to an `InputError` or `ConvergenceError` of the block."""
     try:
         yield
     except InputError as error:
@@ -67,13 +67,16 @@ def forbidden(path: str) -> InputError:
 
 
 def explained(error: Exception) -> Exception:
-    """Return what tells a user what to change, where a file is forbidden; any other error as it is."""
+    """Return an `InputError` that explains a missing file permission; return any other error unchanged."""
     is_forbidden = isinstance(error, OSError) and error.errno in FORBIDDEN and error.filename
     return forbidden(error.filename) if is_forbidden else error
 
 
 def unusable(error: Exception) -> Exception:
-    """Return what tells a user which file or folder cannot be used; an error of no file as it is."""
+    """Return an `InputError` that names the file or folder that cannot be used.
+
+    An error that does not concern a file is returned unchanged.
+    """
     cause = explained(error)
     if not isinstance(cause, OSError) or not cause.filename:
         return cause

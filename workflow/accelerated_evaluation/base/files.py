@@ -1,4 +1,4 @@
-"""Write files whole or not at all."""
+"""Write files atomically: a file is either written completely or not at all."""
 
 import errno
 import json
@@ -12,16 +12,17 @@ from typing import TYPE_CHECKING, Any
 
 from accelerated_evaluation.base.errors import StudyError
 
-if TYPE_CHECKING:  # its import takes half a second, which many that write no table can do without
+if TYPE_CHECKING:  # importing pandas takes half a second, and many programs write no table
     import pandas as pd
 
 
 @contextmanager
 def atomic_path(path: str | os.PathLike) -> Iterator[Path]:
-    """Yield a temporary path beside ``path`` that takes its name when the block ends without an error.
+    """Yield a temporary path next to ``path``; it is renamed to ``path`` if the block ends without an error.
 
-    A process that is killed in the block leaves its temporary file behind; the next one that writes the same
-    path removes it. A link stays a link; a device or a pipe stays what it is, and takes the content.
+    If the process is killed inside the block, the temporary file remains. The next process that writes the
+    same path removes it. A link remains a link. A device or a pipe is not replaced; the content is written to
+    it.
 
     Raises
     ------
@@ -66,7 +67,7 @@ def _unwritable(path: Path, error: OSError) -> StudyError:
 
 
 def is_disk_full(error: BaseException | None) -> bool:
-    """Tell whether an error, or what caused it, is that there is no space left on the disk."""
+    """Return whether an error, or its cause, is that there is no space left on the disk."""
     while error is not None:
         if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
             return True
@@ -84,7 +85,7 @@ def _remove_abandoned(path: Path, folder: Path) -> None:
 
 
 def is_alive(process: int) -> bool:
-    """Tell whether there is a process of this number on this machine."""
+    """Return whether a process with this number is running on this machine."""
     try:
         os.kill(process, 0)
     except ProcessLookupError:
@@ -101,17 +102,20 @@ def write_text(path: str | os.PathLike, text: str) -> None:
 
 
 def write_json(path: str | os.PathLike, value: Any) -> None:  # noqa: ANN401
-    """Write ``value`` as indented JSON; floats round-trip exactly, NaN and infinity are refused."""
+    """Write ``value`` as indented JSON, atomically.
+
+    Floats are written so that reading them returns the same number. NaN and infinity raise ValueError.
+    """
     write_text(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
 
 
 def read_json(path: str | os.PathLike) -> Any:  # noqa: ANN401
-    """Read JSON.
+    """Read a JSON file.
 
     Raises
     ------
     ValueError
-        If the file holds no JSON, no text, or JSON that is nested too deep to be read.
+        If the file contains no text, no JSON, or JSON that is nested too deeply.
     """
     try:
         return json.loads(Path(path).read_text(encoding="utf-8"))
@@ -120,6 +124,9 @@ def read_json(path: str | os.PathLike) -> Any:  # noqa: ANN401
 
 
 def write_csv(path: str | os.PathLike, table: "pd.DataFrame") -> None:
-    """Write a table as CSV without its index, every float in the shortest form that reads back equal."""
+    """Write a table as CSV without its index.
+
+    Floats are written so that they read back as the same numbers.
+    """
     with atomic_path(path) as temporary:
         table.to_csv(temporary, index=False, lineterminator="\n")

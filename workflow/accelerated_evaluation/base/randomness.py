@@ -1,4 +1,4 @@
-"""One root seed, and a child of its own for every piece of random work."""
+"""Random generators: one root seed, and an independent child generator for every piece of random work."""
 
 import zlib
 
@@ -6,9 +6,23 @@ import numpy as np
 
 
 def child_generator(root_seed: int, *path: str | int) -> np.random.Generator:
-    """Return the generator of one piece of work, named by stage, method, segment, seed and replicate.
+    """Return the random generator for one piece of work.
 
-    The same names give the same numbers, whatever else runs, in whatever order, on however many cores.
+    The path names the work, for example by stage, method, segment, seed and replicate. The same root seed and
+    path always give the same random numbers, whatever other work is done, in any order and on any number of
+    cores.
+
+    Parameters
+    ----------
+    root_seed
+        Seed of the study.
+    path
+        Names and numbers that identify the piece of work.
+
+    Returns
+    -------
+    numpy.random.Generator
+        A generator that is independent of those of all other paths.
     """
     key = tuple(part if isinstance(part, int) else zlib.crc32(part.encode()) for part in path)
     return np.random.default_rng(np.random.SeedSequence(root_seed, spawn_key=key))

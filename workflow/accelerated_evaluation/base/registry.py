@@ -1,4 +1,4 @@
-"""Registries: named members of a room, each in a module of its own that the registry finds by itself."""
+"""Registries: members of one kind by name, each in its own module, which the registry finds automatically."""
 
 import importlib
 import pkgutil
@@ -14,17 +14,17 @@ Member = TypeVar("Member")
 class Registry(Mapping[str, Member], Generic[Member]):
     """The members of one kind by name: laws, distributions, vehicles, methods or sources.
 
-    A member registers itself in the module that defines it, with the decorator `add`. A look-up imports the
-    module that has the name of the member. If there is no such module, it imports every module of the
-    package and of the folders in it. A new member is therefore one new file, no list is kept by hand, and
-    modules that are not needed are not imported.
+    A member registers itself with the decorator `add`, in the module that defines it. To find a member, the
+    registry imports the module that has the name of the member. If there is no such module, it imports all
+    modules of the package and of its subpackages. Adding a member therefore needs one new file and no entry
+    in any list, and modules that are not needed are not imported.
 
     Parameters
     ----------
     what
-        What a member is called in messages, such as ``"vehicle"``.
+        Name of the kind in messages, such as ``"vehicle"``.
     package
-        Name of the package whose modules hold the members.
+        Name of the package whose modules contain the members.
     path
         The package's ``__path__``.
     """
@@ -41,7 +41,7 @@ class Registry(Mapping[str, Member], Generic[Member]):
         Raises
         ------
         ValueError
-            If another member has the name already.
+            If another member already has the name.
         """
 
         def register(member: Member) -> Member:
@@ -53,7 +53,7 @@ class Registry(Mapping[str, Member], Generic[Member]):
         return register
 
     def __getitem__(self, name: str) -> Member:
-        """Return the member of a name; raise InputError with the known names where there is none."""
+        """Return the member with a name; raise InputError with the known names if there is none."""
         if name not in self._members:
             self._import_namesake(name)
         if name not in self._members:
@@ -69,7 +69,7 @@ class Registry(Mapping[str, Member], Generic[Member]):
         return self._members[name]
 
     def __contains__(self, name: object) -> bool:
-        """Whether there is a member of this name."""
+        """Return whether there is a member with this name."""
         self._complete()
         return name in self._members
 

@@ -1,4 +1,4 @@
-"""Read tables from files, with one clear error for what cannot be read."""
+"""Read tables from files; a table that cannot be read causes one clear error."""
 
 import csv
 import os
@@ -26,16 +26,16 @@ def require_file(path: str | os.PathLike, change: str) -> None:
 
 
 def require_columns(path: str | os.PathLike, seen: Sequence[str], named: Mapping[str, str]) -> None:
-    """Refuse a table that lacks a column.
+    """Raise InputError if a table lacks a required column.
 
     Parameters
     ----------
     path
         The table.
     seen
-        Names of its columns, of which a message shows the first few and the nearest.
+        Names of its columns; a message shows the first few and the most similar one.
     named
-        The columns that it should have, by the key of the configuration that names them.
+        The required columns, by the configuration key that names them.
 
     Raises
     ------
@@ -53,14 +53,14 @@ def require_columns(path: str | os.PathLike, seen: Sequence[str], named: Mapping
 
 
 def listed(names: Sequence[str], wanted: str) -> str:
-    """Return names for a message: the one most like what is wanted, the first few, and how many are left."""
+    """Return names for a message: the one most similar to ``wanted``, the first few, and how many others."""
     shown = dict.fromkeys([*get_close_matches(wanted, names, n=1), *names[:SHOWN]])
     more = f" and {len(names) - SHOWN:,} more" if len(names) > SHOWN else ""
     return f"{', '.join(map(cut, shown)) or 'without a name'}{more}"
 
 
 def read_parquet(path: str | os.PathLike, named: Mapping[str, str] = MappingProxyType({})) -> pd.DataFrame:
-    """Read a Parquet file; InputError if it is damaged, or lacks one of the columns ``named``."""
+    """Read a Parquet file; raise InputError if it is damaged or lacks one of the columns ``named``."""
     try:
         table = pd.read_parquet(path)
     except (OSError, ValueError) as error:  # pyarrow's own errors derive from these
@@ -70,21 +70,22 @@ def read_parquet(path: str | os.PathLike, named: Mapping[str, str] = MappingProx
 
 
 def read_csv(path: str | os.PathLike, named: Mapping[str, str] = MappingProxyType({})) -> pd.DataFrame:
-    """Read a CSV file, all cells as text, so that pandas guesses no types.
+    """Read a CSV file with all cells as text, so that pandas does not guess types.
 
     Raises
     ------
     InputError
-        If it is damaged, lacks one of the columns ``named`` (see `require_columns`), or has a column twice.
+        If the file is damaged, lacks one of the columns ``named`` (see `require_columns`), or has a column
+        twice.
     """
     expected = "a comma-separated table in UTF-8 with a header"
     try:
-        # The header is looked at first: pandas takes a minute for a very wide table, and would rename the
+        # The header is checked first: pandas takes a minute for a very wide table, and would rename the
         # second of two equal columns.
         with open(path, encoding="utf-8-sig", newline="") as file:
             first = next(filter(None, csv.reader(file)), None)
         header = [name for name in first or [] if name]
-        if first is not None:  # pandas tells what is wrong with an empty file
+        if first is not None:  # pandas reports an empty file
             require_columns(path, header, named)
         if len(header) > MOST_COLUMNS:
             raise ValueError(f"{len(header):,} columns, more than {MOST_COLUMNS:,}")
@@ -93,13 +94,13 @@ def read_csv(path: str | os.PathLike, named: Mapping[str, str] = MappingProxyTyp
         raise _unreadable(path, error, expected) from error
     if twice := [name for name, count in Counter(header).items() if count > 1]:
         raise _unreadable(path, f"column {', '.join(map(cut, twice[:SHOWN]))} twice", expected)
-    if not isinstance(table.index, pd.RangeIndex):  # else pandas would shift the columns in silence
+    if not isinstance(table.index, pd.RangeIndex):  # otherwise pandas would silently shift the columns
         raise _unreadable(path, "more cells in a row than in the header", expected)
     return table
 
 
 def cut(text: str) -> str:
-    """Return a text for a message: quoted, and its beginning alone if it is long."""
+    """Return a text for a message: in quotation marks, and shortened if it is long."""
     quoted = repr(text[: LONGEST + 1])  # a control character takes four characters or more
     return quoted if len(quoted) <= LONGEST + 2 else f"{quoted[:LONGEST]}...'"
 
@@ -107,4 +108,4 @@ def cut(text: str) -> str:
 def _unreadable(path: str | os.PathLike, reason: object, expected: str) -> InputError:
     shown = " ".join(str(reason).split())[:LONGEST_REASON]
     seen = f"content that cannot be read ({shown})"
-    return InputError(str(path), seen=seen, expected=expected, change="Mend the file or make it anew.")
+    return InputError(str(path), seen=seen, expected=expected, change="Repair the file or write it again.")

@@ -1,1 +1,1 @@
-"""Crash maps: where a vehicle crashes, and the exact probabilities that follow for a given law."""
+"""Crash maps: the set of cut-ins in which a vehicle crashes, and exact probabilities under a given law."""

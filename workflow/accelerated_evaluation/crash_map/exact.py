@@ -1,7 +1,8 @@
-"""Exact probabilities: a crash map weighed with a law of cut-ins.
+"""Exact probabilities of an event: integrals of a law of cut-ins over a crash map.
 
-Along a line of the map the probability of an event is a sum of exact interval probabilities of the closing
-speed; over the lines it is a mean weighed with the probabilities of the cells.
+On each line of the map, the probability of the event is a sum of exact interval probabilities of the closing
+speed. The total probability is a weighted mean over the lines, with the probabilities of the cells as
+weights.
 """
 
 from collections.abc import Mapping
@@ -21,7 +22,7 @@ ALL = "all"
 
 @dataclass(frozen=True)
 class Exact:
-    """A probability, and the standard error that the random places of the lines leave."""
+    """A probability, with the standard error that is due to the random places of the lines."""
 
     probability: float
     standard_error: float
@@ -30,29 +31,29 @@ class Exact:
 def capped_intervals(
     crash_map: CrashMap, event: Event, closing_speed_max: float
 ) -> tuple[Array, Array, Array]:
-    """Return the intervals of an event as a law with a cap on closing speeds sees them.
+    """Return the intervals of closing speeds in which an event happens, for a law with a cap.
 
-    All closing speeds at the cap or beyond are simulated as the cap. So an interval that holds the cap
-    has no end for such a law, and one that begins above the cap is never reached.
+    The law simulates all closing speeds above the cap as the cap itself. An interval that contains the cap
+    therefore extends to infinity, and intervals that begin above the cap are removed.
 
     Parameters
     ----------
     crash_map
-        Of the vehicle under test.
+        Map of the vehicle under test.
     event
-        One of the map's.
+        One of the events of the map.
     closing_speed_max
-        The cap [m/s]; infinite without one.
+        The cap [m/s]; infinity means no cap.
 
     Returns
     -------
     line, start, end : numpy.ndarray
-        Index of the line, and ends of the closing speed [m/s], each of shape (intervals,).
+        Index of the line, and ends of the interval of closing speeds [m/s], each of shape (intervals,).
 
     Raises
     ------
     InputError
-        If the map ends below the cap.
+        If the largest closing speed of the map is below the cap.
     """
     top = crash_map.grid.closing_speed_max
     if closing_speed_max < np.inf and closing_speed_max > top:
@@ -69,7 +70,7 @@ def cell_weights(crash_map: CrashMap, stratum: Stratum) -> Array:
     Raises
     ------
     InputError
-        If a lead speed or a share of R^-1 lies outside the map.
+        If some lead speeds or a part of the distribution of R^-1 lie outside the map.
     """
     grid, speeds = crash_map.grid, stratum.lead_speed
     if speeds.lower < grid.lead_speed_min or speeds.upper >= grid.lead_speed_max:
@@ -85,27 +86,28 @@ def cell_weights(crash_map: CrashMap, stratum: Stratum) -> Array:
 def weighted_lines(
     crash_map: CrashMap, stratum: Stratum, closing_speed_max: float, event: Event = CRASH
 ) -> Array:
-    """Return the probability of each cell, times that of an event on each of its lines.
+    """Return, for each line, the probability of its cell times the probability of an event on the line.
 
     Parameters
     ----------
     crash_map
-        Of the vehicle under test.
+        Map of the vehicle under test.
     stratum
         The law in one stratum.
     closing_speed_max
         Cap of the law on closing speeds [m/s].
     event
-        One of the map's.
+        One of the events of the map.
 
     Returns
     -------
     numpy.ndarray
-        Probabilities, shape (cells, 2). The probability of the event in a cell is the mean of its two.
+        Probabilities, shape (cells, 2). The mean of the two lines of a cell estimates the probability that a
+        cut-in lies in the cell and that the event happens.
     """
     weights = cell_weights(crash_map, stratum)
     line, start, end = capped_intervals(crash_map, event, closing_speed_max)
-    met = weights[line // LINES_PER_CELL] > 0  # a segment of v_L meets a part of the map alone
+    met = weights[line // LINES_PER_CELL] > 0  # a segment of v_L covers only a part of the map
     line = line[met]
     probability = stratum.closing_speed_probability(
         crash_map.lead_speed[line], crash_map.inverse_range[line], start[met], end[met]
@@ -120,16 +122,21 @@ def _outside(what: str, seen: str, mapped: str) -> InputError:
 
 
 def exact_probabilities(crash_map: CrashMap, law: Law, event: Event = CRASH) -> dict[str, Exact]:
-    """Return the probability of an event in each stratum of a law, and in ``all`` by their shares.
+    """Return the probability of an event in each stratum of a law, and over all strata as ``all``.
 
     Parameters
     ----------
     crash_map
-        Of the vehicle under test.
+        Map of the vehicle under test.
     law
         The law of cut-ins.
     event
-        One of the map's.
+        One of the events of the map.
+
+    Returns
+    -------
+    dict
+        The probabilities by stratum; that of ``all`` is the mean weighted by the shares of the strata.
     """
     values = {
         name: weighted_lines(crash_map, stratum, law.closing_speed_max, event)
@@ -140,14 +147,22 @@ def exact_probabilities(crash_map: CrashMap, law: Law, event: Event = CRASH) -> 
 
 
 def summed(lines: Array) -> Exact:
-    """Add up the means of all cells; the two lines of a cell tell the variance of their mean."""
+    """Return the sum over cells of the mean of their two lines, with its standard error.
+
+    The difference between the two lines of a cell estimates the variance of their mean.
+
+    Parameters
+    ----------
+    lines
+        Probabilities as `weighted_lines` returns them, shape (cells, 2).
+    """
     probability = float(lines.mean(axis=1).sum())
     # A sum of shares may exceed 1 by rounding.
     return Exact(min(probability, 1.0), float(np.sqrt(np.square(np.diff(lines)).sum()) / 2))
 
 
 def exact_table(crash_maps: Mapping[str, CrashMap], laws: Mapping[str, Law]) -> pd.DataFrame:
-    """Tabulate the crash probability of each law by maps of different resolution.
+    """Tabulate the crash probability of each law, computed with maps of different resolutions.
 
     Returns
     -------

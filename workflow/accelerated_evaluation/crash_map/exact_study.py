@@ -1,4 +1,4 @@
-"""The study of exact values: probabilities by model and resolution, severity, variation of every f*."""
+"""Tables of exact values: probabilities by model and resolution, severity, and the variation of every f*."""
 
 from collections.abc import Mapping
 
@@ -19,26 +19,26 @@ def exact_tables(
     encounters: int,
     distance: float | None,
 ) -> dict[str, pd.DataFrame]:
-    """Weigh the crash maps with the laws.
+    """Compute all tables of exact values from the crash maps and the laws.
 
     Parameters
     ----------
     crash_maps
-        The maps by resolution; that of ``full`` holds all events.
+        The maps by resolution; the map ``full`` contains all events.
     laws, variant
-        The laws by name, and the name of the one that is simulated.
+        The laws by name, and the name of the law that is simulated.
     proposals
         f* of each stratum, by method and seed of the search.
     encounters
         Number of recorded encounters.
     distance
-        Distance driven while the lane changes were recorded [km], None where it is not known.
+        Distance driven while the lane changes were recorded [km]; None if it is unknown.
 
     Returns
     -------
     dict
-        ``exact``, the probabilities of the model that is simulated; ``convergence``, those of all models and
-        resolutions; ``severity``, ``impact_speed`` and ``variation``.
+        ``exact``, the probabilities under the law that is simulated; ``convergence``, those under all laws
+        and for all resolutions; ``severity``, ``impact_speed`` and ``variation``.
     """
     full, studied = crash_maps["full"], laws[variant]
     convergence = exact_table(crash_maps, laws)

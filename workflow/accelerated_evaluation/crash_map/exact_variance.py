@@ -1,4 +1,4 @@
-"""The exact coefficient of variation of importance sampling: what f* is worth, without a simulation."""
+"""The exact coefficient of variation of importance sampling, which measures the efficiency of an f*."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -14,8 +14,8 @@ from accelerated_evaluation.laws import Factors, Law, Stratum
 from accelerated_evaluation.vehicles.events import CRASH
 
 _NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(8)
-POINTS = 4000  # of the grid on which the tail of f^2 / f* is added up
-DECADES = 60  # that f falls along it
+POINTS = 4000  # of the grid on which the tail of f^2 / f* is integrated
+DECADES = 60  # powers of ten by which f decreases along the grid
 
 
 def exact_variation(
@@ -27,21 +27,27 @@ def exact_variation(
 ) -> dict[str, tuple[float, ...]]:
     """Return the coefficient of variation of one weight I f / f* in each stratum, and over ``all`` strata.
 
-    N simulations estimate the crash probability with a relative standard error of this over sqrt(N). It is
-    infinite where f* falls too fast for the weights to have a variance.
+    With N simulations, the relative standard error of the estimated crash probability is this coefficient
+    divided by sqrt(N). It is infinite if f* decreases so fast that the weights have no variance.
 
     Parameters
     ----------
     crash_map
-        Of the vehicle under test.
+        Map of the vehicle under test.
     law
-        f; strata are drawn by their shares in it.
+        f; strata are drawn with their shares in it.
     proposals
         f* of each stratum.
     ignored_shares
-        Each gives one value: without the cells of the largest mean weights, as far as they hold no more than
-        this share of the crash probability. Where f* hardly goes, no affordable number of simulations shows
-        the variance.
+        For each value, one coefficient of variation is returned. It excludes the cells with the largest mean
+        weights, as long as these cells together contain at most this share of the crash probability. A
+        positive share gives the variation that is observed in practice, because an affordable number of
+        simulations never draws from cells that f* hardly reaches.
+
+    Returns
+    -------
+    dict
+        One coefficient of variation for each ignored share, by stratum and for ``all``.
     """
     moments = {
         name: cell_moments(crash_map, stratum, proposals[name], law.closing_speed_max)
@@ -65,16 +71,18 @@ def _variation(first: Array, second: Array, ignored_share: float) -> float:
 
 
 def cell_moments(crash_map: CrashMap, stratum: Stratum, proposal: Factors, closing_speed_max: float) -> Array:
-    """Return E* I f / f* and E* (I f / f*)^2 of crashes, cell by cell.
+    """Return the first and second moment of the weights I f / f* under f*, for each cell.
+
+    I is the indicator of a crash.
 
     Parameters
     ----------
     crash_map
-        Of the vehicle under test.
+        Map of the vehicle under test.
     stratum
         The law f in one stratum.
     proposal
-        f* there.
+        f* in this stratum.
     closing_speed_max
         Cap of the law on closing speeds [m/s].
 
@@ -93,8 +101,8 @@ def cell_moments(crash_map: CrashMap, stratum: Stratum, proposal: Factors, closi
     speeds = stratum.lead_speed_share(cells.lead_speed)
     with np.errstate(invalid="ignore"):
         second = np.where(lines.any(axis=1) & (speeds > 0), speeds * by_range * lines.mean(axis=1), 0.0)
-    # An infinite factor times one that has underflowed to zero is not a number here, and counts as zero. If
-    # the variance is infinite, some other cell, in which nothing underflows, shows it.
+    # The product of an infinite factor and one that underflows to zero is NaN, and counts as zero. If the
+    # variance is infinite, it is infinite in another cell as well, in which nothing underflows.
     second = np.nan_to_num(second, nan=0.0, posinf=np.inf)
     return np.stack([weighted_lines(crash_map, stratum, closing_speed_max).mean(axis=1), second])
 
@@ -120,7 +128,10 @@ def _squared_cell_mass(stratum: Stratum, proposal: Distribution, cells: Cells) -
 
 
 def _squared_mass(f: Distribution, proposal: Distribution, start: Array, end: Array) -> Array:
-    """Integrate f^2 / f* of TTC^-1 from ``start`` to ``end``, shape (n,); infinite with an endless tail."""
+    """Return the integral of f^2 / f* of the second coordinate from ``start`` to ``end``, shape (n,).
+
+    The integral is infinite if f^2 / f* does not decrease in the tail.
+    """
     low = max(float(start.min(initial=np.inf)), f.lower)
     far = float(f.isf(max(float(f.sf(low)) * 10.0**-DECADES, np.finfo(float).tiny)))
     if not low < far:
@@ -150,24 +161,25 @@ def variation_table(
     proposals: Mapping[tuple[str, int], Mapping[str, Factors]],
     ignored_share: float = 1e-3,
 ) -> pd.DataFrame:
-    """Tabulate the exact coefficient of variation for f* of each method and seed.
+    """Tabulate the exact coefficient of variation for the f* of each method and seed.
 
     Parameters
     ----------
     crash_map
-        Of the vehicle under test.
+        Map of the vehicle under test.
     law
         f.
     proposals
         f* of each stratum, by method and seed.
     ignored_share
-        As one of the ``ignored_shares`` of `exact_variation`.
+        Share of the crash probability that ``variation_trimmed`` excludes; see ``ignored_shares`` of
+        `exact_variation`.
 
     Returns
     -------
     pandas.DataFrame
-        Columns ``method``, ``seed``, ``segment``, ``variation`` and ``variation_trimmed``, the latter without
-        the cells of the largest weights, see `exact_variation`.
+        Columns ``method``, ``seed``, ``segment``, ``variation`` and ``variation_trimmed``. The last one
+        excludes the cells with the largest weights.
     """
     rows = []
     for (method, seed), factors in proposals.items():

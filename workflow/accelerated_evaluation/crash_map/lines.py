@@ -1,8 +1,8 @@
-"""A crash map made ready to be weighed with smooth laws: lines on which an event happens, and its intervals.
+"""Crash maps prepared for smooth laws: the lines on which an event happens, and their intervals.
 
-Everything that does not depend on the parameters of a law is found once: the splines on the lines and the
-probabilities of the lead speeds. What is left for each law, or each draw of its parameters, is the
-cumulative hazard at the ends of intervals.
+All quantities that do not depend on the parameters of a law are computed once: the splines on the lines and
+the probabilities of the lead speeds. For each law, or each draw of its parameters, only the cumulative
+hazards at the ends of the intervals remain to be computed.
 """
 
 from dataclasses import dataclass, replace
@@ -17,24 +17,24 @@ from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
 from accelerated_evaluation.vehicles.events import CRASH, Event
 
-EVEN = 0.05  # of the kept lines are chosen without regard to their mass
+EVEN = 0.05  # share of the kept lines that are selected independently of their probability
 
 
 @dataclass(frozen=True)
 class CrashLines:
-    """Lines of a crash map on which an event happens, (lines,), and its intervals, (intervals,).
+    """Lines of a crash map on which an event happens, shape (lines,), and its intervals, (intervals,).
 
     Attributes
     ----------
     places
         Lead speeds and ranges of the lines.
     share
-        Probability that the lead speed lies in the cell of a line, divided by the lines of a cell, and by the
-        probability that the line was kept where lines were thinned.
+        Probability that the lead speed lies in the cell of a line, divided by the number of lines in a cell.
+        If the lines were thinned, it is also divided by the probability that the line was kept.
     farther, nearer
         log(R_max / R) at the two ends of the cell; the second may be infinite.
     row, start, end
-        Line of each interval, and its ends [m/s]; the last may be infinite.
+        Index of the line of each interval, and its ends [m/s]; the upper end may be infinite.
     """
 
     places: Places
@@ -49,16 +49,16 @@ class CrashLines:
     def of(
         cls, crash_map: CrashMap, lead_speeds: Array, event: Event = CRASH, support: Support = SUPPORT
     ) -> "CrashLines":
-        """Take from a map the lines on which an event happens and whose lead speeds were recorded.
+        """Select the lines of a map on which an event happens and whose lead speeds were recorded.
 
         Parameters
         ----------
         crash_map
-            Of a vehicle.
+            Map of a vehicle.
         lead_speeds
-            The recorded ones [m/s], shape (n,).
+            The recorded lead speeds [m/s], shape (n,).
         event
-            One of the map's.
+            One of the events of the map.
         support
             Limits of the records.
         """
@@ -78,39 +78,47 @@ class CrashLines:
         )
 
     def masses(self, ranges: SmoothHazard, law: SpeedLaw) -> Array:
-        """Return the probability of the event in each interval."""
+        """Return the probability that a cut-in lies in each interval, shape (intervals,).
+
+        Parameters
+        ----------
+        ranges, law
+            Distribution of the range given the lead speed, and of the closing speed given both.
+        """
         given = law.given(self.places)
         start, end = given.cumulative(self.start, self.row), given.cumulative(self.end, self.row)
         lines = (self.share * self.range_probability(ranges))[self.row]
-        reached = np.isfinite(start)  # a law that ends reaches nothing beyond its end
+        reached = np.isfinite(start)  # a law with a finite end has no probability beyond it
         start, end = start[reached], end[reached]
         masses = np.zeros(self.row.size)
         masses[reached] = lines[reached] * np.exp(-start) * -np.expm1(start - end)
         return masses
 
     def range_probability(self, ranges: SmoothHazard) -> Array:
-        """Return the probability of the ranges of each line's cell, given its lead speed."""
+        """Return the probability that the range lies in the cell of each line, given its lead speed."""
         cumulative, finite = self.places.nearer(ranges), np.isfinite(self.nearer)
         far, near = cumulative.at(self.farther), cumulative.at(np.where(finite, self.nearer, 0.0))
         return np.exp(-far) * np.where(finite, -np.expm1(np.minimum(far - near, 0.0)), 1.0)
 
     def probability(self, ranges: SmoothHazard, law: SpeedLaw) -> float:
-        """Return the probability of the event."""
+        """Return the probability of the event under a law."""
         return float(self.masses(ranges, law).sum())
 
     def thinned(self, mass: Array, size: int, generator: np.random.Generator) -> "CrashLines":
-        """Keep about ``size`` lines, more where there is more mass, by systematic sampling.
+        """Return a systematic sample of about ``size`` lines.
 
-        The probabilities of any law stay unbiased; their error is small where its mass lies as expected.
+        The selection probability of a line is proportional to its mass, except for a small constant share.
+        Dividing by it keeps the probabilities unbiased for any law. Their error is small if the probability
+        of the law is distributed similarly to ``mass``.
 
         Parameters
         ----------
         mass
-            Of the intervals under a law, or the mean of several, that says where to look.
+            Probabilities of the intervals under a law, or their mean under several laws.
         size
             Number of lines.
         generator
-            Starts the systematic sample.
+            Random start of the systematic sample.
         """
         lines = np.bincount(self.row, mass, self.share.size)
         chance = np.minimum(size * ((1 - EVEN) * lines / lines.sum() + EVEN / lines.size), 1.0)
@@ -132,18 +140,20 @@ class CrashLines:
 def crash_places(
     lines: CrashLines, ranges: SmoothHazard, law: SpeedLaw, size: int, generator: np.random.Generator
 ) -> tuple[Array, Array, Array]:
-    """Draw where a law has its crashes: lead speeds [m/s], ranges [m] and closing speeds [m/s].
+    """Draw crashes under a law: lead speeds [m/s], ranges [m] and closing speeds [m/s].
+
+    An interval is drawn with its probability, and a closing speed in the interval by inversion.
 
     Parameters
     ----------
     lines
-        On which crashes happen.
+        Lines on which crashes happen.
     ranges, law
-        Of the range given the lead speed, and of the closing speed given both.
+        Distribution of the range given the lead speed, and of the closing speed given both.
     size
         Number of crashes.
     generator
-        Draws them: an interval by its probability, then a closing speed in it by inversion.
+        Source of all randomness.
     """
     masses = lines.masses(ranges, law)
     interval = generator.choice(masses.size, size, p=masses / masses.sum())

@@ -1,4 +1,4 @@
-"""Make a crash map: scan its lines with the vehicle, and refine what was found by bisection."""
+"""Compute a crash map: scan its lines with the vehicle, and refine the ends of intervals by bisection."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -14,33 +14,36 @@ from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, Cells, CrashMa
 from accelerated_evaluation.vehicles.events import CRASH, Event
 from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle, repeats_itself
 
-STANDSTILL = 1e-6  # first point of a scan: so slow that what happens there happens at any slower speed
+STANDSTILL = 1e-6  # first point of a scan; outcomes at smaller closing speeds are assumed to be the same
 HALVINGS = 10  # bisections of a step of the scan
-MARGIN = 2  # steps of the coarse scan around what it found
-LEAST_EFFORT = 1 / 8  # of a row of v_L where crashes are rarest, against the row where they are not
+MARGIN = 2  # steps of the coarse scan that are added on both sides of the changes that it found
+LEAST_EFFORT = 1 / 8  # least effort for a row of v_L, relative to the row with the most crashes
 ENCOUNTERS_AT_ONCE = 500_000  # bounds the memory: about 100 MB
 
 
 def map_crashes(
     vehicle: Vehicle, grid: Grid, events: Iterable[Event], generator: np.random.Generator
 ) -> CrashMap:
-    """Find where in the grid the events happen: coarsely, to choose where to look, then with fresh lines.
+    """Compute the crash map of a vehicle.
+
+    A coarse map is computed first. It determines how finely each cell is divided. The final map then uses new
+    random lines.
 
     Parameters
     ----------
     vehicle
         The car under test.
     grid
-        Where to look, and how closely.
+        Cells and resolution of the map.
     events
-        What to look for; crashes always are.
+        Events to map; crashes are always included.
     generator
-        Places the lines in their cells and the scans on their lines.
+        Random places of the lines in their cells, and of the scan points on the lines.
 
     Raises
     ------
     InputError
-        If chance has a part in the outcomes of the vehicle, so that it has no such map.
+        If the outcomes of the vehicle are random, because such a vehicle has no crash map.
     """
     _require_repeating(vehicle)
     whole = grid.cells(np.ones((grid.lead_speed_cells, grid.range_cells), dtype=int))
@@ -50,7 +53,7 @@ def map_crashes(
 
 
 def _require_repeating(vehicle: Vehicle) -> None:
-    """Raise InputError for a vehicle that is known not to repeat itself."""
+    """Raise InputError if the vehicle is known to have random outcomes."""
     if repeats_itself(vehicle) is False:
         raise InputError(
             "crash map of the vehicle",
@@ -61,10 +64,12 @@ def _require_repeating(vehicle: Vehicle) -> None:
 
 
 def _parts(coarse: CrashMap) -> NDArray[np.int_]:
-    """Choose into how many parts to cut the sides of each cell, from one line pair in each.
+    """Return the number of parts into which the sides of each cell are divided, from a coarse map.
 
-    With k x k parts the error of a cell falls as 1 / k^2 at the cost k^2, so the best k goes with the cube
-    root of its spread. Rows of v_L with few crashes get less, to a limit; a zero beside others is no proof.
+    With k x k parts, the error of a cell is proportional to 1 / k^2 at a cost of k^2. The optimal k is
+    therefore proportional to the cube root of the difference between the two lines of the cell. Rows of v_L
+    with few crashes are divided less, but not below a limit. If no crash was found in a cell, the largest
+    difference among the neighbouring cells is used, because the crash set may still extend into the cell.
     """
     grid, crash = coarse.grid, coarse.intervals(CRASH)
     inverse_range = coarse.inverse_range[crash.line]
@@ -122,10 +127,11 @@ class _Scan:
     range_: Array
 
     def points(self, offset: Array, grid: Grid) -> Array:
-        """Choose the closing speeds [m/s] to scan on each line, shape (lines, points), rising to the largest.
+        """Choose the closing speeds [m/s] to scan on each line, in increasing order, shape (lines, points).
 
-        A quarter of them cover the line; the others gather where crashes begin and end, as most holes and
-        islands of the crash set are there, or else where the car came nearest to a crash.
+        A quarter of them cover the line. The others are placed near the closing speeds at which crashes begin
+        and end, because most holes and islands of the crash set are there. If there is no crash on the line,
+        they are placed where the car came nearest to a crash.
         """
         coarse = grid.closing_speed_points // 4
         fine = grid.closing_speed_points - coarse

@@ -1,8 +1,9 @@
-"""The crash map: where in (v_L, R^-1, TTC^-1) a vehicle crashes, found once, for every probability model.
+"""The crash map: the set of (v_L, R^-1, closing speed) in which a vehicle crashes, for use with any law.
 
-Lines of constant v_L and R^-1 are spread over a grid of cells, two at random in each. Along a line only the
-closing speed varies: it is scanned from 0 to a top, and every change of an event is refined by bisection, so
-what is left of a line is a list of intervals. TTC^-1 is closing speed times R^-1.
+The plane of v_L and R^-1 is divided into cells, and each cell contains two random lines along which only the
+closing speed varies. Each line is scanned from 0 to a largest closing speed, and every change of an event is
+refined by bisection. The result for a line is a list of intervals of closing speeds. TTC^-1 is the closing
+speed times R^-1.
 """
 
 import json
@@ -19,14 +20,14 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import atomic_path
 from accelerated_evaluation.vehicles.events import CRASH, Event
 
-LINES_PER_CELL = 2  # their difference tells the error of the cell's mean
+LINES_PER_CELL = 2  # their difference gives the standard error of the cell's mean
 
 
 @dataclass(frozen=True)
 class Intervals:
-    """Where an event happens: on line ``line`` for closing speeds in [start, end) [m/s], shape (n,).
+    """Intervals in which an event happens: closing speeds in [start, end) [m/s] on a line, shape (n,).
 
-    An interval that reaches the top of the scan has an infinite end.
+    An interval that contains the largest scanned closing speed has an infinite end.
     """
 
     line: NDArray[np.int32]
@@ -36,28 +37,31 @@ class Intervals:
 
 @dataclass(frozen=True)
 class Grid:
-    """Where the map looks, and how closely.
+    """Cells and resolution of a crash map.
 
-    It begins with equal cells of v_L and of the square root of the range. Each is then cut into up to
-    ``refinement`` by ``refinement``, most where crashes vary most under a reference law, which only says
-    where to look closely: the errors of probabilities depend on it, their values do not.
+    The grid begins with equal cells of v_L and of the square root of the range. Each cell is then divided
+    into up to ``refinement`` by ``refinement`` parts, most finely where crashes vary most under a reference
+    law. The reference law only controls the resolution: the errors of the computed probabilities depend on
+    it, but not their expected values.
 
     Attributes
     ----------
     lead_speed_min, lead_speed_max
-        Ends of the cells of v_L [m/s]; the last is excluded.
+        Ends of the cells of v_L [m/s]; the upper end is excluded.
     range_max
-        Largest range [m]; the cells of R^-1 go from its inverse to infinity.
+        Largest range [m]; the cells of R^-1 cover the interval from its inverse to infinity.
     lead_speed_cells, range_cells, refinement
-        How many cells at first, and the largest number of parts of their sides.
+        Initial numbers of cells, and the largest number of parts of their sides.
     closing_speed_max
-        Where the scan of a line ends [m/s]: the cap on closing speeds, at which all the probability beyond it
-        gathers. Without a cap, a speed above which nothing changes.
+        Upper end of the scan of a line [m/s]. If the law has a cap on closing speeds, this is the cap;
+        otherwise it is a speed above which the outcome no longer changes.
     closing_speed_points
-        How many points it has, equal in the square root of the closing speed, as crashes at short ranges need
-        but small ones. What is narrower than the distance of two points may be missed.
+        Number of scan points, equally spaced in the square root of the closing speed, because crashes at
+        short ranges occur at small closing speeds. Intervals that are narrower than the distance between two
+        points may be missed.
     reference_inverse_range, reference_inverse_ttc
-        Means of the exponential reference laws of R^-1 [1/m] and TTC^-1 [1/s]; that of v_L is uniform.
+        Means of the exponential reference distributions of R^-1 [1/m] and TTC^-1 [1/s]; that of v_L is
+        uniform.
     """
 
     lead_speed_min: float
@@ -72,13 +76,19 @@ class Grid:
     reference_inverse_ttc: float = 0.05
 
     def cells(self, parts: NDArray[np.int_]) -> "Cells":
-        """Return the cells, each side cut into as many parts as given, shape (v_L cells, range cells)."""
+        """Return the cells after dividing the sides of each into parts.
+
+        Parameters
+        ----------
+        parts
+            Number of parts for each initial cell, shape (v_L cells, range cells).
+        """
         count = parts.ravel() ** 2
         side = np.repeat(parts.ravel(), count)
         place = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
         row, column = np.divmod(np.repeat(np.arange(parts.size), count), self.range_cells)
         width = (self.lead_speed_max - self.lead_speed_min) / self.lead_speed_cells
-        # Every edge from one expression, so that neighbours share it to the bit.
+        # All edges are computed by the same expression, so that neighbours have exactly equal edges.
         speeds = [self.lead_speed_min + width * (row + (place // side + end) / side) for end in (0, 1)]
         roots = [1 - (column + (place % side + end) / side) / self.range_cells for end in (0, 1)]
         roots[1][np.isclose(roots[1], 0, atol=1e-12)] = 0
@@ -116,10 +126,12 @@ class Cells:
 
 @dataclass(frozen=True)
 class CrashMap:
-    """Two lines in each cell, with the intervals of every event.
+    """A crash map: two lines in each cell, with the intervals of every event.
 
     Attributes
     ----------
+    grid, cells
+        Resolution and cells of the map.
     lead_speed, inverse_range
         v_L [m/s] and R^-1 [1/m] of the lines, shape (2 cells,).
     events
@@ -133,24 +145,24 @@ class CrashMap:
     events: Mapping[Event, Intervals]
 
     def intervals(self, event: Event) -> Intervals:
-        """Return where an event happens.
+        """Return the intervals in which an event happens.
 
         Raises
         ------
         InputError
-            If the map was not made for the event.
+            If the map was not computed for the event.
         """
         if event not in self.events:
             raise InputError(
                 "crash map",
                 seen=f"{event}",
                 expected=f"one of the map's events: {', '.join(map(str, self.events))}",
-                change="Add the threshold to the configuration (key crash_map) and map anew.",
+                change="Add the threshold to the configuration (key crash_map) and compute the map again.",
             )
         return self.events[event]
 
     def smallest_inverse_ttc(self, event: Event = CRASH) -> float:
-        """Return the TTC^-1 [1/s] below which the event happens on no line; infinite if it never happens."""
+        """Return the smallest TTC^-1 [1/s] at which the event happens; infinite if it never happens."""
         intervals = self.intervals(event)
         return float(np.min(intervals.start * self.inverse_range[intervals.line], initial=np.inf))
 
@@ -168,12 +180,12 @@ def write_crash_map(path: str | os.PathLike, crash_map: CrashMap) -> None:
 
 
 def read_crash_map(path: str | os.PathLike) -> CrashMap:
-    """Read what `write_crash_map` wrote.
+    """Read a map that `write_crash_map` wrote.
 
     Raises
     ------
     InputError
-        If the file is missing or no crash map.
+        If the file is missing or is not a crash map.
     """
     try:
         with np.load(path) as archive:
@@ -188,5 +200,5 @@ def read_crash_map(path: str | os.PathLike) -> CrashMap:
         events = {event: Intervals(**parts) for event, parts in columns.items()}
     except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile) as error:
         seen, expected = f"{type(error).__name__}: {error}", "a crash map"
-        raise InputError(str(path), seen=seen, expected=expected, change="Map the crashes anew.") from error
+        raise InputError(str(path), seen=seen, expected=expected, change="Compute the map again.") from error
     return CrashMap(grid, cells, lead_speed, inverse_range, events)

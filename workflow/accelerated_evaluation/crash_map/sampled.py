@@ -1,10 +1,11 @@
-"""A crash map by random closing speeds, for vehicles whose crashes lie in stripes too narrow for a scan.
+"""Crash maps with random closing speeds, for vehicles that crash in stripes too narrow for a scan.
 
-A scan takes what lies between two of its points for known, so that stripes narrower than its steps are missed
-or, where a point meets one, taken for wider than they are. Here each line is cut into equal steps of the
-square root of the closing speed, and in each step one closing speed is drawn. If it crashes, the whole step
-counts as a crash. A step counts as often as the share of it that crashes, so the mean of the map is right
-however narrow the stripes are, but for how much the law's density changes within a step.
+A scan assumes that the outcome does not change between two of its points. Stripes that are narrower than its
+steps are therefore missed, or appear too wide if a point hits one. Here each line is divided into equal steps
+of the square root of the closing speed, and one closing speed is drawn at random in each step. If it crashes,
+the whole step counts as a crash. The probability that a step counts is the share of it that crashes, so the
+expected value of the map is right for stripes of any width, as long as the density of the law is nearly
+constant within a step.
 """
 
 import numpy as np
@@ -17,16 +18,16 @@ ENCOUNTERS_AT_ONCE = 500_000  # bounds the memory: about 100 MB
 
 
 def sample_crashes(vehicle: Vehicle, crash_map: CrashMap, generator: np.random.Generator) -> CrashMap:
-    """Return a map on the lines of another, whose crashes are steps in which a random closing speed crashes.
+    """Return a crash map on the lines of another map, computed with randomly drawn closing speeds.
 
     Parameters
     ----------
     vehicle
         The vehicle of the other map.
     crash_map
-        That map. It gives the lines and the number of steps, and its intervals are not used.
+        The other map. Only its lines and the number of its scan points are used, not its intervals.
     generator
-        Draws the closing speeds.
+        Source of the random closing speeds.
     """
     grid, lines = crash_map.grid, crash_map.lead_speed.size
     steps = grid.closing_speed_points

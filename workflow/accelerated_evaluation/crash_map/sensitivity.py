@@ -1,4 +1,4 @@
-"""What the crash probability depends on: the choices of the model, the data and the cap, one by one."""
+"""Sensitivity of the crash probability to the choices of the model, the data and the cap, one at a time."""
 
 import math
 import warnings
@@ -27,16 +27,16 @@ from accelerated_evaluation.vehicles.protocol import Vehicle
 
 @dataclass(frozen=True)
 class Levels:
-    """The choices of a piecewise model that a refit repeats: its knots, as quantile levels of the data.
+    """The choices of a piecewise model that a refit repeats, with knots as quantile levels of the data.
 
     Attributes
     ----------
     inverse_range
-        Levels of the knots of R^-1, rising.
+        Levels of the knots of R^-1, in increasing order.
     inverse_ttc
         Level of the knot of TTC^-1 in every segment.
     pieces_of_range, body, tail
-        What the pieces of R^-1, and body and tail of TTC^-1, are fitted with.
+        Families of the pieces of R^-1, and of body and tail of TTC^-1.
     """
 
     inverse_range: tuple[float, ...]
@@ -47,9 +47,14 @@ class Levels:
 
     @classmethod
     def of(cls, model: IndependentLaw) -> "Levels":
-        """Read them off a fitted model; the weight of its bodies, which may differ by ties, is pooled."""
+        """Return the choices of a fitted model.
+
+        The level of the knot of TTC^-1 is the pooled weight of the bodies, which may differ between segments
+        because of equal values.
+        """
         bodies = [law.weights[0] * model.counts[segment] for segment, law in model.inverse_ttc.items()]
-        # Where few rows have made the body of a segment simpler, the refit tries the richest one in all.
+        # If a segment has a simpler body because it has few rows, the refit tries the most complex body of
+        # all segments.
         fitted = [[PieceFamily.of(piece) for piece in law.components] for law in model.inverse_ttc.values()]
         body, tail = (
             max(families, key=lambda family: (family != EXPONENTIAL, family.components))
@@ -71,21 +76,21 @@ def fit_for_crashes(
     smallest_inverse_ttc: float,
     closing_speed_max: float,
 ) -> IndependentLaw:
-    """Fit a piecewise model whose crash probability, and nothing else of it, is to be known.
+    """Fit a piecewise model that is used only to compute its crash probability.
 
-    Where nothing crashes below the knot of TTC^-1, the body counts only by its weight: it is then fitted with
-    an exponential in place of the normal mixture, whose fit takes seconds.
+    If there are no crashes below the knot of TTC^-1, only the weight of the body matters. The body is then
+    fitted with an exponential instead of the normal mixture, whose fit takes seconds.
 
     Parameters
     ----------
     encounters
         Encounter table.
     levels
-        Where the knots are.
+        Levels of the knots, and families of the pieces.
     range_max
         Largest range [m].
     smallest_inverse_ttc
-        TTC^-1 below which nothing crashes [1/s], as the crash map shows.
+        Smallest TTC^-1 at which a crash happens [1/s], from the crash map.
     closing_speed_max
         Cap on closing speeds [m/s].
     """
@@ -112,7 +117,7 @@ def fit_for_crashes(
 
 @dataclass(frozen=True)
 class Refit:
-    """The crash probability after a refit, by one crash map."""
+    """Computes the crash probability after a refit, with one crash map."""
 
     crash_map: CrashMap
     smallest_inverse_ttc: float
@@ -120,7 +125,7 @@ class Refit:
 
     @classmethod
     def by(cls, crash_map: CrashMap, closing_speed_max: float) -> "Refit":
-        """Prepare refits that are judged with a map, under a cap on closing speeds [m/s]."""
+        """Prepare refits for a crash map and a cap on closing speeds [m/s]."""
         return cls(crash_map, crash_map.smallest_inverse_ttc(), closing_speed_max)
 
     def probability(self, encounters: pd.DataFrame, levels: Levels) -> Exact:
@@ -134,7 +139,7 @@ class Refit:
 
 @contextmanager
 def warning_of_failure(what: str) -> Iterator[None]:
-    """Turn the failure of one refit of many into a warning, so that the others are still made."""
+    """Turn the failure of one of many refits into a warning, so that the remaining refits are done."""
     try:
         yield
     except StudyError as error:
@@ -142,7 +147,7 @@ def warning_of_failure(what: str) -> Iterator[None]:
 
 
 def is_repeated(encounters: pd.DataFrame) -> Array:
-    """Tell which rows repeat the row before them, shape (n,)."""
+    """Return which rows repeat the row before them, shape (n,)."""
     return (encounters == encounters.shift()).all(axis=1).to_numpy()
 
 
@@ -153,16 +158,16 @@ def study_sensitivity(
     encounters: pd.DataFrame,
     settings: Mapping[str, Any],
 ) -> pd.DataFrame:
-    """Change one choice at a time, fit anew, and tabulate the crash probability over all segments.
+    """Change one choice at a time, fit the model again, and tabulate the crash probability over all segments.
 
     Parameters
     ----------
     crash_map
-        Of the vehicle under test.
+        Map of the vehicle under test.
     models, variant
-        The fitted models, and the name of the one that is simulated.
+        The fitted models, and the name of the model that is simulated.
     encounters
-        Encounter table, its rows in the order of the record.
+        Encounter table, with rows in the order of the record.
     settings
         ``inverse_ttc_knots`` and ``inverse_range_knots``, quantile levels; ``lead_speed_edges``, lists of
         edges [m/s]; ``outlier_rows``, rows of the encounter table, counted from 1, to leave out.
@@ -170,8 +175,8 @@ def study_sensitivity(
     Returns
     -------
     pandas.DataFrame
-        Columns ``choice``, ``value``, ``probability`` and ``standard_error``, the last two NaN where a choice
-        leaves too few rows to fit; a warning tells why.
+        Columns ``choice``, ``value``, ``probability`` and ``standard_error``. The last two are NaN if a
+        choice leaves too few rows for a fit; a warning gives the reason.
     """
     base = Levels.of(models[variant])
     refit = Refit.by(crash_map, models[variant].closing_speed_max)
@@ -210,7 +215,23 @@ def study_cap(
     caps: Sequence[float],
     generator: np.random.Generator,
 ) -> pd.DataFrame:
-    """Tabulate the crash probability against caps on closing speeds [m/s], each with its own map."""
+    """Tabulate the crash probability for several caps on closing speeds [m/s].
+
+    A crash map is computed for each cap.
+
+    Parameters
+    ----------
+    vehicle
+        The car under test.
+    crash_map
+        A map whose grid is used.
+    law
+        The law of cut-ins.
+    caps
+        The caps [m/s].
+    generator
+        Source of all randomness.
+    """
     rows = []
     for cap in caps:
         other = map_crashes(vehicle, replace(crash_map.grid, closing_speed_max=cap), [], generator)

@@ -1,4 +1,4 @@
-"""How bad, and how often: impact speeds of the crashes, near misses, and what they mean per distance."""
+"""Severity: impact speeds of the crashes, near misses, and rates per distance."""
 
 import numpy as np
 import pandas as pd
@@ -14,7 +14,7 @@ QUANTILES = (0.1, 0.25, 0.5, 0.75, 0.9)
 def severity_table(
     crash_map: CrashMap, law: Law, encounters: int, *, distance: float | None = None
 ) -> pd.DataFrame:
-    """Tabulate the probability of every event of the map, by segment and over all.
+    """Tabulate the probability of every event of the map, for each segment and over all segments.
 
     Parameters
     ----------
@@ -23,13 +23,14 @@ def severity_table(
     encounters
         Number of recorded encounters.
     distance
-        Distance [km] in which they were recorded, if it is known.
+        Distance driven during the recording [km], if it is known.
 
     Returns
     -------
     pandas.DataFrame
-        Columns ``segment``, ``quantity``, ``threshold``, ``unit``, ``probability`` and ``standard_error``,
-        ``to_crash``, the ratio to the crash probability, and ``per_million_km``, empty without a distance.
+        Columns ``segment``, ``quantity``, ``threshold``, ``unit``, ``probability``, ``standard_error``,
+        ``to_crash`` (ratio to the crash probability) and ``per_million_km`` (empty if the distance is
+        unknown).
     """
     crash = exact_probabilities(crash_map, law)
     rows = []
@@ -45,15 +46,16 @@ def severity_table(
 
 
 def impact_speed_table(severity: pd.DataFrame) -> pd.DataFrame:
-    """Summarize the impact speeds of the crashes from the rows of `severity_table`.
+    """Summarize the impact speeds of the crashes from the result of `severity_table`.
 
-    The survival function is linear between thresholds, and zero from one step after the last.
+    The survival function of the impact speed is interpolated linearly between thresholds. It is assumed to
+    reach zero one step above the last threshold.
 
     Returns
     -------
     pandas.DataFrame
-        Columns ``segment``, ``mean`` and ``q10`` .. ``q90`` [m/s]; no row where nothing crashes, and
-        none at all with fewer than two thresholds.
+        Columns ``segment``, ``mean_m_s`` and ``q10_m_s`` .. ``q90_m_s`` [m/s]. Segments without crashes have
+        no row, and the table is empty if there are fewer than two thresholds.
     """
     rows = []
     impacts = severity[severity["quantity"] == "impact_speed"].sort_values("threshold")
@@ -61,7 +63,7 @@ def impact_speed_table(severity: pd.DataFrame) -> pd.DataFrame:
         speed, survival = group["threshold"].to_numpy(), group["to_crash"].to_numpy()
         if speed.size < 2 or np.isnan(survival).any():
             continue
-        # A crash at no closing speed is one too, so that all survive below the first threshold of 0.
+        # A crash with impact speed 0 is a crash too, so the survival function is 1 at 0.
         speed = np.concatenate([[0.0], speed, [2 * speed[-1] - speed[-2]]])
         survival = np.minimum.accumulate(np.concatenate([[1.0], survival, [0.0]]))
         mean = np.trapezoid(survival, speed)

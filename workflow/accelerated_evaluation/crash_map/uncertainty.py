@@ -1,4 +1,4 @@
-"""How sure is the number: bootstrap refits for the finite data, and a budget of all it may be wrong by."""
+"""Uncertainty of the crash probability: bootstrap refits for the finite data, and a budget by source."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -15,7 +15,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.crash_map.sensitivity import Levels, Refit, is_repeated, warning_of_failure
 
-NORMAL_POINTS = 100  # that stand for a normal distribution
+NORMAL_POINTS = 100  # number of quantiles that represent a normal distribution
 
 
 def bootstrap_probabilities(
@@ -28,22 +28,22 @@ def bootstrap_probabilities(
     replicates: int,
     block_runs: int,
 ) -> Array:
-    """Fit the model to resampled data again and again; return the crash probabilities, shape (replicates,).
+    """Return the crash probabilities of models that are fitted to resampled data, shape (replicates,).
 
-    A refit that fails is NaN, and a warning tells of it.
+    The result of a refit that fails is NaN, and a warning reports it.
 
-    A row and those that repeat it are one run, and runs are drawn in blocks of consecutive ones (circular
-    block bootstrap, Politis and Romano 1992). Knots are chosen anew at their quantile levels; segment shares
-    and lead speeds are those of the resampled rows.
+    A row and the rows that repeat it form one run. Blocks of consecutive runs are resampled (circular block
+    bootstrap, Politis and Romano 1992). Knots are chosen again at their quantile levels. Segment shares and
+    lead speeds are those of the resampled rows.
 
     Parameters
     ----------
     crash_map
-        Of the vehicle under test.
+        Map of the vehicle under test.
     encounters
-        Encounter table, its rows in the order of the record.
+        Encounter table, with rows in the order of the record.
     levels
-        Where the knots are.
+        Levels of the knots, and families of the pieces.
     generator
         Source of all randomness.
     closing_speed_max
@@ -65,16 +65,18 @@ def bootstrap_probabilities(
 
 
 def resampled_rows(starts: Array, rows: int, block_runs: int, generator: np.random.Generator) -> Array:
-    """Draw blocks of consecutive runs until there are as many runs as before; return their rows.
+    """Draw blocks of consecutive runs until there are as many runs as in the data; return their row indices.
 
     Parameters
     ----------
     starts
-        First row of each run, rising from 0.
+        First row of each run, in increasing order from 0.
     rows
         Number of rows.
     block_runs
-        Number of runs in a block; the last run is followed by the first.
+        Number of runs in a block; after the last run, a block continues with the first one.
+    generator
+        Source of all randomness.
     """
     blocks = generator.integers(starts.size, size=-(-starts.size // block_runs))
     runs = (blocks[:, None] + np.arange(block_runs)).ravel()[: starts.size] % starts.size
@@ -90,7 +92,7 @@ def probabilities_of_choices(
     inverse_ttc_knots: Iterable[float],
     closing_speed_max: float,
 ) -> Array:
-    """Return the crash probability for each variant of R^-1 with each level of the knot of TTC^-1."""
+    """Return the crash probability for all combinations of variants of R^-1 and knots of TTC^-1."""
     refit = Refit.by(crash_map, closing_speed_max)
     choices = product(variants, inverse_ttc_knots)
     probabilities = []
@@ -109,18 +111,19 @@ def uncertainty_budget(
     *,
     alpha: float,
 ) -> pd.DataFrame:
-    """Split the variance of the final number by source, as standard deviations and shares of the sum.
+    """Divide the variance of the crash probability among its sources.
 
     Parameters
     ----------
     probability
         Crash probability of the model of the study.
     bootstrap
-        Probabilities of the refits, shape (replicates,): finite data. Those that are NaN do not count.
+        Probabilities of the refits, shape (replicates,), which measure the effect of finite data. NaN is
+        ignored.
     choices
-        Probabilities under models that one could as well have chosen, each with the same weight.
+        Probabilities under alternative models, all with the same weight.
     sampling_interval
-        A normal 100 (1 - alpha) % interval of importance sampling: the paper's.
+        A normal 100 (1 - alpha) % interval of importance sampling, as in the paper.
     alpha
         1 - level of all intervals.
 
@@ -128,8 +131,9 @@ def uncertainty_budget(
     -------
     pandas.DataFrame
         Columns ``source``, ``probability`` (mean), ``standard_deviation``, ``ci_low``, ``ci_high`` and
-        ``variance_share``. Intervals are quantiles but for the given one; ``together`` takes the three as
-        independent relative deviations from ``probability``. What is relative to a probability of 0 is NaN.
+        ``variance_share``. The interval of sampling is the given one; the others are quantiles. The row
+        ``together`` assumes that the three relative deviations from ``probability`` are independent. Relative
+        quantities are NaN if the probability is 0.
     """
     bootstrap, choices = (_or_unknown(values) for values in (bootstrap, choices))
     probability = probability or math.nan  # no deviation is relative to 0

@@ -1,4 +1,4 @@
-"""The study of the uncertainty: refits to resampled data, other choices of the model, and their budget."""
+"""The study of uncertainty: refits to resampled data, alternative models, and the budget."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -26,16 +26,16 @@ def study_uncertainty(
     settings: Mapping[str, Any],
     alpha: float,
 ) -> dict[str, pd.DataFrame]:
-    """Refit the model to resampled lane changes, and split the uncertainty of the result by source.
+    """Refit the model to resampled lane changes, and divide the uncertainty of the result among its sources.
 
     Parameters
     ----------
     crash_map
-        Of the vehicle under test.
+        Map of the vehicle under test.
     models, variant
-        The piecewise models that one could choose, and the name of the one that is simulated.
+        The alternative piecewise models, and the name of the model that is simulated.
     encounters
-        Encounter table, its rows in the order of the record.
+        Encounter table, with rows in the order of the record.
     generator
         Source of all randomness.
     settings

@@ -1,4 +1,4 @@
-"""What the bounded exponential and the bounded normal have in common."""
+"""Common base class of the bounded exponential and the bounded normal distribution."""
 
 import math
 from abc import abstractmethod
@@ -11,14 +11,14 @@ from numpy.typing import ArrayLike
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.distributions.described import Described
 
-LEAST = 1e-150  # distances below it count as so long where they are divided by; its square is a number too
+LEAST = 1e-150  # smallest distance used as a divisor; its square is still a positive double
 
 
 class Bounded(Described):
-    """A log-concave density on ``[lower, upper)``, known but for its norm.
+    """A distribution on ``[lower, upper)`` with a log-concave density that is known up to its normalisation.
 
-    Integrals are taken relative to the largest density on their interval, so that they neither overflow
-    nor vanish, and no tail is a difference of nearly equal numbers.
+    Integrals are computed relative to the largest density on their interval. They therefore neither overflow
+    nor underflow, and tail probabilities do not suffer from cancellation.
     """
 
     lower: float
@@ -44,14 +44,14 @@ class Bounded(Described):
     def ppf(self, q: ArrayLike) -> Array:
         """Inverse of cdf."""
 
-    # Kept once computed: every call of a density or of a share of the mass needs these two.
+    # Cached, because every evaluation of a density or probability needs these two.
     @cached_property
     def _mode(self) -> float:
         return float(self._peak(self.lower, self.upper))
 
     @cached_property
     def _total(self) -> float:
-        # Kept, because quantiles of mixtures ask for it once for every step of their search.
+        # Cached, because quantiles of mixtures need it in every step of their search.
         return float(self._integral(self.lower, self.upper))
 
     def _clip(self, x: ArrayLike) -> Array:

@@ -22,8 +22,8 @@ class BoundedExponential(Bounded):
     Parameters
     ----------
     rate
-        Any real number if ``upper`` is finite, zero (uniform) and negative (rising) ones included, as
-        exponential tilting reaches them; positive if ``upper`` is infinite.
+        Any real number if ``upper`` is finite: zero (uniform density) and negative values (increasing
+        density) occur after exponential tilting. It must be positive if ``upper`` is infinite.
     lower, upper
         Bounds of the support; ``upper`` may be infinite.
     """
@@ -42,9 +42,10 @@ class BoundedExponential(Bounded):
 
     @classmethod
     def from_mean(cls, mean: float, lower: float = 0.0, upper: float = math.inf) -> "BoundedExponential":
-        """Return the member with the given mean: maximum likelihood and Cross-Entropy both ask for it.
+        """Return the bounded exponential distribution with the given mean.
 
-        The mean falls strictly in the rate, from ``upper`` to ``lower``, so there is one root.
+        Both the maximum-likelihood equation and the Cross-Entropy update have this form. The mean decreases
+        strictly with the rate, from ``upper`` to ``lower``, so there is exactly one solution.
 
         Raises
         ------
@@ -57,14 +58,17 @@ class BoundedExponential(Bounded):
             return cls(1 / max(mean - lower, LEAST), lower, upper)
         below, above, width = mean - lower, upper - mean, max(upper - lower, LEAST)
         share = max(min(below, above) / width, LEAST)
-        # The mean of exp(-s y) on [0, 1] lies below 1 / s. Rounding may hide that, hence the wider bracket.
+        # The mean of exp(-s y) on [0, 1] is below 1 / s. Because of rounding, the bracket is wider.
         scaled = brentq(lambda s: _unit_mean(s) - share, -1, 2 / share, xtol=1e-13, rtol=1e-15)
         return cls(math.copysign(scaled / width, above - below), lower, upper)
 
     @classmethod
     def fit(cls, x: Array, lower: float, upper: float) -> "BoundedExponential":
-        """Return the member of maximum likelihood for x, shape (n,): the one with the mean of x."""
-        # Rounding may put the mean of values that differ by next to nothing on a bound.
+        """Return the maximum-likelihood fit to a sample x, shape (n,).
+
+        The distribution with the sample mean.
+        """
+        # If all values are nearly equal, rounding may place their mean on a bound.
         mean = np.clip(np.mean(x), np.nextafter(lower, upper), np.nextafter(upper, lower))
         return cls.from_mean(float(mean), lower, upper)
 
@@ -130,11 +134,11 @@ class BoundedExponential(Bounded):
 
     @property
     def theta_limit(self) -> float:
-        """Tilts must stay below this: the rate, on an unbounded support."""
+        """Upper limit of the tilts: the rate if the support is unbounded, and infinity otherwise."""
         return self.rate if math.isinf(self._width) else math.inf
 
     def tilt(self, theta: float) -> "BoundedExponential":
-        """Exponential change of measure: the rate falls by ``theta`` (paper, section IV.B)."""
+        """Return the exponentially tilted distribution, whose rate is smaller by ``theta`` (section IV.B)."""
         return BoundedExponential(self.rate - theta, self.lower, self.upper)
 
 

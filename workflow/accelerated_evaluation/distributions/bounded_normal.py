@@ -30,11 +30,12 @@ class BoundedNormal(Bounded):
     Parameters
     ----------
     sd
-        Standard deviation of the whole normal distribution, positive.
+        Standard deviation of the unconditional normal distribution, positive.
     lower, upper
         Bounds of the support; both may be infinite.
     location
-        Mean of the whole normal distribution: 0 where the paper fits it, theta sd^2 after a tilt of that.
+        Mean of the unconditional normal distribution. It is 0 for the distributions that the paper fits, and
+        theta sd^2 after tilting such a distribution by theta.
     """
 
     sd: float
@@ -52,22 +53,23 @@ class BoundedNormal(Bounded):
 
     @classmethod
     def from_second_moment(cls, second_moment: float, lower: float, upper: float) -> "BoundedNormal":
-        """Return the member with location 0 on [lower, upper), lower >= 0, that has a given E X^2.
+        """Return the bounded normal with location 0 on [lower, upper), lower >= 0, that has the given E X^2.
 
-        The maximum-likelihood equation matches E X^2, which rises strictly with the standard deviation.
+        This solves the maximum-likelihood equation, since E X^2 increases strictly with the standard
+        deviation.
 
         Raises
         ------
         ConvergenceError
-            If the moment is that of a density too flat or rising for any standard deviation, or so small that
-            the squares of numbers lose their digits.
+            If no standard deviation gives the moment because the sample is uniform or increasing, or if the
+            moment is so small that squares lose accuracy.
         """
         if second_moment < LEAST**2:
             raise ConvergenceError(
                 f"bounded normal on [{lower:g}, {upper:g})",
                 reached=f"second moment {second_moment:g}",
                 limit=f"{LEAST**2:g}, below which squares lose their digits",
-                change="Look for a wrong unit, or for rounding errors in place of zeros.",
+                change="Check the data for a wrong unit, or for rounding errors in place of zeros.",
             )
         scale = math.sqrt(second_moment)
 
@@ -81,16 +83,16 @@ class BoundedNormal(Bounded):
                 f"bounded normal on [{lower:g}, {upper:g})",
                 reached=f"second moment {second_moment:g}",
                 limit=f"{flattest:g}, that of a uniform density",
-                change="The data do not fall from the lower bound; use bounded exponential pieces "
+                change="The density does not decrease from the lower bound; use bounded exponential pieces "
                 "(configuration key models) or move the knots.",
             )
         return cls(math.exp(brentq(excess, low, high, xtol=1e-13)), lower, upper)
 
     @classmethod
     def fit(cls, x: Array, lower: float, upper: float) -> "BoundedNormal":
-        """Return the member of maximum likelihood with location 0 for x, shape (n,), on [lower, upper).
+        """Return the maximum-likelihood fit with location 0 to a sample x, shape (n,), on [lower, upper).
 
-        ``lower`` is not negative; what is raised is as of `from_second_moment`.
+        ``lower`` must not be negative. The errors are those of `from_second_moment`.
         """
         return cls.from_second_moment(float(np.mean(np.square(x))), lower, upper)
 
@@ -107,21 +109,24 @@ class BoundedNormal(Bounded):
     ) -> Mixture:
         """Fit a mixture of bounded normals with location 0 by Expectation-Maximization (paper, appendix B).
 
-        It has converged when an iteration of three steps gains less than `TOLERANCE` an observation.
+        Each iteration consists of three EM steps. The fit has converged when an iteration increases the
+        log-likelihood by less than `TOLERANCE` per observation.
 
         Parameters
         ----------
         x
             Sample, shape (n,), on [lower, upper), lower >= 0.
         lower, upper, components
-            Bounds of the piece, and number m of normals.
-        maximum_iterations, on_iteration
-            Limit of the iterations, and what is called with the log-likelihood, which never falls, in each.
+            Bounds of the support, and number m of normals.
+        maximum_iterations
+            Limit of the number of iterations.
+        on_iteration
+            Function that is called in each iteration with the log-likelihood, which never decreases.
 
         Raises
         ------
         ConvergenceError
-            If it has not converged after ``maximum_iterations``.
+            If the fit has not converged after ``maximum_iterations``.
         """
         squares, shares = np.square(x), np.full(components, 1 / components)
         sds = math.sqrt(squares.mean()) * np.geomspace(0.5, 1.5, components)
@@ -170,7 +175,7 @@ class BoundedNormal(Bounded):
         return np.where(short, near, far)
 
     def ppf(self, q: ArrayLike) -> Array:
-        """Inverse of cdf (paper, appendix A), solved in logarithms to the rounding of sd and x - location."""
+        """Inverse of cdf (paper, appendix A), computed in logarithms and accurate to rounding."""
         q = np.asarray(q, dtype=float)
         with np.errstate(divide="ignore"):
             return self._quantile(np.log(q), np.log1p(-q))
@@ -186,7 +191,7 @@ class BoundedNormal(Bounded):
         a, b = ((bound - self.location) / self.sd for bound in (self.lower, self.upper))
         log_cdf = np.logaddexp(log_above + log_ndtr(a), log_below + log_ndtr(b))
         log_sf = np.logaddexp(log_above + log_ndtr(-a), log_below + log_ndtr(-b))
-        # Each side is solved where it is the smaller, and so the more exact.
+        # Each side is used where its probability is the smaller one, which is the more accurate one.
         side, smaller = np.where(log_cdf < log_sf, 1, -1), np.minimum(np.minimum(log_cdf, log_sf), 0)
         standardised = side * ndtri_exp(smaller)
         return np.clip(self.location + self.sd * standardised, self.lower, self.upper)
@@ -197,7 +202,7 @@ class BoundedNormal(Bounded):
         return self._mode + float((distance * share).sum())
 
     def second_moment(self) -> float:
-        """Return E X^2, what the maximum-likelihood equation of sd matches."""
+        """Return E X^2, which the maximum-likelihood equation of ``sd`` sets equal to the sample moment."""
         distance, share = self._quadrature()
         return float((np.square(self._mode + distance) * share).sum())
 
@@ -217,7 +222,10 @@ class BoundedNormal(Bounded):
     theta_limit = math.inf
 
     def tilt(self, theta: float) -> "BoundedNormal":
-        """Exponential change of measure: the location moves by theta sd^2 (paper, section IV.B)."""
+        """Return the exponentially tilted distribution.
+
+        Its location increases by theta sd^2 (section IV.B).
+        """
         return BoundedNormal(self.sd, self.lower, self.upper, self.location + theta * self.sd**2)
 
 

@@ -1,4 +1,4 @@
-"""How a distribution describes itself to files, tables, figures and the configuration, and their registry."""
+"""Description of a distribution for files, tables, figures and the configuration; registry of the kinds."""
 
 import dataclasses
 import math
@@ -15,12 +15,13 @@ INFINITE = {"lower": -math.inf, "upper": math.inf}
 
 @dataclass(frozen=True)
 class Parameter:
-    """What tables and figures need to know of a fitted parameter.
+    """Description of a fitted parameter for tables and figures.
 
     Attributes
     ----------
     power
-        Its unit is that of the variable to this power: -1 for a rate, 1 for a scale, 0 for a pure number.
+        The unit of the parameter is the unit of the variable to this power: -1 for a rate, 1 for a scale, 0
+        for a pure number.
     symbol
         Its symbol in TeX, without the dollar signs.
     """
@@ -30,19 +31,19 @@ class Parameter:
 
 
 class Described(ABC):
-    """A distribution that files, tables and the configuration know by its kind.
+    """A distribution that files, tables and the configuration identify by its kind.
 
     A subclass is a frozen dataclass of numbers, registered with the decorator `distribution`. If it can be
-    fitted to a piece of a sample, it has a classmethod ``fit(x, lower, upper)``, which maximizes the
-    likelihood. If mixtures of it can be fitted as well, it has a classmethod
-    ``fit_mixture(x, lower, upper, components)``.
+    fitted to a part of a sample, it has a classmethod ``fit(x, lower, upper)``, which maximizes the
+    likelihood. If mixtures of it can be fitted as well, it has a classmethod ``fit_mixture(x, lower, upper,
+    components)``.
 
     Attributes
     ----------
     kind
         Its name in files, tables and the configuration.
     parameters
-        The fitted parameters by the name of their field. Bounds are not among them: they are given.
+        The fitted parameters by the name of their field. The bounds are given and therefore not included.
     """
 
     kind: ClassVar[str]
@@ -58,14 +59,14 @@ class Described(ABC):
         return dataclasses.replace(self, lower=lower, upper=upper)
 
     def to_dict(self) -> dict[str, Any]:
-        """Describe the distribution as JSON can hold it; an infinite bound is null."""
+        """Return the kind and the fields as a dictionary for JSON; an infinite bound is null."""
         values = {field.name: float(getattr(self, field.name)) for field in dataclasses.fields(self)}
         numbers = {name: None if math.isinf(value) else value for name, value in values.items()}
         return {"kind": self.kind, **numbers}
 
     @classmethod
     def from_content(cls, content: Mapping[str, Any]) -> Self:
-        """Build the distribution from what `to_dict` wrote beside the kind."""
+        """Build the distribution from the dictionary that `to_dict` returned, without the kind."""
         return cls(**{name: INFINITE[name] if value is None else value for name, value in content.items()})
 
 
@@ -75,7 +76,7 @@ DescribedClass = TypeVar("DescribedClass", bound=type[Described])
 
 
 def distribution(kind: str) -> Callable[[DescribedClass], DescribedClass]:
-    """Return the class decorator that gives a distribution its kind and registers it."""
+    """Return the class decorator that assigns a kind to a distribution and registers it."""
 
     def register(cls: DescribedClass) -> DescribedClass:
         cls.kind = kind
@@ -85,7 +86,7 @@ def distribution(kind: str) -> Callable[[DescribedClass], DescribedClass]:
 
 
 def from_dict(content: Mapping[str, Any]) -> Described:
-    """Build the distribution that its method ``to_dict`` described.
+    """Build a distribution from the dictionary that its method ``to_dict`` returned.
 
     Raises
     ------
@@ -100,7 +101,7 @@ def from_dict(content: Mapping[str, Any]) -> Described:
 
 
 def unit_to_power(unit: str, power: int) -> str:
-    """Return a unit to a power: ``1/s`` to the power -1 is ``s``, and to the power 0 it is ``1``."""
+    """Return a unit raised to a power: ``1/s`` to the power -1 is ``s``, and to the power 0 it is ``1``."""
     base = unit.removeprefix("1/")
     exponent = power if base == unit else -power
     if exponent == 0:

@@ -1,4 +1,4 @@
-"""Empirical distribution: the lead speeds as they were recorded."""
+"""Empirical distribution, which is used for the recorded lead speeds."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -7,7 +7,7 @@ from accelerated_evaluation.base.arrays import Array
 
 
 class Empirical:
-    """Every recorded value with the same probability."""
+    """The empirical distribution of recorded values: each value has the same probability."""
 
     def __init__(self, values: ArrayLike) -> None:
         self.values = np.sort(np.asarray(values, dtype=float))
@@ -27,7 +27,7 @@ class Empirical:
         return 1 - self.cdf(x)
 
     def ppf(self, q: ArrayLike) -> Array:
-        """Smallest recorded value with a share of at least ``q`` at or below it."""
+        """Return the smallest recorded value such that a share of at least ``q`` is at or below it."""
         index = np.ceil(np.asarray(q, dtype=float) * self.values.size).astype(int) - 1
         return self.values[np.clip(index, 0, self.values.size - 1)]
 

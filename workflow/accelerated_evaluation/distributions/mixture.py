@@ -26,9 +26,9 @@ class Mixture(Described):
     Parameters
     ----------
     weights
-        Shares of the components: positive, summing to one.
+        Weights of the components: positive, summing to one.
     components
-        The distributions; a mixture may hold mixtures.
+        The distributions; a component may itself be a mixture.
     """
 
     weights: tuple[float, ...]
@@ -54,21 +54,21 @@ class Mixture(Described):
 
     @property
     def n_parameters(self) -> int:
-        """Number of free parameters: those of the components, and the weights less one."""
+        """Number of free parameters: those of the components, plus the number of weights minus one."""
         return sum(component.n_parameters for component in self.components) + len(self.weights) - 1
 
     def rebounded(self, lower: float, upper: float) -> Self:
-        """Return the mixture with the same weights of the components on other bounds."""
+        """Return the mixture of the same components on other bounds, with the same weights."""
         return type(self)(self.weights, [component.rebounded(lower, upper) for component in self.components])
 
     def to_dict(self) -> dict[str, Any]:
-        """Describe the mixture as JSON can hold it."""
+        """Return the mixture as a dictionary for JSON."""
         components = [component.to_dict() for component in self.components]
         return {"kind": self.kind, "weights": list(self.weights), "components": components}
 
     @classmethod
     def from_content(cls, content: Mapping[str, Any]) -> Self:
-        """Build the mixture from what `to_dict` wrote beside the kind."""
+        """Build the mixture from the dictionary that `to_dict` returned, without the kind."""
         return cls(content["weights"], [from_dict(component) for component in content["components"]])
 
     @cached_property
@@ -107,11 +107,11 @@ class Mixture(Described):
         return sum(weight * np.asarray(value) for weight, value in zip(self.weights, values, strict=True))
 
     def ppf(self, q: ArrayLike) -> Array:
-        """Inverse of cdf: no closed form, solved between the components' quantiles."""
+        """Inverse of cdf; it has no closed form and is solved between the quantiles of the components."""
         return self._invert(q, "ppf", "cdf")
 
     def isf(self, q: ArrayLike) -> Array:
-        """Inverse of sf, solved between the components' quantiles."""
+        """Inverse of sf, solved between the quantiles of the components."""
         return self._invert(q, "isf", "sf")
 
     @np.errstate(over="ignore", invalid="ignore")
@@ -133,7 +133,7 @@ class Mixture(Described):
         return root.reshape(shape)
 
     def rvs(self, generator: np.random.Generator, size: int) -> Array:
-        """Independent draws, shape (size,): a component for each, then a draw of it."""
+        """Return independent draws, shape (size,): a component is drawn for each, then a value from it."""
         which = generator.choice(len(self.weights), size=size, p=self.weights)
         draws = np.empty(size)
         for index, component in enumerate(self.components):
@@ -143,7 +143,7 @@ class Mixture(Described):
 
     @property
     def theta_limit(self) -> float:
-        """Tilts must stay below this: the smallest limit of the components."""
+        """Upper limit of the tilts: the smallest limit of the components."""
         return min(component.theta_limit for component in self.components)
 
     def _cumulants(self, theta: float) -> Array:
@@ -154,7 +154,10 @@ class Mixture(Described):
         return float(logsumexp(self._cumulants(theta)))
 
     def tilt(self, theta: float) -> Self:
-        """Exponential change of measure: every component is tilted and its weight follows its moment."""
+        """Return the exponentially tilted mixture.
+
+        Every component is tilted, and its weight is multiplied by its moment generating function at theta.
+        """
         cumulants = self._cumulants(theta)
         weights = np.exp(cumulants - logsumexp(cumulants))
         # A component that the tilt has emptied keeps a weight too small to matter, but positive.
@@ -164,12 +167,12 @@ class Mixture(Described):
 
 @distribution("piecewise mixture")
 class PiecewiseMixture(Mixture):
-    """The paper's piecewise mixture: component i lives on [gamma_(i-1), gamma_i) (equation 5).
+    """The paper's piecewise mixture, whose component i has the support [gamma_(i-1), gamma_i) (equation 5).
 
     Raises
     ------
     ValueError
-        If the components do not join end to end.
+        If a component does not begin where the previous one ends.
     """
 
     def __post_init__(self) -> None:
@@ -186,16 +189,16 @@ class PiecewiseMixture(Mixture):
         return tuple(component.lower for component in self.components[1:])
 
     def rebounded(self, lower: float, upper: float) -> Self:
-        """Return the mixture with its outer bounds moved; the knots inside stay where they are."""
+        """Return the mixture with other outer bounds; the inner knots do not change."""
         return self.with_bounds([lower, *self.knots, upper])
 
     def with_bounds(self, bounds: Sequence[float]) -> Self:
-        """Return the same pieces and weights with the truncation points gamma_0 .. gamma_k."""
+        """Return the same pieces and weights with other truncation points gamma_0 .. gamma_k."""
         pieces = zip(self.components, pairwise(bounds), strict=True)
         return type(self)(self.weights, [piece.rebounded(low, high) for piece, (low, high) in pieces])
 
     def piece_index(self, x: ArrayLike) -> np.ndarray:
-        """Index of the piece that holds each x."""
+        """Return the index of the piece that contains each x."""
         return np.searchsorted(self.knots, x, side="right")
 
     def ppf(self, q: ArrayLike) -> Array:
@@ -223,21 +226,22 @@ class PiecewiseMixture(Mixture):
         return x
 
     def accelerated(self, thetas: Sequence[float], weights: Sequence[float]) -> "PiecewiseMixture":
-        """Return f*: every piece tilted by its own theta, with new weights (paper, section V.B)."""
+        """Return f*: each piece is tilted by its own theta, and the weights are replaced (section V.B)."""
         pieces = [piece.tilt(theta) for piece, theta in zip(self.components, thetas, strict=True)]
         return PiecewiseMixture(tuple(weights), tuple(pieces))
 
 
 def match_mean(distribution: Tiltable, mean: float) -> float:
-    """Return the theta whose exponential change of measure gives the distribution a mean.
+    """Return the theta for which the exponentially tilted distribution has a given mean.
 
-    The mean of the tilted distribution, kappa'(theta), rises strictly, so there is one root: the
-    maximum-likelihood and Cross-Entropy equations of a one-parameter exponential family (section V.B).
+    The mean of the tilted distribution, kappa'(theta), increases strictly with theta, so there is one root.
+    The maximum-likelihood equation and the Cross-Entropy update of a one-parameter exponential family both
+    have this form (section V.B).
 
     Raises
     ------
     ValueError
-        If no finite tilt reaches the mean, as when it is outside the support, or that is not bounded below.
+        If no finite tilt gives the mean: the mean is outside the support, or the support has no lower bound.
     """
     if not -math.inf < distribution.lower < mean < distribution.upper:
         bounds = f"({distribution.lower}, {distribution.upper}), bounded below"

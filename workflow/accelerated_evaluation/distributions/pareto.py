@@ -15,7 +15,10 @@ from accelerated_evaluation.distributions.described import Described, Parameter,
 @distribution("Pareto")
 @dataclass(frozen=True)
 class Pareto(Described):
-    """P(X > x) = (lower / x)^shape for x >= lower > 0; its tail has no exponential change of measure."""
+    """The distribution P(X > x) = (lower / x)^shape for x >= lower > 0.
+
+    It has no exponential change of measure, because E exp(theta X) is infinite for every theta > 0.
+    """
 
     shape: float
     lower: float
@@ -29,17 +32,22 @@ class Pareto(Described):
 
     @classmethod
     def fit(cls, x: Array, lower: float, upper: float = math.inf) -> "Pareto":
-        """Return the member of maximum likelihood for x, shape (n,), from ``lower``: n / sum log(x / lower).
+        """Return the maximum-likelihood fit to a sample x, shape (n,), above ``lower``.
+
+        N / sum log(x / lower).
 
         Raises
         ------
         ValueError
-            If ``upper`` is finite, as this distribution has no upper bound.
+            If ``upper`` is finite, because this distribution has no upper bound.
         """
         return cls(float(x.size / np.log(x / lower).sum()), lower).rebounded(lower, upper)
 
     def rebounded(self, lower: float, upper: float) -> "Pareto":
-        """Return the same shape from another lower bound; ValueError if ``upper`` is finite."""
+        """Return the distribution with the same shape and another lower bound.
+
+        ValueError if ``upper`` is finite.
+        """
         if upper != math.inf:
             raise ValueError(f"a Pareto distribution has no upper bound, got {upper}")
         return Pareto(self.shape, lower)
@@ -76,7 +84,7 @@ class Pareto(Described):
             return self.lower * np.exp(-np.log1p(-np.asarray(q, dtype=float)) / self.shape)
 
     def mean(self) -> float:
-        """Return E X; infinite for shapes of at most one."""
+        """Return E X, which is infinite if the shape is at most one."""
         return self.lower * self.shape / (self.shape - 1) if self.shape > 1 else math.inf
 
     def rvs(self, generator: np.random.Generator, size: int) -> Array:

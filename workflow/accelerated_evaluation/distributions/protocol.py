@@ -1,4 +1,4 @@
-"""What every distribution of the house can do."""
+"""The methods that every distribution of this library has."""
 
 from typing import Protocol, Self, runtime_checkable
 
@@ -12,8 +12,8 @@ from accelerated_evaluation.base.arrays import Array
 class Distribution(Protocol):
     """A univariate distribution on ``[lower, upper)``.
 
-    All functions work element by element on arrays of any shape. Far tails keep their digits: ``logsf``
-    in logarithms, ``isf`` down to the smallest positive double.
+    All functions work element by element on arrays of any shape. They are accurate in far tails: ``logsf``
+    works in logarithms, and ``isf`` accepts probabilities down to the smallest positive double.
     """
 
     lower: float

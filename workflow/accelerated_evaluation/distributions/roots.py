@@ -1,4 +1,4 @@
-"""Roots of many monotone functions at once."""
+"""Find the roots of many monotone functions at once."""
 
 from collections.abc import Callable
 
@@ -16,20 +16,22 @@ def find_roots(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Find the roots between given ends by Chandrupatla's method (1997, Advances in Engineering Software 28).
 
-    The steps are those of `scipy.optimize.elementwise.find_root`, to the last bit. Its support of other array
-    libraries is left out, which takes longer than the steps themselves if there are only a few roots.
+    The result is identical to that of `scipy.optimize.elementwise.find_root`. That function also supports
+    other array libraries, and this support takes longer than the iterations themselves if there are only a
+    few roots.
 
     Parameters
     ----------
     function
-        Gives the values at points x, shape (k,), of the functions with given indices, shape (k,).
+        Function of points x, shape (k,), and indices, shape (k,), which returns the value at each point of
+        the function with that index.
     low, high
         Ends of the brackets, shape (n,).
 
     Returns
     -------
     root, is_found : numpy.ndarray
-        Roots, NaN where there is none, and whether there is one, shape (n,).
+        The roots, NaN if there is none, and whether there is one, shape (n,).
     """
     root, is_found, active = np.full(low.shape, np.nan), np.zeros(low.shape, bool), np.arange(low.size)
     # Rows: newest point x1, other end of the bracket x2, point given up last x3, and the values there.

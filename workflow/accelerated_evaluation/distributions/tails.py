@@ -1,4 +1,4 @@
-"""Probabilities of intervals and quantiles of normal scores that stay exact in far tails."""
+"""Probabilities of intervals, and quantiles of normal scores, that are accurate in far tails."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,12 +10,12 @@ from accelerated_evaluation.distributions.protocol import Distribution
 
 
 def interval_probability(law: Distribution, start: ArrayLike, end: ArrayLike) -> Array:
-    """P(start <= X < end), element by element, without a difference of nearly equal numbers.
+    """Return P(start <= X < end), element by element, without subtracting nearly equal numbers.
 
     Parameters
     ----------
     law
-        A mixture is summed component by component, over those alone that reach into an interval.
+        The distribution of X. For a mixture, the sum is over the components that overlap an interval.
     start, end
         Ends of the intervals, of shapes that broadcast; the end may be infinite.
 
@@ -37,10 +37,10 @@ def interval_probability(law: Distribution, start: ArrayLike, end: ArrayLike) ->
 
 
 def normal_score_quantile(law: Distribution, z: Array) -> Array:
-    """Return the value of ``law`` at the normal score z, F(x) = Phi(z).
+    """Return the quantile x of ``law`` at the normal score z, so that F(x) = Phi(z).
 
-    Above the median the survival function is inverted, below it the distribution function, so that neither
-    tail loses its digits to rounding near one.
+    Above the median the survival function is inverted, and below it the distribution function, so that
+    neither tail loses accuracy by rounding near one.
     """
     value, above = np.empty_like(z), z > 0
     # A side without points is skipped: the quantiles of a mixture take long even for none.

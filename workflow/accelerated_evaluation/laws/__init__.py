@@ -1,4 +1,4 @@
-"""Laws of cut-ins: how each is put together, drawn from, scored and stored."""
+"""Laws of cut-ins: their components, sampling, densities, fits and files."""
 
 from collections.abc import Callable, Mapping
 from typing import Any

@@ -1,4 +1,4 @@
-"""The law file: JSON that a person can read, written and read here alone."""
+"""Law files: a readable JSON format, which only this module writes and reads."""
 
 import math
 import os
@@ -14,11 +14,11 @@ from accelerated_evaluation.laws import LAWS, Law
 
 FORMAT = "accelerated-evaluation law"
 VERSION = 2
-PLACES = (-4.0, 0.0, 4.0)  # normal scores at which a law that was read is tried
+PLACES = (-4.0, 0.0, 4.0)  # normal scores at which a law that was read is checked
 
 
 def write_law(path: str | os.PathLike, law: Law) -> None:
-    """Write a law as JSON, atomically; what `read_law` reads back is equal to it."""
+    """Write a law as JSON, atomically; `read_law` returns a law that is equal to it."""
     cap = None if math.isinf(law.closing_speed_max) else law.closing_speed_max
     header = {"format": FORMAT, "version": VERSION, "kind": law.kind, "description": law.description}
     write_json(path, header | {"closing_speed_max": {"unit": "m/s", "value": cap}} | law.content())
@@ -32,14 +32,14 @@ def read_law(path: str | os.PathLike, encounters: pd.DataFrame) -> Law:
     path
         The file.
     encounters
-        The encounter table that the law was fitted to; the lead speeds are taken from it.
+        The encounter table to which the law was fitted; it supplies the lead speeds.
 
     Raises
     ------
     InputError
-        If the file is missing, is not a law of this version, or does not fit to the encounters.
+        If the file is missing, is not a law of this version, or does not fit the encounters.
     """
-    change = "Fit the law anew, or name a law file that this version wrote."
+    change = "Fit the law again, or name a law file that this version wrote."
     require_file(path, change)
     try:
         content = read_json(path)
@@ -57,7 +57,7 @@ def read_law(path: str | os.PathLike, encounters: pd.DataFrame) -> Law:
         return law
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         seen = f"{type(error).__name__}: {error}"
-        raise InputError(str(path), seen=seen, expected="a whole law file", change=change) from error
+        raise InputError(str(path), seen=seen, expected="a complete law file", change=change) from error
 
 
 def _require_cut_ins(law: Law) -> None:

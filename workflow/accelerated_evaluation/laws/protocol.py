@@ -1,11 +1,12 @@
-"""What a law of cut-ins is: it draws cut-ins, maps normal scores to them, and weighs the lines of a map.
+"""Interface of a law of cut-ins, a probability distribution of lead speed, range and closing speed.
 
-A law is a mixture over strata of the lead speed v_L. In each stratum v_L is taken as it was recorded, and a
-cut-in is described by two coordinates that are independent of each other there. For the paper's laws the
-coordinates are R^-1 and TTC^-1 themselves. A law in which the closing speed depends on the range uses
-unit-exponential coordinates: the Rosenblatt map turns any pair of dependent variables into a pair of
-independent ones. Drawing, tilting, likelihood ratios, normal scores and probabilities of intervals need only
-the distributions of the two coordinates and the map between coordinates and cut-ins.
+A law draws cut-ins, maps normal scores to cut-ins, and gives the probability of each line of a crash map. It
+is a mixture over strata of the lead speed v_L. In each stratum, v_L follows the recorded values, and two
+further coordinates describe a cut-in. The two coordinates are independent within the stratum. For the paper's
+laws the coordinates are R^-1 and TTC^-1 themselves. If the closing speed depends on the range, the law uses
+unit-exponential coordinates, because the Rosenblatt transformation turns any pair of dependent variables into
+independent ones. Drawing, tilting, likelihood ratios, normal scores and interval probabilities then need only
+the distributions of the two coordinates and the map from coordinates to cut-ins.
 """
 
 from abc import ABC, abstractmethod
@@ -24,7 +25,7 @@ from accelerated_evaluation.distributions.tails import interval_probability, nor
 
 @dataclass(frozen=True)
 class CutIns:
-    """Cut-ins in the paper's variables; every array has shape (n,).
+    """Cut-ins in the variables of the paper; every array has shape (n,).
 
     Attributes
     ----------
@@ -51,19 +52,19 @@ class CutIns:
 
     @property
     def closing_speed(self) -> Array:
-        """Host speed less lead speed [m/s], before any cap."""
+        """Host speed minus lead speed [m/s], before any cap."""
         return self.inverse_ttc / self.inverse_range
 
 
 @dataclass(frozen=True)
 class Factors:
-    """Independent distributions of the two coordinates of a stratum: f is one pair, and every f* another."""
+    """Independent distributions of the two coordinates of a stratum: one pair for f, and one for each f*."""
 
     first: Distribution
     second: Distribution
 
     def logpdf(self, first: Array, second: Array) -> Array:
-        """Log density of pairs of coordinates, shape (n,)."""
+        """Return the joint log density of pairs of coordinates, shape (n,)."""
         return self.first.logpdf(first) + self.second.logpdf(second)
 
     def rvs(self, generator: np.random.Generator, size: int) -> tuple[Array, Array]:
@@ -72,12 +73,12 @@ class Factors:
 
 
 class Stratum(ABC):
-    """The law of the cut-ins of one stratum of the lead speed.
+    """The distribution of the cut-ins in one stratum of the lead speed.
 
     Attributes
     ----------
     lead_speed
-        v_L as recorded [m/s]; no method accelerates it.
+        Empirical distribution of v_L [m/s]; no method changes it.
     factors
         f in the two coordinates of this stratum.
     """
@@ -87,36 +88,39 @@ class Stratum(ABC):
 
     @property
     def pieces(self) -> Factors:
-        """The same distributions as `factors`, in the pieces that the paper's methods tilt and weigh anew."""
+        """The distributions of `factors`, divided into the pieces that the paper's methods tilt."""
         return self.factors
 
     @abstractmethod
     def cut_ins(self, lead_speed: Array, first: Array, second: Array) -> CutIns:
-        """Return the cut-ins that lie at given coordinates; all arrays have shape (n,)."""
+        """Return the cut-ins with given v_L and coordinates; all arrays have shape (n,)."""
 
     @abstractmethod
     def first(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
-        """Return the first coordinate, which rises with R^-1 [1/m] at a given v_L [m/s]."""
+        """Return the first coordinate, which increases with R^-1 [1/m] for fixed v_L [m/s]."""
 
     @abstractmethod
     def second(self, lead_speed: ArrayLike, inverse_range: ArrayLike, closing_speed: ArrayLike) -> Array:
-        """Return the second coordinate, which rises with the closing speed [m/s] at given v_L and R^-1."""
+        """Return the second coordinate; it increases with the closing speed [m/s] for fixed v_L and R^-1."""
 
     def log_first_slope(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
-        """Return the log derivative of the first coordinate by R^-1; 0 where the coordinate is R^-1."""
+        """Return the log of the derivative of the first coordinate by R^-1.
+
+        0 if the coordinate is R^-1 itself.
+        """
         return np.zeros(np.broadcast_shapes(np.shape(lead_speed), np.shape(inverse_range)))
 
     @property
     @abstractmethod
     def inverse_range_min(self) -> float:
-        """The smallest R^-1 [1/m] that the law knows."""
+        """The smallest R^-1 [1/m] in the support of the law."""
 
     def closing_speed_probability(
         self, lead_speed: Array, inverse_range: Array, start: Array, end: Array
     ) -> Array:
-        """Return P(start <= closing speed < end) at given v_L and R^-1.
+        """Return P(start <= closing speed < end) for given v_L and R^-1.
 
-        This is all that a crash map needs to know of the closing speed.
+        A crash map uses the closing speed only through these probabilities.
 
         Parameters
         ----------
@@ -136,11 +140,13 @@ class Stratum(ABC):
     def cell_probability(self, lead_speed: Array, inverse_range: Array) -> Array:
         """Return the probability of cells of v_L and R^-1.
 
+        If the first coordinate depends on v_L, it is evaluated at the middle of each interval of v_L.
+
         Parameters
         ----------
         lead_speed, inverse_range
             Lower and upper v_L [m/s] and R^-1 [1/m] of each cell, shape (cells, 2); the last R^-1 may be
-            infinite. The first coordinate is taken at the middle of v_L, where it depends on v_L at all.
+            infinite.
 
         Returns
         -------
@@ -152,26 +158,37 @@ class Stratum(ABC):
         return self.lead_speed_share(lead_speed) * interval_probability(self.factors.first, *ends)
 
     def lead_speed_share(self, lead_speed: Array) -> Array:
-        """Return the share of the recorded v_L in intervals [low, high) [m/s], shape (n, 2) to (n,)."""
+        """Return the share of the recorded v_L in each interval [low, high) [m/s].
+
+        Parameters
+        ----------
+        lead_speed
+            The intervals, shape (n, 2).
+
+        Returns
+        -------
+        numpy.ndarray
+            Shares, shape (n,).
+        """
         speeds = self.lead_speed.values
         return np.diff(np.searchsorted(speeds, lead_speed), axis=1)[:, 0] / speeds.size
 
 
 class Law(ABC):
-    """A law of cut-ins: strata of the lead speed, each with its share.
+    """A law of cut-ins: a mixture over strata of the lead speed.
 
     Attributes
     ----------
     kind
         Name of this kind of law in files.
     description
-        The data that it was fitted to, in words.
+        Description of the data to which the law was fitted.
     closing_speed_max
-        Closing speeds are capped at this [m/s] before they are simulated; infinite without a cap.
+        Cap on the closing speeds [m/s], applied before they are simulated; infinity means no cap.
     shares
-        Share of each stratum in the lane changes, by rising lead speed; they sum to one.
+        Share of each stratum in the lane changes, in order of the lead speed; the shares sum to one.
     strata
-        The law in each stratum, under the same names.
+        The distribution in each stratum, under the same names.
     """
 
     kind: ClassVar[str]
@@ -190,14 +207,14 @@ class Law(ABC):
 
     @abstractmethod
     def only(self, stratum: str) -> Self:
-        """Return the law of one stratum alone, whose share is then one."""
+        """Return the law restricted to one stratum, whose share is then one."""
 
     def capped(self, closing_speed: Array) -> Array:
-        """Return closing speeds [m/s] as they are simulated."""
+        """Return closing speeds [m/s] with the cap of the law applied."""
         return np.minimum(closing_speed, self.closing_speed_max)
 
     def draw(self, generator: np.random.Generator, size: int) -> tuple[CutIns, NDArray[np.intp]]:
-        """Draw cut-ins, stratum after stratum.
+        """Draw independent cut-ins, ordered by stratum.
 
         Parameters
         ----------
@@ -209,9 +226,9 @@ class Law(ABC):
         Returns
         -------
         cut_ins : CutIns
-            Of shape (n,).
+            The cut-ins, of shape (n,).
         stratum : numpy.ndarray
-            Index of the stratum of each, shape (n,).
+            Index of the stratum of each cut-in, shape (n,).
         """
         counts = generator.multinomial(size, list(self.shares.values()))
         parts = []
@@ -222,15 +239,16 @@ class Law(ABC):
         return CutIns(*columns), np.repeat(np.arange(len(counts)), counts)
 
     def stratum_of_normal_scores(self, z: Array) -> NDArray[np.intp]:
-        """Return the index of the stratum that each row of normal scores, shape (n, 3), belongs to."""
+        """Return the index of the stratum for each row of normal scores z, shape (n, 3)."""
         share = np.array(list(self.shares.values()))
         return np.searchsorted(np.cumsum(share) - share, ndtr(z[:, 0]), side="right") - 1
 
     def from_normal_scores(self, z: Array) -> CutIns:
-        """Map normal scores to cut-ins (Rosenblatt 1952).
+        """Map normal scores to cut-ins by the Rosenblatt transformation (Rosenblatt 1952).
 
-        The score of v_L runs through the strata one after the other, so that a sampler in normal scores
-        spreads its simulations over the strata by what each contributes to the event.
+        As the score of v_L increases, it passes through the strata one after the other. A sampler in normal
+        scores can therefore divide its simulations among the strata according to their contribution to the
+        event.
 
         Parameters
         ----------
@@ -240,7 +258,7 @@ class Law(ABC):
         Returns
         -------
         CutIns
-            Of shape (n,).
+            The cut-ins, of shape (n,).
         """
         u, index = ndtr(z[:, 0]), self.stratum_of_normal_scores(z)
         share = np.array(list(self.shares.values()))

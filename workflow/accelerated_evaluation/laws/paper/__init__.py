@@ -1,1 +1,1 @@
-"""The paper's laws: candidate families, piecewise mixtures, their fits, and the law of independent inputs."""
+"""The paper's laws: candidate families, piecewise mixtures, their fits, and the independent law."""

@@ -1,13 +1,14 @@
 """Maximum likelihood estimates of the candidate families.
 
-Each function takes a sample in the family's own coordinate, shape (n,), inside the support and not all equal,
-and returns the estimates in the order of `candidate_families`, where the densities are. NoMaximumError says
-why the likelihood has no maximum.
+Each function takes a sample in the coordinate of its family, shape (n,). The values lie inside the support
+and are not all equal. It returns the estimates in the order of `candidate_families`, where the densities are
+listed. If the likelihood has no maximum, it raises NoMaximumError with the reason.
 
-Scores with one root are solved as such, profile likelihoods in one parameter are scanned and refined, and the
-few others are climbed. Three likelihoods are unbounded, and are maximised where they are not: shape >= -1
-and an end of the support at least 1e-12 of the span off the data (generalized Pareto, generalized extreme
-value), and more than k / (n - k) degrees of freedom, k the most frequent value's count (t location-scale).
+Likelihood equations with one root are solved by bracketing. Profile likelihoods in one parameter are
+evaluated on a grid and refined. The few others are maximised by gradient methods. Three likelihoods are
+unbounded, and are maximised on a restricted set: shape >= -1 and an end of the support at a distance of at
+least 1e-12 of the data's span (generalized Pareto, generalized extreme value), and more than k / (n - k)
+degrees of freedom, where k is the largest number of equal values (t location-scale).
 """
 
 from collections.abc import Callable
@@ -22,13 +23,13 @@ from accelerated_evaluation.base.errors import StudyError
 Estimator = Callable[[Array], tuple[float, ...]]
 Objective = Callable[[Array], tuple[float, Array]]
 
-GRADIENT_LIMIT = 1e-6  # per observation, in logarithms and standard units: costs n 1e-12 of log-likelihood
-MOST_DEGREES = 1e6  # of freedom; a t beyond is taken for its limit, the normal
+GRADIENT_LIMIT = 1e-6  # per observation, in logarithms and standard units: an error of n 1e-12 in L
+MOST_DEGREES = 1e6  # degrees of freedom, above which the t distribution counts as normal
 TO_ONE = np.concatenate([np.linspace(0, 0.9, 10), 1 - np.logspace(-1.3, -12, 33)])
 
 
 class NoMaximumError(StudyError):
-    """The sample has no maximum likelihood estimate in the family; the message is the reason."""
+    """The sample has no maximum likelihood estimate in the family; the message states the reason."""
 
 
 def _root(gradient: Callable[[float], float], low: float, high: float) -> float:
@@ -74,7 +75,7 @@ def _standardised(estimate: Estimator) -> Estimator:
 
 
 def fit_beta(y: Array) -> tuple[float, float]:
-    """Return both shapes; in them the likelihood is strictly concave."""
+    """Return the estimates of both shapes; the likelihood is strictly concave in them."""
     log_means = np.array([np.log(y).mean(), np.log1p(-y).mean()])
 
     def negative(log_shapes: Array) -> tuple[float, Array]:
@@ -88,7 +89,10 @@ def fit_beta(y: Array) -> tuple[float, float]:
 
 
 def fit_birnbaum_saunders(y: Array) -> tuple[float, float]:
-    """Return shape, and scale: one root between harmonic and arithmetic mean (Birnbaum, Saunders, 1969)."""
+    """Return the estimates of shape and scale (Birnbaum and Saunders 1969).
+
+    The likelihood equation of the scale has one root between the harmonic and the arithmetic mean.
+    """
     arithmetic, harmonic = y.mean(), 1 / (1 / y).mean()
 
     def gradient(scale: float) -> float:
@@ -100,7 +104,7 @@ def fit_birnbaum_saunders(y: Array) -> tuple[float, float]:
 
 
 def fit_exponential(y: Array) -> tuple[float]:
-    """Return the rate."""
+    """Return the estimate of the rate."""
     return (1 / y.mean(),)
 
 
@@ -122,12 +126,16 @@ def _minima(x: Array, most: float = np.inf) -> tuple[float, float]:
 
 @_standardised
 def fit_extreme_value(x: Array) -> tuple[float, float]:
-    """Return location and scale of the law of minima."""
+    """Return the estimates of location and scale of the limit distribution of minima."""
     return _minima(x)
 
 
 def fit_gamma(y: Array) -> tuple[float, float]:
-    """Return shape and scale: log(shape) - psi(shape) is given, and lies in (1 / (2 shape), 1 / shape)."""
+    """Return the estimates of shape and scale.
+
+    The likelihood equation sets log(shape) - psi(shape) equal to a statistic of the sample. This function
+    lies between 1 / (2 shape) and 1 / shape, which gives the bracket of the root.
+    """
     gap = -np.log(y / y.mean()).mean()
     shape = _root(lambda k: np.log(k) - special.psi(k) - gap, 0.5 / gap, 1 / gap)
     return shape, y.mean() / shape
@@ -152,9 +160,10 @@ def _interior(theta: float, grid: Array) -> float:
 
 @_standardised
 def fit_generalized_extreme_value(x: Array) -> tuple[float, float, float]:
-    """Return location, scale and shape.
+    """Return the estimates of location, scale and shape.
 
-    Profile over theta: w = -log(1 + theta x) / theta follows the law of minima, with scale shape / theta.
+    The profile likelihood of theta is maximised. For fixed theta, w = -log(1 + theta x) / theta follows the
+    limit distribution of minima with scale shape / theta.
     """
     grid = np.concatenate([-TO_ONE[::-1] / x.max(), TO_ONE[1:] / -x.min()])
 
@@ -173,9 +182,10 @@ def fit_generalized_extreme_value(x: Array) -> tuple[float, float, float]:
 
 
 def fit_generalized_pareto(y: Array) -> tuple[float, float]:
-    """Return shape and scale.
+    """Return the estimates of shape and scale.
 
-    Profile over theta = shape / scale: log(1 + theta y) / theta is exponential with mean `scale`.
+    The profile likelihood of theta = shape / scale is maximised. For fixed theta, log(1 + theta y) / theta is
+    exponential with mean ``scale``.
     """
     unit = y / y.mean()
     grid = np.concatenate([-TO_ONE[::-1] / unit.max(), np.logspace(-3, 12, 46)])
@@ -191,13 +201,16 @@ def fit_generalized_pareto(y: Array) -> tuple[float, float]:
 
 
 def fit_inverse_gaussian(y: Array) -> tuple[float, float]:
-    """Return mean and shape."""
+    """Return the estimates of mean and shape."""
     return y.mean(), 1 / (1 / y - 1 / y.mean()).mean()
 
 
 @_standardised
 def fit_logistic(x: Array) -> tuple[float, float]:
-    """Return location and scale; in their ratio and 1 / scale the likelihood is strictly concave."""
+    """Return the estimates of location and scale.
+
+    The likelihood is strictly concave in location / scale and 1 / scale.
+    """
 
     def negative(p: Array) -> tuple[float, Array]:
         z = (x - p[0]) / np.exp(p[1])
@@ -210,40 +223,41 @@ def fit_logistic(x: Array) -> tuple[float, float]:
 
 
 def fit_log_logistic(y: Array) -> tuple[float, float]:
-    """Return shape and scale: log y is logistic."""
+    """Return the estimates of shape and scale, from a logistic fit to log y."""
     location, scale = fit_logistic(np.log(y))
     return 1 / scale, np.exp(location)
 
 
 def fit_lognormal(y: Array) -> tuple[float, float]:
-    """Return mean and standard deviation of log y."""
+    """Return the estimates of mean and standard deviation of log y."""
     return fit_normal(np.log(y))
 
 
 def fit_nakagami(y: Array) -> tuple[float, float]:
-    """Return shape and spread: y^2 is gamma with this shape and mean."""
+    """Return the estimates of shape and spread: y^2 has a gamma distribution with this shape and mean."""
     return fit_gamma(y**2)[0], (y**2).mean()
 
 
 def fit_normal(x: Array) -> tuple[float, float]:
-    """Return mean and standard deviation."""
+    """Return the estimates of mean and standard deviation."""
     return x.mean(), x.std()
 
 
 def fit_pareto(ratio: Array) -> tuple[float]:
-    """Return the shape, from x / lower."""
+    """Return the estimate of the shape from x / lower."""
     return (1 / np.log(ratio).mean(),)
 
 
 def fit_rayleigh(y: Array) -> tuple[float]:
-    """Return the scale."""
+    """Return the estimate of the scale."""
     return (np.sqrt((y**2).mean() / 2),)
 
 
 def fit_rician(y: Array) -> tuple[float, float]:
-    """Return noncentrality c >= 0 and scale s.
+    """Return the estimates of noncentrality c >= 0 and scale s.
 
-    Profile over q = c^2 / mean y^2, for both derivatives vanish only where c^2 + 2 s^2 = mean y^2.
+    The profile likelihood of q = c^2 / mean(y^2) is maximised, because both derivatives vanish only if c^2 +
+    2 s^2 = mean(y^2).
     """
     root = np.sqrt((y**2).mean())
     unit = y / root
@@ -254,14 +268,18 @@ def fit_rician(y: Array) -> tuple[float, float]:
         return (np.log(special.i0e(unit * noncentrality / variance)) - square).mean() - np.log(variance)
 
     q = _scan(profile, TO_ONE)
-    if profile(q) - profile(0.0) < 1e-14:  # it is flat at 0, so that rounding may move its maximum
+    if profile(q) - profile(0.0) < 1e-14:  # the profile is flat at 0, and rounding may move its maximum
         q = 0.0
     return root * np.sqrt(q), root * np.sqrt((1 - q) / 2)
 
 
 @_standardised
 def fit_t(x: Array) -> tuple[float, float, float]:
-    """Return location, scale and degrees of freedom, climbed to from two heavy tails and from the moments."""
+    """Return the estimates of location, scale and degrees of freedom.
+
+    The maximum is searched by a gradient method from three starting points: two with heavy tails, and one
+    from the moments.
+    """
     ties = np.unique(x, return_counts=True)[1].max()
     bounds = [(None, None), (np.log(1e-8), None), (np.log(ties / (x.size - ties)), np.log(MOST_DEGREES))]
 
@@ -287,6 +305,6 @@ def fit_t(x: Array) -> tuple[float, float, float]:
 
 
 def fit_weibull(y: Array) -> tuple[float, float]:
-    """Return shape and scale: log y follows the law of minima."""
+    """Return the estimates of shape and scale, from an extreme value fit to log y."""
     location, scale = fit_extreme_value(np.log(y))
     return 1 / scale, np.exp(location)

@@ -1,6 +1,6 @@
-"""The 18 candidate families: where each lives, how it is estimated, and the distribution that this names.
+"""The 18 candidate families: support, estimator and distribution of each.
 
-The support is fixed. With y = x - lower, shape k and scale s (location, too, where it is named) the laws are
+The support is fixed, not estimated. With y = x - lower, shape k and scale s, the distributions are
 
 =========================  ==========================================================================
 beta                       y^(a-1) (1-y)^(b-1) / B(a, b) on (0, 1), a first_shape, b second_shape
@@ -38,24 +38,24 @@ from accelerated_evaluation.laws.paper import candidate_estimators as mle
 from accelerated_evaluation.laws.paper.candidate_estimators import Estimator, NoMaximumError
 
 DIVERGES = "small shapes have an infinite density and an unbounded likelihood"
-VANISHES = "the density is zero whatever the parameters"
+VANISHES = "the density is zero for all parameters"
 
 
 @dataclass(frozen=True)
 class CandidateFamily:
-    """A candidate family.
+    """A candidate family of distributions.
 
     Parameters
     ----------
     name, parameters
-        Its name and those of its free parameters.
+        Its name, and the names of its free parameters.
     coordinate
-        ``(x, lower)`` to the sample in the family's own coordinate; raises NoMaximumError where a value has
-        no likelihood.
+        Function ``(x, lower)`` that returns the sample in the coordinate of the family. It raises
+        NoMaximumError if a value has no likelihood.
     estimate
-        That sample to the maximum likelihood estimates, in the order of `parameters`.
+        Function of that sample that returns the maximum likelihood estimates, in the order of `parameters`.
     freeze
-        ``(lower, *estimates)`` to the distribution of x.
+        Function ``(lower, *estimates)`` that returns the distribution of x.
     """
 
     name: str

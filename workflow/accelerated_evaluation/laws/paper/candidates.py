@@ -1,4 +1,4 @@
-"""Candidate families beside the piecewise models: maximum likelihood, AIC, BIC, Kolmogorov-Smirnov distance.
+"""Fits of the candidate families: maximum likelihood, AIC, BIC and Kolmogorov-Smirnov distance.
 
 The 18 families, their parameters and densities are listed in `candidate_families`.
 """
@@ -19,12 +19,14 @@ from accelerated_evaluation.laws.paper.candidate_families import FAMILIES, Candi
 
 @dataclass(frozen=True)
 class CandidateFit:
-    """A model's fit to a sample; where it has none, `reason` says why and the numbers are nan.
+    """The fit of a model to a sample.
+
+    If the model cannot be fitted, `reason` says why and the numbers are nan.
 
     Parameters
     ----------
     family, parameters
-        Name of the model, and its estimates by name (units as the sample's).
+        Name of the model, and its estimates by name (in the units of the sample).
     n_parameters
         Number of free parameters k.
     log_likelihood, aic, bic
@@ -32,7 +34,7 @@ class CandidateFit:
     ks_distance
         Kolmogorov-Smirnov distance between the sample and the fit.
     reason
-        Why there is no fit; empty where there is one.
+        Reason why the model cannot be fitted; empty if there is a fit.
     """
 
     family: str
@@ -54,14 +56,21 @@ def assessed_fit(
     *,
     parameters: dict[str, float] | None = None,
 ) -> CandidateFit:
-    """Assess a fitted model on the sample x, shape (n,), that it was fitted to.
+    """Compute log-likelihood, AIC, BIC and KS distance of a model for the sample to which it was fitted.
 
     Parameters
     ----------
     name, n_parameters, parameters
         Name, number of free parameters and, if wanted in the table, the parameters of the model.
     logpdf, cdf
-        Its log density per unit of x, and its continuous distribution function.
+        Log density of the model per unit of x, and its continuous distribution function.
+    x
+        Sample, shape (n,).
+
+    Returns
+    -------
+    CandidateFit
+        The fit with its criteria, or with a reason if the density is not finite at some value.
 
     Raises
     ------
@@ -103,7 +112,7 @@ def fit_candidates(
     x
         Sample, shape (n,), any order.
     lower
-        Where the support starts, in units of x: fixed, not fitted.
+        Lower end of the support, in units of x; it is given and not estimated.
     progress
         Wraps the loop over families, e.g. ``tqdm.tqdm``.
 
@@ -123,7 +132,7 @@ def fit_candidates(
             "fit_candidates, lower",
             seen=f"{lower}",
             expected="a finite number",
-            change="Give the support's start.",
+            change="State the lower end of the support.",
         )
     return [_fit(family, x, lower) for family in progress(FAMILIES)]
 
@@ -154,13 +163,13 @@ def _checked(x: ArrayLike) -> Array:
 
 
 def compare(fits: Iterable[CandidateFit]) -> pd.DataFrame:
-    """Tabulate fits to one sample, best AIC first, those without a fit last and without a rank.
+    """Tabulate fits to one sample in order of AIC; models without a fit come last and have no rank.
 
     Returns
     -------
     DataFrame
-        Columns family, n_parameters, log_likelihood, aic, bic, ks_distance, rank (by AIC, from 1; equal ones
-        share the lower), parameters (JSON text), reason.
+        Columns family, n_parameters, log_likelihood, aic, bic, ks_distance, rank (by AIC, from 1; equal
+        values share the smaller rank), parameters (JSON text), reason.
     """
     table = pd.DataFrame([vars(fit) for fit in fits])
     rank = table["aic"].rank(method="min").astype("Int64")

@@ -15,10 +15,10 @@ from accelerated_evaluation.laws.paper.models import refit
 def compare_with_candidates(
     encounters: pd.DataFrame, models: Iterable[IndependentLaw], variable: str, segment: str
 ) -> pd.DataFrame:
-    """Fit the candidate families to one variable, and rank them with the piecewise models by AIC.
+    """Fit the candidate families to one variable, and rank them together with the piecewise models by AIC.
 
-    Knots count as parameters. Rows exactly on the edge of the support (R = 75 m) are counted and left out for
-    all alike: they would rule out every family whose density is zero or infinite there.
+    Knots count as parameters. Rows exactly on the edge of the support (R = 75 m) are counted, but excluded
+    from all fits, because every family whose density is zero or infinite there could not be fitted.
 
     Parameters
     ----------
@@ -34,8 +34,8 @@ def compare_with_candidates(
     Returns
     -------
     pandas.DataFrame
-        ``variable``, ``segment``, ``rows``, ``rows_on_edge`` and those of `candidates.compare`; the best
-        comes first.
+        Columns ``variable``, ``segment``, ``rows``, ``rows_on_edge`` and those of `candidates.compare`, best
+        fit first.
     """
     x = encounters.loc[(encounters["segment"] == segment) | (segment == "all"), variable].to_numpy()
     laws: dict[int, PiecewiseMixture] = {}

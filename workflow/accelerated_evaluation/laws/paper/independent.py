@@ -19,54 +19,58 @@ UNITS = {"inverse_range": "1/m", "inverse_ttc": "1/s"}
 
 @dataclass(frozen=True)
 class IndependentStratum(Stratum):
-    """One segment of the paper's law; its coordinates are R^-1 [1/m] and TTC^-1 [1/s] themselves."""
+    """One segment of the paper's law; its two coordinates are R^-1 [1/m] and TTC^-1 [1/s]."""
 
     lead_speed: Empirical
     factors: Factors
 
     def cut_ins(self, lead_speed: Array, first: Array, second: Array) -> CutIns:
-        """Return the cut-ins of given R^-1 and TTC^-1."""
+        """Return the cut-ins with given v_L, R^-1 and TTC^-1."""
         return CutIns(lead_speed, first, second)
 
     def first(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
-        """Return R^-1 [1/m]."""
+        """Return the first coordinate, which is R^-1 [1/m]."""
         return np.asarray(inverse_range)
 
     def second(self, lead_speed: ArrayLike, inverse_range: ArrayLike, closing_speed: ArrayLike) -> Array:
-        """Return TTC^-1 [1/s], the closing speed times R^-1."""
+        """Return the second coordinate TTC^-1 [1/s], which is the closing speed times R^-1."""
         return np.asarray(closing_speed) * inverse_range
 
     @property
     def inverse_range_min(self) -> float:
-        """The smallest R^-1 [1/m], where its distribution begins."""
+        """The smallest R^-1 [1/m] in the support of its distribution."""
         return self.factors.first.lower
 
 
 @LAWS.add("independent")
 @dataclass(frozen=True)
 class IndependentLaw(Law):
-    """R^-1 has one distribution in all segments, TTC^-1 one in each (paper, section VI.A).
+    """The paper's law, in which v_L, R^-1 and TTC^-1 are independent within each segment of v_L.
+
+    R^-1 has the same distribution in all segments, and TTC^-1 has one distribution for each segment (paper,
+    section VI.A).
 
     Attributes
     ----------
     description
-        The data that it was fitted to, in words.
+        Description of the data to which the law was fitted.
     counts
-        Number of lane changes by segment of v_L, by rising speed; their shares weigh the segments.
+        Number of lane changes in each segment of v_L, in order of speed. The segments are weighted by their
+        share of these counts.
     inverse_range
         Distribution of R^-1 [1/m].
     inverse_ttc
         Distribution of TTC^-1 [1/s] by segment.
     lead_speeds
-        The recorded v_L [m/s] by segment. They are not part of the law's file, because they are the
-        encounter table's, and so two laws are equal whatever they were recorded with.
+        The recorded v_L [m/s] by segment. They are read from the encounter table and not stored in the law
+        file, and they are ignored when two laws are compared for equality.
     closing_speed_max
         Cap on closing speeds [m/s].
 
     Raises
     ------
     ValueError
-        If counts, distributions and lead speeds are not of the same segments, or a count is not positive.
+        If counts, distributions and lead speeds have different segments, or a count is not positive.
     """
 
     kind: ClassVar[str] = "independent"
@@ -81,13 +85,13 @@ class IndependentLaw(Law):
     def __post_init__(self) -> None:
         segments = {name: [*part] for name, part in vars(self).items() if isinstance(part, Mapping)}
         if not self.counts or any(set(names) != set(self.counts) for names in segments.values()):
-            raise ValueError(f"all parts of a law must be of the same segments, got {segments}")
+            raise ValueError(f"all parts of a law must have the same segments, got {segments}")
         if not all(isinstance(count, int) and count > 0 for count in self.counts.values()):
             raise ValueError(f"counts must be positive whole numbers, got {dict(self.counts)}")
 
     @property
     def segments(self) -> tuple[str, ...]:
-        """Names of the segments, by rising speed."""
+        """Names of the segments, in order of speed."""
         return tuple(self.counts)
 
     @property
@@ -98,7 +102,7 @@ class IndependentLaw(Law):
 
     @property
     def strata(self) -> dict[str, IndependentStratum]:
-        """The law in each segment."""
+        """The distribution in each segment."""
         return {
             segment: IndependentStratum(
                 self.lead_speeds[segment], Factors(self.inverse_range, self.inverse_ttc[segment])
@@ -108,11 +112,11 @@ class IndependentLaw(Law):
 
     @property
     def n_parameters(self) -> int:
-        """Number of fitted parameters, knots not counted (paper, table II: 18 and 4)."""
+        """Number of fitted parameters without the knots (paper, table II: 18 and 4)."""
         return self.inverse_range.n_parameters + sum(law.n_parameters for law in self.inverse_ttc.values())
 
     def only(self, stratum: str) -> Self:
-        """Return the law of one segment alone, whose share is then one."""
+        """Return the law restricted to one segment, whose share is then one."""
         parts = {name: {stratum: getattr(self, name)[stratum]} for name in ("counts", "inverse_ttc")}
         return type(self)(
             self.description,
@@ -123,7 +127,7 @@ class IndependentLaw(Law):
         )
 
     def content(self) -> dict[str, Any]:
-        """Return what a law file holds of it, as JSON can: counts, and distributions with their units."""
+        """Return the content of the law file for JSON: counts, and distributions with their units."""
         laws = {segment: law.to_dict() for segment, law in self.inverse_ttc.items()}
         return {
             "counts": dict(self.counts),
@@ -135,7 +139,7 @@ class IndependentLaw(Law):
     def from_content(
         cls, content: Mapping[str, Any], encounters: pd.DataFrame, description: str, closing_speed_max: float
     ) -> Self:
-        """Build the law that `content` described, with the lead speeds of an encounter table."""
+        """Build the law from the result of `content` and the lead speeds of an encounter table."""
         counts, laws = recorded_counts(content), content["inverse_ttc"]["distributions"]
         return cls(
             description=description,

@@ -1,4 +1,4 @@
-"""From the encounter table to lane-change models: piecewise (sections III, VI.A) and single (section II)."""
+"""Fit the paper's models to an encounter table: piecewise (sections III, VI.A) and single (section II)."""
 
 import math
 import warnings
@@ -31,22 +31,27 @@ PAPER_LAWS = (*PIECEWISE, "single")
 def choose_knots(
     x: Array, lower: float, families: list[PieceFamily], settings: Mapping[str, Any]
 ) -> list[float]:
-    """Choose knots as the configuration says: at quantiles, at given values, or by profile likelihood.
+    """Choose knots by the configured method: at quantiles, at given values, or by profile likelihood.
 
-    Where a piece would hold fewer than two different values, knots are moved. Where no knots of the
-    profile's grid allow the families, those that are best for exponential pieces are taken. A warning tells
-    of either.
+    Knots are moved if a piece would contain fewer than two different values. If the families cannot be fitted
+    for any knots of the profile's grid, the best knots for exponential pieces are used. A warning reports
+    both cases.
 
     Parameters
     ----------
     x
         Sample, shape (n,).
     lower
-        Where the support begins.
+        Lower end of the support.
     families
-        What the pieces are to be fitted with.
+        Family of each piece.
     settings
-        Section ``knots`` of the configuration, or that of a variant of R^-1.
+        Section ``knots`` of the configuration, or the section of a variant of R^-1.
+
+    Returns
+    -------
+    list of float
+        The knots, in increasing order.
     """
     if settings["method"] == "profile":
         grid = np.linspace(*(settings["profile"][name] for name in ("low", "high", "points")))
@@ -72,7 +77,10 @@ def fit_paper_laws(
     description: str,
     closing_speed_max: float,
 ) -> dict[str, IndependentLaw]:
-    """Fit the laws of `PAPER_LAWS`, of which the piecewise ones are named by the pieces of R^-1.
+    """Fit the laws of `PAPER_LAWS` to an encounter table.
+
+    The laws ``two_pieces`` and ``three_pieces`` are piecewise, and named by the number of pieces of R^-1. The
+    law ``single`` has a Pareto distribution of R^-1 and an exponential distribution of TTC^-1.
 
     Parameters
     ----------
@@ -81,11 +89,16 @@ def fit_paper_laws(
     models
         Section ``models`` of the configuration.
     range_max
-        Largest range [m]; R^-1 begins at its inverse.
+        Largest range [m]; the support of R^-1 begins at its inverse.
     description
-        What the encounters are.
+        Description of the encounters.
     closing_speed_max
         Cap on closing speeds [m/s].
+
+    Returns
+    -------
+    dict
+        The laws by name.
     """
     lower = 1 / range_max
     inverse_range = encounters["inverse_range"].to_numpy()
@@ -129,24 +142,29 @@ for _name in PAPER_LAWS:
 
 
 def families_of_range(models: Mapping[str, Any], pieces: int) -> list[PieceFamily]:
-    """Return what the section ``models`` of the configuration asks for in the pieces of R^-1."""
+    """Return the configured families of the pieces of R^-1, from the section ``models``."""
     return [PieceFamily(models["inverse_range"]["pieces"])] * pieces
 
 
 def families_of_ttc(models: Mapping[str, Any]) -> list[PieceFamily]:
-    """Return what the section ``models`` of the configuration asks for in body and tail of TTC^-1."""
+    """Return the configured families of body and tail of TTC^-1, from the section ``models``."""
     return [PieceFamily(**models["inverse_ttc"]["body"]), PieceFamily(models["inverse_ttc"]["tail"])]
 
 
 def simpler_pieces(law: IndependentLaw, models: Mapping[str, Any]) -> list[str]:
-    """Say of each piece of a piecewise law that it is simpler than configured, if it is.
+    """Return one sentence for each piece that was fitted with a simpler family than configured.
 
     Parameters
     ----------
     law
-        A piecewise law, as fitted.
+        A fitted piecewise law.
     models
-        Section ``models`` of the configuration that it was fitted by.
+        Section ``models`` of the configuration with which it was fitted.
+
+    Returns
+    -------
+    list of str
+        The sentences; empty if all pieces have the configured family.
     """
     laws = {"R^-1": (law.inverse_range, families_of_range(models, len(law.inverse_range.components)))}
     for segment, of_segment in law.inverse_ttc.items():
@@ -160,7 +178,7 @@ def simpler_pieces(law: IndependentLaw, models: Mapping[str, Any]) -> list[str]:
 
 
 def fit_exponential_from_zero(x: Array) -> BoundedExponential:
-    """Fit an exponential distribution to the whole of x."""
+    """Fit an exponential distribution on [0, inf) to a sample x, shape (n,)."""
     return BoundedExponential.fit(x, 0.0, math.inf)
 
 
@@ -178,9 +196,9 @@ def _by_segment(encounters: pd.DataFrame, fit: Callable[[Array], Distribution]) 
 
 
 def refit(law: PiecewiseMixture, x: Array) -> PiecewiseMixture:
-    """Fit the pieces of a piecewise mixture to another sample, at the same knots.
+    """Fit the pieces of a piecewise mixture to another sample x, shape (n,), with the same knots.
 
-    A sample that leaves a piece with fewer than two different values moves them, see `usable_knots`.
+    If a piece would contain fewer than two different values, the knots are moved; see `usable_knots`.
     """
     families = [PieceFamily.of(piece) for piece in law.components]
     return fit_piecewise(x, law.lower, usable_knots(x, law.knots), families)

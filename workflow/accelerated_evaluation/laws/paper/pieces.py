@@ -1,4 +1,4 @@
-"""What the pieces of a piecewise mixture are fitted with (paper, section III.B)."""
+"""Families of distributions for the pieces of a piecewise mixture (paper, section III.B)."""
 
 from contextlib import suppress
 from dataclasses import dataclass
@@ -12,14 +12,14 @@ from accelerated_evaluation.distributions import DISTRIBUTIONS, Described, Mixtu
 
 @dataclass(frozen=True)
 class PieceFamily:
-    """A kind of distribution, or a mixture of several of that kind.
+    """A kind of distribution for a piece, or a mixture of several components of that kind.
 
     Attributes
     ----------
     kind
         Name of the distribution in the registry `DISTRIBUTIONS`, such as ``bounded exponential``.
     components
-        Number of components; more than one make a mixture.
+        Number of components; a number above one means a mixture.
     """
 
     kind: str
@@ -27,7 +27,7 @@ class PieceFamily:
 
     @classmethod
     def of(cls, piece: Described) -> "PieceFamily":
-        """Return the family that a fitted piece is a member of."""
+        """Return the family to which a fitted piece belongs."""
         if isinstance(piece, Mixture):
             return cls(piece.components[0].kind, len(piece.components))
         return cls(piece.kind)
@@ -48,10 +48,12 @@ class PieceFamily:
         return member.fit_mixture(x, lower, upper, self.components)
 
     def fit_or_simpler(self, x: Array, lower: float, upper: float) -> Described:
-        """Fit the family or, if that cannot be done, the first simpler one that can; arguments as of `fit`.
+        """Fit the family or, if this fails, the most complex simpler family that can be fitted.
 
-        First one component after the other is given up, then the kind: a bounded exponential is always there,
-        because it may also rise, as few observations by chance do. `PieceFamily.of` tells what was fitted.
+        The number of components is reduced one by one. If a single component cannot be fitted either, a
+        bounded exponential is fitted. This is always possible, because its density may also increase, as that
+        of a few observations may do by chance. `PieceFamily.of` returns the family that was fitted. The
+        arguments are those of `fit`.
         """
         for components in range(self.components, 0, -1):
             # A component that has lost all its observations divides by zero, and ends in one of these errors.
@@ -60,7 +62,7 @@ class PieceFamily:
         return EXPONENTIAL.fit(x, lower, upper)
 
     def __str__(self) -> str:
-        """Return the family in words."""
+        """Return a description of the family."""
         return self.kind if self.components == 1 else f"mixture of {self.components} {self.kind}s"
 
 
@@ -68,7 +70,7 @@ EXPONENTIAL = PieceFamily("bounded exponential")
 
 
 def piece_kinds() -> list[str]:
-    """Return the kinds of distribution that can be fitted to a piece and tilted, as the pieces of f are."""
+    """Return the kinds of distribution that can be fitted to a piece of f and tilted."""
     needed = ("fit", "tilt")
     return [kind for kind, member in DISTRIBUTIONS.items() if all(hasattr(member, name) for name in needed)]
 

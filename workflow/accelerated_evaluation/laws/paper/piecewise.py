@@ -1,4 +1,4 @@
-"""Maximum likelihood for piecewise mixtures, their knots given or chosen (paper, section III.A)."""
+"""Maximum likelihood for piecewise mixtures with given or selected knots (paper, section III.A)."""
 
 import itertools
 import math
@@ -16,25 +16,31 @@ from accelerated_evaluation.laws.paper.pieces import PieceFamily
 def fit_piecewise(
     x: Array, lower: float, knots: Sequence[float], families: Sequence[PieceFamily]
 ) -> PiecewiseMixture:
-    """Fit a piecewise mixture with given knots: the weights are shares, every piece stands alone (eq. 7-9).
+    """Fit a piecewise mixture with given knots by maximum likelihood (equations 7-9).
 
-    A piece that cannot be fitted with its family gets a simpler one, see `PieceFamily.fit_or_simpler`.
+    The weight of a piece is its share of the sample, and each piece is fitted to its own values. A piece that
+    cannot be fitted with its family gets a simpler one; see `PieceFamily.fit_or_simpler`.
 
     Parameters
     ----------
     x
         Sample, shape (n,), on [lower, inf).
     lower
-        gamma_0, where the support begins.
+        gamma_0, the lower end of the support.
     knots
-        gamma_1 .. gamma_(k-1), rising.
+        gamma_1 .. gamma_(k-1), in increasing order.
     families
-        What each of the k pieces is fitted with.
+        Family of each of the k pieces.
+
+    Returns
+    -------
+    PiecewiseMixture
+        The fitted mixture.
 
     Raises
     ------
     InputError
-        If a piece holds fewer than two different values, or a value lies outside the support.
+        If a piece contains fewer than two different values, or a value lies outside the support.
     """
     outside = np.count_nonzero(~((x >= lower) & (x < math.inf)))
     if outside:
@@ -65,19 +71,19 @@ def _require_two_values(inside: Array, low: float, high: float) -> None:
 
 
 def knots_at_quantiles(x: Array, quantiles: Sequence[float]) -> list[float]:
-    """Knots at the given sample quantiles."""
+    """Return knots at the given quantiles of the sample x, shape (n,)."""
     return [float(knot) for knot in np.quantile(x, quantiles)]
 
 
 def usable_knots(x: Array, knots: Sequence[float]) -> list[float]:
-    """Return the knots, moved as little as needed to leave at least two different values of x in each piece.
+    """Return the knots, moved as little as necessary so that each piece has two different values of x.
 
     Parameters
     ----------
     x
         Sample, shape (n,).
     knots
-        gamma_1 .. gamma_(k-1), rising.
+        gamma_1 .. gamma_(k-1), in increasing order.
 
     Raises
     ------
@@ -92,7 +98,7 @@ def usable_knots(x: Array, knots: Sequence[float]) -> list[float]:
             expected=f"at least {2 * pieces}, two in each piece",
             change="Add records, join segments (segments.lead_speed_edges) or use fewer pieces.",
         )
-    wanted = np.searchsorted(values, knots)  # how many values lie below each knot
+    wanted = np.searchsorted(values, knots)  # number of values below each knot
     below = wanted.copy()
     for place in range(below.size):
         below[place] = max(below[place], below[place - 1] + 2 if place else 2)
@@ -112,10 +118,22 @@ def knots_by_profile_likelihood(
     *,
     minimum_share: float = 0.005,
 ) -> list[float]:
-    """Knots that maximize the likelihood over all rising choices from a grid of sample quantiles.
+    """Return the knots that maximize the likelihood among all increasing choices from a grid of quantiles.
 
-    The log-likelihood is a sum over pieces (eq. 7), so each interval of the grid is fitted once.
-    Intervals with less than ``minimum_share`` of the sample are left out.
+    The log-likelihood is a sum over pieces (equation 7), so each interval of the grid is fitted only once.
+
+    Parameters
+    ----------
+    x
+        Sample, shape (n,).
+    lower
+        gamma_0, the lower end of the support.
+    families
+        Family of each piece.
+    quantiles
+        Levels of the sample quantiles that form the grid.
+    minimum_share
+        Intervals with a smaller share of the sample are excluded.
 
     Raises
     ------

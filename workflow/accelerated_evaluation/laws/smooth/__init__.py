@@ -1,1 +1,4 @@
-"""Smooth laws: the closing speed given lead speed and range, with tails above smooth thresholds."""
+"""Smooth laws.
+
+The closing speed given lead speed and range, with parametric tails above smooth thresholds.
+"""

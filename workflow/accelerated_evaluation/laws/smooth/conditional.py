@@ -1,14 +1,14 @@
-"""Laws of the closing speed given lead speed and range: one smooth body, and tails above smooth thresholds.
+"""Distributions of the closing speed given lead speed and range, with a smooth body and a parametric tail.
 
 The body is a smooth hazard. A threshold is the surface u(v_L, R) that the body exceeds with a fixed
-probability; above it the excess takes over, whose scale depends on range and lead speed. With Lambda_0 the
-cumulative hazard of the body, that of the law is
+probability. Above the threshold, the excess has a parametric distribution whose scale depends on range and
+lead speed. With the cumulative hazard Lambda_0 of the body, the cumulative hazard of the law is
 
     Lambda(c) = Lambda_0(c)                            up to u,
-    Lambda(c) = Lambda_0(u) + H((c - u) / scale)       above,
+    Lambda(c) = Lambda_0(u) + H((c - u) / scale)       above u.
 
-so body and tail share no parameter: their likelihood is a product, and so is their posterior. The
-unit-exponential coordinate of a cut-in is Lambda(c) itself.
+Body and tail have no common parameters. Therefore the likelihood is the product of their likelihoods, and
+they are independent in the posterior. The unit-exponential coordinate of a cut-in is Lambda(c).
 """
 
 from dataclasses import dataclass, replace
@@ -26,14 +26,14 @@ from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
 def speed_grid(
     support: Support = SUPPORT, segments: int = 9, bins: tuple[int, int] = (30, 24), step: float = 0.5
 ) -> HazardGrid:
-    """Return the bins and bases of the closing speed given lead speed and square root of the range.
+    """Return the bins and bases for the closing speed given lead speed and square root of the range.
 
     Parameters
     ----------
     support
         Limits of the records.
     segments
-        Of the splines of the closing speed.
+        Number of segments of the splines of the closing speed.
     bins
         Number of bins of lead speed and of the root of the range.
     step
@@ -50,7 +50,7 @@ def speed_grid(
 def range_grid(
     support: Support = SUPPORT, segments: int = 12, bins: tuple[int, int] = (30, 100)
 ) -> HazardGrid:
-    """Return the bins and bases of log(R_max / R) given the lead speed; parameters as of `speed_grid`."""
+    """Return the bins and bases for log(R_max / R) given the lead speed; see `speed_grid` for parameters."""
     top, ends = support.log_range_top, support.lead_speeds
     edges = np.linspace(*ends, bins[0] + 1), np.array([0.0, 1.0]), np.linspace(0, top, bins[1] + 1)
     return HazardGrid(edges, (support.bases[0], Constant(), Basis(0.0, top, segments)))
@@ -58,12 +58,12 @@ def range_grid(
 
 @dataclass(frozen=True)
 class Places:
-    """Pairs of lead speed [m/s] and range [m], with the splines there, found once for many laws.
+    """Pairs of lead speed and range with their spline values, which are computed once for many laws.
 
     Attributes
     ----------
     lead_speed, range_
-        Shape (n,).
+        Lead speeds [m/s] and ranges [m], shape (n,).
     along_speed
         Splines of the lead speed, shape (n, p).
     splines
@@ -86,28 +86,30 @@ class Places:
         return cls(lead_speed, range_, along_speed, splines)
 
     def only(self, chosen: Array) -> "Places":
-        """Return the chosen ones, by index or mask."""
+        """Return the pairs selected by an index array or a mask."""
         return Places(
             *(getattr(self, name)[chosen] for name in ("lead_speed", "range_", "along_speed", "splines"))
         )
 
     def body(self, body: SmoothHazard) -> Cumulative:
-        """Return the cumulative hazards of the closing speed."""
+        """Return the cumulative hazards of the closing speed under a body, one function for each pair."""
         return body.cumulative(self.splines)
 
     def nearer(self, ranges: SmoothHazard) -> Cumulative:
-        """Return the cumulative hazards of log(R_max / R)."""
+        """Return the cumulative hazards of log(R_max / R) at the lead speeds, one function for each pair."""
         return ranges.cumulative(self.along_speed)
 
 
 @dataclass(frozen=True)
 class Threshold:
-    """The surface that a body exceeds with a probability, bilinear between the nodes of a table.
+    """The surface that the closing speed exceeds with a fixed probability, interpolated between nodes.
+
+    The interpolation is bilinear.
 
     Attributes
     ----------
     level
-        Probability that the closing speed stays below, by the body that made the surface.
+        Probability that the closing speed is below the surface, under the body from which it was computed.
     lead_speeds, roots
         Nodes: lead speeds [m/s] and square roots of ranges, equally spaced.
     table
@@ -121,14 +123,14 @@ class Threshold:
 
     @classmethod
     def of(cls, body: SmoothHazard, level: float, support: Support = SUPPORT) -> "Threshold":
-        """Read it off a body that was fitted on the support."""
+        """Compute the surface from a body that was fitted on the support."""
         nodes = body.grid.edges[:2]
         speeds, roots = (x.ravel() for x in np.meshgrid(*nodes, indexing="ij"))
         table = Places.of(speeds, roots**2, support).body(body).inverse(-np.log1p(-level))
         return cls(level, *nodes, table.reshape(nodes[0].size, nodes[1].size))
 
     def __call__(self, lead_speed: ArrayLike, range_: ArrayLike) -> Array:
-        """Return the threshold [m/s] at n pairs; constant beyond the nodes."""
+        """Return the threshold [m/s] at n pairs; it is constant beyond the nodes."""
         (i, a), (j, b) = (
             _between(nodes, x)
             for nodes, x in ((self.lead_speeds, np.asarray(lead_speed)), (self.roots, np.sqrt(range_)))
@@ -148,14 +150,22 @@ def _between(nodes: Array, x: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class SpeedLaw:
-    """A law of the closing speed given lead speed and range: a body, and a tail where there is one."""
+    """A distribution of the closing speed given lead speed and range: a body, optionally with a tail."""
 
     body: SmoothHazard
     threshold: Threshold | None = None
     tail: Excess | None = None
 
     def given(self, places: Places, below: Cumulative | None = None) -> "Given":
-        """Return the law at places; ``below`` is the body there, where it is known from another law."""
+        """Return the conditional distributions at given places.
+
+        Parameters
+        ----------
+        places
+            Pairs of lead speed and range.
+        below
+            Cumulative hazards of the body at these places, if they are already known from another law.
+        """
         below = places.body(self.body) if below is None else below
         if self.tail is None:
             return Given(below)
@@ -163,24 +173,24 @@ class SpeedLaw:
         return Given(below, threshold, below.at(threshold), self.tail.scale(places.splines), self.tail)
 
     def drawn(self, generator: np.random.Generator) -> "SpeedLaw":
-        """Draw from the posterior of body and tail, which are independent."""
+        """Return a draw from the posterior of body and tail, which are independent."""
         tail = None if self.tail is None else self.tail.drawn(generator)
         return replace(self, body=self.body.drawn(generator), tail=tail)
 
 
 @dataclass(frozen=True)
 class Given:
-    """Laws of the closing speed at n places; see `SpeedLaw`.
+    """Conditional distributions of the closing speed at n places; see `SpeedLaw`.
 
     Attributes
     ----------
     below
-        The body.
+        Cumulative hazards of the body.
     threshold, at_threshold, scale
-        Where the tail begins [m/s], the body's cumulative hazard there, and the scale of the excess [m/s],
-        shape (n,).
+        Threshold [m/s], cumulative hazard of the body at the threshold, and scale of the excess [m/s], each
+        of shape (n,).
     tail
-        The excess.
+        Distribution of the excess.
     """
 
     below: Cumulative
@@ -190,7 +200,15 @@ class Given:
     tail: Excess | None = None
 
     def cumulative(self, closing_speed: Array, row: Array | None = None) -> Array:
-        """Return -log P(C > c) at closing speeds, one a place or in the places that ``row`` names."""
+        """Return -log P(C > c) at closing speeds c.
+
+        Parameters
+        ----------
+        closing_speed
+            One closing speed [m/s] for each place, or for each element of ``row``.
+        row
+            Indices of the places; all places in order by default.
+        """
         finite = np.isfinite(closing_speed)
         speed = np.where(finite, closing_speed, 0.0)
         row = np.arange(speed.size) if row is None else row
@@ -201,7 +219,7 @@ class Given:
         return np.where(finite, value + self.tail.shape.cumulative(z, self.tail.parameters), np.inf)
 
     def log_density(self, closing_speed: Array) -> Array:
-        """Return the log density at closing speeds, one a place."""
+        """Return the log density at one closing speed for each place."""
         body = np.log(self.below.rate(closing_speed)) - self.below.at(closing_speed)
         if self.tail is None:
             return body
@@ -210,7 +228,7 @@ class Given:
         return np.where(closing_speed > self.threshold, above, body)
 
     def inverse(self, level: ArrayLike) -> Array:
-        """Return the closing speeds [m/s] at which the cumulative hazard reaches a level, one a place."""
+        """Return the closing speed [m/s] at which each cumulative hazard reaches a level, one per place."""
         level = np.broadcast_to(np.asarray(level, dtype=float), len(self.below.table))
         if self.tail is None:
             return self.below.inverse(level)

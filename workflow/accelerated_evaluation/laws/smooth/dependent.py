@@ -1,4 +1,4 @@
-"""A law whose closing speed depends on range and lead speed, smoothly, without segments or cap."""
+"""A law in which the closing speed depends smoothly on range and lead speed, without segments or cap."""
 
 import math
 from collections.abc import Mapping
@@ -31,17 +31,18 @@ from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
 COORDINATES = Factors(BoundedExponential(1.0), BoundedExponential(1.0))
 TAIL = 0.05  # share of the upper piece of a coordinate: the paper's for the tail of TTC^-1
 KNOT = -math.log(TAIL)
-# An exponential has no memory: cut anywhere, it is two exponentials of the same rate.
+# The exponential distribution is memoryless: both pieces have the same rate, wherever it is divided.
 CUT = PiecewiseMixture((1 - TAIL, TAIL), (BoundedExponential(1.0, 0.0, KNOT), BoundedExponential(1.0, KNOT)))
 PLACES_AT_ONCE = 50_000  # bounds the memory: about 100 MB
 
 
 @dataclass(frozen=True)
 class DependentStratum(Stratum):
-    """One segment of the lead speed; its coordinates are unit exponentials.
+    """One segment of the lead speed, with unit-exponential coordinates.
 
-    The first is -log P(R^-1 > r | v_L), the second -log P(C > c | v_L, R) for the closing speed C, so that
-    both rise with their variable and are independent of each other and of v_L (Rosenblatt 1952).
+    The first coordinate is -log P(R^-1 > r | v_L), and the second is -log P(C > c | v_L, R) for the closing
+    speed C. Each of them increases with its variable. They are independent of each other and of v_L
+    (Rosenblatt 1952).
     """
 
     lead_speed: Empirical
@@ -52,11 +53,11 @@ class DependentStratum(Stratum):
 
     @property
     def pieces(self) -> Factors:
-        """The unit exponentials of the coordinates, each cut at its 95 % quantile."""
+        """The unit-exponential distributions of the coordinates, each divided at its 95 % quantile."""
         return Factors(CUT, CUT)
 
     def cut_ins(self, lead_speed: Array, first: Array, second: Array) -> CutIns:
-        """Return the cut-ins of given coordinates."""
+        """Return the cut-ins with given v_L and coordinates."""
         range_, speed = np.empty(first.size), np.empty(first.size)
         for part in _parts(first.size):
             farthest = self.support.range_max
@@ -67,7 +68,7 @@ class DependentStratum(Stratum):
         return CutIns(lead_speed, 1 / range_, speed / range_)
 
     def first(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
-        """Return the coordinate of the range; infinite where R^-1 is."""
+        """Return the coordinate of the range; it is infinite if R^-1 is infinite."""
         speed, inverse_range = np.broadcast_arrays(*_floats(lead_speed, inverse_range))
         coordinate = np.full(speed.shape, math.inf)
         near = np.isfinite(inverse_range)
@@ -78,7 +79,7 @@ class DependentStratum(Stratum):
         return coordinate
 
     def second(self, lead_speed: ArrayLike, inverse_range: ArrayLike, closing_speed: ArrayLike) -> Array:
-        """Return the coordinate of the closing speed; infinite where that is."""
+        """Return the coordinate of the closing speed; it is infinite if the closing speed is infinite."""
         arrays = np.broadcast_arrays(*_floats(lead_speed, inverse_range, closing_speed))
         (coordinate,) = self._second_coordinates(*(array.ravel() for array in arrays))
         return coordinate.reshape(arrays[0].shape)
@@ -86,7 +87,7 @@ class DependentStratum(Stratum):
     def closing_speed_probability(
         self, lead_speed: Array, inverse_range: Array, start: Array, end: Array
     ) -> Array:
-        """Return P(start <= closing speed < end) at given v_L and R^-1; see `Stratum`."""
+        """Return P(start <= closing speed < end) for given v_L and R^-1; see `Stratum`."""
         coordinates = self._second_coordinates(lead_speed, inverse_range, start, end)
         return interval_probability(self.factors.second, *coordinates)
 
@@ -100,7 +101,7 @@ class DependentStratum(Stratum):
         return coordinates
 
     def log_first_slope(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
-        """Return the log derivative of the first coordinate by R^-1."""
+        """Return the log of the derivative of the first coordinate by R^-1."""
         speed, inverse_range = np.broadcast_arrays(*_floats(lead_speed, inverse_range))
         logarithm = np.maximum(np.log(self.support.range_max * inverse_range), 0.0)
         rate = self._places(speed, 1 / inverse_range).nearer(self.ranges).rate(logarithm)
@@ -108,7 +109,7 @@ class DependentStratum(Stratum):
 
     @property
     def inverse_range_min(self) -> float:
-        """The smallest R^-1 [1/m]: that of the largest range that is recorded."""
+        """The smallest R^-1 [1/m], the inverse of the largest recorded range."""
         return 1 / self.support.range_max
 
     def _places(self, lead_speed: Array, range_: Array) -> Places:
@@ -118,25 +119,26 @@ class DependentStratum(Stratum):
 @LAWS.add("dependent")
 @dataclass(frozen=True)
 class DependentLaw(Law):
-    """v_L as recorded, the range given v_L, and the closing speed given both.
+    """A law with dependence: v_L as recorded, the range given v_L, and the closing speed given both.
 
     Attributes
     ----------
     description
-        The data that it was fitted to, in words.
+        Description of the data to which the law was fitted.
     counts
-        Number of lane changes by segment of v_L, by rising speed. Segments only sort the results: the law
-        is the same in all.
+        Number of lane changes in each segment of v_L, in order of speed. Segments only serve to group
+        results: the conditional distributions are the same in all segments.
     ranges
         Smooth hazard of log(R_max / R) given v_L.
     speeds
-        Law of the closing speed given v_L and R.
+        Distribution of the closing speed given v_L and R.
     lead_speeds
-        The recorded v_L [m/s] by segment; they are the encounter table's, not the law file's.
+        The recorded v_L [m/s] by segment. They are read from the encounter table and not stored in the law
+        file.
     closing_speed_max
-        Cap on closing speeds [m/s]; there is none.
+        Cap on closing speeds [m/s]; infinity means no cap.
     support
-        Limits of the records that it was fitted to.
+        Limits of the records to which the law was fitted.
     """
 
     kind: ClassVar[str] = "dependent"
@@ -151,14 +153,14 @@ class DependentLaw(Law):
 
     @classmethod
     def fitted(cls, family: LawFamily, member: Member, encounters: pd.DataFrame, support: Support) -> Self:
-        """Return one law of a fitted family, which is called by its name.
+        """Return one law of a fitted family; its description is the name of the member.
 
         Parameters
         ----------
         family, member
-            The fit, and which of its laws.
+            The fitted family, and the member of it.
         encounters
-            Encounter table that it was fitted to; segments and lead speeds are taken from it.
+            Encounter table to which the family was fitted; it supplies segments and lead speeds.
         support
             Limits of the records.
         """
@@ -175,19 +177,19 @@ class DependentLaw(Law):
 
     @property
     def strata(self) -> dict[str, DependentStratum]:
-        """The law in each segment."""
+        """The distribution in each segment."""
         return {
             segment: DependentStratum(self.lead_speeds[segment], self.ranges, self.speeds, self.support)
             for segment in self.counts
         }
 
     def only(self, stratum: str) -> Self:
-        """Return the law of one segment alone, whose share is then one."""
+        """Return the law restricted to one segment, whose share is then one."""
         counts, lead_speeds = {stratum: self.counts[stratum]}, {stratum: self.lead_speeds[stratum]}
         return replace(self, counts=counts, lead_speeds=lead_speeds)
 
     def content(self) -> dict[str, Any]:
-        """Return what a law file holds of it: coefficients of the splines, thresholds and the excess."""
+        """Return the content of the law file: coefficients of the splines, thresholds and the excess."""
         content = {
             "counts": dict(self.counts),
             "support": self.support.content(),
@@ -211,7 +213,7 @@ class DependentLaw(Law):
     def from_content(
         cls, content: Mapping[str, Any], encounters: pd.DataFrame, description: str, closing_speed_max: float
     ) -> Self:
-        """Build the law that `content` described, with the lead speeds of an encounter table."""
+        """Build the law from the result of `content` and the lead speeds of an encounter table."""
         support = Support.of(content["support"])
         grids = range_grid(support), speed_grid(support)
         ranges, body = (

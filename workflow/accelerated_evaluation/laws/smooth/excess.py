@@ -1,8 +1,10 @@
-"""Excesses over a threshold: a smooth scale, given by penalised splines of covariates, and one shape for all.
+"""Excesses over a threshold, with a smooth scale that depends on covariates, and one common shape.
 
-The fit is by penalised maximum likelihood (Davison and Smith 1990 for the regression), with Fisher's
-scoring. In units of its scale every excess has the same law, so the expected information of one excess
-about its log scale and the shape is one small matrix, found by quadrature; the splines spread it.
+The log scale is a penalised spline function of the covariates (Davison and Smith 1990 for the regression).
+The fit maximises the penalised likelihood by Newton and Fisher scoring steps. In units of its scale, every
+excess has the same distribution. The expected information of one excess about its log scale and the shape is
+therefore one small matrix, which is computed by quadrature. The information about the spline coefficients
+follows from it.
 """
 
 from dataclasses import dataclass, replace
@@ -16,30 +18,31 @@ from accelerated_evaluation.laws.smooth.shapes import Shape
 from accelerated_evaluation.laws.smooth.splines import SMOOTHING_ROUNDS, SMOOTHING_TOLERANCE, Penalty
 
 ITERATIONS = 300
-TOLERANCE = 3e-3  # of what a step gains in log likelihood: a twentieth of a posterior deviation
+TOLERANCE = 3e-3  # least gain of a step in log likelihood: about a twentieth of a posterior deviation
 SMALLEST_STEP = 1e-5
 DIFFERENCE = 1e-4  # in log scale and parameters, to find the observed information
 NODES = 40.0 * ((np.arange(200) + 0.5) / 200) ** 2  # cumulative hazards at which the information is summed:
-# they reach far into the tail, because that is what tells the shape
+# they reach far into the tail, which contains the information about the shape
 MASSES = np.exp(-NODES) * 2 * np.sqrt(NODES * 40.0) / 200
 
 
 @dataclass(frozen=True)
 class Excess:
-    """A fitted law of excesses.
+    """A fitted distribution of excesses.
 
     Attributes
     ----------
     shape
-        Which it is.
+        Its shape.
     coefficients
-        Of the splines of the log scale, shape (p,).
+        Coefficients of the splines of the log scale, shape (p,).
     parameters
-        Of the shape, (q,).
+        Parameters of the shape, (q,).
     smoothing
         Smoothing parameters of the scale.
     factor
-        Upper Cholesky factor of the penalised information of coefficients and parameters; none after reading.
+        Upper Cholesky factor of the penalised information of coefficients and parameters; None if the law was
+        read from a file.
     """
 
     shape: Shape
@@ -53,7 +56,7 @@ class Excess:
         return np.exp(covariates @ self.coefficients)
 
     def drawn(self, generator: np.random.Generator) -> "Excess":
-        """Draw coefficients and parameters from the normal approximation of the posterior."""
+        """Return a draw of coefficients and parameters from the normal approximation of the posterior."""
         noise = solve_triangular(self.factor, generator.standard_normal(len(self.factor)))
         p = self.coefficients.size
         return replace(
@@ -70,28 +73,33 @@ def fit_excess(
     start: Excess | None = None,
     gram: Array | None = None,
 ) -> Excess:
-    """Fit scale and shape.
+    """Fit the scale and the shape of excesses by penalised maximum likelihood.
 
     Parameters
     ----------
     excess
         Excesses over the threshold, not negative, shape (n,).
     covariates
-        Values of the splines of the log scale, shape (n, p); each row adds up to 1.
+        Values of the splines of the log scale, shape (n, p); each row sums to 1.
     penalty
-        How rough the coefficients are; its smoothing parameters are found from the data (marginal
-        likelihood).
+        Roughness penalty of the coefficients; its smoothing parameters are estimated by marginal likelihood.
     shape
-        Law of an excess of scale 1.
+        Distribution of an excess of scale 1.
     start
-        An earlier fit to start from, whose smoothing parameters are kept; it stands where there is no excess.
+        An earlier fit to start from, whose smoothing parameters are kept. It is returned unchanged if there
+        are no excesses.
     gram
-        Product of the covariates with themselves, (p, p), where it is known from another shape.
+        Product of the covariates with themselves, (p, p), if it is already known from another shape.
+
+    Returns
+    -------
+    Excess
+        The fitted distribution.
 
     Raises
     ------
     ConvergenceError
-        If the steps do not end.
+        If the iteration does not converge.
     """
     if start is not None and excess.size == 0:
         return start

@@ -1,4 +1,7 @@
-"""The family of laws that are weighed: tails of several shapes above several thresholds, on one body."""
+"""The family of laws that are weighted in the answer: tails of several shapes above several thresholds.
+
+All laws have the same body.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -21,24 +24,27 @@ from accelerated_evaluation.laws.smooth.smooth_hazard import Binned, HazardGrid,
 from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
 
 LEVELS = (0.9, 0.925, 0.95, 0.97, 0.98, 0.99, 0.995)  # of the thresholds
-FEWEST = 10  # records above a threshold, without which it gets no tails
+FEWEST = 10  # least number of records above a threshold for which tails are fitted
 
 
 @dataclass(frozen=True)
 class Member:
-    """One law: the level of its threshold and the shape of its excess; the body alone has neither."""
+    """One law of the family, given by the level of its threshold and the shape of its excess.
+
+    The law without a tail, which consists of the body alone, has neither.
+    """
 
     level: float | None = None
     shape: str = ""
 
     @property
     def name(self) -> str:
-        """How tables call it."""
+        """The name of the law in tables."""
         return "hazard" if self.level is None else f"{self.shape} {self.level:g}"
 
 
 def members_at(levels: Sequence[float]) -> tuple[Member, ...]:
-    """Return the body alone, and every shape above every threshold."""
+    """Return the body alone, and every shape above every threshold of the given levels."""
     return (Member(), *(Member(level, shape) for shape in SHAPES for level in levels))
 
 
@@ -49,7 +55,7 @@ MEMBERS = members_at(LEVELS)
 class DistinctRecords:
     """Distinct cut-ins: lead speed [m/s], range [m] and closing speed [m/s], each of shape (n,).
 
-    ``support`` has the limits within which they were kept.
+    ``support`` contains the limits within which the records were kept.
     """
 
     lead_speed: Array
@@ -59,7 +65,7 @@ class DistinctRecords:
 
     @classmethod
     def of(cls, encounters: pd.DataFrame, support: Support = SUPPORT) -> "DistinctRecords":
-        """Take the distinct cut-ins of an encounter table: a row that repeats the one before is no event."""
+        """Return the distinct cut-ins of an encounter table, without rows that repeat the row before."""
         rows = encounters[["lead_speed", "range", "closing_speed"]]
         distinct = rows[(rows != rows.shift()).any(axis=1)]
         return cls(*(distinct[name].to_numpy(dtype=float) for name in rows), support)
@@ -71,18 +77,18 @@ class DistinctRecords:
 
     @property
     def places(self) -> Places:
-        """Their lead speeds and ranges, where laws of the closing speed are given."""
+        """The lead speeds and ranges of the records, at which laws of the closing speed are evaluated."""
         return Places.of(self.lead_speed, self.range_, self.support)
 
     def only(self, chosen: Array) -> "DistinctRecords":
-        """Return the chosen ones, by index or mask."""
+        """Return the records selected by an index array or a mask."""
         parts = (getattr(self, name)[chosen] for name in ("lead_speed", "range_", "closing_speed"))
         return DistinctRecords(*parts, self.support)
 
 
 @dataclass(frozen=True)
 class Exceedances:
-    """Records above a threshold: their places in the record, excesses [m/s] and splines."""
+    """Records above a threshold: their indices in the record, their excesses [m/s] and their splines."""
 
     index: NDArray[np.intp]
     excess: Array
@@ -90,7 +96,7 @@ class Exceedances:
 
     @classmethod
     def of(cls, records: DistinctRecords, threshold: Threshold) -> "Exceedances":
-        """Find them."""
+        """Return the records whose closing speed exceeds the threshold."""
         excess = records.closing_speed - threshold(records.lead_speed, records.range_)
         index = np.flatnonzero(excess > 0)
         return cls(index, excess[index], records.only(index).places.splines)
@@ -98,7 +104,7 @@ class Exceedances:
 
 @dataclass(frozen=True)
 class LawFamily:
-    """Laws above one body, all fitted to the same records, and the law of the range."""
+    """Laws with the same body, fitted to the same records, and the distribution of the range."""
 
     ranges: SmoothHazard
     body: SmoothHazard
@@ -107,7 +113,7 @@ class LawFamily:
     tails: dict[Member, Excess]
 
     def law(self, member: Member) -> SpeedLaw:
-        """Return one of the laws."""
+        """Return the distribution of the closing speed of one member."""
         if member.level is None:
             return SpeedLaw(self.body)
         return SpeedLaw(self.body, self.thresholds[member.level], self.tails[member])
@@ -115,7 +121,7 @@ class LawFamily:
 
 @dataclass(frozen=True)
 class Fitter:
-    """Distinct records, with what all fits to them need.
+    """Fits the family of laws to distinct records, with the data that all fits need.
 
     Attributes
     ----------
@@ -124,9 +130,9 @@ class Fitter:
     members
         Laws to fit.
     grids
-        Of range and closing speed.
+        Grids of range and closing speed.
     binned
-        The records in the bins of both.
+        The records in the bins of both grids.
     """
 
     records: DistinctRecords
@@ -142,12 +148,14 @@ class Fitter:
         object.__setattr__(self, "binned", (ranges, self.count_speeds(self.records)))
 
     def fit(self, start: LawFamily | None = None) -> LawFamily:
-        """Fit all laws to all records, but for those above thresholds that fewer than ten records exceed.
+        """Fit all laws to all records.
+
+        No tails are fitted above thresholds that fewer than ten records exceed.
 
         Parameters
         ----------
         start
-            A fit to like records, from which the fits start and whose smoothing parameters are kept.
+            A fit to similar records, from which the fits start and whose smoothing parameters are kept.
         """
         before = (start.ranges, start.body) if start else (None, None)
         ranges, body = (
@@ -162,7 +170,17 @@ class Fitter:
         return LawFamily(ranges, body, thresholds, above, tails)
 
     def refit(self, family: LawFamily, left_out: Array) -> LawFamily:
-        """Fit the laws of the closing speed without some records, by index; thresholds and smoothing stay."""
+        """Fit the laws of the closing speed without some records.
+
+        Thresholds and smoothing parameters are not changed.
+
+        Parameters
+        ----------
+        family
+            The fit to all records.
+        left_out
+            Indices of the records that are left out.
+        """
         data = self.binned[1] - self.count_speeds(self.records.only(left_out))
         kept = np.ones(self.records.size, dtype=bool)
         kept[left_out] = False

@@ -1,9 +1,10 @@
-"""Whole-body regressions of the closing speed: gamma, Weibull, lognormal, and two kinds of drivers.
+"""Regressions of the complete closing speed: gamma, Weibull, lognormal, and two kinds of drivers.
 
-Scale and shape are smooth functions of lead speed and range, on the splines that the scale of the excess
-uses. They are rivals of the laws with a threshold: the bulk of the records decides their parameters, so
-they show what that costs in the tail. Covariates are taken at the middles of cells, so that a step costs
-little more than one pass over the records.
+Scale and shape are smooth functions of lead speed and range, with the splines that are also used for the
+scale of the excess. The regressions are alternatives to the laws with a threshold. Their parameters are
+determined by the bulk of the records, so a comparison shows how much accuracy this costs in the tail.
+Covariates are evaluated at the middles of cells, so that one iteration takes little more than one pass over
+the records.
 """
 
 from collections.abc import Callable
@@ -20,7 +21,7 @@ from accelerated_evaluation.laws.smooth.conditional import Places, speed_grid
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 
 SMOOTHING = (1.0, 1.0)  # of scale and shape, along lead speed and range
-SLOWEST = 1e-4  # [m/s], closing speeds below are taken as this: a power of zero has no logarithm
+SLOWEST = 1e-4  # [m/s]; smaller closing speeds are replaced by it, because log(0) is not finite
 SMALLEST = 1e-300
 ITERATIONS = 100
 TOLERANCE = 1e-6  # of what a Newton step gains in log likelihood; what is left after it is far smaller
@@ -50,19 +51,19 @@ class Terms:
 
 @dataclass(frozen=True)
 class Regression:
-    """A family of laws with a log scale, a log shape and numbers shared by all.
+    """A family of distributions with a log scale, a log shape and further parameters that are constant.
 
     Attributes
     ----------
     name
-        What it is called.
+        Name of the family.
     terms
-        Function of closing speed, log scale, log shape and the shared numbers that returns the log density
-        and its derivatives.
+        Function of closing speed, log scale, log shape and the constant parameters. It returns the log
+        density and its derivatives.
     log_survival
-        Function of the same that returns log P(C > c).
+        Function of the same arguments that returns log P(C > c).
     shared
-        Where the shared numbers start.
+        Starting values of the constant parameters.
     """
 
     name: str
@@ -166,14 +167,14 @@ REGRESSIONS = (
 
 @dataclass(frozen=True)
 class FittedRegression:
-    """Coefficients of log scale and log shape, shape (2, p), and the shared numbers."""
+    """Coefficients of log scale and log shape, shape (2, p), and the constant parameters."""
 
     regression: Regression
     coefficients: Array
     shared: Array
 
     def given(self, places: Places) -> "GivenRegression":
-        """Return the law at places."""
+        """Return the conditional distributions at given places."""
         return GivenRegression(
             self.regression, *(places.splines @ part for part in self.coefficients), self.shared
         )
@@ -181,7 +182,7 @@ class FittedRegression:
 
 @dataclass(frozen=True)
 class GivenRegression:
-    """The law of the closing speed at n places, with log scales and log shapes of shape (n,)."""
+    """Distributions of the closing speed at n places, with log scales and log shapes of shape (n,)."""
 
     regression: Regression
     log_scale: Array
@@ -189,12 +190,12 @@ class GivenRegression:
     shared: Array
 
     def log_density(self, closing_speed: Array) -> Array:
-        """Return the log density at closing speeds, one a place."""
+        """Return the log density at one closing speed for each place."""
         c = np.maximum(closing_speed, SLOWEST)
         return self.regression.terms(c, self.log_scale, self.log_shape, self.shared).value
 
     def cumulative(self, closing_speed: Array) -> Array:
-        """Return -log P(C > c), one a place."""
+        """Return -log P(C > c) at one closing speed for each place."""
         c = np.maximum(closing_speed, SLOWEST)
         return -self.regression.log_survival(c, self.log_scale, self.log_shape, self.shared)
 
@@ -202,7 +203,7 @@ class GivenRegression:
 def fit_regression(
     regression: Regression, records: DistinctRecords, start: FittedRegression | None = None
 ) -> FittedRegression:
-    """Fit by penalised maximum likelihood, with Newton steps.
+    """Fit a regression by penalised maximum likelihood, with Newton steps.
 
     Parameters
     ----------

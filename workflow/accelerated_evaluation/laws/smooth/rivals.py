@@ -1,6 +1,7 @@
-"""Rivals with a threshold: the paper's independent law, with both kinds of tails, and conditional extremes.
+"""Alternative laws with a threshold: the independent law with two kinds of tails, and conditional extremes.
 
-Each fit takes records and returns an object whose ``given(places)`` is the law of the closing speed there.
+Each class has a method ``fit``, which takes records, and a method ``given(places)``, which returns the
+distribution of the closing speed at given lead speeds and ranges.
 """
 
 from dataclasses import dataclass
@@ -20,22 +21,22 @@ from accelerated_evaluation.laws.smooth.splines import Constant, Penalty
 from accelerated_evaluation.records.segments import MINIMUM_ROWS
 
 BODY_BINS = 200
-LATTICE = np.linspace(0, 30, 121)  # [m/s], excesses over which a conditional law of extremes is summed
+LATTICE = np.linspace(0, 30, 121)  # [m/s], grid of excesses for sums over the conditional extremes
 PLACES_AT_ONCE = 20_000
 
 
 @dataclass(frozen=True)
 class IndependentTail:
-    """TTC^-1 independent of the range: in each segment a histogram below a knot, and an excess above.
+    """A law in which TTC^-1 is independent of the range: in each segment a histogram and a tail.
 
     Attributes
     ----------
     edges, densities
-        Bins of TTC^-1 [1/s] below the knot, and the density there, by segment.
+        Bins of TTC^-1 [1/s] below the knot, and the density in them, by segment.
     level
-        Probability of being below the knot.
+        Probability that TTC^-1 is below the knot.
     tails
-        Excess of TTC^-1 over the knot, by segment.
+        Distribution of the excess of TTC^-1 over the knot, by segment.
     between
         Lead speeds between the segments [m/s].
     """
@@ -48,9 +49,10 @@ class IndependentTail:
 
     @classmethod
     def fit(cls, records: DistinctRecords, level: float, shape: Shape) -> "IndependentTail":
-        """Fit each segment of the lead speed by itself, with its knot at a quantile.
+        """Fit each segment of the lead speed separately, with its knot at a quantile.
 
-        A segment with few records takes the law of all, and a knot that nothing exceeds moves down.
+        For a segment with few records, the distribution of all records is used. A knot that no record exceeds
+        is moved down.
         """
         inverse_ttc, between = records.closing_speed / records.range_, records.support.segment_edges
         segment = np.digitize(records.lead_speed, between)
@@ -68,24 +70,24 @@ class IndependentTail:
         return cls(edges, densities, level, tails, between)
 
     def given(self, places: Places) -> "GivenIndependent":
-        """Return the law at places."""
+        """Return the conditional distributions at given places."""
         return GivenIndependent(self, np.digitize(places.lead_speed, self.between), places.range_)
 
 
 @dataclass(frozen=True)
 class GivenIndependent:
-    """The independent law of the closing speed at n places."""
+    """Distributions of the closing speed at n places under the independent law."""
 
     law: IndependentTail
     segment: Array
     range_: Array
 
     def cumulative(self, closing_speed: Array) -> Array:
-        """Return -log P(C > c), one a place."""
+        """Return -log P(C > c) at one closing speed for each place."""
         return self._each(closing_speed)[0]
 
     def log_density(self, closing_speed: Array) -> Array:
-        """Return the log density of the closing speed, one a place."""
+        """Return the log density at one closing speed for each place."""
         return self._each(closing_speed)[1] - np.log(self.range_)
 
     def _each(self, closing_speed: Array) -> tuple[Array, Array]:
@@ -113,13 +115,12 @@ class GivenIndependent:
 
 @dataclass(frozen=True)
 class ConditionalExtremes:
-    """Conditional extremes (Heffernan and Tawn 2004): range and lead speed given an extreme closing speed.
+    """Conditional extremes (Heffernan and Tawn 2004): range and speed given an extreme closing speed.
 
-    Above one threshold for all, the excess of the closing speed is exponential or generalised Pareto, and
-    given it the lead speed and the root of the range are normal, their means linear in the logarithm of the
-    excess over the threshold and its square root. Bayes' rule turns this into the law of the closing speed
-    given lead speed and range. Below the threshold, and for the probability of exceeding it, a smooth body
-    stands.
+    Above one common threshold, the excess of the closing speed is exponential or generalised Pareto. Given
+    the excess, the lead speed and the root of the range are normal, with means that are linear in the excess
+    and its square root. Bayes' rule gives the distribution of the closing speed given lead speed and range. A
+    smooth body describes closing speeds below the threshold, and the probability of exceeding it.
     """
 
     body: SmoothHazard
@@ -132,7 +133,13 @@ class ConditionalExtremes:
     def fit(
         cls, records: DistinctRecords, body: SmoothHazard, level: float, shape: Shape
     ) -> "ConditionalExtremes":
-        """Fit to what exceeds a quantile of all closing speeds; ConvergenceError if that is too little."""
+        """Fit to the records above a quantile of all closing speeds.
+
+        Raises
+        ------
+        ConvergenceError
+            If fewer than ten records exceed the quantile.
+        """
         threshold = float(np.quantile(records.closing_speed, level))
         above = records.closing_speed > threshold
         if above.sum() < FEWEST:
@@ -150,7 +157,10 @@ class ConditionalExtremes:
         return cls(body, threshold, tail, slopes, np.linalg.inv(np.cov(residuals.T)))
 
     def given(self, places: Places) -> "GivenExtremes":
-        """Return the law at places: P(C > c) in proportion to sums over a lattice of excesses beyond c."""
+        """Return the conditional distributions at given places.
+
+        P(C > c) is proportional to a sum over a grid of excesses beyond c.
+        """
         scale = float(np.exp(self.tail.coefficients[0]))
         prior = self.tail.shape.log_density(LATTICE / scale, self.tail.parameters)
         means = _regressors(LATTICE) @ self.slopes
@@ -172,7 +182,10 @@ def _regressors(excess: Array) -> Array:
 
 @dataclass(frozen=True)
 class GivenExtremes:
-    """The law at n places: a body, and log densities of the excess on a lattice, shape (n, lattice)."""
+    """Distributions of the closing speed at n places under conditional extremes.
+
+    They consist of a body, and of log densities of the excess on a grid, shape (n, grid points).
+    """
 
     body: Given
     threshold: Array
@@ -180,7 +193,7 @@ class GivenExtremes:
     table: Array
 
     def cumulative(self, closing_speed: Array) -> Array:
-        """Return -log P(C > c), one a place."""
+        """Return -log P(C > c) at one closing speed for each place."""
         low, share = self._place(closing_speed)
         beyond = np.cumsum(np.exp(self.table[:, ::-1]), axis=1)[:, ::-1] * LATTICE[1]
         row = np.arange(low.size)
@@ -189,7 +202,7 @@ class GivenExtremes:
         return np.where(closing_speed > self.threshold, above, self.body.cumulative(closing_speed))
 
     def log_density(self, closing_speed: Array) -> Array:
-        """Return the log density, one a place."""
+        """Return the log density at one closing speed for each place."""
         low, share = self._place(closing_speed)
         row = np.arange(low.size)
         above = (1 - share) * self.table[row, low] + share * self.table[row, low + 1] - self.at_threshold

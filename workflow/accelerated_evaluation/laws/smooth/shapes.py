@@ -1,7 +1,8 @@
-"""Shapes of an excess in units of its scale: exponential, generalised without an end, two kinds of drivers.
+"""Shapes of the distribution of an excess in units of its scale: exponential, generalised, two kinds.
 
-Each tells the cumulative hazard H(z), its inverse, and the log density log H'(z) - H(z) with its
-derivatives by z and by the parameters of the shape, which have independent normal priors.
+With the cumulative hazard H, an excess Z of scale 1 satisfies P(Z > z) = exp(-H(z)). Each shape provides
+H(z), the inverse of H, and the log density log H'(z) - H(z) with its derivatives by z and by the parameters
+of the shape. The parameters have independent normal priors.
 """
 
 from typing import ClassVar, Protocol
@@ -10,63 +11,64 @@ import numpy as np
 
 from accelerated_evaluation.base.arrays import Array
 
-SMALL = 1e-4  # shapes for which the derivative is taken from its series
-HALVINGS = 40  # of an interval that holds an inverse
+SMALL = 1e-4  # absolute shape below which the derivative is computed from its series
+HALVINGS = 40  # number of bisections of an interval that contains the inverse
 
 
 class Shape(Protocol):
-    """The law of an excess of scale 1, with ``parameters`` of shape (q,)."""
+    """The distribution of an excess of scale 1, with ``parameters`` of shape (q,)."""
 
     name: ClassVar[str]
     prior_mean: ClassVar[tuple[float, ...]]
     prior_deviation: ClassVar[tuple[float, ...]]
 
     def cumulative(self, z: Array, parameters: Array) -> Array:
-        """Return H(z)."""
+        """Return the cumulative hazard H(z) = -log P(Z > z)."""
 
     def inverse(self, level: Array, parameters: Array) -> Array:
-        """Return the excess at which H reaches a level."""
+        """Return the excess z at which the cumulative hazard H(z) equals a level."""
 
     def log_density(self, z: Array, parameters: Array) -> Array:
-        """Return log H'(z) - H(z)."""
+        """Return the log density log H'(z) - H(z)."""
 
     def derivatives(self, z: Array, parameters: Array) -> tuple[Array, Array]:
         """Return the derivatives of the log density by z, shape (n,), and by the parameters, (n, q)."""
 
 
 class Exponential:
-    """Excesses without memory: H(z) = z."""
+    """Exponential excesses, which have the cumulative hazard H(z) = z."""
 
     name = "exponential"
     prior_mean = ()
     prior_deviation = ()
 
     def cumulative(self, z: Array, parameters: Array) -> Array:
-        """Return z."""
+        """Return the cumulative hazard H(z) = z."""
         return np.asarray(z, dtype=float)
 
     inverse = cumulative
 
     def log_density(self, z: Array, parameters: Array) -> Array:
-        """Return -z."""
+        """Return the log density -z."""
         return -np.asarray(z, dtype=float)
 
     def derivatives(self, z: Array, parameters: Array) -> tuple[Array, Array]:
-        """Return -1, and nothing."""
+        """Return the derivative -1 of the log density by z, and an empty array for the parameters."""
         return np.full_like(z, -1.0), np.empty((z.size, 0))
 
 
 class Generalised:
-    """Generalised Pareto excesses (Davison and Smith 1990), continued below shape 0 by a law without an end.
+    """Generalised Pareto excesses (Davison and Smith 1990); for negative shapes a Gompertz distribution.
 
-    Below zero the generalised Pareto law ends at a finite value, so that a single later record beyond it is
-    impossible. The Gompertz law, whose hazard rises exponentially, takes its place:
+    A generalised Pareto distribution with a negative shape has a finite upper end, and a single later record
+    beyond this end would be impossible. For negative shapes it is therefore replaced by a Gompertz
+    distribution, whose hazard increases exponentially and which has no upper end:
 
         H(z) = log(1 + shape z) / shape         for shape > 0,
         H(z) = (1 - exp(-shape z)) / shape      for shape < 0.
 
-    The two are inverse functions of each other with the sign of the shape changed, and both agree with
-    z - shape z^2 / 2 to the second order, so the likelihood is smooth in the shape.
+    Each function is the inverse of the other one with the opposite sign of the shape. Both agree with z -
+    shape z^2 / 2 to second order, so the likelihood is smooth in the shape.
     """
 
     name = "generalised"
@@ -74,7 +76,7 @@ class Generalised:
     prior_deviation = (0.1,)
 
     def cumulative(self, z: Array, parameters: Array) -> Array:
-        """Return H(z)."""
+        """Return the cumulative hazard H(z)."""
         shape = float(parameters[0])
         if shape == 0:
             return np.asarray(z, dtype=float)
@@ -82,11 +84,11 @@ class Generalised:
             return np.log1p(shape * z) / shape if shape > 0 else -np.expm1(-shape * z) / shape
 
     def inverse(self, level: Array, parameters: Array) -> Array:
-        """Return the inverse of H, which is H with the sign of the shape changed."""
+        """Return the inverse of H, which is H with the opposite sign of the shape."""
         return self.cumulative(level, -np.asarray(parameters))
 
     def log_density(self, z: Array, parameters: Array) -> Array:
-        """Return log H'(z) - H(z)."""
+        """Return the log density log H'(z) - H(z)."""
         shape = float(parameters[0])
         log_hazard = -np.log1p(shape * z) if shape > 0 else -shape * np.asarray(z)
         return log_hazard - self.cumulative(z, parameters)
@@ -102,17 +104,17 @@ class Generalised:
             growth = np.exp(-shape * z)
             by_z = -shape - growth
             by_shape = -z - (z * growth / shape + np.expm1(-shape * z) / shape**2 if shape else -(z**2) / 2)
-        if abs(shape) < SMALL:  # the differences above are all rounding there
+        if abs(shape) < SMALL:  # the differences above would consist of rounding errors
             third = 2 / 3 if shape > 0 else 1 / 3
             by_shape = -z + z**2 / 2 + max(shape, 0.0) * z**2 - shape * third * z**3
         return by_z, by_shape[:, None]
 
 
 class TwoKinds:
-    """Two kinds of drivers: P(Z > z) = (1 - share) exp(-z) + share exp(-z / ratio).
+    """Excesses of two kinds of drivers: P(Z > z) = (1 - share) exp(-z) + share exp(-z / ratio).
 
-    The parameters are the logit of the share of the second kind among the excesses and the logarithm of the
-    ratio of the two scales.
+    The first parameter is the logit of the share of the second kind among the excesses. The second parameter
+    is the logarithm of the ratio of the two scales.
     """
 
     name = "two kinds"
@@ -120,13 +122,13 @@ class TwoKinds:
     prior_deviation = (1.0, 0.3)
 
     def cumulative(self, z: Array, parameters: Array) -> Array:
-        """Return H(z)."""
+        """Return the cumulative hazard H(z)."""
         share, ratio = self._natural(parameters)
         log_survival = np.logaddexp(np.log1p(-share) - z, np.log(share) - np.asarray(z) / ratio)
-        return np.maximum(-log_survival, 0)  # which rounding makes negative at z = 0
+        return np.maximum(-log_survival, 0)  # rounding could make it negative at z = 0
 
     def inverse(self, level: Array, parameters: Array) -> Array:
-        """Return the inverse of H by bisection."""
+        """Return the inverse of H, computed by bisection."""
         ratio = max(self._natural(parameters)[1], 1.0)
         level = np.asarray(level, dtype=float)
         low, high = np.zeros_like(level), level * ratio

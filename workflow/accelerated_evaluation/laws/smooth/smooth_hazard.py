@@ -1,10 +1,9 @@
-"""A smooth hazard: the law of a positive variable given two others, with no family behind it.
+"""A smooth hazard: a nonparametric distribution of a positive variable given two covariates.
 
-The logarithm of the hazard is a tensor product of penalised splines of two covariates and of the variable
-itself. The data are binned; within a bin of the variable the hazard is constant, so events in a bin are
-Poisson given the time at risk there (Holford 1980), and the fit is a Poisson regression on arrays. How
-smooth it is in each of the three directions is found from the data by marginal likelihood (Wood and Fasiolo
-2017).
+The log hazard is a tensor product of penalised splines of the two covariates and of the variable itself. The
+data are binned, and the hazard is constant within a bin of the variable. The number of records in a bin is
+then Poisson given the time at risk in the bin (Holford 1980), so the fit is a Poisson regression on arrays.
+The smoothing parameters of the three directions maximise the marginal likelihood (Wood and Fasiolo 2017).
 """
 
 from dataclasses import dataclass, replace
@@ -26,22 +25,22 @@ from accelerated_evaluation.laws.smooth.splines import (
 )
 
 ITERATIONS = 100
-TOLERANCE = 1e-5  # of what a Newton step gains in log likelihood
+TOLERANCE = 1e-5  # least gain of a Newton step in log likelihood
 SMALLEST_STEP = 1e-4
 ROUNDING = 1e-12  # relative, of the log likelihood
-SHORTEST = 1e-15  # time at risk in a bin with events; without any the hazard would be infinite
-LOG_HAZARD_MAX = 50.0  # neither a trial step nor what is extrapolated from few records may overflow
+SHORTEST = 1e-15  # least time at risk in a bin with records; with none the hazard would be infinite
+LOG_HAZARD_MAX = 50.0  # prevents overflow in trial steps and in extrapolations from few records
 
 
 @dataclass(frozen=True)
 class HazardGrid:
-    """Bins of two covariates and of the variable, and the bases over them.
+    """Bins of two covariates and of the variable, and the spline bases over them.
 
     Attributes
     ----------
     edges
-        Edges of the bins of the two covariates and of the variable; the last begins at 0, and the
-        hazard beyond its end is that of its last bin.
+        Edges of the bins of the two covariates and of the variable. The bins of the variable begin at 0, and
+        the hazard beyond the last bin equals that of the last bin.
     bases
         Spline bases of the three.
     """
@@ -51,12 +50,20 @@ class HazardGrid:
 
     @cached_property
     def tensor(self) -> Tensor:
-        """Return the bases at the middles of the bins."""
+        """Return the tensor product of the bases, evaluated at the middles of the bins."""
         middles = [(edges[1:] + edges[:-1]) / 2 for edges in self.edges]
         return Tensor(tuple(basis(middle) for basis, middle in zip(self.bases, middles, strict=True)))
 
     def count(self, first: Array, second: Array, value: Array, weight: Array | None = None) -> "Binned":
-        """Bin n values with their covariates, each of shape (n,), weighed where weights are given."""
+        """Count n values with their covariates in the bins, and sum their time at risk.
+
+        Parameters
+        ----------
+        first, second, value
+            The two covariates and the variable, each of shape (n,).
+        weight
+            Weights of the values, shape (n,); one by default.
+        """
         weight = np.ones(value.size) if weight is None else weight
         shape = tuple(edges.size - 1 for edges in self.edges)
         place = [
@@ -74,7 +81,8 @@ class HazardGrid:
 class Binned:
     """Counts of records and time at risk in each bin of a grid.
 
-    A value on the lower edge of its bin, as rounded records have it, has spent no time there.
+    A value on the lower edge of its bin, which is common for rounded records, has spent no time in the bin. A
+    small positive time is used instead, so that the hazard remains finite.
     """
 
     counts: Array
@@ -97,12 +105,12 @@ class SmoothHazard:
     grid
         Bins and bases.
     coefficients
-        Of the log hazard, shape of the tensor product.
+        Coefficients of the log hazard, with the shape of the tensor product.
     smoothing
         Smoothing parameters of the three directions.
     factor
-        Upper Cholesky factor of the penalised information, whose inverse draws coefficients; a law that was
-        read from a file has none.
+        Upper Cholesky factor of the penalised information, with which coefficients are drawn from the
+        posterior; None if the law was read from a file.
     """
 
     grid: HazardGrid
@@ -111,7 +119,13 @@ class SmoothHazard:
     factor: Array | None = None
 
     def cumulative(self, splines: Array) -> "Cumulative":
-        """Return the cumulative hazards for products of the covariates' splines, shape (n, p)."""
+        """Return the cumulative hazards at n covariate values.
+
+        Parameters
+        ----------
+        splines
+            Products of the splines of the covariates, shape (n, p).
+        """
         along = np.tensordot(self.coefficients, self.grid.tensor.matrices[2], (2, 1))
         log_hazard = splines @ along.reshape(-1, along.shape[2])
         hazard = np.exp(np.clip(log_hazard, -LOG_HAZARD_MAX, LOG_HAZARD_MAX))
@@ -120,21 +134,21 @@ class SmoothHazard:
         return Cumulative(self.grid.edges[2], hazard, table)
 
     def drawn(self, generator: np.random.Generator) -> "SmoothHazard":
-        """Draw from the normal approximation of the posterior, whose penalty is the prior."""
+        """Return a draw from the normal approximation of the posterior, in which the penalty is the prior."""
         noise = solve_triangular(self.factor, generator.standard_normal(self.coefficients.size))
         return replace(self, coefficients=self.coefficients + noise.reshape(self.coefficients.shape))
 
 
 @dataclass(frozen=True)
 class Cumulative:
-    """Cumulative hazards along the variable at n places of the covariates.
+    """Cumulative hazards as functions of the variable, at n covariate values.
 
     Attributes
     ----------
     edges
         Edges of the bins of the variable, shape (bins + 1,).
     hazard
-        In each bin, shape (n, bins).
+        Hazard in each bin, shape (n, bins).
     table
         Cumulative hazard at the edges, shape (n, bins + 1).
     """
@@ -144,21 +158,29 @@ class Cumulative:
     table: Array
 
     def at(self, value: Array, row: Array | None = None) -> Array:
-        """Cumulative hazard at values, one a row, or in the rows named; shape of ``value``."""
+        """Return the cumulative hazard at given values.
+
+        Parameters
+        ----------
+        value
+            One value for each function, or for each element of ``row``.
+        row
+            Indices of the functions; all functions in order by default.
+        """
         row = np.arange(value.size) if row is None else row
         bin_ = self.bin_of(value)
         return self.table[row, bin_] + self.hazard[row, bin_] * (value - self.edges[bin_])
 
     def rate(self, value: Array, row: Array | None = None) -> Array:
-        """Hazard at values, one a row, or in the rows named."""
+        """Return the hazard at given values; the parameters are those of `at`."""
         return self.hazard[np.arange(value.size) if row is None else row, self.bin_of(value)]
 
     def bin_of(self, value: Array) -> Array:
-        """Bin of each value; the last has no end."""
+        """Return the index of the bin of each value; values beyond the last edge belong to the last bin."""
         return np.clip(np.searchsorted(self.edges, value, side="right") - 1, 0, self.edges.size - 2)
 
     def inverse(self, level: ArrayLike) -> Array:
-        """Values at which the cumulative hazard reaches a level, one a row."""
+        """Return the value at which each cumulative hazard reaches a level, one for each function."""
         level = np.broadcast_to(np.asarray(level, dtype=float), len(self.table))
         bin_ = np.clip((self.table <= level[:, None]).sum(axis=1) - 1, 0, self.edges.size - 2)
         row = np.arange(len(self.table))
@@ -176,15 +198,15 @@ def fit_hazard(
     Parameters
     ----------
     grid, data
-        Bins and bases, and what was counted in them.
+        Bins and bases, and the counts and times at risk in the bins.
     start
-        An earlier fit to start from, whose smoothing parameters are kept; otherwise they are found from the
-        data.
+        An earlier fit to start from, whose smoothing parameters are kept; otherwise they are estimated from
+        the data.
 
     Raises
     ------
     ConvergenceError
-        If the Newton steps do not end.
+        If the Newton iteration does not converge.
     """
     problem, penalty = _Problem(grid.tensor, data), Penalty.of(grid.bases)
     if start is not None:

@@ -1,8 +1,9 @@
-"""Penalised B-splines and their tensor products, on gridded data, without the large design matrix.
+"""Penalised B-splines and their tensor products on gridded data, without the large design matrix.
 
-A smooth function of three variables is a coefficient array, one axis a variable, between bases of B-splines
-(Eilers and Marx 1996). On data that are binned on a grid, products with the design matrix are products
-along the axes one after the other (generalised linear array models, Currie, Durban and Eilers 2006).
+A smooth function of three variables is given by an array of coefficients of products of B-splines, with one
+axis for each variable (Eilers and Marx 1996). If the data are binned on a grid, products with the design
+matrix can be computed along one axis after the other (generalised linear array models, Currie, Durban and
+Eilers 2006).
 """
 
 from collections.abc import Sequence
@@ -16,8 +17,8 @@ from scipy.interpolate import BSpline
 from accelerated_evaluation.base.arrays import Array
 
 DEGREE = 3
-ORDER = 2  # of the differences that are penalised: what is linear is free
-RIDGE = 1e-6  # keeps the coefficients of empty corners finite
+ORDER = 2  # of the differences that are penalised: linear functions have no penalty
+RIDGE = 1e-6  # keeps the coefficients of regions without data finite
 SMOOTHING_BOUNDS = (1e-3, 1e5)
 SMOOTHING_TOLERANCE = 0.05  # relative change at which the search for smoothing parameters ends
 SMOOTHING_ROUNDS = 30
@@ -25,14 +26,14 @@ SMOOTHING_ROUNDS = 30
 
 @dataclass(frozen=True)
 class Basis:
-    """B-splines of third degree with equally spaced knots between two ends; constant beyond the ends.
+    """B-splines of third degree with equally spaced knots on an interval; constant beyond its ends.
 
     Attributes
     ----------
     low, high
         Ends of the interval.
     segments
-        Number of intervals between knots; there are three functions more than that.
+        Number of intervals between knots; there are three more functions than intervals.
     """
 
     low: float
@@ -59,7 +60,7 @@ class Basis:
 
 @dataclass(frozen=True)
 class Constant:
-    """The basis of what does not depend on a variable: one function, which is 1."""
+    """The basis for a function that does not depend on a variable: one function, which is 1."""
 
     size: int = 1
 
@@ -68,20 +69,20 @@ class Constant:
         return np.ones((np.size(x), 1))
 
     def penalty(self) -> Array:
-        """Return nothing to penalise, shape (1, 1)."""
+        """Return a zero penalty, shape (1, 1)."""
         return np.zeros((1, 1))
 
 
 @dataclass(frozen=True)
 class Penalty:
-    """How rough the coefficients of a tensor product are along each of its axes.
+    """Roughness penalties of the coefficients of a tensor product, one for each axis.
 
     Attributes
     ----------
     matrices
-        One an axis, on all coefficients in C order, shape (axes, coefficients, coefficients).
+        One matrix for each axis, for all coefficients in C order, shape (axes, coefficients, coefficients).
     roots
-        Their eigenvalues on eigenvectors that they share, shape (axes, coefficients).
+        Their eigenvalues for common eigenvectors, shape (axes, coefficients).
     """
 
     matrices: Array
@@ -95,7 +96,7 @@ class Penalty:
             parts = [np.eye(other.size) for other in bases]
             values = [np.ones(other.size) for other in bases]
             parts[axis] = basis.penalty()
-            # Straight lines are free: rounding must not make their eigenvalues count.
+            # Linear functions have no penalty; eigenvalues that are zero up to rounding are set to zero.
             values[axis] = np.linalg.eigvalsh(parts[axis])
             values[axis][values[axis] < 1e-10] = 0
             matrices.append(reduce(np.kron, parts))
@@ -103,26 +104,29 @@ class Penalty:
         return cls(np.array(matrices), np.array(roots))
 
     def total(self, smoothing: ArrayLike) -> Array:
-        """Return the prior's precision for smoothing parameters, with a ridge for what no data reach."""
+        """Return the precision of the prior for given smoothing parameters, with a small ridge.
+
+        The ridge keeps the coefficients of regions without data finite.
+        """
         whole = np.tensordot(np.asarray(smoothing, dtype=float), self.matrices, 1)
         whole[np.diag_indices_from(whole)] += RIDGE
         return whole
 
     def smoother(self, smoothing: Array, coefficients: Array, covariance: Array) -> Array:
-        """Return better smoothing parameters: one step of the fixed point of Wood and Fasiolo (2017).
+        """Return improved smoothing parameters by one fixed-point step of Wood and Fasiolo (2017).
 
         Parameters
         ----------
         smoothing
-            The parameters now.
+            The current parameters.
         coefficients, covariance
-            Posterior mean and covariance of the coefficients with them.
+            Posterior mean and covariance of the coefficients for these parameters.
         """
         total = smoothing @ self.roots
         inverse = np.divide(1.0, total, out=np.zeros_like(total), where=total > 0)
         free = self.roots @ inverse - np.einsum("kij,ij->k", self.matrices, covariance)
         rough = np.einsum("i,kij,j->k", coefficients, self.matrices, coefficients)
-        # Where nothing is rough, as along a constant, the parameter has no meaning and stays.
+        # For a constant basis there is no penalty, and the parameter is not changed.
         new = smoothing * np.maximum(free, 1e-6) / np.maximum(rough, 1e-12)
         return np.where(self.roots.any(axis=1), np.clip(new, *SMOOTHING_BOUNDS), smoothing)
 
@@ -139,11 +143,11 @@ class Tensor:
         return tuple(matrix.shape[1] for matrix in self.matrices)
 
     def values(self, coefficients: Array) -> Array:
-        """Return the function on the grid from its coefficient array."""
+        """Return the values of the function on the grid, from its coefficient array."""
         return _along(coefficients, self.matrices)
 
     def transposed(self, grid: Array) -> Array:
-        """Return the transposed design matrix times values on the grid, as coefficient array."""
+        """Return the transposed design matrix times values on the grid, as a coefficient array."""
         return _along(grid, tuple(matrix.T for matrix in self.matrices))
 
     def gram(self, weights: Array) -> Array:
@@ -159,6 +163,6 @@ class Tensor:
 def _along(array: Array, matrices: Sequence[Array]) -> Array:
     """Multiply an array with a matrix along each of its axes."""
     for matrix in matrices:
-        # The axis in front is used up and its result goes to the end, so that the order is restored at last.
+        # Each step contracts the first axis and appends the result as last axis, which restores the order.
         array = np.tensordot(array, matrix, (0, 1))
     return array

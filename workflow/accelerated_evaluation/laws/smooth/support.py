@@ -1,4 +1,4 @@
-"""Where the records lie: the ends between which the smooth laws have their splines and bins."""
+"""Limits of the records, which determine the splines and bins of the smooth laws."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -10,13 +10,13 @@ import numpy as np
 
 from accelerated_evaluation.laws.smooth.splines import Basis, Penalty
 
-ROOT_MIN = 0.5  # square root of the range below which it has no further effect
+ROOT_MIN = 0.5  # root of the range [m^0.5] below which the splines are constant
 RANGE_BOTTOM = 2.5  # [m], range below which its distribution function is a power of the range
 
 
 @dataclass(frozen=True)
 class Support:
-    """The limits of the records; by default those of the paper's.
+    """The limits of the records; the defaults are those of the paper's records.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class Support:
     closing_top
         Closing speed above which the hazard of the body is constant [m/s].
     segment_edges
-        Lead speeds between the segments [m/s], of which only the paper's law knows.
+        Lead speeds between the segments [m/s]; only the paper's law uses them.
     """
 
     lead_speeds: tuple[float, float] = (5.0, 35.0)
@@ -37,7 +37,7 @@ class Support:
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> "Support":
-        """Make it from what `content` returned."""
+        """Return the support that is described by the dictionary that `content` returned."""
         tuples = {name: tuple(value) for name, value in content.items() if isinstance(value, list)}
         return cls(**content | tuples)
 
@@ -53,24 +53,27 @@ class Support:
         )
 
     def content(self) -> dict[str, Any]:
-        """Return what a file holds of it."""
+        """Return the limits as a dictionary for a law file."""
         return {
             name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()
         }
 
     @cached_property
     def bases(self) -> tuple[Basis, Basis]:
-        """The splines of lead speed and square root of the range."""
+        """The spline bases of lead speed and of the square root of the range."""
         return Basis(*self.lead_speeds, 6), Basis(ROOT_MIN, float(np.sqrt(self.range_max)), 5)
 
     @cached_property
     def penalty(self) -> Penalty:
-        """How rough the coefficients of their products are."""
+        """The roughness penalty of the coefficients of the products of both bases."""
         return Penalty.of(self.bases)
 
     @property
     def log_range_top(self) -> float:
-        """The log(R_max / R) from which its hazard is constant: at `RANGE_BOTTOM`, or R_max / 2 if less."""
+        """The value of log(R_max / R) above which its hazard is constant.
+
+        It belongs to the range `RANGE_BOTTOM`, or to R_max / 2 if that is smaller.
+        """
         return float(np.log(self.range_max / min(RANGE_BOTTOM, self.range_max / 2)))
 
 
