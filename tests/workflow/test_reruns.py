@@ -33,12 +33,16 @@ EDITS = {
             "fit_candidates": {"laws/paper/candidate_families.py", "laws/paper/comparison.py"},
             "bootstrap_uncertainty": {"crash_map/uncertainty_study.py"},
             "run_07_conclusions": {"publishing/tables/claims.py"},
+        },
+        {"fit_candidates", "collect_candidates", "bootstrap_uncertainty", *END},
+    ),
+    "methods": (
+        {
             "estimate_surrogate": {"methods/surrogate/gaussian_process.py"},
             "run_crude_monte_carlo": {"methods/crude.py"},
             "study_coverage": {"methods/crude.py"},
         },
-        {"fit_candidates", "collect_candidates", "bootstrap_uncertainty", "estimate_surrogate"}
-        | {"collect_estimates", *JUDGE, *END},
+        {"estimate_surrogate", "collect_estimates", *JUDGE, *END},
     ),
     "vehicle": (
         {
@@ -47,6 +51,7 @@ EDITS = {
             "search_proposals": {"vehicles/builtin/kernel.py"},
             "run_crude_monte_carlo": {"vehicles/builtin/kernel.py"},
             "estimate_surrogate": {"vehicles/builtin/kernel.py"},
+            "estimate_toy_method": {"vehicles/builtin/kernel.py"},
         },
         STUDY | LAWS - {"fit_family"} | DRIVEN | {"map_crashes", "inspect_records"},
     ),
