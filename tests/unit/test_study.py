@@ -119,6 +119,14 @@ def test_what_a_notebook_reads_and_makes_follows_from_its_code(tmp_path):
     assert len(contents.reads) == len(expected)
 
 
+def test_a_notebook_reads_a_new_table_by_the_name_of_its_file(tmp_path, study):
+    made = notebook(tmp_path / "n.ipynb", "show(study, exact_table)", 'study.table("new/result.csv")')
+    assert set(read_contents(made).reads) == {"config.json", "exact.csv", "new/result.csv"}
+    assert study.table("exact.csv").equals(study.exact)
+    with pytest.raises(AttributeError, match="exakt"):
+        _ = study.exakt
+
+
 @pytest.mark.parametrize(
     ("code", "seen"),
     [

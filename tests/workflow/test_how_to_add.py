@@ -1,6 +1,8 @@
 """CONTRIBUTING.md, "How to add ...": the toys of tests/toys, which have their own files alone, in a study."""
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pandas as pd
@@ -9,6 +11,7 @@ import pandas as pd
 def test_a_new_method_is_estimated_with_and_compared(finished):
     estimates = pd.read_csv(finished.folder / "results/smoke/estimates.csv")
     assert set(estimates.loc[estimates["method"] == "toy_method", "scope"]) == {"all", "5-15"}
+    assert set(estimates.loc[estimates["method"] == "toy_method", "estimating"]) == {900}  # its own setting
     drawn = pd.read_csv(finished.folder / "figures/smoke/fig20_methods.csv")
     assert "toy_method" in set(drawn["method"])
     assert "toy_method" in (finished.folder / "figures/smoke/tables/surrogate.md").read_text()
@@ -31,3 +34,38 @@ def test_a_new_vehicle_is_mapped_and_simulated(finished):
     crashes = np.count_nonzero(np.square(cut_ins["closing_speed"]) >= 6 * cut_ins["range"])
     assert compared.loc["toy_car", "recorded"] == crashes
     assert compared.loc["toy_car", "probability"] > compared.loc["under test", "probability"] > 0
+
+
+def test_a_new_source_is_read_and_a_new_law_fitted_and_simulated(finished, tmp_path):
+    generator = np.random.default_rng(1)
+    rows = pd.DataFrame(
+        {
+            "lead_speed": generator.uniform(2, 10, 600),
+            "range": 1 / generator.exponential(0.02, 600).clip(0.015, 1),
+            "closing_speed": generator.exponential(1, 600),
+        }
+    )
+    rows.to_csv(tmp_path / "records.csv", header=False, index=False)
+    settings = {
+        "study": "toy",
+        "data": {"source": "toy_source", "toy_source": {"path": "records.csv", "speed_unit": 2}},
+        "vehicle": {"name": "toy_car"},
+        "importance_sampling": {"beta": 0.5},
+    }
+    (tmp_path / "toy.yaml").write_text(json.dumps(settings))
+    command = [sys.executable, "-m", "accelerated_evaluation.cli", "estimate", "--config", "toy.yaml"]
+    command += ["--law", "toy_law"]
+    run = subprocess.run(command, cwd=tmp_path, env=finished.environment, capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr[-5000:]
+    law = json.loads((tmp_path / "results/toy/estimate/law.json").read_text())
+    assert law["kind"] == "toy_law"
+    assert sum(law["counts"].values()) == len(rows)
+    estimate = pd.read_csv(tmp_path / "results/toy/estimate/estimate.csv")
+    assert estimate["law"].tolist() == ["toy_law"]
+    # The toy car crashes if closing_speed^2 / 6 >= range, so if TTC^-1 >= sqrt(6 R^-1).
+    ranges = law["inverse_range"]["distribution"]
+    (speeds,) = law["inverse_ttc"]["distributions"].values()
+    u = (np.arange(100_000) + 0.5) / 100_000
+    inverse_range = ranges["lower"] * u ** (-1 / ranges["shape"])
+    exact = np.exp(-speeds["rate"] * np.sqrt(6 * inverse_range)).mean()
+    assert 0.5 < estimate["probability"].item() / exact < 2  # the interval is one of 50 % on both sides

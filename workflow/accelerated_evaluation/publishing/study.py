@@ -18,14 +18,81 @@ from accelerated_evaluation.records.sources import describe
 if TYPE_CHECKING:
     from accelerated_evaluation.laws import Factors
 
+# Tables of results: the name by which figures and tables ask for each, and its file.
+TABLES = {
+    # Number and share of the lane changes in each segment.
+    "segment_counts": "segments.csv",
+    # Kendall's tau of each pair of variables, inside each segment.
+    "dependence": "dependence.csv",
+    # Log-likelihood, AIC and rank of all candidate families.
+    "candidates": "candidates.csv",
+    # Every iteration of every Cross-Entropy search.
+    "trace": "cross_entropy_trace.csv",
+    # Estimates of importance sampling on the way to convergence, and beyond it.
+    "course": "estimates_course.csv",
+    # What crude Monte Carlo found, over all segments and in each.
+    "crude": "crude.csv",
+    # Every simulation of every replicate of the surrogate-guided sampler.
+    "runs": "estimates_runs.csv",
+    # Exact crash probabilities, over all segments and in each, with their standard errors.
+    "exact": "exact.csv",
+    # Exact crash probabilities by resolution of the crash map.
+    "convergence": "convergence.csv",
+    # Exact coefficient of variation of a weight under each f*.
+    "variation": "variation.csv",
+    # Probabilities of crashes above impact speeds, and of near misses.
+    "severity": "severity.csv",
+    # Mean and quantiles of the impact speed of crashes.
+    "impact_speed": "impact_speed.csv",
+    # Exact crash probability with one choice changed at a time.
+    "sensitivity": "sensitivity.csv",
+    # Budget of the uncertainty of the crash probability, by source.
+    "uncertainty": "uncertainty.csv",
+    # Crash probability of the law refitted to each resample of the lane changes.
+    "bootstrap": "bootstrap.csv",
+    # Held-out scores, weights and crash probabilities of laws, and whether the records refuse them.
+    "laws": "laws/laws.csv",
+    # Recorded against expected counts of cut-ins and near misses near the crash set.
+    "calibration": "laws/calibration.csv",
+    # Crashes drawn from laws: where each law puts them.
+    "crash_places": "laws/crash_places.csv",
+    # The probability of a crash and of near misses, all that is not known included.
+    "answer": "laws/answer.csv",
+    # Rates of cut-ins, crashes and near misses per kilometre and hour, as far as these are known.
+    "exposure": "laws/exposure.csv",
+    # Crash probabilities of vehicles, and their ratios to the careful human's.
+    "vehicles": "laws/vehicles.csv",
+    # Draws of the crash probability, and the law of each.
+    "answer_draws": "laws/answer_draws.csv",
+    # Where the uncertainty of the answer comes from.
+    "answer_budget": "laws/answer_budget.csv",
+    # The answer as each threshold alone gives it.
+    "answer_thresholds": "laws/answer_thresholds.csv",
+    # The answer under other variants of the records.
+    "data_quality": "laws/data_quality.csv",
+    # Crash rates per million miles: those that the study predicts, and those that were counted.
+    "counted_crashes": "counted_crashes.csv",
+    # The likeliest ways to crash and the nearest records, with what they end in.
+    "happened": "happened/encounters.csv",
+    # Every state of the encounters of `happened`.
+    "traces": "happened/traces.csv",
+    # Where each vehicle can no longer avoid the crash, by lead speed and range.
+    "preventable": "happened/preventable.csv",
+    # How often intervals hold the exact probability, by method and way to stop.
+    "coverage": "coverage.csv",
+}
+
 
 class Study:
     """The finished results of a study; each is read when it is first asked for, and then kept.
 
-    A figure or a table says by its parameters what it reads: a parameter ``estimates`` is given the property
-    ``estimates`` of this class (`publishing.published.show`). From the code of this class, without running
-    it, `publishing.book.catalogue` finds out on which files a notebook depends. Each file is therefore named
-    as a literal in a call of `path`, `_table` or `_law`. A part in braces stands for several files.
+    A figure or a table states by its parameters what it reads: a parameter ``estimates`` receives the
+    attribute ``estimates`` of this class (`publishing.published.show`), which is a property or a table of
+    `TABLES`. A notebook can read any other table as ``study.table("file.csv")``.
+
+    `publishing.book.catalogue` finds out on which files a notebook depends from the code of this module,
+    without running it. Each file is therefore named as a literal in `TABLES`, or in a call of `path`, `table`
+    or `_law`. A part in braces stands for several files.
 
     Parameters
     ----------
@@ -53,7 +120,15 @@ class Study:
             )
         return path
 
-    def _table(self, name: str) -> pd.DataFrame:
+    def __getattr__(self, name: str) -> pd.DataFrame:
+        """Read the table of a name in `TABLES`, and keep it."""
+        if name not in TABLES:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        self.__dict__[name] = self.table(TABLES[name])
+        return self.__dict__[name]
+
+    def table(self, name: str) -> pd.DataFrame:
+        """Read a table of results from the file of a name."""
         table = pd.read_csv(self.path(name))
         if "study" in table:  # pandas would take a name such as NaN or 007 for a number
             table["study"] = self.results.name
@@ -128,22 +203,7 @@ class Study:
         """What each check of the records says."""
         return pd.read_csv(self.path("records_report.csv"), keep_default_na=False)
 
-    @cached_property
-    def segment_counts(self) -> pd.DataFrame:
-        """Number and share of the lane changes in each segment."""
-        return self._table("segments.csv")
-
-    @cached_property
-    def dependence(self) -> pd.DataFrame:
-        """Kendall's tau of each pair of variables, inside each segment."""
-        return self._table("dependence.csv")
-
     # The laws of cut-ins.
-
-    @cached_property
-    def candidates(self) -> pd.DataFrame:
-        """Log-likelihood, AIC and rank of all candidate families."""
-        return self._table("candidates.csv")
 
     @cached_property
     def two_pieces(self) -> IndependentLaw:
@@ -183,11 +243,6 @@ class Study:
     # What the methods found.
 
     @cached_property
-    def trace(self) -> pd.DataFrame:
-        """Every iteration of every Cross-Entropy search."""
-        return self._table("cross_entropy_trace.csv")
-
-    @cached_property
     def proposals(self) -> "dict[str, Mapping[str, Factors]]":
         """The accelerated distributions f* of the first seed, by method and segment."""
         # Imported here, because it takes the compiled vehicle along, which the other results do not need.
@@ -200,155 +255,21 @@ class Study:
     @cached_property
     def replicates(self) -> pd.DataFrame:
         """What every replicate of every method costs and finds; ``together`` counts all simulations."""
-        table = self._table("estimates.csv")
+        table = self.table("estimates.csv")
         return table.assign(together=table["learning"] + table["estimating"])
 
     @cached_property
     def estimates(self) -> pd.DataFrame:
         """The estimates of all replicates of importance sampling, at convergence.
 
-        They are told from others by their weights, which have an effective sample size.
+        Their weights, which have an effective sample size, distinguish them from other estimates.
         """
         weighted = self.replicates.dropna(subset="effective_sample_size")
         return weighted.rename(columns={"estimating": "simulations"}).reset_index(drop=True)
 
-    @cached_property
-    def course(self) -> pd.DataFrame:
-        """How these estimates went on the way, and beyond convergence."""
-        return self._table("estimates_course.csv")
-
-    @cached_property
-    def crude(self) -> pd.DataFrame:
-        """What crude Monte Carlo found, over all segments and in each."""
-        return self._table("crude.csv")
-
-    @cached_property
-    def runs(self) -> pd.DataFrame:
-        """Every simulation of every replicate of the surrogate-guided sampler."""
-        return self._table("estimates_runs.csv")
-
     # The ground truth.
-
-    @cached_property
-    def exact(self) -> pd.DataFrame:
-        """Exact crash probabilities, over all segments and in each, with their standard errors."""
-        return self._table("exact.csv")
 
     @property
     def truth(self) -> pd.Series:
         """Exact crash probability over all segments, and its standard error."""
         return self.exact.set_index("segment").loc["all"]
-
-    @cached_property
-    def convergence(self) -> pd.DataFrame:
-        """Exact crash probabilities by resolution of the crash map."""
-        return self._table("convergence.csv")
-
-    @cached_property
-    def variation(self) -> pd.DataFrame:
-        """Exact coefficient of variation of a weight under each f*."""
-        return self._table("variation.csv")
-
-    @cached_property
-    def severity(self) -> pd.DataFrame:
-        """Probabilities of crashes above impact speeds, and of near misses."""
-        return self._table("severity.csv")
-
-    @cached_property
-    def impact_speed(self) -> pd.DataFrame:
-        """Mean and quantiles of the impact speed of crashes."""
-        return self._table("impact_speed.csv")
-
-    @cached_property
-    def sensitivity(self) -> pd.DataFrame:
-        """Exact crash probability with one choice changed at a time."""
-        return self._table("sensitivity.csv")
-
-    @cached_property
-    def uncertainty(self) -> pd.DataFrame:
-        """Budget of the uncertainty of the crash probability, by source."""
-        return self._table("uncertainty.csv")
-
-    @cached_property
-    def bootstrap(self) -> pd.DataFrame:
-        """Crash probability of the law refitted to each resample of the lane changes."""
-        return self._table("bootstrap.csv")
-
-    # Laws with dependence.
-
-    @cached_property
-    def laws(self) -> pd.DataFrame:
-        """Held-out scores, weights and crash probabilities of laws, and whether the records refuse them."""
-        return self._table("laws/laws.csv")
-
-    @cached_property
-    def calibration(self) -> pd.DataFrame:
-        """Recorded against expected counts of cut-ins and near misses near the crash set."""
-        return self._table("laws/calibration.csv")
-
-    @cached_property
-    def crash_places(self) -> pd.DataFrame:
-        """Crashes drawn from laws: where each law puts them."""
-        return self._table("laws/crash_places.csv")
-
-    @cached_property
-    def answer(self) -> pd.DataFrame:
-        """The probability of a crash and of near misses, all that is not known included."""
-        return self._table("laws/answer.csv")
-
-    @cached_property
-    def exposure(self) -> pd.DataFrame:
-        """Rates of cut-ins, crashes and near misses per kilometre and hour, as far as these are known."""
-        return self._table("laws/exposure.csv")
-
-    @cached_property
-    def vehicles(self) -> pd.DataFrame:
-        """Crash probabilities of vehicles, and their ratios to the careful human's."""
-        return self._table("laws/vehicles.csv")
-
-    @cached_property
-    def answer_draws(self) -> pd.DataFrame:
-        """Draws of the crash probability, and the law of each."""
-        return self._table("laws/answer_draws.csv")
-
-    @cached_property
-    def answer_budget(self) -> pd.DataFrame:
-        """Where the uncertainty of the answer comes from."""
-        return self._table("laws/answer_budget.csv")
-
-    @cached_property
-    def answer_thresholds(self) -> pd.DataFrame:
-        """The answer as each threshold alone gives it."""
-        return self._table("laws/answer_thresholds.csv")
-
-    @cached_property
-    def data_quality(self) -> pd.DataFrame:
-        """The answer under other readings of the records."""
-        return self._table("laws/data_quality.csv")
-
-    @cached_property
-    def counted_crashes(self) -> pd.DataFrame:
-        """Crash rates per million miles: those that the study predicts, and those that were counted."""
-        return self._table("counted_crashes.csv")
-
-    # What happens.
-
-    @cached_property
-    def happened(self) -> pd.DataFrame:
-        """The likeliest ways to crash and the nearest records, with what they end in."""
-        return self._table("happened/encounters.csv")
-
-    @cached_property
-    def traces(self) -> pd.DataFrame:
-        """Every state of these encounters."""
-        return self._table("happened/traces.csv")
-
-    @cached_property
-    def preventable(self) -> pd.DataFrame:
-        """Where each vehicle can no longer avoid the crash, by lead speed and range."""
-        return self._table("happened/preventable.csv")
-
-    @cached_property
-    def coverage(self) -> pd.DataFrame:
-        """How often intervals hold the exact probability, by method and way to stop."""
-        return self._table("coverage.csv")

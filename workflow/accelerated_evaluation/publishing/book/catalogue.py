@@ -2,7 +2,8 @@
 
 The workflow needs this before anything runs, and once more in every job. The code is therefore parsed and
 never imported. A notebook shows figures and tables by ``show(study, name)``; the parameters of the function
-of this name say what it reads of the `Study`; and the class `Study` names the files.
+of this name say what it reads of the `Study`; and the module of `Study` names the files. A notebook may also
+read a table of results by the name of its file, ``study.table("file.csv")``.
 """
 
 import ast
@@ -17,7 +18,7 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.publishing.book.texts import attributes
 
 PACKAGE = Path(__file__).resolve().parents[2]
-READERS = ("path", "_table", "_law")  # methods of Study that are called with the name of a file
+READERS = ("path", "table", "_law")  # methods of Study that are called with the name of a file
 FOLDERS = ("results", "figures")  # attributes of Study that read nothing
 
 
@@ -57,8 +58,8 @@ def read_contents(notebook: Path) -> Contents:
         made.append(shown)
     _require_known(reads, notebook)
     kinds = {kind: tuple(one.name for one in made if one.kind == kind) for kind in ("figure", "table")}
-    files = sorted({file for name in reads for file in _files(name)})
-    return Contents(tuple(files), kinds["figure"], kinds["table"])
+    files = {file for name in reads for file in _files(name)} | _literals(code, "study")
+    return Contents(tuple(sorted(files)), kinds["figure"], kinds["table"])
 
 
 def require_captions(names: Iterable[str], folder: Path) -> None:
@@ -86,8 +87,9 @@ def require_captions(names: Iterable[str], folder: Path) -> None:
 def _require_known(names: Iterable[str], notebook: Path) -> None:
     """Refuse names that `Study` does not have."""
     for name in sorted(names):
-        if name not in _study():
-            near = get_close_matches(name, _study(), n=1)
+        known = [*_study(), *_tables()]
+        if name not in known:
+            near = get_close_matches(name, known, n=1)
             raise InputError(
                 str(notebook),
                 seen=f"study.{name}, or a parameter {name} of what it shows",
@@ -155,21 +157,48 @@ def _register(module: Path) -> dict[str, Registered]:
 
 
 @cache
+def _reader() -> ast.Module:
+    """Return the code of the module of `Study`."""
+    return ast.parse((PACKAGE / "publishing" / "study.py").read_text(encoding="utf-8"))
+
+
+@cache
 def _study() -> dict[str, ast.FunctionDef]:
     """Return the methods and properties of `Study` by name, as code."""
-    code = ast.parse((PACKAGE / "publishing" / "study.py").read_text(encoding="utf-8"))
-    (study,) = [node for node in code.body if isinstance(node, ast.ClassDef)]
+    (study,) = [node for node in _reader().body if isinstance(node, ast.ClassDef)]
     return {node.name: node for node in study.body if isinstance(node, ast.FunctionDef)}
+
+
+@cache
+def _tables() -> dict[str, str]:
+    """Return the files of the tables of `Study`, by name."""
+    assigned = [node for node in _reader().body if isinstance(node, ast.Assign)]
+    return next(ast.literal_eval(node.value) for node in assigned if node.targets[0].id == "TABLES")
 
 
 @cache
 def _files(name: str) -> frozenset[str]:
     """Return the files that a property or method of `Study` reads, by itself and through others."""
+    if name in _tables():
+        return frozenset({_tables()[name]})
     if name not in _study():
         return frozenset()
     method = _study()[name]
-    calls = [node for node in ast.walk(method) if isinstance(node, ast.Call)]
-    calls = [call for call in calls if isinstance(call.func, ast.Attribute) and call.func.attr in READERS]
-    literals = [part for call in calls for part in call.args if isinstance(part, ast.Constant)]
     others = (other for other in _attributes(method, "self") if other != name)
-    return frozenset(literal.value for literal in literals).union(*map(_files, others))
+    return _literals(method, "self").union(*map(_files, others))
+
+
+def _literals(code: ast.AST, owner: str) -> frozenset[str]:
+    """Return the names of files that a variable, a `Study`, is asked to read in calls of `READERS`."""
+    calls = [node for node in ast.walk(code) if isinstance(node, ast.Call)]
+    read = [
+        part
+        for call in calls
+        if isinstance(call.func, ast.Attribute)
+        and isinstance(call.func.value, ast.Name)
+        and call.func.value.id == owner
+        and call.func.attr in READERS
+        for part in call.args
+        if isinstance(part, ast.Constant)
+    ]
+    return frozenset(part.value for part in read)
