@@ -1,5 +1,6 @@
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -27,11 +28,6 @@ class Failing:
 """
 
 
-def command(*arguments, cwd):
-    line = [sys.executable, "-m", "accelerated_evaluation.cli", *map(str, arguments)]
-    return subprocess.run(line, cwd=cwd, capture_output=True, text=True, check=False)
-
-
 @pytest.fixture
 def table(tmp_path):
     """Write a table of cut-ins and return a function that simulates it in this process."""
@@ -47,7 +43,8 @@ def table(tmp_path):
 def test_every_published_verdict(tmp_path, stored):
     labels = stored("verdicts.parquet")
     labels.to_csv(tmp_path / "labels.csv", index=False)
-    done = command("simulate", "labels.csv", "out.csv", cwd=tmp_path)
+    command = [sys.executable, "-m", "accelerated_evaluation.cli", "simulate", "labels.csv", "out.csv"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
     out = pd.read_csv(tmp_path / "out.csv")
     assert list(out) == [*INPUTS, "source", *OUTCOMES]
@@ -163,15 +160,16 @@ def test_old_output_survives_an_error(table, tmp_path):
         (["in.csv", "out.csv", *["--parameter", "headway=1"] * 2], "--parameter: seen headway twice"),
     ],
 )
-def test_bad_arguments(tmp_path, arguments, message):
-    (tmp_path / "in.csv").write_text(HEADER + "1,2,3\n")
-    (tmp_path / "car.py").write_text(CAR)
-    done = command("simulate", *arguments, cwd=tmp_path)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert done.stderr.count("\n") == 1
-    assert message in done.stderr
-    assert not (tmp_path / "out.csv").exists()
+def test_bad_arguments(tmp_path, monkeypatch, capsys, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    Path("in.csv").write_text(HEADER + "1,2,3\n")
+    Path("car.py").write_text(CAR)
+    assert cli.main(["simulate", *arguments]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert message in err
+    assert not Path("out.csv").exists()
 
 
 @pytest.mark.parametrize("speed", ["0", "nan", "fast"])
