@@ -12,11 +12,17 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from accelerated_evaluation.records.checks import CHECKS
 
 HERE = Path(__file__).parent
 TINY = {
     "study": "tiny",
-    "data": {"sample": 1500, "spmd": {"outlier_rows": []}},
+    # Whether the records can be trusted is not the question here.
+    "data": {
+        "sample": 1500,
+        "spmd": {"outlier_rows": []},
+        "accepted_warnings": [name.replace("_", " ") for name in CHECKS],
+    },
     "models": {
         "inverse_range": {
             "two_pieces": {"profile": {"points": 8}},

@@ -7,6 +7,7 @@ from accelerated_evaluation.distributions import BoundedExponential, Empirical
 from accelerated_evaluation.laws.files import write_law
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.records.encounter_table import complete, write_encounters
+from scipy.stats import norm
 
 SPEEDS = np.linspace(5, 15, 1000)
 LAW = IndependentLaw(
@@ -19,10 +20,22 @@ LAW = IndependentLaw(
 )
 
 
-def write_law_folder(folder):
-    """Write ``law.json`` and ``encounters.parquet``, and return their paths."""
+def write_law_folder(folder, closing_unit=1.0):
+    """Write ``law.json`` and ``encounters.parquet``, and return their paths.
+
+    The closing speeds of the table are multiplied by ``closing_unit``, as if their unit were wrong.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    raw = pd.DataFrame({"lead_speed": SPEEDS, "range": 30.0, "closing_speed": 2.0})
+    generator = np.random.default_rng(1)
+    scores = generator.permuted(
+        norm.ppf((np.arange(len(SPEEDS)) + 0.5) / len(SPEEDS)) * np.ones((2, 1)), axis=1
+    )
+    drawn = LAW.from_scores(np.vstack([np.zeros(len(SPEEDS)), scores]).T)
+    closing_speed = closing_unit * drawn.inverse_ttc / drawn.inverse_range
+    speeds = generator.permutation(SPEEDS)
+    raw = pd.DataFrame(
+        {"lead_speed": speeds, "range": 1 / drawn.inverse_range, "closing_speed": closing_speed}
+    )
     encounters = complete(raw).assign(segment="5-15")
     write_encounters(folder / "encounters.parquet", encounters, "made up")
     write_law(folder / "law.json", LAW)

@@ -21,6 +21,7 @@ from accelerated_evaluation.base.digests import content_digest, value_digest
 from accelerated_evaluation.study.dependencies import imported_modules, without_unused
 from accelerated_evaluation.records.segments import segment_names
 from accelerated_evaluation.records.sources import SOURCES, describe, record_files
+from accelerated_evaluation.records.verdict import require_checks
 from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.study.preflight import (
@@ -52,6 +53,8 @@ except StudyError as error:
     raise WorkflowError(str(error)) from None
 
 config = without_unused(config, SOURCES)
+# What is accepted concerns the last job alone; an edit of it runs no other job again.
+ACCEPTED = config["data"].pop("accepted_warnings")
 
 STUDY = config["study"]
 REPLICATED = [name for name in config["methods"] if METHODS[name].replicates(config)]
@@ -75,6 +78,7 @@ if workflow.is_main_process:
         require_cores(workflow.resource_settings.cores)
         require_places(RESULTS, FIGURES)
         require_named(config)
+        require_checks(ACCEPTED)
     except StudyError as error:
         raise WorkflowError(str(error)) from None
 RECORDS = record_files(SOURCE)

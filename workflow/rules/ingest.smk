@@ -6,7 +6,7 @@
 
 
 rule inspect_records:
-    """Check the records before any result. A verdict never ends the study: it stands in log and notebook 12."""
+    """Check the records before any result. What is not fine is on the console at once; see `accept_records`."""
     input:
         records=ancient(RECORDS),
         vehicle=ancient(VEHICLE_FILES),

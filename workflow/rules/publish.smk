@@ -61,7 +61,13 @@ rule book:
         published=[file for name in NOTEBOOKS for file in figures_of(name)]
         + [file for name in NOTEBOOKS for file in tables_of(name)],
         results=[
-            result(name) for name in ("config.json", "laws/answer.csv", "exact.csv")
+            result(name)
+            for name in (
+                "config.json",
+                "records_report.csv",
+                "laws/answer.csv",
+                "exact.csv",
+            )
         ],
         guides=sorted(map(str, (PROJECT / "docs").glob("*.md"))),
         captions=sorted(map(str, CAPTIONS.glob("*.rst"))),
@@ -84,3 +90,30 @@ rule book:
         "Making the book"
     script:
         "../scripts/build_book.py"
+
+
+rule accept_records:
+    """End with an error if a check of the records says stop and the user does not accept it by name.
+
+    The results are made first, so that one can see what the fault does to them.
+    """
+    input:
+        report=rules.inspect_records.output.report,
+        finished=rules.book.output.site,
+        library=modules_of("accept_records.py"),
+    output:
+        verdict=result("records_verdict.txt"),
+    log:
+        log_of("accept_records.log"),
+    benchmark:
+        benchmark_of("accept_records.tsv")
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        accepted=ACCEPTED,
+        records=SOURCE["path"],
+    message:
+        "Asking whether the records can be trusted"
+    script:
+        "../scripts/accept_records.py"

@@ -1,4 +1,4 @@
-"""Check the records before any result, and tell the verdicts in the log."""
+"""Check the records before any result. The log has the whole report, the terminal what is not fine."""
 
 import sys
 
@@ -7,14 +7,17 @@ from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.records.checks import Records, inspect_records
 from accelerated_evaluation.records.report import report_in_words
 from accelerated_evaluation.records.sources import read_source
+from accelerated_evaluation.records.verdict import Verdict
 from accelerated_evaluation.study.jobs import job
 from accelerated_evaluation.vehicles.external.slow import loaded_for
 
 if __name__ == "__main__":
-    with job(snakemake.log[0]):
+    with job(snakemake.log[0]) as say:
         params = snakemake.params
         raw = read_source(params.data, child_generator(params.seed, "sample"))
         with loaded_for(params.vehicle, params.simulations | {"workers": snakemake.threads}) as vehicle:
             report = inspect_records(Records.of(raw, dict(params.items()), vehicle.simulate))
         print(report_in_words(report), file=sys.stderr)
         write_csv(snakemake.output.report, report)
+        for line in Verdict.of(report).lines():
+            say(line)

@@ -19,6 +19,7 @@ from accelerated_evaluation.records.filters import Account
 from accelerated_evaluation.records.ingest import ingest
 from accelerated_evaluation.records.segments import require_rows
 from accelerated_evaluation.records.sources import read_source
+from accelerated_evaluation.records.verdict import Verdict, verdict_on
 from accelerated_evaluation.vehicles.external.slow import SlowVehicle, loaded_for
 
 METHOD = "surrogate"
@@ -40,12 +41,15 @@ class Alone:
         The law that the estimates are under.
     vehicle
         The slow vehicle, which has counted its simulations; None where the vehicle is none.
+    verdict
+        What the checks of the records say.
     """
 
     tables: Mapping[str, pd.DataFrame]
     name: str
     law: Law
     vehicle: SlowVehicle | None
+    verdict: Verdict
 
 
 def estimate_alone(
@@ -70,12 +74,15 @@ def estimate_alone(
     Raises
     ------
     InputError
-        If the records, the law, the predecessor or the vehicle cannot be used. What was simulated before is
-        kept in the store.
+        If the records, the law, the predecessor or the vehicle cannot be used, or if a check of the records
+        says stop and ``data.accepted_warnings`` does not name it. What was simulated before is kept in the
+        store.
     """
     require_law(law)
     with loaded_for(config["vehicle"], config["simulations"]) as vehicle:  # first, as it is soonest refused
-        encounters, account = read_records(config)
+        raw = read_source(config["data"], child_generator(config["seed"], "sample"))
+        verdict = verdict_on(raw, config)
+        encounters, account = _ingested(raw, config)
         name, chosen = choose_law(law, encounters, config)
         known = None if predecessor is None else read_predecessor(predecessor, chosen)
         method = replace(METHODS[METHOD].configured(config), predecessor=known)
@@ -87,9 +94,10 @@ def estimate_alone(
                 [child_generator(config["seed"], *method.stream(ALL, k)) for k in range(replicates)],
                 {"study": config["study"], "scope": ALL, "method": METHOD},
             )
-    named = {"estimate": tables["estimates"].assign(law=name), "runs": tables["runs"]}
+    estimate = verdict.beside(tables["estimates"].assign(law=name))
+    named = {"estimate": estimate, "runs": tables["runs"]}
     slow = vehicle if isinstance(vehicle, SlowVehicle) else None
-    return Alone(named | {"account": account.table()}, name, chosen, slow)
+    return Alone(named | {"account": account.table()}, name, chosen, slow, verdict)
 
 
 def read_records(config: Mapping[str, Any]) -> tuple[pd.DataFrame, Account]:
@@ -102,7 +110,10 @@ def read_records(config: Mapping[str, Any]) -> tuple[pd.DataFrame, Account]:
     account : Account
         What became of every record.
     """
-    raw = read_source(config["data"], child_generator(config["seed"], "sample"))
+    return _ingested(read_source(config["data"], child_generator(config["seed"], "sample")), config)
+
+
+def _ingested(raw: pd.DataFrame, config: Mapping[str, Any]) -> tuple[pd.DataFrame, Account]:
     account = Account.of(raw)
     encounters = ingest(raw, config, account)
     require_rows(encounters)

@@ -51,6 +51,17 @@ def add_seed(command: argparse.ArgumentParser) -> None:
     command.add_argument("--seed", type=int, default=1, help="root of all randomness (default: 1)")
 
 
+def add_accept(command: argparse.ArgumentParser) -> None:
+    """Add the checks of the records whose verdict ``stop`` the user accepts."""
+    command.add_argument(
+        "--accept",
+        metavar="CHECK",
+        action="append",
+        default=[],
+        help="accept the verdict stop of a check of the records, such as 'speed unit'; repeat it for others",
+    )
+
+
 def require_seed(seed: int) -> None:
     """Raise InputError unless a seed is 0 or more."""
     if seed < 0:

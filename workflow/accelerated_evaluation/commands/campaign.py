@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.commands import COMMANDS, LAW, add_law, add_seed, require_seed
+from accelerated_evaluation.commands import COMMANDS, LAW, add_accept, add_law, add_seed, require_seed
 
 LEAST = 1e-6  # half-width and confidence that can be asked for, and what they have to keep from 1
 DETERMINISTIC = {"yes": True, "no": False, "unknown": None}
@@ -111,6 +111,7 @@ def _add_new(command: argparse.ArgumentParser) -> None:
         "find it out (default: %(default)s)",
     )
     add_seed(command)
+    add_accept(command)
     limits = command.add_argument_group("limits of the proving ground, none by default; see docs/campaign.md")
     for name, unit, what in (
         ("host-speed-max", "m/s", "highest host speed"),
@@ -134,6 +135,8 @@ def _add_tell(command: argparse.ArgumentParser) -> None:
 
 
 def _new(arguments: argparse.Namespace) -> None:
+    from accelerated_evaluation.records.encounter_table import read_encounters
+    from accelerated_evaluation.records.verdict import verdict_on_encounters
     from accelerated_evaluation.track.campaign import Campaign
     from accelerated_evaluation.track.campaign_file import read_campaign, source_of, stopping, write_campaign
     from accelerated_evaluation.track.limits import Limits
@@ -146,6 +149,8 @@ def _new(arguments: argparse.Namespace) -> None:
             where, expected = f"--{name.replace('_', '-')}", f"a number from {LEAST:g} to 1 - {LEAST:g}"
             raise InputError(where, seen=f"{value:g}", expected=expected, change="Correct it.")
     require_seed(arguments.seed)
+    encounters = read_encounters(arguments.encounters)
+    verdict = verdict_on_encounters(encounters, str(arguments.encounters), arguments.accept)
     campaign = Campaign.begin(
         source_of(arguments.law),
         source_of(arguments.encounters),
@@ -157,7 +162,10 @@ def _new(arguments: argparse.Namespace) -> None:
         predecessor=None if arguments.predecessor is None else read_campaign(arguments.predecessor),
         deterministic=DETERMINISTIC[arguments.deterministic],
     )
+    campaign.description = "; ".join([campaign.description, *verdict.stop_lines()])
     write_campaign(arguments.campaign, campaign)
+    for line in verdict.lines():
+        print(line)
     if campaign.limits:
         print(f"{campaign.beyond:.2g} of all cut-ins of the law lie beyond {campaign.limits.in_words}")
     print(

@@ -5,7 +5,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from accelerated_evaluation.commands import COMMANDS
+from accelerated_evaluation.commands import COMMANDS, add_accept
 
 if TYPE_CHECKING:  # takes seconds, which --help can do without
     from accelerated_evaluation.answer.estimation import Alone
@@ -26,6 +26,7 @@ laws of cut-ins (--law):
   NAME            one law of the family, such as 'two kinds 0.95'; a name that is not known lists them all
   FILE.json       a law of a finished study, results/STUDY/laws/answer.json or results/STUDY/models/*.json;
                   the configuration has to be that of this study
+The records are checked first. If a check says stop, nothing is estimated unless --accept names this check.
 The interval is that of the sampling: it says how well the simulations have found the probability under this
 one law. What the records leave open about the law is not in it; the whole study says that.
 
@@ -80,6 +81,7 @@ class EstimateAlone:
             help="runs.csv of an earlier estimate, of a vehicle like this one and under the same law; "
             "it saves about two fifths of the simulations",
         )
+        add_accept(command)
 
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
@@ -89,7 +91,9 @@ class EstimateAlone:
         from accelerated_evaluation.laws.files import write_law
         from accelerated_evaluation.study.configuration import load, resolved
 
-        config = resolved(load(arguments.config))
+        config = load(arguments.config)
+        config["data"]["accepted_warnings"] = [*config["data"]["accepted_warnings"], *arguments.accept]
+        config = resolved(config)
         found = estimate_alone(config, arguments.replicates, arguments.law, arguments.predecessor)
         folder = Path("results", config["study"], "estimate")
         for name, table in found.tables.items():
@@ -102,7 +106,7 @@ def _in_words(found: "Alone", level: float) -> str:
     """Return the estimates, what they took and what they may have missed, in lines of text."""
     from accelerated_evaluation.methods.surrogate.certificate import unseen_in_words
 
-    lines = [f"law of cut-ins: {found.name}"]
+    lines = [*found.verdict.lines(), f"law of cut-ins: {found.name}"]
     for row in found.tables["estimate"].to_dict("records"):
         verdict = "converged" if row["converged"] else "not converged"
         probability = "not known yet" if math.isnan(row["probability"]) else f"{row['probability']:.3g}"

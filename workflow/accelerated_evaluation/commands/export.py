@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from accelerated_evaluation.commands import COMMANDS, LAW, add_law, add_seed, require_seed
+from accelerated_evaluation.commands import COMMANDS, LAW, add_accept, add_law, add_seed, require_seed
 
 DESCRIPTION = f"""\
 Write a weighted set of concrete scenarios, from which anyone can compute a vehicle's crash probability.
@@ -37,6 +37,7 @@ class Export:
             help="cut-ins that this deceleration avoids are assumed to be safe [m/s^2] (default: 1.5)",
         )
         add_seed(command)
+        add_accept(command)
 
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
@@ -44,6 +45,7 @@ class Export:
         from accelerated_evaluation.base.randomness import child_generator
         from accelerated_evaluation.laws.files import read_law
         from accelerated_evaluation.records.encounter_table import read_encounters
+        from accelerated_evaluation.records.verdict import verdict_on_encounters
         from accelerated_evaluation.track.campaign_file import source_of
         from accelerated_evaluation.track.export import write_set
         from accelerated_evaluation.track.weighted_set import draw_weighted_set
@@ -51,6 +53,7 @@ class Export:
         require_seed(arguments.seed)
         sources = {name: source_of(getattr(arguments, name)) for name in ("law", "encounters")}
         encounters = read_encounters(arguments.encounters)
+        verdict = verdict_on_encounters(encounters, str(arguments.encounters), arguments.accept)
         law = read_law(arguments.law, encounters)
         generator = child_generator(arguments.seed, "export")
         drawn = draw_weighted_set(law, arguments.size, arguments.safe_deceleration, generator)
@@ -59,6 +62,9 @@ class Export:
             "data": encounters.attrs.get("description", "not described"),
             **{f"{name}, SHA-256": source.sha256 for name, source in sources.items()},
             "seed": str(arguments.seed),
+            **dict(line.split(": ", 1) for line in verdict.stop_lines()),
         }
         write_set(arguments.folder, drawn, origin)
+        for line in verdict.lines():
+            print(line)
         print(f"{len(drawn.table)} scenarios: {arguments.folder}; read {arguments.folder / 'README.md'}")

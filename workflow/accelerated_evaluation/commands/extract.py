@@ -1,6 +1,7 @@
 """The subcommand ``extract``."""
 
 import argparse
+import sys
 from pathlib import Path
 
 from accelerated_evaluation.commands import COMMANDS
@@ -65,6 +66,8 @@ class Extract:
                 change="A source of finished cut-ins needs no extraction.",
             )
         account, exposure = pd.DataFrame(cut_ins.attrs["account"]), cut_ins.attrs["exposure"]
+        for warning in cut_ins.attrs["warnings"]:
+            print(f"warning: {warning}", file=sys.stderr)
         cut_ins.attrs = {}
         write_csv(target.with_name(f"{target.stem}_account.csv"), account)
         write_json(target.with_name(f"{target.stem}_exposure.json"), exposure)

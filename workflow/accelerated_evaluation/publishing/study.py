@@ -12,7 +12,9 @@ from accelerated_evaluation.base.files import read_json
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.publishing.tables.formats import as_markdown
+from accelerated_evaluation.records.checks import STOP
 from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.records.report import summary
 from accelerated_evaluation.records.sources import describe
 
 if TYPE_CHECKING:
@@ -157,8 +159,9 @@ class Study:
 
     @property
     def headline(self) -> str:
-        """Study, data and root seed in one line of Markdown."""
-        return f"Study **{self.name}**. Data: {as_markdown(self.source)}. Root seed {self.config['seed']}."
+        """Study, data and root seed in one line of Markdown, and the checks of the records that say stop."""
+        study = f"Study **{self.name}**. Data: {as_markdown(self.source)}. Root seed {self.config['seed']}."
+        return f"{study} **{as_markdown(summary(self.records_report))}**" if self.stops else study
 
     @property
     def alpha(self) -> float:
@@ -202,6 +205,12 @@ class Study:
     def records_report(self) -> pd.DataFrame:
         """What each check of the records says."""
         return pd.read_csv(self.path("records_report.csv"), keep_default_na=False)
+
+    @property
+    def stops(self) -> list[str]:
+        """Names of the checks of the records that say stop."""
+        report = self.records_report
+        return report.loc[report["verdict"] == STOP, "check"].tolist()
 
     # The laws of cut-ins.
 

@@ -3,7 +3,7 @@
 import os
 import sys
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from threadpoolctl import threadpool_limits
@@ -16,7 +16,7 @@ LOGGER_VARIABLE = "ACCELERATED_EVALUATION_LOGGER"
 
 
 @contextmanager
-def job(log: str | os.PathLike) -> Iterator[None]:
+def job(log: str | os.PathLike) -> Iterator[Callable[[str], object]]:
     """Run a rule's script: what is written to standard error, also warnings and progress, goes to ``log``.
 
     Jobs run beside each other, so they leave the terminal to the logger of the workflow. Where there is none,
@@ -24,6 +24,11 @@ def job(log: str | os.PathLike) -> Iterator[None]:
 
     An error ends the process with status 1: a `StudyError` with its message alone, a full disk with what
     could not be written, others with a traceback.
+
+    Yields
+    ------
+    Callable
+        Writes a text to the terminal, for the few lines that a user has to see at once.
     """
     terminal = os.dup(2)
     message = ""
@@ -32,7 +37,7 @@ def job(log: str | os.PathLike) -> Iterator[None]:
             os.dup2(file.fileno(), 2)
         # A job has a thread for each worker of a slow vehicle, on which no digit of its algebra may depend.
         with threadpool_limits(1, "blas"):
-            yield
+            yield lambda text: os.write(terminal, f"{text}\n".encode(errors="replace"))
     except StudyError as error:
         message = f"error: {error}\n"
     except SystemExit as error:

@@ -53,9 +53,12 @@ def calibration_table(calibration: pd.DataFrame) -> pd.DataFrame:
 
 
 @table("answer", digits=DIGITS, digest=with_intervals)
-def answer_table(answer: pd.DataFrame) -> pd.DataFrame:
-    """Return the probabilities of a crash and of near misses as they are published."""
-    return answer
+def answer_table(answer: pd.DataFrame, stops: list[str]) -> pd.DataFrame:
+    """Return the probabilities of a crash and of near misses as they are published.
+
+    If a check of the records says stop, the column ``records`` names it in every row.
+    """
+    return answer.assign(records=f"STOP: {', '.join(stops)}") if stops else answer
 
 
 @table("exposure", digits=DIGITS, digest=with_intervals)

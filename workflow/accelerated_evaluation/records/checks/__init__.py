@@ -85,6 +85,8 @@ class Records:
         Edges of the segments of the lead speed [m/s].
     simulate
         Simulates cut-ins with the vehicle under test; None where there is none.
+    warnings
+        What the source could not check of its units, in words.
     """
 
     valid: pd.DataFrame
@@ -92,6 +94,7 @@ class Records:
     kept: pd.DataFrame
     edges: Sequence[float]
     simulate: Simulate | None = None
+    warnings: Sequence[str] = ()
 
     @classmethod
     def of(cls, raw: pd.DataFrame, config: Mapping[str, Any], simulate: Simulate | None = None) -> "Records":
@@ -109,8 +112,8 @@ class Records:
         account = Account(len(raw))
         valid = drop_invalid(raw, account, policy="drop", where="the records")
         kept = apply_filters(valid, account, config["filters"])
-        invalid = raw.index.difference(valid.index)
-        return cls(valid, invalid, kept, config["segments"]["lead_speed_edges"], simulate)
+        invalid, warnings = raw.index.difference(valid.index), raw.attrs.get("warnings", ())
+        return cls(valid, invalid, kept, config["segments"]["lead_speed_edges"], simulate, warnings)
 
     @cached_property
     def distinct(self) -> pd.DataFrame:

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from accelerated_evaluation.records.checks import CHECKS, FINE, LOOK, STOP, Finding, Records
+from accelerated_evaluation.records.checks import CHECKS, FINE, LOOK, MANY, STOP, Finding, Records
+from accelerated_evaluation.records.checks.units import FARTHEST, FASTEST_CAR
 from accelerated_evaluation.records.segments import MINIMUM_ROWS
 
 TAIL = 0.05  # share of the rows above the knot of TTC^-1
@@ -12,16 +13,24 @@ CELL = (5.0, 10.0)  # [m/s], [m], of lead speed and range
 
 @CHECKS.add("rows_outside_limits")
 def rows_outside_limits(records: Records) -> Finding:
-    """Look how many closing rows the limits of the configuration leave out."""
+    """Look how many closing rows the limits leave out, and how many of these no car can drive or see.
+
+    Limits that are read off the records leave out the impossible rows without a word of the user's own.
+    """
     closing = records.valid.index[records.valid["closing_speed"] > 0]
     rows = closing.difference(records.kept.index)
     share = len(rows) / max(len(closing), 1)
+    left_out = records.valid.loc[rows]
+    impossible = int(((left_out["lead_speed"] > FASTEST_CAR) | (left_out["range"] > FARTHEST)).sum())
+    told = f", {impossible:,} with a lead speed above {FASTEST_CAR:g} m/s or a range above {FARTHEST:g} m"
+    is_many = share > 0.5 or impossible > MANY * len(closing)
     return Finding(
-        FINE if len(rows) == 0 else STOP if share > 0.5 else LOOK,
+        FINE if len(rows) == 0 else STOP if is_many else LOOK,
         "closing rows outside of the limits of lead speed and range (filters)",
-        f"{len(rows):,} of {len(closing):,} rows ({share:.1%})",
+        f"{len(rows):,} of {len(closing):,} rows ({share:.1%}){told if impossible else ''}",
         share,
-        "Widen the limits in filters, or set them to auto. The result holds inside of the limits alone.",
+        "Correct the units of impossible rows. Else widen the limits in filters, or set them to auto; the "
+        "result is valid inside the limits only.",
         list(rows),
     )
 

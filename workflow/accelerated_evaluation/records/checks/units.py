@@ -45,10 +45,17 @@ def speed_unit(records: Records) -> Finding:
     fastest = np.maximum(records.valid["lead_speed"], records.host_speed)
     median, rows = records.valid["lead_speed"].median(), fastest[fastest > FASTEST_CAR]
     verdict = STOP if median > FASTEST_TRAFFIC else by_share(len(rows), len(fastest))
+    if verdict == FINE and records.warnings:
+        verdict = LOOK
     return Finding(
         verdict,
         f"median lead speed, at most {FASTEST_TRAFFIC:g} m/s on any road; speeds above {FASTEST_CAR:g} m/s",
-        f"median {median:.1f} m/s, largest speed of either vehicle {fastest.max():.1f} m/s",
+        "; ".join(
+            [
+                f"median {median:.1f} m/s, largest speed of either vehicle {fastest.max():.1f} m/s",
+                *records.warnings,
+            ]
+        ),
         float(median),
         "State the unit of the column (km/h or mph taken for m/s?), and see that no columns are swapped.",
         list(rows.sort_values(ascending=False).index),

@@ -1,6 +1,6 @@
 """The rule of a cut-in, and what an extraction gives beside its cut-ins: the account and the exposure."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
@@ -23,6 +23,10 @@ RULE = section(  # of each source that finds cut-ins in recordings; in seconds
         0.5, 0, 60, "A vehicle that is in the lane of the host for a shorter time [s] has not cut in."
     ),
 )
+AGREEMENT = 1.25  # factor by which positions and speeds of one recording, or two speeds, may differ
+LENGTHS = 2.5, 8.0  # [m]: between them lies the median length of cars; in feet it would be about 15
+LONGEST = 30.0  # [m]: no median of any vehicles is larger, as the longest lorries have 25 m
+
 # The frames of a vehicle in a lane become stays. A vehicle that is out of the lane for a moment has not left
 # it. A stay begins at its first frame; it is a change into the lane if the vehicle was seen elsewhere before.
 STAYS = """
@@ -96,7 +100,14 @@ def with_names(candidates: pd.DataFrame, name: str) -> pd.DataFrame:
     return candidates.set_index(pd.Index(names, dtype=object))
 
 
-def finished(cut_ins: pd.DataFrame, account: Account, *, milliseconds: int, micrometres: int) -> pd.DataFrame:
+def finished(
+    cut_ins: pd.DataFrame,
+    account: Account,
+    *,
+    milliseconds: int,
+    micrometres: int,
+    warnings: Sequence[str] = (),
+) -> pd.DataFrame:
     """Return the cut-ins as a source does, with the account and the exposure as attributes.
 
     Parameters
@@ -107,14 +118,19 @@ def finished(cut_ins: pd.DataFrame, account: Account, *, milliseconds: int, micr
         What every step of the extraction dropped.
     milliseconds, micrometres
         Time and distance that the hosts drove while others could be seen to cut in.
+    warnings
+        What could not be checked of the units of the speeds, for the check ``speed_unit`` of the records.
     """
     result = cut_ins.set_index(pd.RangeIndex(1, len(cut_ins) + 1, name="row"))
     result.attrs["account"] = account.table().to_dict("records")
     result.attrs["exposure"] = {"hours": milliseconds / 3.6e6, "kilometres": micrometres / 1e9}
+    result.attrs["warnings"] = list(warnings)
     return result
 
 
-def require_agreement(where: str, *, moved: float, reported: float, what: str, key: str) -> None:
+def require_agreement(
+    where: str, *, moved: float, reported: float, what: str, key: str, factor: float = AGREEMENT
+) -> None:
     """Refuse speeds that do not agree with what else is recorded, because of a wrong unit or sign.
 
     Parameters
@@ -126,16 +142,55 @@ def require_agreement(where: str, *, moved: float, reported: float, what: str, k
         is not positive.
     what, key
         What is compared, in words, and what to correct.
+    factor
+        By which the two sums may differ.
 
     Raises
     ------
     InputError
-        If the ratio is below 1/2 or above 2; km/h for m/s, feet for metres and a wrong sign are all outside.
+        If the ratio is below ``1 / factor`` or above ``factor``. By default mph for km/h, knots for m/s, feet
+        for metres and a wrong sign are all outside.
     """
-    if reported > 0 and not 0.5 <= moved / reported <= 2:
+    if reported > 0 and not 1 / factor <= moved / reported <= factor:
         raise InputError(
             where,
             seen=f"{what} in the ratio {moved / reported:.3g}",
             expected="a ratio near 1, as the same units and signs give",
             change=f"Correct {key}.",
+        )
+
+
+def require_lengths(where: str, column: str, lengths: pd.Series, is_car: pd.Series) -> None:
+    """Refuse lengths of vehicles that are not above 0, or that are in feet: ranges are measured from them.
+
+    Parameters
+    ----------
+    where, column
+        File and column, for the error.
+    lengths
+        Length of each vehicle [m].
+    is_car
+        Which of them are cars; index of ``lengths``.
+
+    Raises
+    ------
+    InputError
+        If a length is not above 0, or a median is that of no vehicles on a road.
+    """
+    cars = lengths[is_car]
+    seen = ""
+    if (lengths <= 0).any():
+        seen = (
+            f"{(lengths <= 0).sum():,} vehicles with a length of 0 or less, the smallest {lengths.min():g} m"
+        )
+    elif len(cars) and not LENGTHS[0] <= cars.median() <= LENGTHS[1]:
+        seen = f"a median length of cars of {cars.median():.3g} m"
+    elif len(lengths) and lengths.median() > LONGEST:
+        seen = f"a median length of vehicles of {lengths.median():.3g} m"
+    if seen:
+        raise InputError(
+            f"{where}, {column}",
+            seen=seen,
+            expected=f"lengths above 0 m, those of cars about 4.5 m ({LENGTHS[0]:g} to {LENGTHS[1]:g} m)",
+            change="Correct the column: feet for metres, or a wrong sign?",
         )

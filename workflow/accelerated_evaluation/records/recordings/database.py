@@ -16,6 +16,8 @@ if TYPE_CHECKING:  # its import takes a moment, which studies of a finished tabl
     from duckdb import DuckDBPyConnection, DuckDBPyRelation
 
 MEMORY = "1GB"  # of the database; the process around it takes a few hundred megabytes more
+LARGEST_WHOLE = 2**53  # a DOUBLE, as which numbers are read, does not hold all whole numbers beyond
+NOT_WHOLE = "no whole number in the column"
 THREADS = 2  # of which each needs memory of its own
 
 
@@ -139,6 +141,26 @@ def literal(values: Iterable[object]) -> str:
     return "[" + ", ".join("'" + str(value).replace("'", "''") + "'" for value in values) + "]"
 
 
+def whole(expression: str, column: str) -> str:
+    """Return an expression in SQL that turns a number into a BIGINT, or ends with an error for `readable`.
+
+    A cast that rounds, or that returns NULL where a number is too large, would merge vehicles or lose rows.
+
+    Parameters
+    ----------
+    expression
+        In SQL, of type DOUBLE. NULL, NaN and infinity become NULL, as a cell without a number.
+    column
+        The column that the user has to correct.
+    """
+    return (
+        f"CASE WHEN isfinite({expression}) IS NOT TRUE THEN NULL "
+        f"WHEN {expression} = trunc({expression}) AND abs({expression}) < {LARGEST_WHOLE} "
+        f"THEN CAST({expression} AS BIGINT) "
+        f"ELSE error('{NOT_WHOLE} {column}: ' || CAST({expression} AS VARCHAR)) END"
+    )
+
+
 @contextmanager
 def readable(path: Path) -> Iterator[None]:
     """Turn an error of the database about a CSV file that is read in the block into an `InputError`."""
@@ -147,12 +169,19 @@ def readable(path: Path) -> Iterator[None]:
     try:
         yield
     except (duckdb.DataError, duckdb.ProgrammingError) as error:
+        if found := re.search(f"{NOT_WHOLE} (.*?): (.*)", str(error)):
+            raise InputError(
+                f"{path}, column {found[1]}",
+                seen=found[2],
+                expected=f"whole numbers below 2^53 ({LARGEST_WHOLE:,}), which are kept exactly",
+                change="Correct the cell, or number vehicles, trips and devices by smaller whole numbers.",
+            ) from error
         line = re.search(r"CSV Error on Line: (\d+)", str(error))
-        if line is None and not isinstance(error, duckdb.ConversionException):
+        if line is None and not isinstance(error, duckdb.ConversionException | duckdb.OutOfRangeException):
             raise
         cause = re.search(
             r"(Error when converting .*|Could not convert .*|Expected Number of .*|Value with .*"
-            r"|.*unicode.*)",
+            r"|Type .* can't be cast .*|.*[Oo]verflow.*|.*unicode.*)",
             str(error),
         )
         seen = cause[0] if cause else str(error).splitlines()[-1]

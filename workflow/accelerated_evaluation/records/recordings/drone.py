@@ -10,7 +10,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.records.recordings.cut_ins import require_agreement
+from accelerated_evaluation.records.recordings.cut_ins import require_agreement, require_lengths
 from accelerated_evaluation.records.recordings.database import (
     database,
     header_of,
@@ -36,6 +36,11 @@ SOURCES_OF = {HIGHD: "highd", EXID: "exid"}
 WITHOUT_META = """
     SELECT CAST(min(id) AS VARCHAR), count(*) FROM (SELECT DISTINCT id FROM frames) ANTI JOIN meta USING (id)
 """
+LENGTHS_OF = """
+    SELECT min(f.{length}) AS length, any_value(lower(m.class)) = 'car' AS is_car
+    FROM frames AS f JOIN meta AS m USING (id) GROUP BY id
+"""
+LARGEST_RATE = 1000  # frames a second, which no camera of traffic has
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,8 @@ class Format:
         As `trajectories.changes_of_lane` takes them.
     speeds
         What the check of the units compares, and what to correct if it fails.
+    length
+        The column of ``frames`` with the length of the vehicle along the road [m].
     """
 
     name: str
@@ -71,6 +78,7 @@ class Format:
     range_: str
     same_lane: str
     speeds: tuple[str, str]
+    length: str
 
 
 def read_recordings(settings: Mapping[str, Any], form: Format) -> pd.DataFrame:
@@ -132,9 +140,11 @@ def _read_recording(
         read_csv(connection, meta, form.meta_numbers, ["class"]).to_view("meta_file")
         connection.execute(form.meta)
     _require_meta(connection, file, meta)
-    candidates, counts = changes_of_lane(
-        connection, settings, range_=form.range_, complete=form.complete, same_lane=form.same_lane
-    )
+    _require_lengths(connection, file, form)
+    with readable(file):
+        candidates, counts = changes_of_lane(
+            connection, settings, range_=form.range_, complete=form.complete, same_lane=form.same_lane
+        )
     what, key = form.speeds
     require_agreement(str(file), moved=counts["moved"], reported=counts["reported"], what=what, key=key)
     return candidates.assign(recording=name), counts
@@ -176,15 +186,22 @@ def _require_meta(connection: "DuckDBPyConnection", file: Path, meta: Path) -> N
         )
 
 
+def _require_lengths(connection: "DuckDBPyConnection", file: Path, form: Format) -> None:
+    """Refuse lengths of vehicles that are negative or not in metres."""
+    query = LENGTHS_OF.format(length=form.length)
+    lengths = connection.execute(query).df()
+    require_lengths(str(file), f"column {form.length}", lengths["length"], lengths["is_car"])
+
+
 def _frame_rate(connection: "DuckDBPyConnection", file: Path) -> float:
     """Return the frames a second of a recording."""
     with readable(file):
         rates = read_csv(connection, file, ["frameRate"]).project("frameRate").fetchall()
-    if len(rates) != 1 or not (rates[0][0] or 0) > 0:
+    if len(rates) != 1 or not 0 < (rates[0][0] or 0) <= LARGEST_RATE:
         raise InputError(
             f"{file}, column frameRate",
             seen=", ".join(str(rate) for (rate,) in rates) or "no row",
-            expected="one row with the frames a second",
+            expected=f"one row with the frames a second, above 0 and at most {LARGEST_RATE:,}",
             change="Correct the file.",
         )
     return rates[0][0]

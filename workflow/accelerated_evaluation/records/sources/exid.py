@@ -8,6 +8,7 @@ import pandas as pd
 from accelerated_evaluation.records.recordings import drone
 from accelerated_evaluation.records.recordings.trajectories import trajectory_keys
 from accelerated_evaluation.records.sources import source
+from accelerated_evaluation.records.recordings.database import whole
 
 NUMBERS = ("trackId", "frame", "xCenter", "yCenter", "heading", "length", "lonVelocity", "laneChange")
 NEIGHBOURS = ("leadId", "rearId")  # -1, or empty, if there is none
@@ -37,9 +38,10 @@ FRAMES = f"""
             CASE WHEN {CHANGED}
                 THEN CASE WHEN aside < lag(aside) OVER one THEN 1 ELSE -1 END ELSE 0 END AS side
         FROM (
-            SELECT CAST(trackId AS INTEGER) AS id, CAST(round(frame * 1000 / {{rate}}) AS BIGINT) AS time,
+            SELECT {whole("trackId", "trackId")} AS id,
+                {whole("round(frame * 1000 / {rate})", "frame")} AS time,
                 xCenter, yCenter, heading, length, lonVelocity AS velocity, laneChange, laneletId,
-                {OFFSET} AS aside, CAST(rearId AS INTEGER) AS host, CAST(leadId AS INTEGER) AS lead,
+                {OFFSET} AS aside, {whole("rearId", "rearId")} AS host, {whole("leadId", "leadId")} AS lead,
                 row_number() OVER (PARTITION BY trackId, frame ORDER BY xCenter, yCenter, laneletId) AS copy
             FROM tracks WHERE {{complete}}
         ) WHERE copy = 1
@@ -74,6 +76,7 @@ FORMAT = drone.Format(
         "the columns xCenter, yCenter [m], heading [degrees] and lonVelocity [m/s], or frameRate in the file "
         "of the recording",
     ),
+    length="length",
 )
 
 

@@ -8,20 +8,22 @@ import pandas as pd
 from accelerated_evaluation.records.recordings import drone
 from accelerated_evaluation.records.recordings.trajectories import trajectory_keys
 from accelerated_evaluation.records.sources import source
+from accelerated_evaluation.records.recordings.database import whole
 
 # In the format `x` is the left end of the bounding box and `width` its length along the road. Vehicles of
 # direction 1 drive to the left, so that their front is at x; those of direction 2 drive to the right.
 COLUMNS = ("frame", "id", "x", "width", "xVelocity", "followingId", "laneId")
-FRAMES = """
+FRAMES = f"""
     CREATE OR REPLACE TEMP TABLE frames AS
     SELECT * EXCLUDE (copy), x - lag(x) OVER one AS moved,
         velocity * (time - lag(time) OVER one) / 1000 AS reported,
         min(time) OVER (PARTITION BY id) AS seen
     FROM (
-        SELECT CAST(id AS INTEGER) AS id, CAST(round(frame * 1000 / {rate}) AS BIGINT) AS time, x, width,
-            xVelocity AS velocity, CAST(followingId AS INTEGER) AS host, CAST(laneId AS INTEGER) AS lane,
+        SELECT {whole("id", "id")} AS id, {whole("round(frame * 1000 / {rate})", "frame")} AS time, x, width,
+            xVelocity AS velocity, {whole("followingId", "followingId")} AS host,
+            {whole("laneId", "laneId")} AS lane,
             row_number() OVER (PARTITION BY id, frame ORDER BY x, xVelocity, laneId) AS copy
-        FROM tracks WHERE {complete}
+        FROM tracks WHERE {{complete}}
     ) WHERE copy = 1
     WINDOW one AS (PARTITION BY id ORDER BY time)
 """
@@ -43,6 +45,7 @@ FORMAT = drone.Format(
         "changes of x and xVelocity times the time between frames",
         "the columns x [m] and xVelocity [m/s], or frameRate in the file of the recording",
     ),
+    length="width",
 )
 
 

@@ -26,6 +26,7 @@ from accelerated_evaluation.records.recordings.database import (
     read_csv,
     readable,
     recording_files,
+    whole,
 )
 from accelerated_evaluation.records.recordings.front_targets import changes_into_path
 from accelerated_evaluation.records.sources import source
@@ -88,11 +89,14 @@ TARGET_COLUMNS = (
     "TargetType",
     "CIPV",
 )
-SELECT_TARGETS = """
-    TRY_CAST(Device AS INTEGER) AS device, TRY_CAST(Trip AS INTEGER) AS trip,
-    TRY_CAST(round(Time * {tick}) AS BIGINT) AS time, TRY_CAST(ObstacleId AS INTEGER) AS obstacle,
-    Range AS range, RangeRate AS range_rate, Transversal AS side, TRY_CAST(TargetType AS INTEGER) AS type,
-    CIPV = 1 AS in_path, coalesce({complete}, FALSE) AS complete, hash(device, trip) % {parts} AS part
+PLACE = f"""
+    {whole("Device", "Device")} AS device, {whole("Trip", "Trip")} AS trip,
+    {whole("round(Time * {tick})", "Time")} AS time,
+"""
+SELECT_TARGETS = f"""
+    {PLACE} {whole("ObstacleId", "ObstacleId")} AS obstacle,
+    Range AS range, RangeRate AS range_rate, Transversal AS side, {whole("TargetType", "TargetType")} AS type,
+    CIPV = 1 AS in_path, coalesce({{complete}}, FALSE) AS complete, hash(device, trip) % {{parts}} AS part
 """
 HOST_COLUMNS = (
     "Device",
@@ -104,10 +108,9 @@ HOST_COLUMNS = (
     "TurnSngLWsu",
     "ValidCanWsu",
 )
-SELECT_HOST = """
-    TRY_CAST(Device AS INTEGER) AS device, TRY_CAST(Trip AS INTEGER) AS trip,
-    TRY_CAST(round(Time * {tick}) AS BIGINT) AS time, SpeedWsu * {speed} AS speed, GpsSpeedWsu AS gps_speed,
-    coalesce(TurnSngRWsu = 1 OR TurnSngLWsu = 1, FALSE) AS signal, hash(device, trip) % {parts} AS part
+SELECT_HOST = f"""
+    {PLACE} SpeedWsu * {{speed}} AS speed, GpsSpeedWsu AS gps_speed,
+    coalesce(TurnSngRWsu = 1 OR TurnSngLWsu = 1, FALSE) AS signal, hash(device, trip) % {{parts}} AS part
 """
 USABLE_HOST = "ValidCanWsu = 1 AND SpeedWsu >= 0"
 LOAD = """
@@ -167,8 +170,9 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
             connection, targets, space / "targets", _targets_query(settings, parts), TARGET_COLUMNS
         )
         _sort_into_parts(connection, hosts, space / "host", _host_query(settings, parts), HOST_COLUMNS)
-        found, counts = _work(connection, space, parts, settings)
-    _require_units(folder, counts)
+        with readable(Path(folder)):
+            found, counts = _work(connection, space, parts, settings)
+    warnings = _require_units(folder, counts, settings["speed_unit"])
     account = _account(counts)
     candidates = pd.concat(found).sort_values(["device", "trip", "time", "vehicle"])
     candidates = with_names(candidates, "device {device} trip {trip} at {time:g} s")
@@ -178,6 +182,7 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
         account,
         milliseconds=int(counts["milliseconds"]),
         micrometres=int(counts["micrometres"]),
+        warnings=warnings,
     )
 
 
@@ -236,22 +241,28 @@ def _work(
     return found, counts
 
 
-def _require_units(folder: str, counts: Mapping[str, float]) -> None:
-    """Refuse units that contradict each other."""
+def _require_units(folder: str, counts: Mapping[str, float], unit: str) -> list[str]:
+    """Refuse units that contradict each other; return warnings about those that cannot be compared."""
     require_agreement(
         folder,
         moved=counts["moved"],
         reported=counts["reported"],
         what="changes of Range and RangeRate times the time between frames",
         key="data.spmd_raw.time_unit, or the columns Range [m] and RangeRate [m/s, negative when closing]",
+        factor=2,  # the radar's range rates are noisy
     )
     require_agreement(
         folder,
         moved=counts["speed"],
         reported=counts["gps_speed"],
         what="SpeedWsu, as m/s, and GpsSpeedWsu [m/s]",
-        key="data.spmd_raw.speed_unit",
+        key="data.spmd_raw.speed_unit, or the column SpeedWsu",
     )
+    if counts["gps_speed"] > 0:
+        return []
+    return [
+        f"no row with a GpsSpeedWsu above 5 m/s, so that the unit of SpeedWsu ({unit}) could not be checked"
+    ]
 
 
 def _account(counts: Mapping[str, float]) -> Account:

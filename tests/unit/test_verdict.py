@@ -1,0 +1,114 @@
+"""The verdict on the records at the doors that give a number: stops, their acceptance by name, and looks."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation import cli
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.records.checks import CHECKS, Records, inspect_records
+from accelerated_evaluation.records.limits import limits_of, with_values
+from accelerated_evaluation.records.verdict import Verdict
+from accelerated_evaluation.study.configuration import load
+from law_folder import write_law_folder
+from scipy.stats import lognorm, norm
+
+KMH, MPH, FEET = 3.6, 1 / 0.44704, 1 / 0.3048
+NAMES = ["lead_speed", "range", "closing_speed"]
+WRONG_UNITS = {  # of lead speed, range and closing speed: factor of the numbers that are taken for SI units
+    "all speeds in km/h": (KMH, 1, KMH),
+    "all speeds in mph": (MPH, 1, MPH),
+    "lead speed in km/h": (KMH, 1, 1),
+    "range in km": (1, 0.001, 1),
+    "range in feet": (1, FEET, 1),
+    "closing speed in km/h": (1, 1, KMH),
+    "speeds in m/s named km/h": (1 / KMH, 1, 1 / KMH),
+}
+
+
+def sound(rows=2000):
+    """Return cut-ins such as those of a motorway and of towns, in SI units."""
+    generator = np.random.default_rng(3)
+    speed = generator.uniform(5, 35, rows)
+    gap = lognorm(0.5, scale=2.2).rvs(rows, random_state=generator)
+    ranges = 4 + gap * speed
+    closing = np.abs(norm(0, 0.05).rvs(rows, random_state=generator)) * ranges
+    return pd.DataFrame(dict(zip(NAMES, (speed, ranges, closing), strict=True)))
+
+
+def verdict_of(raw):
+    config = load(given={"data": {"source": "table", "table": {"path": "x.csv"}}})
+    rows = raw.set_axis(pd.RangeIndex(1, len(raw) + 1, name="row"))
+    return Verdict.of(inspect_records(Records.of(rows, with_values(config, limits_of(rows, config)))))
+
+
+def test_sound_records_have_no_stop():
+    assert not verdict_of(sound()).stops
+
+
+@pytest.mark.parametrize("factors", WRONG_UNITS.values(), ids=WRONG_UNITS)
+def test_every_wrong_unit_is_a_stop(factors):
+    assert verdict_of(sound() * np.array(factors)).stops
+
+
+def test_impossible_rows_are_not_left_out_of_the_limits_in_silence():
+    raw = sound()
+    raw.loc[:100, "lead_speed"] *= KMH * 2
+    outside = int(((raw["lead_speed"] > 70) | (raw["range"] > 300)).sum())
+    found = verdict_of(raw).stops["rows outside limits"]
+    assert f"{outside:,} with a lead speed above 70 m/s" in found
+
+
+@pytest.fixture
+def wrong(tmp_path, monkeypatch):
+    """Write a configuration of a motorway whose speeds are in km/h and are taken for m/s."""
+    monkeypatch.chdir(tmp_path)
+    (sound() * np.array((KMH, 1, KMH))).to_csv("records.csv", index=False)
+    (tmp_path / "study.yaml").write_text("study: wrong\ndata: {source: table, table: {path: records.csv}}\n")
+    return tmp_path
+
+
+def test_estimate_asks_the_records_first(wrong, capsys):
+    assert cli.main(["estimate", "--config", "study.yaml", "--law", "hazard"]) != 0
+    told = capsys.readouterr().err
+    assert "STOP: speed unit: median" in told
+    assert '--accept "speed unit"' in told
+    assert not (wrong / "results").exists()
+
+
+def test_an_accepted_stop_is_printed_with_the_number_and_kept_in_its_table(wrong, capsys):
+    raw = pd.read_csv("records.csv")
+    names = list(verdict_of(raw).stops)
+    accepted = [word for name in names for word in ("--accept", name)]
+    assert cli.main(["estimate", "--config", "study.yaml", "--law", "hazard", *accepted]) == 0
+    assert "STOP (accepted by name): speed unit" in capsys.readouterr().out
+    estimate = pd.read_csv("results/wrong/estimate/estimate.csv")
+    assert estimate["records"].tolist() == [f"STOP: {', '.join(names)}"]
+
+
+def test_the_configuration_accepts_too_and_refuses_unknown_names(wrong, capsys):
+    other = wrong / "accepted.yaml"
+    other.write_text(json.dumps({"data": {"accepted_warnings": ["speed units"]}}))
+    assert cli.main(["estimate", "--config", "study.yaml", "--config", str(other)]) != 0
+    assert "'speed units'; expected names of checks of the records" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "door", [["campaign", "new", "c.json"], ["export", "set"]], ids=["campaign new", "export"]
+)
+def test_campaigns_and_exports_ask_the_encounter_table(door, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_law_folder(tmp_path, closing_unit=KMH)
+    line = [*door, "--law", "law.json", "--encounters", "encounters.parquet"]
+    assert cli.main(line) != 0
+    told = capsys.readouterr().err
+    assert "STOP: unavoidable crashes: " in told
+    names = [name.replace("_", " ") for name in CHECKS if f"STOP: {name.replace('_', ' ')}:" in told]
+    assert cli.main([*line, *(word for name in names for word in ("--accept", name))]) == 0
+    assert "STOP (accepted by name): unavoidable crashes" in capsys.readouterr().out
+
+
+def test_an_unknown_check_cannot_be_accepted():
+    with pytest.raises(InputError, match="seen 'speed'; expected names of checks"):
+        Verdict.of(inspect_records(Records.of(sound(), load())), ["speed"])
