@@ -30,7 +30,7 @@ def write_law_folder(folder, closing_unit=1.0):
     scores = generator.permuted(
         norm.ppf((np.arange(len(SPEEDS)) + 0.5) / len(SPEEDS)) * np.ones((2, 1)), axis=1
     )
-    drawn = LAW.from_scores(np.vstack([np.zeros(len(SPEEDS)), scores]).T)
+    drawn = LAW.from_normal_scores(np.vstack([np.zeros(len(SPEEDS)), scores]).T)
     closing_speed = closing_unit * drawn.inverse_ttc / drawn.inverse_range
     speeds = generator.permutation(SPEEDS)
     raw = pd.DataFrame(
