@@ -6,9 +6,9 @@ from typing import Any
 import pandas as pd
 
 from accelerated_evaluation.records.recordings import drone
+from accelerated_evaluation.records.recordings.database import whole
 from accelerated_evaluation.records.recordings.trajectories import trajectory_keys
 from accelerated_evaluation.records.sources import source
-from accelerated_evaluation.records.recordings.database import whole
 
 NUMBERS = ("trackId", "frame", "xCenter", "yCenter", "heading", "length", "lonVelocity", "laneChange")
 NEIGHBOURS = ("leadId", "rearId")  # -1, or empty, if there is none

@@ -6,9 +6,9 @@ from typing import Any
 import pandas as pd
 
 from accelerated_evaluation.records.recordings import drone
+from accelerated_evaluation.records.recordings.database import whole
 from accelerated_evaluation.records.recordings.trajectories import trajectory_keys
 from accelerated_evaluation.records.sources import source
-from accelerated_evaluation.records.recordings.database import whole
 
 # In the format `x` is the left end of the bounding box and `width` its length along the road. Vehicles of
 # direction 1 drive to the left, so that their front is at x; those of direction 2 drive to the right.
