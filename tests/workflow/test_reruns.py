@@ -31,7 +31,7 @@ EDITS = {
     "leaves": (
         {
             "fit_candidates": {"laws/paper/candidate_families.py", "laws/paper/comparison.py"},
-            "bootstrap_uncertainty": {"crash_map/uncertainty_study.py"},
+            "bootstrap_uncertainty": {"crash_map/uncertainty.py"},
             "run_07_conclusions": {"publishing/tables/claims.py"},
         },
         {"fit_candidates", "collect_candidates", "bootstrap_uncertainty", *END},

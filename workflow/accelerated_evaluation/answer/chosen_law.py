@@ -1,6 +1,7 @@
 """The law of cut-ins that a user names: fitted to the records at once, or that of a finished study."""
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +13,27 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import FITS, Law
 from accelerated_evaluation.laws.files import read_law
+from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.laws.paper.models import PAPER_LAWS, fit_paper_laws
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw
 from accelerated_evaluation.laws.smooth.family import MEMBERS, DistinctRecords, Fitter, Member
 from accelerated_evaluation.laws.smooth.support import Support
+from accelerated_evaluation.records.sources import describe
 
 ANSWER, PAPER = "answer", "paper"
 SMOOTH = {member.name: member for member in MEMBERS}
 FILE = ".json"
+
+
+def fit_paper_law(name: str, encounters: pd.DataFrame, config: Mapping[str, Any]) -> IndependentLaw:
+    """Fit the paper's laws by a complete configuration, and return the one of a name."""
+    models = config["models"]
+    limits = config["filters"]["range_max"], describe(config["data"]), models["closing_speed_max"]
+    return fit_paper_laws(encounters, models, *limits)[name]
+
+
+for _name in PAPER_LAWS:
+    FITS.add(_name)(partial(fit_paper_law, _name))
 
 
 def require_law(choice: str) -> None:

@@ -1,4 +1,4 @@
-"""What every script of the workflow shares: its log, and errors as one message."""
+"""What every script of the workflow shares: its log, errors as one message, and fast imports."""
 
 import os
 import sys
@@ -67,3 +67,20 @@ def _report(message: str, terminal: int) -> None:
         is_logged = False
     if not is_logged or LOGGER_VARIABLE not in os.environ:
         os.write(terminal, content)
+
+
+@contextmanager
+def without(module: str) -> Iterator[None]:
+    """Import, in the block, as if a module were not installed that others would use if it were.
+
+    The package jsonschema reads a grammar of web addresses, which takes more than a second at each start of
+    Snakemake and of each notebook, to check formats that no schema here asks for.
+    """
+    if module in sys.modules:
+        yield
+        return
+    sys.modules[module] = None
+    try:
+        yield
+    finally:
+        del sys.modules[module]

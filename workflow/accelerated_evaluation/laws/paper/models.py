@@ -4,7 +4,6 @@ import math
 import warnings
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,6 @@ import pandas as pd
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import ConvergenceError, located
 from accelerated_evaluation.distributions import BoundedExponential, Distribution, Pareto, PiecewiseMixture
-from accelerated_evaluation.laws import FITS
 from accelerated_evaluation.laws.paper.independent import IndependentLaw, recorded_lead_speeds
 from accelerated_evaluation.laws.paper.pieces import EXPONENTIAL, PieceFamily
 from accelerated_evaluation.laws.paper.piecewise import (
@@ -22,7 +20,6 @@ from accelerated_evaluation.laws.paper.piecewise import (
     knots_by_profile_likelihood,
     usable_knots,
 )
-from accelerated_evaluation.records.sources import describe
 
 PIECEWISE = {"two_pieces": 2, "three_pieces": 3}  # laws by name, with the number of pieces of R^-1
 PAPER_LAWS = (*PIECEWISE, "single")
@@ -128,17 +125,6 @@ def fit_paper_laws(
     for piece in simpler_pieces(fitted[next(iter(PIECEWISE))], models):
         warnings.warn(piece, stacklevel=2)
     return fitted
-
-
-def fit_paper_law(name: str, encounters: pd.DataFrame, config: Mapping[str, Any]) -> IndependentLaw:
-    """Fit the paper's laws by a complete configuration, and return the one of a name."""
-    models = config["models"]
-    limits = config["filters"]["range_max"], describe(config["data"]), models["closing_speed_max"]
-    return fit_paper_laws(encounters, models, *limits)[name]
-
-
-for _name in PAPER_LAWS:
-    FITS.add(_name)(partial(fit_paper_law, _name))
 
 
 def families_of_range(models: Mapping[str, Any], pieces: int) -> list[PieceFamily]:

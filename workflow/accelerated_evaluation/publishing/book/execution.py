@@ -15,7 +15,7 @@ from traitlets.config import Config
 from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.base.files import atomic_path
 from accelerated_evaluation.publishing.book.texts import fill
-from accelerated_evaluation.study.imports import without
+from accelerated_evaluation.study.jobs import without
 
 with without("rfc3987_syntax"):
     import nbformat

@@ -162,3 +162,15 @@ def stated_margin(crash_places: pd.DataFrame, level: float = 0.95) -> float:
     if crash_places.empty:  # the vehicle never crashes
         return float("nan")
     return float(crash_places.groupby("law")["beyond_recorded"].quantile(level).max())
+
+
+def without_sources(counted: pd.DataFrame) -> pd.DataFrame:
+    """Return the columns that a reader needs, both limits of a rate in one."""
+    shown = ["who", "what", "count", "per_million_miles", "95 %", "in_hundred_car", "verdict"]
+    return counted.assign(**{"95 %": interval_column(counted["low95"], counted["high95"])})[shown]
+
+
+@table("counted_crashes", digits=2, digest=without_sources)
+def counted_crashes_table(counted_crashes: pd.DataFrame) -> pd.DataFrame:
+    """Return predicted and counted crash rates as they are published."""
+    return counted_crashes
