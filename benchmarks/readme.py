@@ -1,0 +1,223 @@
+"""The tables of the benchmarks in their README and in two guides, made from benchmarks/results.
+
+``python benchmarks/readme.py`` updates them.
+"""
+
+import pandas as pd
+from accelerated_evaluation.methods import METHODS
+from accelerated_evaluation.publishing.readme import CAUSES, ROOT, WORLDS, Table, markdown, update
+
+CERTIFICATES = ROOT / "benchmarks" / "results" / "certificates.csv"
+RECORDINGS = ROOT / "benchmarks" / "results" / "recordings.csv"
+SAMPLERS = ROOT / "benchmarks" / "results" / "samplers.csv"
+SUCCESSORS = ROOT / "benchmarks" / "results" / "successors.csv"
+VEHICLES = ROOT / "benchmarks" / "results" / "vehicles.csv"
+BENCHMARKS = ROOT / "benchmarks" / "README.md"
+GUIDE = ROOT / "docs" / "sampler.md"
+YOUR_RECORDS = ROOT / "docs" / "your_records.md"
+OURS = "surrogate"
+LEARNERS = ("ak_mcs", "ak_is", "two_stage", "kde_ais")  # as in benchmarks/samplers/methods.py
+RELIABLE = 0.05  # share of failed seeds up to which another sampler is called the best
+COMMAND = "python benchmarks/readme.py"
+
+
+def samplers_table(samplers: pd.DataFrame) -> str:
+    """Return, for each problem of the benchmark, what this project's sampler, the paper and others need.
+
+    Of the others the one of fewest effective simulations is shown, among those that rarely fail.
+    """
+    headings = (
+        "problem",
+        "probability",
+        "this sampler",
+        "its true error",
+        "its 80 % intervals hold",
+        "failed",
+    )
+    headings += ("best of the paper's methods", "best public tool")
+    table = []
+    for name, rows in samplers.groupby("problem", sort=False):
+        ours = rows[rows["method"] == OURS].iloc[0]
+        others = rows[(rows["method"] != "crude") & (rows["failed"] <= RELIABLE) & (rows["method"] != OURS)]
+        is_paper = others["method"].isin([name for name in METHODS if METHODS[name].learns_apart])
+        cells = (
+            name.replace("_", " "),
+            f"{ours.reference:.2g}",
+            f"{ours.calls_mean:,.0f}",
+            f"{ours['error']:.2f}",
+            f"{ours.coverage80:.0%}",
+            f"{ours.failed * ours.seeds:.0f} of {ours.seeds:,.0f}",
+            _best(others[is_paper]),
+            _best(others[~is_paper]),
+        )
+        table.append(cells)
+    return markdown(headings, table)
+
+
+def learners_table(samplers: pd.DataFrame) -> str:
+    """Return, for the problems on which others that learn a surface were run, what they and ours need."""
+    headings = ("problem", "method", "seeds", "calls", "95 % at most", "error", "bias")
+    headings += ("off by a factor of 2", "of these claimed", "80 % holds", "95 % holds")
+    learned = samplers.groupby("problem", sort=False).filter(lambda rows: rows["method"].isin(LEARNERS).any())
+    forms = {"error": ".2f", "bias": "+.0%", "failed": ".0%", "claimed": ".0%"}
+    forms |= {"coverage80": ".0%", "coverage95": ".0%"}
+    table = []
+    for _, row in learned[learned["method"].isin([OURS, *LEARNERS])].iterrows():
+        cells = (
+            row["problem"].replace("_", " "),
+            "this sampler" if row["method"] == OURS else row["method"],
+            *(f"{row[name]:,.0f}" for name in ("seeds", "calls_mean", "calls_p95")),
+            *("–" if pd.isna(row[name]) else format(row[name], form) for name, form in forms.items()),
+        )
+        table.append(cells)
+    return markdown(headings, table)
+
+
+def vehicles_table(vehicles: pd.DataFrame) -> str:
+    """Return, for each law and vehicle, the exact crash probability and how well the sampler finds it."""
+    headings = ("law", "vehicle", "exact", "simulations", "mean / exact", "true error")
+    headings += ("80 % intervals hold", "failed", "of these, said to have converged")
+    table = []
+    for row in vehicles.to_dict("records"):
+        cells = [row["law"].replace("_", " "), row["vehicle"], f"{row['exact']:.2g}"]
+        if row["seeds"]:
+            found, failed = pd.notna(row["error"]), round(row["failed"] * row["seeds"])
+            cells += [
+                f"{row['calls_mean']:,.0f}",
+                f"{1 + row['bias']:.2f}" if found else "–",
+                f"{row['error']:.2f}" if found else "–",
+                f"{row['coverage80']:.0%}" if found else "–",
+                f"{failed} of {row['seeds']:.0f}",
+                f"{row['claimed'] * failed:.0f}" if failed else "–",
+            ]
+        table.append((*cells, *["–"] * (len(headings) - len(cells))))
+    return markdown(headings, table)
+
+
+def worlds_table(worlds: pd.DataFrame) -> str:
+    """Return how often the intervals cover in each kind of world, and how wide they are, as Markdown."""
+    headings = ("kind", "worlds", "50 % covers", "80 % covers", "95 % covers", "80 %: upper / lower")
+    headings += ("median / truth", "paper's 80 % covers")
+    table = []
+    for kind, rows in worlds.groupby("kind", sort=False):
+        by = rows.set_index("procedure")
+        ours = by.loc["this project"]
+        cells = (
+            kind,
+            f"{ours.worlds:.0f}",
+            *(f"{ours[f'coverage{level}']:.0%}" for level in (50, 80, 95)),
+            f"{ours.width80:.1f}",
+            f"{ours.median_ratio:.2f}",
+            f"{by.loc['paper', 'coverage80']:.0%}",
+        )
+        table.append(cells)
+    return markdown(headings, table)
+
+
+def causes_table(causes: pd.DataFrame) -> str:
+    """Return what a threshold does by chance, and the choice among laws to the width, as Markdown."""
+    headings = ("kind", "worlds", "10 %", "median", "90 %", "80 % covers", "upper / lower")
+    headings += ("80 % of the true law alone covers", "its upper / lower")
+    table = [
+        (
+            row.kind,
+            f"{row.worlds:.0f}",
+            *(f"{ratio:.2f}" for ratio in (row.ratio_10, row.ratio_50, row.ratio_90)),
+            *(f"{row.coverage80:.0%}", f"{row.width80:.1f}"),
+            *(f"{row.true_law_coverage80:.0%}", f"{row.true_law_width80:.1f}"),
+        )
+        for row in causes.itertuples()
+    ]
+    return markdown(headings, table)
+
+
+def recordings_table(recordings: pd.DataFrame) -> str:
+    """Return what recordings of each size take, and which of their cut-ins are found, as Markdown."""
+    headings = ("rows of targets", "CSV", "processor time", "a million rows", "peak memory")
+    headings += ("temporary files", "planted", "found", "invented")
+    table = [
+        (
+            f"{row.target_rows:,}",
+            f"{row.gb:.2f} GB",
+            f"{row.cpu_s:.0f} s",
+            f"{row.cpu_s / row.target_rows * 1e6:.1f} s",
+            f"{row.peak_gb:.2f} GB",
+            f"{row.temporary_gb:.2f} GB",
+            *(f"{count:,}" for count in (row.planted, row.found, row.invented)),
+        )
+        for row in recordings.itertuples()
+    ]
+    return markdown(headings, table)
+
+
+def certificates_table(certificates: pd.DataFrame) -> str:
+    """Return what each certificate costs, and how often it misses a hidden part, as Markdown."""
+    headings = ("share, curvature", "main problem", "range ≤ 1 m", "of these, draws of the wide law")
+    headings += ("hidden part missed",)
+    table = []
+    for (share, curvature), rows in certificates.groupby(["share", "curvature"], sort=False):
+        by = rows.set_index("problem")
+        main, near, hidden = by.loc["segment_5_15"], by.loc["range_1"], by.loc["hidden"]
+        cells = (
+            f"{share:g}, {curvature:g}",
+            *(f"{row.calls_mean:,.0f} (95 %: {row.calls_p95:,.0f})" for row in (main, near)),
+            f"{main.looks:,.0f}, {near.looks:,.0f}",
+            f"{hidden.missed * hidden.seeds:.0f} of {hidden.certified * hidden.seeds:.0f}",
+        )
+        table.append(cells)
+    return markdown(headings, table)
+
+
+def successors_table(successors: pd.DataFrame) -> str:
+    """Return what the runs of a like vehicle save, as Markdown; the first variant is the vehicle itself."""
+    headings = (
+        "variant",
+        "crash probability",
+        "ratio to the predecessor",
+        "ranked right at 60",
+        "error at 60",
+        "simulations to the end",
+        "error",
+        "80 % intervals hold",
+        "off by a factor of 2",
+        "simulations alone",
+    )
+    table = []
+    for row in successors.itertuples():
+        cells = (
+            row.variant,
+            f"{row.probability:.1e}",
+            f"{row.ratio:.2f}",
+            f"{row.ranked * row.seeds:.0f} of {row.seeds}" if row.ratio != 1 else "–",
+            f"{row.early_error:.2f}",
+            f"{row.simulations:.0f}",
+            f"{row.error:.2f}",
+            f"{row.holds * row.seeds:.0f} of {row.seeds}",
+            f"{row.off * row.seeds:.0f}",
+            f"{row.simulations_alone:.0f}",
+        )
+        table.append(cells)
+    return markdown(headings, table)
+
+
+def _best(rows: pd.DataFrame) -> str:
+    if rows.empty:
+        return "–"
+    best = rows.loc[rows["effective_calls"].idxmin()]
+    return f"{best.effective_calls:,.0f} ({best.method})"
+
+
+TABLES = {
+    "samplers": Table(BENCHMARKS, SAMPLERS, samplers_table, COMMAND),
+    "learners": Table(BENCHMARKS, SAMPLERS, learners_table, COMMAND),
+    "vehicles": Table(BENCHMARKS, VEHICLES, vehicles_table, COMMAND),
+    "worlds": Table(BENCHMARKS, WORLDS, worlds_table, COMMAND),
+    "causes": Table(BENCHMARKS, CAUSES, causes_table, COMMAND),
+    "recordings": Table(BENCHMARKS, RECORDINGS, recordings_table, COMMAND),
+    "size": Table(YOUR_RECORDS, RECORDINGS, recordings_table, COMMAND),
+    "certificates": Table(GUIDE, CERTIFICATES, certificates_table, COMMAND),
+    "successors": Table(GUIDE, SUCCESSORS, successors_table, COMMAND),
+}
+
+if __name__ == "__main__":
+    update(TABLES)
