@@ -163,7 +163,7 @@ def test_files_that_cannot_be_read_are_told(tmp_path):
     with pytest.raises(InputError, match="seen no such folder"):
         extract(tmp_path / "nowhere")
     (tmp_path / "a.mcap").write_bytes(b"no trace at all")
-    with pytest.raises(InputError, match=r"a\.mcap: seen \w+: .*expected a whole OSI trace"):
+    with pytest.raises(InputError, match=r"a\.mcap: seen \w+: .*expected a complete OSI trace"):
         extract(tmp_path)
     one_message(tmp_path)
     whole = (tmp_path / "a.mcap").read_bytes()

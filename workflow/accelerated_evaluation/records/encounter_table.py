@@ -1,4 +1,4 @@
-"""The encounter table: the only form in which lane-change records leave this room."""
+"""The encounter table, the only form in which lane-change records are passed to other packages."""
 
 import os
 
@@ -15,7 +15,9 @@ QUANTITIES = (*NUMBERS, "range_rate", "ttc")  # that a source may state
 
 
 def complete(raw: pd.DataFrame) -> pd.DataFrame:
-    """Derive the five numbers of the contract from the three of a source, whose own stay exactly as they are.
+    """Compute the five numbers of the encounter table from the three columns of a source.
+
+    Columns that the source provides are not changed.
 
     Parameters
     ----------
@@ -42,7 +44,7 @@ def complete(raw: pd.DataFrame) -> pd.DataFrame:
 
 
 def write_encounters(path: str | os.PathLike, encounters: pd.DataFrame, description: str) -> None:
-    """Write an encounter table as Parquet; the description of the data travels in the file's metadata."""
+    """Write an encounter table as Parquet, with the description of the data in the metadata of the file."""
     table = encounters[list(COLUMNS)].reset_index(drop=True)
     table.attrs = {"description": description}
     with atomic_path(path) as temporary:
@@ -50,12 +52,12 @@ def write_encounters(path: str | os.PathLike, encounters: pd.DataFrame, descript
 
 
 def read_encounters(path: str | os.PathLike) -> pd.DataFrame:
-    """Read an encounter table; ``attrs["description"]`` says what the data are.
+    """Read an encounter table; ``attrs["description"]`` contains the description of the data.
 
     Raises
     ------
     InputError
-        If there is no such file or it is not an encounter table.
+        If the file is missing or is not an encounter table.
     """
     require_file(path, "Run the ingest step, or correct the path.")
     table = read_parquet(path)

@@ -1,4 +1,4 @@
-"""Which records are kept, with an account of every one that is not."""
+"""Filters of the records, with an account of every row that is dropped."""
 
 from collections.abc import Iterable, Mapping
 from typing import Self
@@ -10,18 +10,18 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.records.encounter_table import QUANTITIES, complete
 
 NAMED_ROWS = 5
-FASTEST = 300.0  # [m/s]; no road vehicle has such a speed, but a wrong unit or a mark for a missing value has
+FASTEST = 300.0  # [m/s]; a larger speed is a wrong unit or a code for a missing value
 
 
 class Account:
-    """What each step found, dropped and kept.
+    """The account of the records: the number of rows that each step found, dropped and kept.
 
     Parameters
     ----------
     rows
         Number of rows that were read.
     earlier
-        Lines of the account of an extraction that found these rows in recordings, to go before its own.
+        Lines of the account of an extraction that found these rows in recordings; they come first.
     """
 
     def __init__(self, rows: int, earlier: Iterable[dict] = ()) -> None:
@@ -30,24 +30,24 @@ class Account:
 
     @classmethod
     def of(cls, raw: pd.DataFrame) -> Self:
-        """Begin the account of the records of a source, after that of an extraction that found them."""
+        """Begin the account of the records of a source, after the lines of an earlier extraction."""
         return cls(len(raw), raw.attrs.get("account", ()))
 
     def take(
         self, table: pd.DataFrame, found: pd.Series, *, step: str, reason: str, drop: bool = True
     ) -> pd.DataFrame:
-        """Enter one line and return ``table`` without the rows where ``found``, or whole if not ``drop``.
+        """Enter one line, and return ``table`` without the rows that were found.
 
         Parameters
         ----------
         table
             Records, indexed by their row in the source.
         found
-            Boolean, index of ``table``.
+            Boolean, with the index of ``table``.
         step, reason
-            Name of the filter and why it drops a row.
+            Name of the filter, and the reason for dropping a row.
         drop
-            False to count only.
+            If False, the rows are only counted and the complete table is returned.
         """
         self.enter(
             int(found.sum()), step=step, reason=reason, drop=drop, examples=table.index[found][:NAMED_ROWS]
@@ -57,16 +57,16 @@ class Account:
     def enter(
         self, count: int, *, step: str, reason: str, drop: bool = True, examples: Iterable[object] = ()
     ) -> None:
-        """Enter one line about rows that are counted elsewhere, such as in a database.
+        """Enter one line about rows that are counted elsewhere, for example in a database.
 
         Parameters
         ----------
         count
             Number of rows that were found.
         step, reason
-            Name of the filter and why it drops a row.
+            Name of the filter, and the reason for dropping a row.
         drop
-            False to count only.
+            If False, the rows are only counted.
         examples
             Names of a few of these rows.
         """
@@ -85,7 +85,7 @@ class Account:
         )
 
     def summary(self) -> str:
-        """Say in words how many rows each filter dropped."""
+        """Return a sentence with the number of rows that each filter dropped."""
         dropped = [line for line in self._lines if line["rows_dropped"]]
         counts = (f"{line['rows_dropped']:,} by {line['step']}: {line['reason']}" for line in dropped)
         return "; ".join(counts) or "none were dropped"
@@ -96,15 +96,15 @@ class Account:
 
 
 def drop_invalid(raw: pd.DataFrame, account: Account, *, policy: str, where: str) -> pd.DataFrame:
-    """Complete the records of a source and drop, or refuse, those that are no encounter.
+    """Complete the records of a source, and drop or refuse the rows that are not an encounter.
 
     Parameters
     ----------
     raw
-        Three columns as `contract.complete` takes them, of which cells may be missing or text; others do not
-        count.
+        Three columns as `encounter_table.complete` takes them, whose cells may be missing or text. Other
+        columns are ignored.
     account
-        Where the rows are entered, one line a reason.
+        Account in which the rows are entered, with one line for each reason.
     policy
         ``"drop"`` or ``"refuse"``.
     where
@@ -113,12 +113,13 @@ def drop_invalid(raw: pd.DataFrame, account: Account, *, policy: str, where: str
     Returns
     -------
     pandas.DataFrame
-        Columns ``contract.NUMBERS``, all finite.
+        Columns ``encounter_table.NUMBERS``, all finite.
 
     Raises
     ------
     InputError
-        If the policy is to refuse and there is such a row; names the first few, with what is in them.
+        If the policy is to refuse and there is an invalid row. The message names the first few with their
+        values.
     """
     raw = raw[[name for name in raw if name in QUANTITIES]]
     numbers = raw.apply(pd.to_numeric, errors="coerce").astype(float)
@@ -142,7 +143,7 @@ def drop_invalid(raw: pd.DataFrame, account: Account, *, policy: str, where: str
             where,
             seen="; ".join(_describe(raw, mask, reason) for reason, mask in masks.items() if mask.any()),
             expected="finite numbers, with range and lead speed not negative, and possible speeds",
-            change="Mend these rows, or set data.invalid_rows to drop.",
+            change="Correct these rows, or set data.invalid_rows to drop.",
         )
     for reason, mask in masks.items():
         encounters = account.take(encounters, mask.loc[encounters.index], step="invalid", reason=reason)
@@ -158,14 +159,14 @@ def drop_repeated(encounters: pd.DataFrame, account: Account, *, policy: str) ->
 
 
 def apply_filters(encounters: pd.DataFrame, account: Account, filters: Mapping[str, float]) -> pd.DataFrame:
-    """Keep what the paper's section II keeps: closing range, v_L in the limits, R not above its limit.
+    """Keep the rows that section II of the paper keeps: the gap closes, and v_L and R are within the limits.
 
     Parameters
     ----------
     encounters
-        Columns ``contract.NUMBERS``.
+        Columns ``encounter_table.NUMBERS``.
     account
-        Where the rows are entered, one line a filter.
+        Account in which the rows are entered, with one line for each filter.
     filters
         ``lead_speed_min`` [m/s], ``lead_speed_max`` [m/s], exclusive, and ``range_max`` [m].
     """

@@ -1,4 +1,4 @@
-"""From a source of lane-change records to the encounter table and the account of what was left out."""
+"""Make the encounter table, and the account of dropped rows, from a source of lane-change records."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -21,18 +21,18 @@ def ingest(raw: pd.DataFrame, config: Mapping[str, Any], account: Account) -> pd
     config
         A valid configuration; its sections ``data``, ``filters`` and ``segments`` are used.
     account
-        A new account of the records. Every row that is dropped is entered in it, also if the ingest fails.
+        A new account of the records. Every dropped row is entered in it, even if an error is raised later.
 
     Returns
     -------
     pandas.DataFrame
-        The encounter table, columns ``contract.COLUMNS``, in the order of the source.
+        The encounter table, columns ``encounter_table.COLUMNS``, in the order of the source.
 
     Raises
     ------
     InputError
-        If a row is invalid and the configuration refuses such, if no row is left, if a segment is empty, or
-        if an outlier row that the configuration names is not in the table.
+        If the configuration refuses invalid rows and there is one, if no row remains, if a segment is empty,
+        or if an outlier row named in the configuration does not exist.
     """
     data = config["data"]
     source = data[data["source"]]

@@ -1,7 +1,8 @@
-"""Limits that follow the records: the values of the configuration's keys that are ``auto``.
+"""Limits that are derived from the records, for the configuration keys whose value is ``auto``.
 
-The paper's limits hold for the paper's records. A study of other records has ``auto`` for each of the keys in
-`AUTOMATIC` that it does not state, and gets limits that hold all of its records but impossible ones.
+The default limits are those of the paper, and they fit the paper's records. In a study of other records, each
+of the keys in `AUTOMATIC` that is not stated is ``auto``. Its limit is then chosen so that all records are
+kept, except physically impossible ones.
 """
 
 import json
@@ -41,19 +42,19 @@ AUTOMATIC = (
 FASTEST, FARTHEST = 70.0, 300.0  # [m/s], [m]: no lead car is faster, and no sensor of a car sees farther
 WIDTH = 10.0  # [m/s] of a segment, as the paper's
 SEGMENT_ROWS = 600  # so that the uppermost 5 %, the tail, has 30
-MARGIN = 1.05  # of the cap above the largest recorded closing speed; the paper's is 1.06
-NO_CHANGE = 45.0  # [m/s], closing speed above which no car of the study does anything else
-CAPS = (0.75, 0.85, 0.95, 1.05, 1.25)  # that the sensitivity tries, by the cap
-LARGEST_SPEED = 100.0  # [m/s], that the configuration allows
+MARGIN = 1.05  # cap / largest recorded closing speed; it is 1.06 in the paper
+NO_CHANGE = 45.0  # [m/s], closing speed above which the outcome of no car of the study changes
+CAPS = (0.75, 0.85, 0.95, 1.05, 1.25)  # multiples of the cap in the study of sensitivity
+LARGEST_SPEED = 100.0  # [m/s], the largest value that the configuration allows
 
 
 def value_of(config: Mapping[str, Any], key: str) -> Any:  # noqa: ANN401
-    """Return the value of a key such as ``filters.range_max``."""
+    """Return the value of a key such as ``filters.range_max`` in a configuration."""
     return reduce(getitem, key.split("."), config)
 
 
 def with_values(config: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a copy of a configuration with other values of some keys."""
+    """Return a copy of a configuration in which some keys have other values."""
     changed = deepcopy(dict(config))
     for key, value in values.items():
         *sections, name = key.split(".")
@@ -68,23 +69,25 @@ def with_limits(
     *,
     trust: bool = False,
 ) -> dict[str, Any]:
-    """Return a configuration with a value in the place of each ``auto``.
+    """Return a configuration in which each ``auto`` is replaced by a value.
 
     Parameters
     ----------
     config
         A valid configuration.
     files
-        The records, whose content tells whether limits that were kept are still theirs.
+        The files of the records. Limits that were saved earlier are reused only if the contents are
+        unchanged.
     kept
-        File that keeps the limits, so that records are read once; None to read them always.
+        File in which the limits are saved, so that the records are read only once; None to read them every
+        time.
     trust
-        Take what was kept as it is: a job of a run that has looked already.
+        Use the saved limits without a check. This is for the jobs of a run that has already checked them.
 
     Raises
     ------
     InputError
-        If the records cannot be read, or none of them is possible.
+        If the records cannot be read, or none of them is physically possible.
     """
     asked = [key for key in AUTOMATIC if value_of(config, key) == AUTO]
     if not asked:
@@ -95,7 +98,7 @@ def with_limits(
         return with_values(config, read_json(kept)["limits"])
     of = value_digest([config["data"], config["seed"], stated, content_digest([*files, __file__])])
     found = None
-    with suppress(ValueError):  # a damaged file is made anew
+    with suppress(ValueError):  # a damaged file is written again
         found = read_json(kept) if has_kept else None
     if not isinstance(found, Mapping) or found.get("of") != of:
         raw = read_source(config["data"], child_generator(config["seed"], "sample"))
@@ -148,18 +151,18 @@ def limits_of(raw: pd.DataFrame, config: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def edges_of(lead_speed: pd.Series, low: float, high: float, width: float, rows: int) -> list[float]:
-    """Return edges of segments of about equal width, joined until each has as many rows as asked.
+    """Return edges of segments of about equal width, joined until each segment has enough rows.
 
     Parameters
     ----------
     lead_speed
-        Of the records [m/s].
+        Lead speeds of the records [m/s].
     low, high
         First and last edge [m/s].
     width
-        Of a segment [m/s], about.
+        Approximate width of a segment [m/s].
     rows
-        That a segment has at least, unless it is the only one.
+        Least number of rows in a segment, unless there is only one segment.
     """
     inner = np.linspace(low, high, max(round((high - low) / width), 1) + 1)[1:-1].round()
     edges = [low, *(int(edge) for edge in np.unique(inner) if low < edge < high), high]
@@ -176,7 +179,7 @@ def edges_of(lead_speed: pd.Series, low: float, high: float, width: float, rows:
 
 
 def limits_in_words(config: Mapping[str, Any]) -> str:
-    """Say in one line within which limits a resolved configuration keeps records."""
+    """Return a sentence with the limits within which a resolved configuration keeps records."""
     filters, edges = config["filters"], config["segments"]["lead_speed_edges"]
     speeds = f"{filters['lead_speed_min']:g} to {filters['lead_speed_max']:g} m/s"
     cap = f"{config['models']['closing_speed_max']:g} m/s"

@@ -1,4 +1,4 @@
-"""The report on the records as text, for the log and the command."""
+"""The report on the records as text, for the log file and for the command."""
 
 import textwrap
 
@@ -10,7 +10,7 @@ WIDTH = 100
 
 
 def report_in_words(report: pd.DataFrame) -> str:
-    """Return the report of `checks.inspect_records` as lines to be read, stops first."""
+    """Return the result of `checks.inspect_records` as readable text, with verdicts of stop first."""
     lines = [summary(report), ""]
     for row in report.to_dict("records"):
         lines.append(f"{row['verdict'].upper():5} {row['check']}: {row['seen']}")
@@ -29,7 +29,7 @@ def report_in_words(report: pd.DataFrame) -> str:
 
 
 def summary(report: pd.DataFrame) -> str:
-    """Say in one line how many checks have which verdict, and name those that say stop."""
+    """Return a sentence with the number of checks for each verdict, and the names of checks that say stop."""
     counts = ", ".join(f"{(report['verdict'] == verdict).sum()} {verdict}" for verdict in VERDICTS)
     stops = report.loc[report["verdict"] == STOP, "check"]
     if stops.empty:

@@ -1,4 +1,4 @@
-"""Segments of lead speed, and whether the variables are independent inside them as the paper assumes."""
+"""Segments of lead speed, and a test of the paper's assumption of independence within segments."""
 
 from collections.abc import Sequence
 from itertools import combinations, pairwise
@@ -21,12 +21,12 @@ def segment_names(lead_speed_edges: Sequence[float]) -> list[str]:
 
 
 def assign_segments(encounters: pd.DataFrame, lead_speed_edges: Sequence[float]) -> pd.DataFrame:
-    """Add the column ``segment``: lower edge included, upper edge not (paper, section II).
+    """Add the column ``segment``; each segment includes its lower edge but not its upper one (section II).
 
     Parameters
     ----------
     encounters
-        With ``lead_speed`` [m/s].
+        Table with the column ``lead_speed`` [m/s].
     lead_speed_edges
         Increasing edges [m/s], shape (number of segments + 1,).
 
@@ -43,7 +43,7 @@ def assign_segments(encounters: pd.DataFrame, lead_speed_edges: Sequence[float])
             f"segments between the lead speeds {' '.join(f'{edge:g}' for edge in lead_speed_edges)} m/s",
             seen=f"{outside.sum():,} of {len(encounters):,} rows outside, the first with {first}",
             expected=f"all rows in [{lead_speed_edges[0]:g}, {lead_speed_edges[-1]:g}) m/s",
-            change="Let the edges enclose the limits in filters.",
+            change="Choose edges that enclose the limits in filters.",
         )
     index = np.searchsorted(lead_speed_edges, speeds, side="right") - 1
     empty = [name for number, name in enumerate(names) if number not in index]
@@ -58,13 +58,13 @@ def assign_segments(encounters: pd.DataFrame, lead_speed_edges: Sequence[float])
 
 
 def require_rows(encounters: pd.DataFrame) -> None:
-    """Refuse, before any work, encounters that are too few to fit a law to.
+    """Raise InputError if there are too few encounters to fit a law, before any other work is done.
 
     Raises
     ------
     InputError
-        If a segment has fewer than `MINIMUM_ROWS` rows, or range and closing speed in all rows, or TTC^-1 in
-        those of a segment, have fewer than `MINIMUM_VALUES` different values.
+        If a segment has fewer than `MINIMUM_ROWS` rows. Also if the range or the closing speed in all rows,
+        or TTC^-1 in the rows of a segment, has fewer than `MINIMUM_VALUES` different values.
     """
     counts = segment_counts(encounters)
     few = counts[counts["rows"] < MINIMUM_ROWS]
@@ -105,22 +105,22 @@ def segment_counts(encounters: pd.DataFrame) -> pd.DataFrame:
 
 
 def dependence(encounters: pd.DataFrame, confidence: float = 0.95) -> pd.DataFrame:
-    """Kendall's tau of each pair of variables in each segment, with a confidence interval.
+    """Return Kendall's tau of each pair of variables in each segment, with a confidence interval.
 
-    The intervals hold for dependent variables and for rows that are not independent, see `tau_interval`.
+    The intervals are valid for dependent variables and for rows that are not independent; see `tau_interval`.
 
     Parameters
     ----------
     encounters
-        Encounter table, its rows in the order of the record.
+        Encounter table, with rows in the order of the record.
     confidence
         Level of the intervals.
 
     Returns
     -------
     pandas.DataFrame
-        Columns ``segment``, ``pair``, ``tau`` (tau-b), ``ci_low``, ``ci_high``, ``n``. NaN for the tau of a
-        variable that does not vary, and for the interval of fewer rows than two a block.
+        Columns ``segment``, ``pair``, ``tau`` (tau-b), ``ci_low``, ``ci_high``, ``n``. Tau is NaN if a
+        variable is constant, and the interval is NaN if there are fewer than two rows per block.
     """
     table = []
     for segment in segment_counts(encounters)["segment"]:
@@ -133,12 +133,13 @@ def dependence(encounters: pd.DataFrame, confidence: float = 0.95) -> pd.DataFra
 
 
 def tau_interval(x: np.ndarray, y: np.ndarray, confidence: float) -> tuple[float, float]:
-    """Kendall's tau-b of rows in the order of the record, shape (n,), and the half-width of its interval.
+    """Return Kendall's tau-b of x and y, shape (n,), and the half-width of its confidence interval.
 
-    The standard error comes from the jackknife that leaves out one of 30 blocks of consecutive rows (Kuensch
-    1989, Annals of Statistics 17, 1217). It assumes neither that tau is zero nor that rows are independent:
-    repeated rows, and rows alike because of one trip, share a block. The interval is symmetric, Student's t
-    with 29 degrees of freedom; its half-width is NaN for fewer rows than two a block.
+    The rows are in the order of the record. The standard error comes from a jackknife that leaves out one of
+    30 blocks of consecutive rows (Kuensch 1989, Annals of Statistics 17, 1217). It assumes neither that tau
+    is zero nor that rows are independent, because repeated rows and similar rows of one trip belong to the
+    same block. The interval is symmetric and uses Student's t with 29 degrees of freedom. Its half-width is
+    NaN if there are fewer than two rows per block.
     """
     # Imported here, because it takes half a second, which every job of the study would pay.
     from scipy.stats import kendalltau, t

@@ -198,7 +198,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
     except (OSError, ValueError, yaml.YAMLError, RecursionError) as error:
         seen = " ".join(str(error).replace('in "<unicode string>", ', "in ").split())
         raise InputError(
-            str(path), seen=seen, expected="a YAML file", change="Correct the path or mend the file."
+            str(path), seen=seen, expected="a YAML file", change="Correct the path or correct the file."
         ) from error
     if not isinstance(config, Mapping):
         raise InputError(

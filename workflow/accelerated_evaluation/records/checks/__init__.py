@@ -1,11 +1,11 @@
-"""Checks of records before any result: each is one function in a module of this package.
+"""Checks of records before any result: each check is one function in a module of this package.
 
 A check takes `Records` and returns a `Finding`, with the verdict ``fine``, ``look`` or ``stop``:
 
-- ``look`` where the records are not what chance alone would give, at the test level `LEVEL`, or where a
-  physical limit is passed by single rows. The user has to look at the rows that are named.
-- ``stop`` where what was found makes the results wrong: a physical limit is passed by the mass of the records
-  (a wrong unit, a wrong sign), or a fault is in more than `MANY` of the rows.
+- ``look``: the result is unlikely to be due to chance, at the test level `LEVEL`, or single rows exceed a
+  physical limit. The user has to inspect the rows that are named.
+- ``stop``: the finding makes the results wrong, because most of the records exceed a physical limit (a wrong
+  unit, a wrong sign), or because a share of more than `MANY` of the rows has a fault.
 
 A new check is one function with the decorator ``@CHECKS.add("<name>")``.
 """
@@ -26,14 +26,14 @@ from accelerated_evaluation.records.encounter_table import NUMBERS
 from accelerated_evaluation.records.filters import Account, apply_filters, drop_invalid
 from accelerated_evaluation.records.segments import MINIMUM_ROWS, segment_names
 
-LEVEL = 0.001  # of a test, so that a check calls one sound table in a thousand conspicuous
+LEVEL = 0.001  # significance level of a test: one sound table in a thousand gets the verdict look
 MANY = 0.01  # of the rows: the fits rest on the uppermost 5 % of the rows, of which this is a fifth
 NAMED_ROWS = 5
 FINE, LOOK, STOP = VERDICTS = ("fine", "look", "stop")
 
 
 class Replayed(Protocol):
-    """What the checks need of the outcomes of simulated cut-ins, arrays of shape (n,)."""
+    """The outcomes of simulated cut-ins that the checks need, as arrays of shape (n,)."""
 
     crash: NDArray[np.bool_]
     min_range: Array
@@ -45,20 +45,20 @@ Simulate = Callable[[Array, Array, Array], Replayed]
 
 @dataclass(frozen=True)
 class Finding:
-    """What a check found.
+    """The result of a check.
 
     Attributes
     ----------
     verdict
         ``fine``, ``look`` or ``stop``.
     looked_at, seen
-        In words.
+        Descriptions of what was checked and of what was found.
     number
-        The number that the verdict rests on.
+        The number on which the verdict is based.
     advice
-        What to do; empty where all is fine.
+        What to do; empty if the verdict is fine.
     rows
-        Rows of the source that are concerned, the worst first.
+        Affected rows of the source, the worst first.
     """
 
     verdict: str
@@ -76,17 +76,17 @@ class Records:
     Attributes
     ----------
     valid
-        All rows with three finite numbers, columns ``contract.NUMBERS``.
+        All rows with three finite numbers, columns ``encounter_table.NUMBERS``.
     invalid
-        Rows that are no encounter.
+        Rows that are not an encounter.
     kept
         The valid rows that pass the filters.
     edges
         Edges of the segments of the lead speed [m/s].
     simulate
-        Simulates cut-ins with the vehicle under test; None where there is none.
+        Function that simulates cut-ins with the vehicle under test; None if there is no vehicle.
     warnings
-        What the source could not check of its units, in words.
+        Statements about units of the source that could not be checked.
     """
 
     valid: pd.DataFrame
@@ -139,7 +139,7 @@ class Records:
 
     @cached_property
     def outcomes(self) -> pd.DataFrame:
-        """What happens when the kept rows are replayed: ``crash``, ``min_range`` [m] and ``min_ttc`` [s]."""
+        """The outcomes of replaying the kept rows: ``crash``, ``min_range`` [m] and ``min_ttc`` [s]."""
         found = self.simulate(*(self.kept[name].to_numpy() for name in NUMBERS[:3]))
         names = ("crash", "min_range", "min_ttc")
         return pd.DataFrame({name: getattr(found, name) for name in names}, index=self.kept.index)
@@ -150,14 +150,17 @@ CHECKS: Registry[Check] = Registry("check", __name__, __path__)
 
 
 def by_share(count: int, size: int) -> str:
-    """Return the verdict on faults of single rows: ``stop`` if more than `MANY` of ``size`` have one."""
+    """Return the verdict on faults of single rows, given the number of faulty rows.
+
+    The verdict is ``stop`` if more than a share `MANY` of ``size`` rows has a fault.
+    """
     if count == 0:
         return FINE
     return STOP if count > MANY * size else LOOK
 
 
 def inspect_records(records: Records) -> pd.DataFrame:
-    """Run all checks.
+    """Run all checks on the records.
 
     Parameters
     ----------
@@ -167,13 +170,14 @@ def inspect_records(records: Records) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        A row for each check, stops first: ``check``, ``verdict``, ``looked_at``, ``seen``, ``number``,
-        ``rows`` (how many are concerned), ``example_rows`` (of the source, counted from 1) and ``advice``.
+        One row for each check, verdicts of stop first: ``check``, ``verdict``, ``looked_at``, ``seen``,
+        ``number``, ``rows`` (number of affected rows), ``example_rows`` (rows of the source, counted from 1)
+        and ``advice``.
 
     Raises
     ------
     InputError
-        If there are too few valid rows to check anything.
+        If there are too few valid rows for the checks.
     """
     if len(records.valid) < MINIMUM_ROWS:
         raise InputError(

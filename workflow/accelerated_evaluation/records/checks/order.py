@@ -1,4 +1,4 @@
-"""Whether the records stay the same from the first row to the last."""
+"""Checks for a drift of the records from the first row to the last."""
 
 import numpy as np
 from scipy.stats import norm
@@ -15,8 +15,9 @@ MEDIUM = 0.5  # standard deviations, a medium effect (Cohen 1988)
 def drift(records: Records) -> Finding:
     """Compare the first and the last third of the rows, in the order of the record.
 
-    The number is the probability that a value of the last third is larger than one of the first. Its standard
-    error is of the jackknife over blocks of consecutive rows, because rows of one trip are alike.
+    The statistic is the probability that a value of the last third is larger than one of the first. Its
+    standard error comes from a jackknife over blocks of consecutive rows, because rows of one trip are
+    similar.
     """
     rows = records.closing
     looked_at = "chance that a value of the last third of the rows is larger than one of the first third"

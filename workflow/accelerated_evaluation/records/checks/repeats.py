@@ -1,7 +1,7 @@
-"""Whether one row is one cut-in: rows that repeat others, exactly or nearly, and sensors that are stuck.
+"""Checks whether one row is one cut-in: repeated and nearly repeated rows, and stuck sensors.
 
-How many equal values chance brings depends on the resolution of the records, which nobody states. It is read
-off the records themselves, from pairs of rows so far apart that they are of different cut-ins.
+The number of equal values that occur by chance depends on the resolution of the records, which is not stated.
+It is estimated from pairs of rows that are so far apart that they belong to different cut-ins.
 """
 
 import numpy as np
@@ -21,12 +21,12 @@ from accelerated_evaluation.records.checks import (
 
 MEASURED = ["lead_speed", "range", "closing_speed"]
 RESOLUTION = np.array([0.1, 0.2, 0.1])  # [m/s], [m], [m/s]: of the radars of cars
-FAR = (0.23, 0.31, 0.43)  # of the record, the distances of rows that have nothing to do with each other
+FAR = (0.23, 0.31, 0.43)  # distances, as shares of the record, between rows of different cut-ins
 
 
 @CHECKS.add("repeated_rows")
 def repeated_rows(records: Records) -> Finding:
-    """Look for rows that are equal to the row before them."""
+    """Check for rows that are equal to the row before them."""
     rows = records.valid.index.difference(records.distinct.index)
     share = len(rows) / max(len(records.valid), 1)
     return Finding(
@@ -42,7 +42,10 @@ def repeated_rows(records: Records) -> Finding:
 
 @CHECKS.add("rows_repeated_elsewhere")
 def rows_repeated_elsewhere(records: Records) -> Finding:
-    """Look for rows that are equal to one farther up, and compare with pairs whose columns were shifted."""
+    """Check for rows that are equal to an earlier row that is not the row before.
+
+    Their number is compared with the number of equal rows after one column has been shifted.
+    """
     rows = records.distinct[MEASURED].round(9)
     found = rows.index[rows.duplicated()]
     shifted = rows.assign(range=np.roll(rows["range"], len(rows) // 3))
@@ -59,7 +62,7 @@ def rows_repeated_elsewhere(records: Records) -> Finding:
 
 @CHECKS.add("nearly_repeated_rows")
 def nearly_repeated_rows(records: Records) -> Finding:
-    """Look for rows that differ from the row before them by no more than sensors can tell."""
+    """Check for rows that differ from the row before them by no more than the resolution of sensors."""
     rows = records.distinct[MEASURED].to_numpy()
     near = np.concatenate([[False], _near(rows, 1)])
     chance = max(np.mean([_near(rows, lag).sum() for lag in _lags(len(rows))]), 1.0)
@@ -77,7 +80,7 @@ def nearly_repeated_rows(records: Records) -> Finding:
 
 @CHECKS.add("stuck_sensor")
 def stuck_sensor(records: Records) -> Finding:
-    """Look for one quantity that stays the same from row to row while another changes."""
+    """Check for one quantity that is the same as in the row before while another quantity changes."""
     rows, worst = records.distinct, (1.0, MEASURED[0], 0, pd.Index([]))
     for name in MEASURED:
         values = rows[name].to_numpy()
@@ -102,7 +105,7 @@ def _lags(size: int) -> list[int]:
 
 
 def _near(rows: np.ndarray, lag: int) -> np.ndarray:
-    """Tell which rows are as the row ``lag`` before them, within the resolution; shape (n - lag,)."""
+    """Return which rows equal the row ``lag`` before them, within the resolution; shape (n - lag,)."""
     return (np.abs(rows[lag:] - rows[:-lag]) <= RESOLUTION).all(axis=1)
 
 

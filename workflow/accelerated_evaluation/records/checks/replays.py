@@ -1,4 +1,4 @@
-"""What the vehicle under test does in the cut-ins that were recorded."""
+"""Check of the outcomes when the vehicle under test replays the recorded cut-ins."""
 
 from accelerated_evaluation.records.checks import (
     CHECKS,
@@ -16,7 +16,7 @@ NEAR_TTC, NEAR_RANGE = 1.0, 1.0  # [s], [m], near misses of the crash map
 
 @CHECKS.add("replayed_crashes")
 def replayed_crashes(records: Records) -> Finding:
-    """Replay the rows that pass the filters: which crash, and which nearly do."""
+    """Replay the rows that pass the filters, and report those that crash or nearly crash."""
     looked_at = (
         f"rows that crash with the vehicle under test, or come to a TTC under {NEAR_TTC:g} s or a range "
         f"under {NEAR_RANGE:g} m"

@@ -1,4 +1,4 @@
-"""Whether the distributions are those of measured quantities: heaps, holes, cut edges and values far out."""
+"""Checks of the distributions: accumulations at round numbers, gaps, cut edges and outliers."""
 
 from collections.abc import Iterator
 
@@ -13,14 +13,14 @@ SPEED_UNITS = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704}
 UNITS = {"lead_speed": SPEED_UNITS, "range": {"m": 1.0, "ft": 0.3048}, "closing_speed": SPEED_UNITS}
 STEPS = (10.0, 5.0, 1.0, 0.5)
 OFFSETS = sorted({j / 10 for j in range(1, 10)} | {j / 16 for j in range(1, 16)})  # of a step
-BESIDE = 50  # distinct values next to one, that say how many rows or how much room to expect
+BESIDE = 50  # neighbouring distinct values, from which the expected count or distance is estimated
 TOP = 100  # largest values, whose mean excess is known within 10 %
 EXTREMES = ("inverse_range", "inverse_ttc")  # what the models have tails of
 
 
 @CHECKS.add("round_numbers")
 def round_numbers(records: Records) -> Finding:
-    """Look for more rows on round numbers than on any other lattice of the same step."""
+    """Check for more rows on round numbers than on any other lattice with the same step."""
     heaps, tests = [], sum(len(units) for units in UNITS.values()) * len(STEPS)
     for name, units in UNITS.items():
         values = _of(records, name)
@@ -49,7 +49,7 @@ def _of(records: Records, name: str) -> pd.Series:
 
 
 def _on_lattices(steps: Array) -> tuple[np.ndarray, int]:
-    """Tell which values, in steps, are whole, and count those on the fullest of the shifted lattices."""
+    """Return which values, in steps, are whole numbers, and the largest count on a shifted lattice."""
     part = steps - np.floor(steps)
     on = {offset: np.abs(part - offset) < 1e-5 for offset in OFFSETS}
     return (part < 1e-5) | (part > 1 - 1e-5), max(int(found.sum()) for found in on.values())
@@ -57,7 +57,10 @@ def _on_lattices(steps: Array) -> tuple[np.ndarray, int]:
 
 @CHECKS.add("cut_edges")
 def cut_edges(records: Records) -> Finding:
-    """Look for values that gather at the smallest or largest one of a quantity: a limit or a saturation."""
+    """Check for values that accumulate at the smallest or largest value of a quantity.
+
+    The cause may be a limit of the export or a saturated sensor.
+    """
     worst, tests = (1.0, "no edge", 0.0, "range"), 2 * len(UNITS)
     for name in UNITS:
         values, counts = np.unique(_of(records, name).round(9), return_counts=True)
@@ -83,7 +86,7 @@ def cut_edges(records: Records) -> Finding:
 
 @CHECKS.add("gaps")
 def gaps(records: Records) -> Finding:
-    """Look for holes: intervals without a value between values that lie close on both sides."""
+    """Check for gaps: intervals without a value between values that are dense on both sides."""
     worst = (1.0, "no hole", 0.0, 0.0, "range")
     for name in UNITS:
         values = np.unique(_of(records, name).round(9))
@@ -104,10 +107,10 @@ def gaps(records: Records) -> Finding:
 
 
 def _widest(values: Array) -> Iterator[tuple[float, float, float]]:
-    """Yield the p-value and the ends of the hole that is widest beside its neighbourhood, if there is one.
+    """Yield the p-value and the ends of the gap that is widest relative to its neighbourhood.
 
-    In a neighbourhood of constant density the ratio of a distance to the sum of m others exceeds r with
-    probability (1 + r)^-m. The sparser side counts.
+    If the density is locally constant, the ratio of a distance to the sum of m others exceeds r with
+    probability (1 + r)^-m. The side with the lower density is used. Nothing is yielded for too few values.
     """
     if values.size < 2 * BESIDE + 2:
         return
@@ -122,7 +125,7 @@ def _widest(values: Array) -> Iterator[tuple[float, float, float]]:
 
 @CHECKS.add("outliers")
 def outliers(records: Records) -> Finding:
-    """Look for values too far out for the exponential tail that the models have."""
+    """Check for values that are too large for the exponential tail of the models."""
     found: dict[int, float] = {}
     for name in EXTREMES:
         values = records.closing[name].sort_values(ascending=False)

@@ -1,4 +1,4 @@
-"""Whether there are enough records where it matters: by speed and range, in the tails, within the limits."""
+"""Checks for a sufficient number of records: by speed and range, in the tails, and within the limits."""
 
 import numpy as np
 
@@ -13,9 +13,9 @@ CELL = (5.0, 10.0)  # [m/s], [m], of lead speed and range
 
 @CHECKS.add("rows_outside_limits")
 def rows_outside_limits(records: Records) -> Finding:
-    """Look how many closing rows the limits leave out, and how many of these no car can drive or see.
+    """Check how many closing rows the limits exclude, and how many of these are physically impossible.
 
-    Limits that are read off the records leave out the impossible rows without a word of the user's own.
+    Limits that are derived from the records exclude impossible rows without any setting of the user.
     """
     closing = records.valid.index[records.valid["closing_speed"] > 0]
     rows = closing.difference(records.kept.index)
@@ -37,7 +37,7 @@ def rows_outside_limits(records: Records) -> Finding:
 
 @CHECKS.add("sample_size")
 def sample_size(records: Records) -> Finding:
-    """Look how the distinct rows are spread over lead speed and range."""
+    """Check the number of distinct rows in each segment, and in cells of lead speed and range."""
     counts = {name: len(rows) for name, rows in records.segments.items()}
     smallest = min(counts, key=counts.get)
     kept = records.kept
@@ -56,7 +56,7 @@ def sample_size(records: Records) -> Finding:
 
 @CHECKS.add("size_of_tail")
 def size_of_tail(records: Records) -> Finding:
-    """Look how many rows the fit of the tail of TTC^-1 rests on, in the segment with the fewest."""
+    """Check the number of rows to which the tail of TTC^-1 is fitted, in the segment with the fewest."""
     sizes = {
         name: int((rows["inverse_ttc"] > np.quantile(rows["inverse_ttc"], 1 - TAIL)).sum())
         for name, rows in records.segments.items()

@@ -1,4 +1,4 @@
-"""Whether the quantities are what they are said to be: limits of physics and of traffic tell a wrong unit."""
+"""Checks of the units, by limits of physics and of traffic."""
 
 import numpy as np
 from scipy.stats import binom, spearmanr
@@ -27,7 +27,7 @@ CRASHES = 1e-5  # of human drivers per lane change: one in 500,000 miles, a lane
 
 @CHECKS.add("invalid_values")
 def invalid_values(records: Records) -> Finding:
-    """Look for rows that are no encounter."""
+    """Check for rows that are not an encounter."""
     rows, size = list(records.invalid), len(records.valid) + len(records.invalid)
     return Finding(
         by_share(len(rows), size),
@@ -41,7 +41,7 @@ def invalid_values(records: Records) -> Finding:
 
 @CHECKS.add("speed_unit")
 def speed_unit(records: Records) -> Finding:
-    """Look whether the speeds are those of road traffic in m/s."""
+    """Check whether the speeds are plausible for road traffic in m/s."""
     fastest = np.maximum(records.valid["lead_speed"], records.host_speed)
     median, rows = records.valid["lead_speed"].median(), fastest[fastest > FASTEST_CAR]
     verdict = STOP if median > FASTEST_TRAFFIC else by_share(len(rows), len(fastest))
@@ -64,7 +64,10 @@ def speed_unit(records: Records) -> Finding:
 
 @CHECKS.add("time_gap")
 def time_gap(records: Records) -> Finding:
-    """Look whether range and speed fit together: the time after which the host is where the lead is now."""
+    """Check whether range and speed are consistent, by the median time gap.
+
+    The time gap is the range divided by the host speed.
+    """
     moving = records.host_speed > 0
     median = float((records.valid["range"][moving] / records.host_speed[moving]).median())
     return Finding(
@@ -78,7 +81,10 @@ def time_gap(records: Records) -> Finding:
 
 @CHECKS.add("unavoidable_crashes")
 def unavoidable_crashes(records: Records) -> Finding:
-    """Look for records that no brake could have survived, and compare with how often people crash."""
+    """Check for records in which no brake could have avoided a crash.
+
+    Their number is compared with the crash rate of human drivers.
+    """
     valid = records.valid
     needed = valid["closing_speed"].clip(lower=0) ** 2 / (2 * valid["range"])
     rows = needed[needed > FULL_BRAKING].sort_values(ascending=False)
@@ -96,9 +102,12 @@ def unavoidable_crashes(records: Records) -> Finding:
 
 @CHECKS.add("sign_of_range_rate")
 def sign_of_range_rate(records: Records) -> Finding:
-    """Look whether gaps close that should close.
+    """Check the sign of the range rate.
 
-    Drivers who are slower than the car behind keep more distance, so closing speed rises with the range.
+    Whether the gaps close, and whether closing speeds rise with the range.
+
+    Drivers who are slower than the car behind keep more distance, so the closing speed increases with the
+    range.
     """
     range_, closing = records.valid["range"], records.valid["closing_speed"]
     opening = float((closing <= 0).mean())
@@ -122,7 +131,7 @@ def sign_of_range_rate(records: Records) -> Finding:
 
 @CHECKS.add("far_ranges")
 def far_ranges(records: Records) -> Finding:
-    """Look for ranges that no sensor of a car reaches."""
+    """Check for ranges beyond the reach of automotive sensors."""
     range_ = records.valid["range"]
     rows = range_[range_ > FARTHEST].sort_values(ascending=False)
     return Finding(
@@ -137,7 +146,7 @@ def far_ranges(records: Records) -> Finding:
 
 @CHECKS.add("short_ranges")
 def short_ranges(records: Records) -> Finding:
-    """Look for ranges that are hardly possible when a car changes lane."""
+    """Check for ranges that are too short for a lane change."""
     range_ = records.valid["range"]
     rows = range_[range_ < NEAREST].sort_values()
     return Finding(

@@ -1,1 +1,1 @@
-"""From recordings, frame by frame, to cut-ins: what the sources of raw data share."""
+"""Extraction of cut-ins from recordings of traffic: the parts that the sources of raw data share."""

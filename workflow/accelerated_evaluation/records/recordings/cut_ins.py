@@ -1,4 +1,4 @@
-"""The rule of a cut-in, and what an extraction gives beside its cut-ins: the account and the exposure."""
+"""The rule for cut-ins, and the account and exposure that an extraction returns with the cut-ins."""
 
 from collections.abc import Mapping, Sequence
 
@@ -24,11 +24,11 @@ RULE = section(  # of each source that finds cut-ins in recordings; in seconds
     ),
 )
 AGREEMENT = 1.25  # factor by which positions and speeds of one recording, or two speeds, may differ
-LENGTHS = 2.5, 8.0  # [m]: between them lies the median length of cars; in feet it would be about 15
-LONGEST = 30.0  # [m]: no median of any vehicles is larger, as the longest lorries have 25 m
+LENGTHS = 2.5, 8.0  # [m]: the median length of cars lies between them; in feet it would be about 15
+LONGEST = 30.0  # [m]: the median length of vehicles is never larger, as the longest lorries have 25 m
 
-# The frames of a vehicle in a lane become stays. A vehicle that is out of the lane for a moment has not left
-# it. A stay begins at its first frame; it is a change into the lane if the vehicle was seen elsewhere before.
+# The frames of a vehicle in a lane are joined to stays. A short absence from the lane does not end a stay. A
+# stay begins at its first frame. It is a change into the lane if the vehicle was recorded elsewhere before.
 STAYS = """
     SELECT *, sum(begins) OVER (PARTITION BY {vehicle}, {lane} ORDER BY time) AS stay
     FROM (
@@ -40,7 +40,9 @@ STAYS = """
 
 
 def stays_sql(frames: str, *, vehicle: str, lane: str, rule: Mapping[str, float]) -> str:
-    """Return the query that numbers the stays of each vehicle in each lane.
+    """Return the SQL query that numbers the stays of each vehicle in each lane.
+
+    A stay is a sequence of frames of a vehicle in a lane without a long gap.
 
     Parameters
     ----------
@@ -48,37 +50,38 @@ def stays_sql(frames: str, *, vehicle: str, lane: str, rule: Mapping[str, float]
         Table with a row for each frame that a vehicle spends in a lane; its column ``time`` is in whole
         milliseconds.
     vehicle, lane
-        The columns, separated by commas, that tell vehicles and lanes apart.
+        The columns, separated by commas, that identify vehicles and lanes.
     rule
         Section ``rule`` of a source: ``absence`` and ``gap`` [s].
 
     Returns
     -------
     str
-        SQL; the frames with ``begins``, 1 in the first frame of a stay and else 0, and the number ``stay``.
+        SQL query that returns the frames with ``begins`` (1 in the first frame of a stay, otherwise 0) and
+        the number ``stay``.
     """
     absence = milliseconds(max(rule["absence"], rule["gap"]))
     return STAYS.format(frames=frames, vehicle=vehicle, lane=lane, absence=absence)
 
 
 def milliseconds(seconds: float) -> int:
-    """Return seconds as whole milliseconds, in which the extraction counts, so that comparisons are exact."""
+    """Return seconds as whole milliseconds, so that comparisons of times are exact."""
     return round(1000 * seconds)
 
 
 def drop_in_turn(
     candidates: pd.DataFrame, reasons: Mapping[tuple[str, str], str], account: Account
 ) -> pd.DataFrame:
-    """Drop the candidates that are no cut-in, for the first reason that holds, and enter each reason.
+    """Drop the candidates that are not cut-ins, and enter the first reason that applies to each.
 
     Parameters
     ----------
     candidates
-        One row a change into the lane of the host.
+        One row for each change into the lane of the host.
     reasons
-        The boolean column that says which are dropped, by step and reason in words.
+        The boolean column that selects the rows to drop, by step and reason.
     account
-        The account, in which so far nothing but frames was dropped.
+        The account, which so far contains only dropped frames.
     """
     for (step, reason), column in reasons.items():
         candidates = account.take(candidates, candidates[column].astype(bool), step=step, reason=reason)
@@ -86,14 +89,14 @@ def drop_in_turn(
 
 
 def with_names(candidates: pd.DataFrame, name: str) -> pd.DataFrame:
-    """Turn the times of the candidates into seconds, and call each by where it is, for the account.
+    """Convert the times of the candidates to seconds, and index the candidates by a name for the account.
 
     Parameters
     ----------
     candidates
-        With ``time`` [ms].
+        Table with the column ``time`` [ms].
     name
-        Its columns go in braces, such as ``"trip {trip} at {time:g} s"``.
+        Format of the name with columns in braces, such as ``"trip {trip} at {time:g} s"``.
     """
     candidates = candidates.assign(time=candidates["time"] / 1000)
     names = [name.format_map(row) for row in candidates.to_dict("records")]
@@ -108,18 +111,18 @@ def finished(
     micrometres: int,
     warnings: Sequence[str] = (),
 ) -> pd.DataFrame:
-    """Return the cut-ins as a source does, with the account and the exposure as attributes.
+    """Return the cut-ins in the form of a source, with the account and the exposure as attributes.
 
     Parameters
     ----------
     cut_ins
-        ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s], and columns that say where they are.
+        ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s], and columns that locate each cut-in.
     account
-        What every step of the extraction dropped.
+        The account of all steps of the extraction.
     milliseconds, micrometres
-        Time and distance that the hosts drove while others could be seen to cut in.
+        Time and distance that the hosts drove while cut-ins could be observed.
     warnings
-        What could not be checked of the units of the speeds, for the check ``speed_unit`` of the records.
+        Units of the speeds that could not be checked, for the check ``speed_unit`` of the records.
     """
     result = cut_ins.set_index(pd.RangeIndex(1, len(cut_ins) + 1, name="row"))
     result.attrs["account"] = account.table().to_dict("records")
@@ -131,25 +134,25 @@ def finished(
 def require_agreement(
     where: str, *, moved: float, reported: float, what: str, key: str, factor: float = AGREEMENT
 ) -> None:
-    """Refuse speeds that do not agree with what else is recorded, because of a wrong unit or sign.
+    """Raise InputError if speeds contradict another recorded quantity, because of a wrong unit or sign.
 
     Parameters
     ----------
     where
         Folder or file, for the error.
     moved, reported
-        Two sums over the recording that agree, but for noise, if the units do. Nothing is said if the second
-        is not positive.
+        Two sums over the recording that are equal, except for noise, if the units are right. There is no
+        check if the second is not positive.
     what, key
-        What is compared, in words, and what to correct.
+        Description of what is compared, and what to correct.
     factor
-        By which the two sums may differ.
+        Largest allowed ratio of the two sums.
 
     Raises
     ------
     InputError
-        If the ratio is below ``1 / factor`` or above ``factor``. By default mph for km/h, knots for m/s, feet
-        for metres and a wrong sign are all outside.
+        If the ratio is below ``1 / factor`` or above ``factor``. With the default, this detects mph in place
+        of km/h, knots in place of m/s, feet in place of metres and a wrong sign.
     """
     if reported > 0 and not 1 / factor <= moved / reported <= factor:
         raise InputError(

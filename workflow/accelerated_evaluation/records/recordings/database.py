@@ -1,4 +1,4 @@
-"""DuckDB over CSV files of any size: bounded memory, and one clear error for a file that cannot be read."""
+"""DuckDB queries on CSV files of any size, with bounded memory and one clear error for an unreadable file."""
 
 import csv
 import re
@@ -23,9 +23,9 @@ THREADS = 2  # of which each needs memory of its own
 
 @contextmanager
 def database() -> Iterator[tuple["DuckDBPyConnection", Path]]:
-    """Yield an empty database with bounded memory, and a temporary folder for what does not fit.
+    """Yield an empty database with bounded memory, and a folder for temporary files.
 
-    The folder is made where ``TMPDIR`` says, and removed at the end of the block.
+    The folder is made in the folder that ``TMPDIR`` names, and removed at the end of the block.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def header_of(path: Path, needed: Iterable[str]) -> list[str]:
     Raises
     ------
     InputError
-        If the file is empty, is no text, or lacks a column or has it twice.
+        If the file is empty or is not text, or if a needed column is missing or occurs twice.
     """
     try:
         with path.open("rb") as file:
@@ -94,7 +94,7 @@ def header_of(path: Path, needed: Iterable[str]) -> list[str]:
         header = [name.strip() for name in next(csv.reader([line]), [])]
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(
-            f"{path}, row 1", seen=str(error), expected="CSV text in UTF-8", change="Export it anew."
+            f"{path}, row 1", seen=str(error), expected="CSV text in UTF-8", change="Export it again."
         ) from error
     wrong = [name for name in needed if header.count(name) != 1]
     if wrong:
@@ -112,21 +112,21 @@ def header_of(path: Path, needed: Iterable[str]) -> list[str]:
 def read_csv(
     connection: "DuckDBPyConnection", path: Path, numbers: Iterable[str], texts: Iterable[str] = ()
 ) -> "DuckDBPyRelation":
-    """Return a CSV file as a relation, whose rows are read when they are used, each time anew.
+    """Return a CSV file as a relation, whose rows are read again each time it is used.
 
     Parameters
     ----------
     connection
         The database.
     path
-        A comma-separated file with a header; it must have the columns that are named.
+        A comma-separated file with a header that contains the named columns.
     numbers, texts
-        The columns that hold numbers, and those that hold text. The others are there as text.
+        The columns of numbers, and the columns of text. All other columns are read as text.
 
     Raises
     ------
     InputError
-        As `header_of` does.
+        As for `header_of`.
     """
     numbers = list(numbers)
     header = header_of(path, [*numbers, *texts])
@@ -137,7 +137,7 @@ def read_csv(
 
 
 def literal(values: Iterable[object]) -> str:
-    """Return values as a list of texts in SQL, whatever quotes are in them."""
+    """Return values as an SQL list of strings, with quotation marks escaped."""
     return "[" + ", ".join("'" + str(value).replace("'", "''") + "'" for value in values) + "]"
 
 
@@ -163,7 +163,7 @@ def whole(expression: str, column: str) -> str:
 
 @contextmanager
 def readable(path: Path) -> Iterator[None]:
-    """Turn an error of the database about a CSV file that is read in the block into an `InputError`."""
+    """Turn a database error about a CSV file into an `InputError`."""
     import duckdb
 
     try:
@@ -189,5 +189,5 @@ def readable(path: Path) -> Iterator[None]:
             f"{path}, row {line[1]}" if line else str(path),
             seen=" ".join(seen.split()),
             expected="as many cells as the header has, numbers where numbers belong, and UTF-8",
-            change="Correct or remove this row, or export the file anew.",
+            change="Correct or remove this row, or export the file again.",
         ) from error

@@ -1,4 +1,4 @@
-"""Recordings from drones in the family of highD: three CSV files each, in formats told by their columns."""
+"""Recordings from drones in the formats of the highD family, which are recognised by their columns."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -45,7 +45,7 @@ LARGEST_RATE = 1000  # frames a second, which no camera of traffic has
 
 @dataclass(frozen=True)
 class Format:
-    """How one format of the family becomes the tables that `trajectories.changes_of_lane` reads.
+    """One format of the family: how its files are converted to the tables of `trajectories.changes_of_lane`.
 
     Parameters
     ----------
@@ -54,12 +54,12 @@ class Format:
     numbers, texts
         Columns of *_tracks.csv that are read.
     meta_numbers
-        Those of *_tracksMeta.csv beside ``class``.
+        Columns of *_tracksMeta.csv that are read, in addition to ``class``.
     complete
-        The condition in SQL that a row of ``tracks`` is used.
+        SQL condition that a row of ``tracks`` is used.
     frames, meta
-        Statements in SQL that make the tables of these names of the views ``tracks`` and ``meta_file``;
-        {rate} and {complete} go in braces.
+        SQL statements that create the tables of these names from the views ``tracks`` and ``meta_file``, with
+        the placeholders {rate} and {complete}.
     range_, same_lane
         As `trajectories.changes_of_lane` takes them.
     speeds
@@ -87,7 +87,7 @@ def read_recordings(settings: Mapping[str, Any], form: Format) -> pd.DataFrame:
     Parameters
     ----------
     settings
-        Section of the source; ``path`` is a folder with files *_tracks.csv, and beside each *_tracksMeta.csv
+        Section of the source; ``path`` is a folder with files *_tracks.csv, each with its *_tracksMeta.csv
         and *_recordingMeta.csv.
     form
         The format of the files.
@@ -96,9 +96,9 @@ def read_recordings(settings: Mapping[str, Any], form: Format) -> pd.DataFrame:
     -------
     pandas.DataFrame
         ``lead_speed`` [m/s], ``range`` [m] from the front of the host to the rear of the vehicle, and
-        ``closing_speed`` [m/s] in the first frame in the new lane; ``host_speed`` [m/s], and ``recording``,
-        ``time`` [s], ``vehicle`` and ``host``, which say where the cut-in is. Attributes as
-        `recordings.cut_ins.finished` describes them.
+        ``closing_speed`` [m/s] in the first frame in the new lane; ``host_speed`` [m/s]; and ``recording``,
+        ``time`` [s], ``vehicle`` and ``host``, which locate the cut-in. The attributes are described in
+        `recordings.cut_ins.finished`.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def _read_recording(
             raise InputError(
                 str(beside),
                 seen="no such file",
-                expected=f"it beside {file.name}",
+                expected=f"this file next to {file.name}",
                 change="Add or rename it.",
             )
     rate = _frame_rate(connection, recording)
@@ -155,7 +155,7 @@ def _require_format(file: Path, form: Format) -> None:
     header = set(header_of(file, ()))
     seen = next((name for name, marks in MARKS.items() if header.issuperset(marks)), form.name)
     if seen == form.name or (seen == CROSSINGS and not header.isdisjoint(LANES)):
-        return  # what else is missing, the reader of its columns tells
+        return  # the reader reports columns that are missing
     if seen == CROSSINGS:
         raise InputError(
             f"{file}, row 1",
@@ -182,7 +182,7 @@ def _require_meta(connection: "DuckDBPyConnection", file: Path, meta: Path) -> N
             str(meta),
             seen=f"no row for vehicle {first}" + (f" and {count - 1:,} more" if count > 1 else ""),
             expected=f"one for each vehicle of {file.name}",
-            change="Use the file that belongs to this recording, and whole.",
+            change="Use the complete file that belongs to this recording.",
         )
 
 

@@ -1,4 +1,7 @@
-"""Lanes of ASAM OSI: a lane ends where the road has a new section, and goes on under another number."""
+"""Lanes of ASAM OSI, whose pieces have different numbers and are joined here.
+
+A lane ends where the road has a new section, and continues under another number.
+"""
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
@@ -9,10 +12,10 @@ if TYPE_CHECKING:  # an optional extra
 
 
 def joined_lanes(lanes: Iterable["Lane"]) -> dict[int, int]:
-    """Return for each piece of a lane the number of the lane, which is that of its smallest piece.
+    """Return the number of the lane for each piece of a lane: the smallest number among its pieces.
 
-    Two pieces are one lane if each is all that follows at an end of the other. Where a lane splits, or lanes
-    merge, a new one begins, as nobody can say which of them goes on.
+    Two pieces belong to one lane if each is the only continuation of the other. Where a lane splits, or lanes
+    merge, a new lane begins, because it is undefined which of them continues.
     """
     ends: dict[int, tuple[set[int], set[int]]] = defaultdict(lambda: (set(), set()))
     for lane in lanes:

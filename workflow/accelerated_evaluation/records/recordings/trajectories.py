@@ -1,9 +1,10 @@
-"""Cut-ins in trajectories of all vehicles on a road: what the readers of several formats share.
+"""Cut-ins in trajectories of all vehicles on a road: the parts that the readers of several formats share.
 
 A reader fills two tables. ``frames`` has a row for each vehicle and frame: ``id``, ``time`` [ms], ``lane``,
 ``host`` (the vehicle behind in the same lane, if any), ``velocity`` [m/s], ``x`` [m] along the road,
-``moved`` and ``reported`` (changes of x since the frame before, and by the velocity), and ``seen``, when the
-vehicle was first in view. ``meta`` has ``id`` and ``class`` of each vehicle. ``tracks`` is what was read.
+``moved`` and ``reported`` (the change of x since the previous frame, measured and computed from the
+velocity), and ``seen`` (the time when the vehicle was first in view). ``meta`` has ``id`` and ``class`` of
+each vehicle. ``tracks`` contains the rows that were read.
 """
 
 from collections.abc import Mapping, Sequence
@@ -67,14 +68,14 @@ COUNTS = """
 def trajectory_keys(
     lead_classes: Sequence[str], host_classes: Sequence[str], of: str = ""
 ) -> dict[str, Schema]:
-    """Return the keys of a source that finds cut-ins in trajectories, see `records.sources.source`.
+    """Return the configuration keys of a source that finds cut-ins in trajectories; see `sources.source`.
 
     Parameters
     ----------
     lead_classes, host_classes
-        Classes of vehicles by default: those that cut in, and those before which they do.
+        Default classes of the vehicles that cut in, and of the hosts.
     of
-        Where the names of the classes are from, in words that follow "Classes".
+        Origin of the names of the classes, as words that follow "Classes".
     """
     host = "Classes of the vehicles before which they count, and whose driving is the exposure."
     lead = f"Classes{of} of the vehicles whose cut-ins count."
@@ -96,7 +97,7 @@ def changes_of_lane(
     complete: str,
     same_lane: str = "h.lane = f.lane",
 ) -> tuple[pd.DataFrame, dict[str, float]]:
-    """Return the changes of lane of one recording, in order of time, and what was counted and added up.
+    """Return the changes of lane of one recording in order of time, with counts and sums for the account.
 
     Parameters
     ----------
@@ -105,12 +106,13 @@ def changes_of_lane(
     settings
         Section of the source.
     range_
-        The range [m] in SQL, of the frames ``f`` of the vehicle, ``h`` of its host, and ``m`` of its meta.
+        SQL expression of the range [m], from the frames ``f`` of the vehicle, ``h`` of its host, and ``m`` of
+        its meta data.
     complete
-        The condition in SQL that a row of ``tracks`` was used.
+        SQL condition that a row of ``tracks`` was used.
     same_lane
-        The condition in SQL that the host is in the lane of the vehicle, in the same frames. Another one is
-        needed where ``lane`` numbers the lanes of each vehicle for itself.
+        SQL condition that the host is in the lane of the vehicle. It must be stated if the numbers in
+        ``lane`` are relative to each vehicle.
     """
     rule, settled = settings["rule"], milliseconds(settings["settled"])
     classes = {key: literal(settings[key]) for key in ("lead_classes", "host_classes")}
@@ -135,7 +137,7 @@ def cut_ins_of(
     found
         Changes of lane by recording, with the column ``recording``.
     counts
-        What was counted, of all recordings together.
+        The counts of all recordings together.
     settings
         Section of the source.
     """

@@ -1,13 +1,13 @@
-"""Sources of lane-change records: one module for each, found by name, with its section in the configuration.
+"""Sources of lane-change records: one module for each, with its section of the configuration.
 
 A source is a function ``read(settings)`` with the decorator `source`, which states the keys of its section.
-The function takes its section of the configuration, ``data.<name>``, and returns the records as they are:
+The function takes its section of the configuration, ``data.<name>``, and returns the unfiltered records:
 three columns as `encounter_table.complete` takes them, and an index ``row`` that counts from 1. Further
-columns may say where a record comes from; they are not used otherwise. The section has the keys
-``description``, ``path`` and ``outlier_rows``, and any other that the source needs, such as ``exposure``.
+columns may locate a record in its origin; they are not used otherwise. The section has the keys
+``description``, ``path`` and ``outlier_rows``, and any other key that the source needs, such as ``exposure``.
 
-A source that finds the cut-ins in recordings tells more in the attributes of what it returns, see
-`recordings.cut_ins.finished`: the account of what it dropped, and how far and how long the hosts drove.
+A source that finds cut-ins in recordings also returns, as attributes, the account of dropped rows, and the
+time and distance that the hosts drove; see `recordings.cut_ins.finished`.
 """
 
 from collections.abc import Callable, Mapping
@@ -53,7 +53,7 @@ SOURCES: Registry[Source] = Registry("source", __name__, __path__)
 
 
 def exposure(kilometres: float | None = None, hours: float | None = None) -> Schema:
-    """Return the schema of how far and how long the records were made, with the given defaults."""
+    """Return the schema of the distance and time in which the records were made, with the given defaults."""
 
     def measure(default: float | None, what: str) -> Schema:
         description = f"{what}, null if it is not known."
@@ -113,26 +113,26 @@ def source(
 
 
 def read_source(data: Mapping[str, Any], generator: np.random.Generator) -> pd.DataFrame:
-    """Read the records of the source that the configuration names, or a random sample of them.
+    """Read the records of the configured source, or a random sample of them.
 
     Parameters
     ----------
     data
         Section ``data`` of a valid configuration.
     generator
-        Draws the sample, if ``data.sample`` asks for one.
+        Draws the sample, if ``data.sample`` states a size.
 
     Returns
     -------
     pandas.DataFrame
-        Three columns as `contract.complete` takes them; the index ``row`` counts the rows of the source from
-        1. A sample keeps the order of the source. ``attrs["exposure"]`` has the kilometres and hours in which
-        all records were made, where the source or the configuration tells; of a sample it is not known.
+        Three columns as `encounter_table.complete` takes them; the index ``row`` counts the rows of the
+        source from 1. A sample keeps the order of the source. ``attrs["exposure"]`` contains the kilometres
+        and hours in which all records were made, if they are known; they are unknown for a sample.
 
     Raises
     ------
     InputError
-        If the source has fewer records than the sample asks for, or cannot be read.
+        If the source has fewer records than the size of the sample, or cannot be read.
     """
     settings = data[data["source"]]
     raw = SOURCES[data["source"]].read(settings)

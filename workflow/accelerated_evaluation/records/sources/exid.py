@@ -90,7 +90,7 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
     """Find the cut-ins in recordings in the format of exiD.
 
     The rule is that of `highd`. The host is the vehicle that ``rearId`` names in the first frame in the new
-    lane, if its ``leadId`` names the vehicle in turn. `recordings.drone.read_recordings` says what is
-    returned and raised.
+    lane, provided that its ``leadId`` names the vehicle that cuts in. See `recordings.drone.read_recordings`
+    for the result and the errors.
     """
     return drone.read_recordings(settings, FORMAT)

@@ -1,4 +1,7 @@
-"""Trajectories of all vehicles on a piece of road, in the CSV format of highD: each is a host in turn."""
+"""Trajectories of all vehicles on a section of road, in the CSV format of highD.
+
+Each vehicle is treated as a host in turn.
+"""
 
 from collections.abc import Mapping
 from typing import Any
@@ -58,8 +61,8 @@ FORMAT = drone.Format(
 def read(settings: Mapping[str, Any]) -> pd.DataFrame:
     """Find the cut-ins in recordings in the format of highD.
 
-    A change of lane is a cut-in before the vehicle that is behind in the new lane, its host. Each vehicle of
-    the host classes is watched for as long as it is in view, and so all of that is exposure.
-    `recordings.drone.read_recordings` says what is returned and raised.
+    A change of lane is a cut-in in front of the host, which is the vehicle behind in the new lane. Each
+    vehicle of the host classes can be cut in on as long as it is in view, so all of this time counts as
+    exposure. See `recordings.drone.read_recordings` for the result and the errors.
     """
     return drone.read_recordings(settings, FORMAT)

@@ -1,4 +1,7 @@
-"""Trajectories of all vehicles in traces of ASAM OSI, of which omega-prime is one: each is a host in turn."""
+"""Trajectories of all vehicles in traces of ASAM OSI, for example of omega-prime.
+
+Each vehicle is treated as a host in turn.
+"""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -58,8 +61,8 @@ FRAMES = f"""
 def read(settings: Mapping[str, Any]) -> pd.DataFrame:
     """Find the cut-ins in traces of GroundTruth messages, one trace after the other.
 
-    The rule is that of `highd`. The host is the nearest vehicle behind in the same lane, and the range is
-    between the boxes of both, along the heading of the host.
+    The rule is that of `highd`. The host is the nearest vehicle behind in the same lane. The range is the
+    distance between the bounding boxes of both, along the heading of the host.
 
     Parameters
     ----------
@@ -69,7 +72,7 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        As `recordings.drone.read_recordings` returns.
+        As for `recordings.drone.read_recordings`.
 
     Raises
     ------
@@ -172,8 +175,8 @@ def _messages(file: Path) -> Iterator["GroundTruth"]:
         raise InputError(
             str(file),
             seen=f"{type(error).__name__}: {error}",
-            expected="a whole OSI trace with GroundTruth or SensorView messages",
-            change="Write it anew, or remove it.",
+            expected="a complete OSI trace with GroundTruth or SensorView messages",
+            change="Write it again, or remove it.",
         ) from error
 
 

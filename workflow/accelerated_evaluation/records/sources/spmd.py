@@ -29,7 +29,7 @@ COLUMNS = ("lead_speed", "inverse_range", "inverse_ttc")
     exposure=exposure(kilometres=3_218_688),  # "over 2 million miles" (section II)
 )
 def read(settings: Mapping[str, str]) -> pd.DataFrame:
-    """Read the recorded lane changes, and verify that the file is the one that the study is about.
+    """Read the recorded lane changes, and verify the checksum of the file.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def read(settings: Mapping[str, str]) -> pd.DataFrame:
     Raises
     ------
     InputError
-        If the file is missing, has another checksum, or holds something else.
+        If the file is missing, has another checksum or has other columns.
     """
     path = settings["path"]
     require_file(path, "Restore the file from the repository, or correct data.spmd.path.")

@@ -139,10 +139,11 @@ EXPOSURE = """
     **KEYS,
 )
 def read(settings: Mapping[str, Any]) -> pd.DataFrame:
-    """Find the cut-ins in raw recordings, of which any number of rows may lie on the disk.
+    """Find the cut-ins in raw recordings, which may be larger than the memory.
 
-    The rows are first sorted into parts on the disk, so that a trip is in one part, and then worked on part
-    by part. Time and temporary files grow as the number of rows, memory does not.
+    The rows are first sorted into parts on the disk, so that each trip is in one part, and the parts are then
+    processed one after the other. Time and temporary files grow in proportion to the number of rows, but the
+    memory does not.
 
     Parameters
     ----------
@@ -153,14 +154,14 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s] in the first frame in the path; the
-        ``host_speed`` [m/s] there, and ``device``, ``trip``, ``time`` [s] and ``vehicle`` (its first obstacle
-        number), which say where the cut-in is. Attributes as `recordings.cut_ins.finished` describes them.
+        ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s] and ``host_speed`` [m/s] in the first
+        frame in the path; and ``device``, ``trip``, ``time`` [s] and ``vehicle`` (its first obstacle number),
+        which locate the cut-in. The attributes are described in `recordings.cut_ins.finished`.
 
     Raises
     ------
     InputError
-        If a file is missing or cannot be read, or a unit cannot be the one that the configuration states.
+        If a file is missing or cannot be read, or a unit cannot be the configured one.
     """
     folder, key = settings["path"], "data.spmd_raw.path"
     targets, hosts = (recording_files(folder, pattern, key) for pattern in (TARGETS, HOST))
@@ -217,7 +218,7 @@ def _sort_into_parts(
                 ", ".join(map(str, files)),
                 seen="no row that can be used",
                 expected="rows below the header" + (f", with {USABLE_HOST}" if folder.name == "host" else ""),
-                change="Export the recordings anew.",
+                change="Export the recordings again.",
             )
 
 
