@@ -1,4 +1,4 @@
-"""Recorded against expected counts near the crash set, with the limits that chance alone gives them."""
+"""Recorded and expected counts near the crash set, with limits for random variation."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -31,25 +31,28 @@ CELLS = {
 
 @dataclass(frozen=True)
 class Cell:
-    """Ranges [m] and closing speeds [m/s], lower ends included; the last range includes its upper end too."""
+    """Ranges [m] and closing speeds [m/s], lower ends included.
+
+    The last range also includes its upper end.
+    """
 
     range_: tuple[float, float]
     closing_speed: tuple[float, float]
 
     @property
     def name(self) -> str:
-        """How tables call it."""
+        """The name of the cell in tables."""
         low, high = self.closing_speed
         speeds = f"{low:g} to {high:g}" if np.isfinite(high) else f"above {low:g}"
         return f"R {self.range_[0]:g} to {self.range_[1]:g} m, {speeds} m/s"
 
     def beside(self, range_: Array) -> Array:
-        """Tell which ranges lie in the cell."""
+        """Return which ranges lie in the cell."""
         return (range_ >= self.range_[0]) & (range_ < np.nextafter(self.range_[1], np.inf))
 
 
 def cells(range_max: float = SUPPORT.range_max) -> list[Cell]:
-    """Return the cells up to the largest range [m], at which the last of them end."""
+    """Return the cells up to the largest range [m]."""
     within = [(ends, speeds) for ends, speeds in CELLS.items() if ends[0] < range_max]
     return [
         Cell((low, high if (low, high) != within[-1][0] else range_max), ends)
@@ -59,7 +62,9 @@ def cells(range_max: float = SUPPORT.range_max) -> list[Cell]:
 
 
 def cell_counts(records: DistinctRecords, law: GivenLaw) -> pd.DataFrame:
-    """Count records in the cells, and what a law expects there, given their lead speeds and ranges.
+    """Return the number of records in each cell, and the number that a law expects.
+
+    The expected number is conditional on the lead speeds and ranges of the records.
 
     Parameters
     ----------
@@ -86,14 +91,14 @@ def cell_counts(records: DistinctRecords, law: GivenLaw) -> pd.DataFrame:
 def near_miss_counts(
     recorded: Mapping[str, int], probability: Mapping[str, float], size: int
 ) -> pd.DataFrame:
-    """Put recorded near misses of replayed cut-ins beside what a law expects; columns as of `cell_counts`.
+    """Return recorded and expected numbers of near misses of replayed cut-ins; columns as of `cell_counts`.
 
     Parameters
     ----------
     recorded
-        Number of distinct cut-ins that end in the near miss when replayed, by its name.
+        Number of distinct cut-ins that end in the near miss when they are replayed, by its name.
     probability
-        Of each near miss under the law.
+        Probability of each near miss under the law.
     size
         Number of distinct cut-ins.
     """
@@ -102,7 +107,10 @@ def near_miss_counts(
 
 
 def with_limits(counts: pd.DataFrame) -> pd.DataFrame:
-    """Add the 90 % Poisson limits ``low`` and ``high``, ``within`` them, and the mid-p ``p_value``."""
+    """Add the 90 % Poisson limits ``low`` and ``high``, ``within`` (inside the limits), and ``p_value``.
+
+    The p-value is a two-sided mid-p value.
+    """
     expected = counts["expected"].to_numpy()
     low, high = (poisson.ppf(level, expected) for level in LIMITS)
     recorded = counts["recorded"].to_numpy()
@@ -112,7 +120,10 @@ def with_limits(counts: pd.DataFrame) -> pd.DataFrame:
 
 
 def mid_p(recorded: ArrayLike, expected: ArrayLike) -> Array:
-    """Return the two-sided mid-p values of Poisson counts: half of the probability of the count itself."""
+    """Return two-sided mid-p values of Poisson counts.
+
+    A mid-p value includes half of the probability of the count itself.
+    """
     recorded, expected = np.asarray(recorded), np.asarray(expected, dtype=float)
     half = poisson.pmf(recorded, expected) / 2
     below, above = poisson.cdf(recorded, expected) - half, poisson.sf(recorded, expected) + half

@@ -1,4 +1,4 @@
-"""The law of cut-ins that a user names: fitted to the records at once, or that of a finished study."""
+"""The law of cut-ins that a user names: fitted to the records, or read from the file of a finished study."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -37,7 +37,7 @@ for _name in PAPER_LAWS:
 
 
 def require_law(choice: str) -> None:
-    """Raise InputError unless `choose_law` knows the name of a law, or it names a law file that is there."""
+    """Raise InputError unless ``choice`` is the name of a known law or the path of an existing law file."""
     if choice.endswith(FILE):
         if not Path(choice).is_file():
             change = "Correct its path."
@@ -53,14 +53,14 @@ def require_law(choice: str) -> None:
 
 
 def choose_law(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any]) -> tuple[str, Law]:
-    """Return the law that a user names, and what it is called.
+    """Return the law that a user names, and its name.
 
     Parameters
     ----------
     choice
-        ``answer``: of the smooth laws with dependence, fitted and weighed as the study does it, the one of
-        the largest weight; what the study writes to ``laws/answer.json``. ``paper``: the paper's law that the
-        configuration names. The name of a law of either kind. Or the path of a law file, which ends in
+        ``answer``: the law with the largest weight among the smooth laws with dependence, fitted and weighted
+        as in the study, which writes the same law to ``laws/answer.json``. ``paper``: the paper's law that
+        the configuration names. The name of a law of either kind. Or the path of a law file, which ends in
         ``.json``, that was fitted to the same encounters.
     encounters
         Encounter table.
@@ -70,8 +70,8 @@ def choose_law(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any])
     Raises
     ------
     InputError
-        If the name is not known, if the file does not belong to the encounters, or if there are too few
-        records for the law.
+        If the name is unknown, if the file does not belong to the encounters, or if there are too few records
+        for the law.
     """
     require_law(choice)
     if choice.endswith(FILE):

@@ -1,4 +1,4 @@
-"""The surrogate-guided estimate alone, without the rest of the study: for vehicles that are slow."""
+"""The surrogate-guided estimate without the rest of the study, for vehicles that are slow to simulate."""
 
 import os
 from collections.abc import Mapping
@@ -27,22 +27,20 @@ METHOD = "surrogate"
 
 @dataclass(frozen=True)
 class Alone:
-    """What the estimate alone gives.
+    """The results of the estimate without the rest of the study.
 
     Attributes
     ----------
     tables
-        ``estimate``, one row a replicate, with the ``law``; ``runs``, one row a simulation; ``account`` of
-        the records. Under the paper's law, the first two are what the whole study has under ``estimates`` for
-        this method and all segments.
+        ``estimate``, one row per replicate, with the ``law``; ``runs``, one row per simulation; ``account``
+        of the records. Under the paper's law, the first two equal the rows of this method for all segments in
+        the table ``estimates`` of the complete study.
     name
-        What the law is called.
+        Name of the law.
     law
-        The law that the estimates are under.
+        The law of the estimates.
     vehicle
-        The slow vehicle, which has counted its simulations; None where the vehicle is none.
-    verdict
-        What the checks of the records say.
+        The slow vehicle, which counts its simulations; None if the vehicle is not slow.
     """
 
     tables: Mapping[str, pd.DataFrame]
@@ -58,25 +56,25 @@ def estimate_alone(
     law: str = ANSWER,
     predecessor: str | os.PathLike | None = None,
 ) -> Alone:
-    """Fit a law to the records, and estimate the crash probability under it by the surrogate.
+    """Fit a law to the records, and estimate the crash probability under it with the surrogate.
 
     Parameters
     ----------
     config
         A complete, valid configuration.
     replicates
-        Independent repetitions; under the paper's law the first ones of those that the whole study makes.
+        Number of independent replicates; under the paper's law they are the first replicates of the complete
+        study.
     law
-        Which law; see `chosen_law.choose_law`.
+        The name of the law; see `chosen_law.choose_law`.
     predecessor
-        Table of the simulations of a vehicle that is like this one, under the same law.
+        Table of the simulations of a similar vehicle under the same law.
 
     Raises
     ------
     InputError
-        If the records, the law, the predecessor or the vehicle cannot be used, or if a check of the records
-        says stop and ``data.accepted_warnings`` does not name it. What was simulated before is kept in the
-        store.
+        If the records, the law, the predecessor or the vehicle cannot be used. Completed simulations are kept
+        in the store.
     """
     require_law(law)
     with loaded_for(config["vehicle"], config["simulations"]) as vehicle:  # first, as it is soonest refused
@@ -108,7 +106,7 @@ def read_records(config: Mapping[str, Any]) -> tuple[pd.DataFrame, Account]:
     encounters : pandas.DataFrame
         The encounter table, as the rule ``ingest_encounters`` of the study makes it.
     account : Account
-        What became of every record.
+        The account of all rows.
     """
     return _ingested(read_source(config["data"], child_generator(config["seed"], "sample")), config)
 

@@ -1,10 +1,10 @@
-"""From the probability of a cut-in to rates per kilometre and hour, with what is not known of both factors.
+"""Rates of events per kilometre and per hour, with the uncertainty of the cut-in rate and of the probability.
 
-The cut-ins that were recorded in a known distance or time are taken for Poisson. With Jeffreys' prior their
-rate has a gamma posterior, which is independent of the probability that a cut-in ends in a crash: that
-depends on what the cut-ins are like, and not on how many come. The crash rate is the product of the two.
-Its distribution function is an average of gamma distribution functions over the draws of the probability,
-so no further sampling is needed.
+The number of cut-ins in a known distance or time is assumed to be Poisson. With Jeffreys' prior, the rate of
+cut-ins has a gamma posterior. It is independent of the probability that a cut-in ends in a crash, because
+that depends on the kind of cut-ins and not on their number. The crash rate is the product of the two. Its
+distribution function is an average of gamma distribution functions over the draws of the probability, so no
+further sampling is needed.
 """
 
 from collections.abc import Mapping
@@ -26,14 +26,14 @@ TINY = 1e-9  # probability that lies beyond the bracket of a quantile
 
 @dataclass(frozen=True)
 class Rate:
-    """Posterior of the rate of an event that is counted, Gamma(count + 1/2, exposure).
+    """Posterior distribution of the rate of an event, Gamma(count + 1/2, exposure).
 
     Attributes
     ----------
     count
-        Number of events.
+        Number of observed events.
     exposure
-        Distance [km] or time [h] in which they were counted.
+        Distance [km] or time [h] in which they were observed.
     """
 
     count: int
@@ -45,21 +45,21 @@ class Rate:
         return gamma(self.count + JEFFREYS, scale=1 / self.exposure)
 
     def mean(self, probabilities: Array) -> float:
-        """Return the mean rate of what happens in a share of the events; its draws have shape (n,)."""
+        """Return the mean rate of a sub-event, given draws of its probability, shape (n,)."""
         return float(self.law.mean() * probabilities.mean())
 
     def quantile(self, level: float, probabilities: Array) -> float:
-        """Return a quantile of the rate of what happens in a share of the events.
+        """Return a quantile of the rate of a sub-event.
 
-        With p_i the draws of the share and G the distribution function of the posterior, it is the root x of
-        mean G(x / p_i) = level; a draw of zero counts as a rate of zero.
+        With the draws p_i of its probability and the distribution function G of the posterior of the rate,
+        the quantile is the root x of mean G(x / p_i) = level. A draw of zero counts as a rate of zero.
 
         Parameters
         ----------
         level
-            Between 0 and 1.
+            Level between 0 and 1.
         probabilities
-            Draws of the share, shape (n,).
+            Draws of the probability that an event is of the sub-event's kind, shape (n,).
         """
         law, positive = self.law, probabilities[probabilities > 0]
         zero = 1 - positive.size / probabilities.size
@@ -74,7 +74,10 @@ class Rate:
         return float(np.exp(brentq(excess, *np.log(ends), xtol=1e-12)))
 
     def summary(self, probabilities: Array) -> dict[str, float]:
-        """Return the columns ``mean``, ``median``, and the ends ``low50`` to ``high95`` of intervals."""
+        """Return the ``mean``, the ``median``, and the interval ends ``low50`` to ``high95`` of a rate.
+
+        ``probabilities`` are draws of the probability of the sub-event, as in `quantile`.
+        """
         row = {"mean": self.mean(probabilities), "median": self.quantile(0.5, probabilities)}
         for level in LEVELS:
             for end, at in (("low", (1 - level) / 2), ("high", (1 + level) / 2)):
@@ -85,22 +88,22 @@ class Rate:
 def exposure_table(
     posteriors: Mapping[str, Posterior], cut_ins: int, exposure: Mapping[str, float | None]
 ) -> pd.DataFrame:
-    """Tabulate the rates of cut-ins and of events, per kilometre and per hour, as far as these are known.
+    """Tabulate the rates of cut-ins and of events, per kilometre and per hour, if the exposure is known.
 
     Parameters
     ----------
     posteriors
-        Draws of the probability of an event of a cut-in, by event.
+        Draws of the probability of each event per cut-in, by event.
     cut_ins
         Number of distinct closing cut-ins within the limits.
     exposure
-        ``kilometres`` and ``hours`` in which they were recorded; None where it is not known.
+        ``kilometres`` and ``hours`` in which they were recorded; None if unknown.
 
     Returns
     -------
     pandas.DataFrame
-        Columns ``event``, ``per`` (kilometre or hour), and those of `Rate.summary` [1/km or 1/h]; the event
-        ``cut-in`` is the rate of the cut-ins themselves. No row where nothing is known.
+        Columns ``event``, ``per`` (kilometre or hour), and those of `Rate.summary` [1/km or 1/h]. The event
+        ``cut-in`` is the rate of the cut-ins themselves. There is no row if the exposure is unknown.
     """
     rows = []
     for key, unit in UNITS.items():

@@ -1,4 +1,4 @@
-"""The table of laws: how each scores on unseen records near the crash set, and which are refused."""
+"""The table of laws: held-out scores near the crash set, weights, and which laws are rejected."""
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -46,7 +46,7 @@ def regions(records: DistinctRecords, vehicle: Vehicle) -> dict[str, Array]:
 
 
 def rivals(fitter: Fitter, family: LawFamily) -> dict[str, Callable[[DistinctRecords], FittedLaw]]:
-    """Return how to fit each rival, the paper's law first."""
+    """Return functions that fit the alternative laws, with the paper's law first."""
 
     def extremes(records: DistinctRecords) -> ConditionalExtremes:
         body = fit_hazard(fitter.grids[1], fitter.count_speeds(records), start=family.body)
@@ -68,7 +68,7 @@ def rivals(fitter: Fitter, family: LawFamily) -> dict[str, Callable[[DistinctRec
 def score_laws(
     weighted: WeightedLaws, vehicle: Vehicle
 ) -> tuple[dict[str, dict[str, Array]], dict[str, Array]]:
-    """Score the family and its rivals in all regions.
+    """Score the family and the alternative laws in all regions.
 
     Returns
     -------
@@ -108,9 +108,9 @@ def law_table(
     crps: Mapping[str, Array],
     probabilities: Mapping[str, float],
 ) -> pd.DataFrame:
-    """Tabulate the gain of each law over the paper's, its weight, and whether the records refuse it.
+    """Tabulate the gain of each law over the paper's law, its weight, and whether it is rejected.
 
-    A law is refused if it calls a held-out record impossible, or if in some region its score lies behind
+    A law is rejected if its density is zero at a held-out record, or if in some region its score is below
     that of the best law by more than two and a half standard errors of their difference.
 
     Parameters
@@ -120,14 +120,14 @@ def law_table(
     scores, crps
         As `score_laws` returns them.
     probabilities
-        Crash probabilities of the laws that are weighed.
+        Crash probabilities of the laws of the family.
 
     Returns
     -------
     pandas.DataFrame
-        Columns ``law``; a gain [nats] for each region; ``behind``, the largest distance to the best law in
-        standard errors; ``impossible`` records; ``crps_gain``, the relative gain of the CRPS; ``weight``;
-        ``probability``; ``refused``.
+        Columns ``law``; a gain [nats] for each region; ``behind``, the largest difference to the best law in
+        standard errors; ``impossible``, the number of records with zero density; ``crps_gain``, the relative
+        gain of the CRPS; ``weight``; ``probability``; ``refused``.
     """
     mean_weights = weighted.weights.mean(axis=0)
     inside = weighted.records.closing_speed > region(weighted.records) * weighted.records.range_
@@ -156,7 +156,7 @@ def law_table(
 
 
 def errors_behind(best: Array, other: Array) -> float:
-    """Return by how many standard errors of the difference a law's scores lie behind the best law's."""
+    """Return by how many standard errors of the difference a law's total score is below the best law's."""
     difference = best - other
     if not np.all(np.isfinite(difference)):
         return float("inf")

@@ -1,4 +1,4 @@
-"""What happens: the likeliest ways to crash, the records that came nearest, and their traces."""
+"""The likeliest ways to crash, the records nearest to a crash, and their traces."""
 
 import numpy as np
 import pandas as pd
@@ -22,27 +22,28 @@ SHOWN = ("kind", "number", "probability", *PLACE, "crash", "min_range", "min_ttc
 def ways_to_crash(
     lines: CrashLines, law: DependentLaw, vehicle: Vehicle, generator: np.random.Generator
 ) -> pd.DataFrame:
-    """Find the likeliest ways to crash: groups of the crashes of a law, each with a crash from its middle.
+    """Find the likeliest ways to crash: groups of crashes under a law, each with a representative crash.
 
-    Crashes are drawn from the law and put into groups by k-means in normal scores, where distances count what
-    the law takes for different. So the groups cover all crashes, whose probability they share among them.
+    Crashes are drawn from the law and divided into groups by k-means in normal scores, so that all variables
+    have the same scale. Each group is represented by the crash nearest to its centre, and has a share of the
+    crash probability. The groups together contain all crashes.
 
     Parameters
     ----------
     lines
-        On which the vehicle crashes.
+        Lines on which the vehicle crashes.
     law
-        Of the cut-ins.
+        Law of the cut-ins.
     vehicle
         The car under test.
     generator
-        Draws crashes, and starts the groups.
+        Source of all randomness.
 
     Returns
     -------
     pandas.DataFrame
-        Columns SHOWN: ``kind`` is "crash", and ``probability`` that of the group; the likeliest come first.
-        No rows if the vehicle never crashes, or so rarely that the probability is 0 to rounding.
+        Columns SHOWN: ``kind`` is "crash", and ``probability`` is that of the group; the likeliest groups
+        come first. There are no rows if the vehicle never crashes, or if the probability underflows.
     """
     if not lines.masses(law.ranges, law.speeds).any():
         return pd.DataFrame(columns=SHOWN)
@@ -67,7 +68,7 @@ def normal_scores(law: DependentLaw, lead_speed: Array, range_: Array, closing_s
     Parameters
     ----------
     law
-        Of the cut-ins.
+        Law of the cut-ins.
     lead_speed, range_, closing_speed
         v_L [m/s], R [m] and C [m/s], shape (n,).
     """

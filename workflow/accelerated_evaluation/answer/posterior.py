@@ -1,4 +1,4 @@
-"""The crash probability with all that is not known of it: which law, and what the records leave open."""
+"""Posterior of the crash probability, with the uncertainty in the choice of the law and in its parameters."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,14 +16,14 @@ LEVELS = (0.5, 0.8, 0.95)
 
 @dataclass(frozen=True)
 class Posterior:
-    """Draws of the probability of an event, and the law that each was drawn from.
+    """Draws of the probability of an event, with the law from which each was drawn.
 
     Attributes
     ----------
     probabilities
-        Shape (draws,).
+        The draws, shape (draws,).
     member
-        Place of the law among the members, shape (draws,).
+        Index of the law among the members, shape (draws,).
     """
 
     probabilities: Array
@@ -31,11 +31,11 @@ class Posterior:
 
     @property
     def probability(self) -> float:
-        """The answer: the median of the draws."""
+        """The median of the draws."""
         return float(np.median(self.probabilities))
 
     def interval(self, level: float) -> tuple[float, float]:
-        """Return the interval between the quantiles that leave equal parts outside."""
+        """Return the equal-tailed credible interval of a given level."""
         low, high = np.quantile(self.probabilities, [(1 - level) / 2, (1 + level) / 2])
         return float(low), float(high)
 
@@ -47,20 +47,20 @@ def draw_posterior(
     weights: Array,
     generator: np.random.Generator,
 ) -> dict[str, Posterior]:
-    """Draw a law by its weights, then the parameters of tail, body and ranges; weigh the maps.
+    """Draw laws with their weights and parameters from their posteriors, and compute event probabilities.
 
     Parameters
     ----------
     lines
-        By event: the map of a vehicle, thinned. All events share the draws.
+        Thinned crash map of a vehicle, by event. All events use the same draws.
     family
-        Fit to all records.
+        The family fitted to all records.
     members
-        Laws that are weighed.
+        The laws that have weights.
     weights
-        Shape (draws, members), rows adding up to 1.
+        Draws of the weights, shape (draws, members), with rows that sum to 1.
     generator
-        Draws everything.
+        Source of all randomness.
     """
     ends = np.cumsum(weights, axis=1)
     chosen = np.minimum((generator.random((len(weights), 1)) > ends).sum(axis=1), len(members) - 1)
@@ -74,21 +74,21 @@ def draw_posterior(
 
 
 def budget(posterior: Posterior, sampling_deviation: float) -> pd.DataFrame:
-    """Split the variance of the logarithm of a probability by source.
+    """Divide the variance of the logarithm of a probability among its sources.
 
     Parameters
     ----------
     posterior
         Draws of the probability.
     sampling_deviation
-        Relative standard deviation of the estimator that would find the probability by simulation.
+        Relative standard deviation of an estimator of the probability.
 
     Returns
     -------
     pandas.DataFrame
-        Columns ``source``, ``factor`` (one standard deviation, as a factor) and ``variance_share``.
-        ``data`` is the mean variance of the draws of one law, ``choice of law`` the variance between the
-        means of the laws.
+        Columns ``source``, ``factor`` (one standard deviation, as a factor) and ``variance_share``. ``data``
+        is the mean variance of the draws within a law, ``choice of law`` the variance between the means of
+        the laws.
     """
     with np.errstate(divide="ignore"):
         logs = pd.Series(np.log(posterior.probabilities))

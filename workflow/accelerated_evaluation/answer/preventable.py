@@ -1,8 +1,9 @@
-"""Where each vehicle can no longer avoid the crash, and which cut-ins one has to foresee.
+"""The closing speeds above which each vehicle always crashes, compared with foreseeable cut-ins.
 
-Regulators ask whether a crash was foreseeable and preventable (UN Regulation No. 157, annex 3; ISO 34502). In
-the plane of range and closing speed, at a given lead speed, there are two kinds of lines: where a vehicle
-begins to crash, and how fast cut-ins of that range close in, one in a thousand of them and so on.
+Regulators ask whether a crash was foreseeable and preventable (UN Regulation No. 157, annex 3; ISO 34502).
+For a given lead speed, the plane of range and closing speed contains two kinds of lines: the smallest closing
+speed at which a vehicle crashes, and the closing speed that, for example, one in a thousand cut-ins of that
+range exceeds.
 """
 
 from collections.abc import Mapping
@@ -27,23 +28,23 @@ def shown_lead_speeds(lead_speeds: Array) -> list[float]:
 
 
 def preventable(vehicles: Mapping[str, Vehicle], law: DependentLaw, lead_speeds: Array) -> pd.DataFrame:
-    """Find the lines of all vehicles and of the law on a grid of range and closing speed.
+    """Compute the lines of all vehicles and of the law as functions of the range.
 
     Parameters
     ----------
     vehicles
-        By name.
+        The vehicles by name.
     law
-        Of the cut-ins.
+        Law of the cut-ins.
     lead_speeds
-        As recorded [m/s].
+        Recorded lead speeds [m/s].
 
     Returns
     -------
     pandas.DataFrame
         Columns ``lead_speed`` [m/s], ``name``, ``kind`` (vehicle or law), ``range`` [m], ``first`` and
-        ``always``: the smallest closing speed [m/s] at which the vehicle crashes, and that from which on it
-        always does, NaN where there is none. They differ where it crashes in islands. For the law both are
+        ``always``: the smallest closing speed [m/s] at which the vehicle crashes, and the one above which it
+        always crashes, NaN if there is none. They differ if the crash set has islands. For the law, both are
         the closing speed that the share ``name`` of the cut-ins of this range exceeds.
     """
     parts = []

@@ -1,9 +1,9 @@
-"""Scores of laws of the closing speed where it matters, on records that a law has not seen.
+"""Held-out scores of laws of the closing speed, restricted to the region where crashes happen.
 
 A region is a set of cut-ins near the crash set: closing speeds above a boundary that depends on lead speed
-and range. The censored log score (Diks, Panchenko and van Dijk 2011) is the log density of a record inside
-the region, and the log probability of being outside of any other, so a law gains nothing by its fit
-elsewhere.
+and range. The censored log score (Diks, Panchenko and van Dijk 2011) of a record inside the region is its log
+density. The score of any other record is the log probability of being outside the region. A law therefore
+gains nothing from its fit elsewhere.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -31,24 +31,24 @@ class GivenLaw(Protocol):
     """A law of the closing speed at n pairs of lead speed and range."""
 
     def cumulative(self, closing_speed: Array) -> Array:
-        """Return -log P(C > c), one a pair."""
+        """Return -log P(C > c) at one closing speed for each pair."""
 
     def log_density(self, closing_speed: Array) -> Array:
-        """Return the log density, one a pair."""
+        """Return the log density at one closing speed for each pair."""
 
 
 class FittedLaw(Protocol):
     """A law of the closing speed given lead speed and range."""
 
     def given(self, places: Places) -> GivenLaw:
-        """Return the law at places."""
+        """Return the conditional distributions at given places."""
 
 
 Score = Callable[[GivenLaw, Array, Array], Array]
 
 
 def contiguous_blocks(size: int, blocks: int = BLOCKS) -> NDArray[np.int_]:
-    """Return the block of each of ``size`` records, in the order of the record."""
+    """Return the index of the contiguous block of each of ``size`` records."""
     return np.arange(size) * blocks // size
 
 
@@ -61,10 +61,10 @@ def censored_log_score(law: GivenLaw, closing_speed: Array, boundary: Array) -> 
 
 
 def threshold_weighted_crps(law: GivenLaw, closing_speed: Array, boundary: Array) -> Array:
-    """Return the negative CRPS of each record, weighed with closing speeds above a boundary [m/s].
+    """Return the negative CRPS of each record, restricted to closing speeds above a boundary [m/s].
 
-    It is the integral over speeds t above the boundary of (P(C <= t) - [c <= t])^2 (Gneiting and Ranjan
-    2011); the sign is turned so that more is better, as with the log score.
+    It is minus the integral over speeds t above the boundary of (P(C <= t) - [c <= t])^2 (Gneiting and Ranjan
+    2011), so that larger values are better, as for the log score.
     """
     total = np.zeros(closing_speed.size)
     for beyond in CRPS_STEPS:
@@ -74,20 +74,25 @@ def threshold_weighted_crps(law: GivenLaw, closing_speed: Array, boundary: Array
 
 
 def thinned_times(inside: NDArray[np.bool_], thin: int) -> NDArray[np.int_]:
-    """Return how many records each stands for: itself inside the regions, of the others one for ``thin``."""
+    """Return how many records each record represents after thinning.
+
+    A record inside a region represents itself. Of the others, one in ``thin`` is kept and represents ``thin``
+    records.
+    """
     return np.where(inside, 1, np.where(np.arange(inside.size) % thin == 0, thin, 0))
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Laws fitted without the records of a block, for each block in turn; they can be scored in many ways.
+    """Laws fitted without the records of one block, for each block in turn.
 
     Attributes
     ----------
     records
         Distinct cut-ins in the order of the record.
     given
-        For each contiguous block a function that returns the laws, fitted without the block, at places.
+        For each contiguous block, a function that returns the laws, fitted without the block, at given
+        places.
     laws
         Number of laws.
     """
@@ -120,7 +125,7 @@ class HeldOut:
     def of_law(
         cls, fit: Callable[[DistinctRecords], FittedLaw], records: DistinctRecords, blocks: int = BLOCKS
     ) -> "HeldOut":
-        """Fit any law without each block; ``fit`` takes records and returns the law."""
+        """Fit a law without each block; ``fit`` is a function of records that returns the law."""
         block = contiguous_blocks(records.size, blocks)
         fits = [fit(records.only(np.flatnonzero(block != number))) for number in range(blocks)]
         return cls(records, [lambda places, law=law: [law.given(places)] for law in fits])
@@ -128,17 +133,17 @@ class HeldOut:
     def scores(
         self, regions: Mapping[str, Array], thin: int = 1, score: Score = censored_log_score
     ) -> dict[str, Array]:
-        """Score each law at the records that its fit has not seen.
+        """Score each law at records that were not used for its fit.
 
         Parameters
         ----------
         regions
             Boundaries of closing speeds [m/s] by name, each of shape (records,).
         thin
-            Of the records outside all regions, whose scores are all alike, only every so many are scored and
-            stand for the others; this saves time where many sets of records are scored.
+            Thinning of the records outside all regions: only one in ``thin`` is scored and represents the
+            others. This saves time, and costs little accuracy because these scores are similar.
         score
-            Of a law at records, given the boundary of a region.
+            Function of a law at records and of the boundary of a region.
 
         Returns
         -------
@@ -160,7 +165,7 @@ class HeldOut:
 def time_to_collision_boundary(vehicle: Vehicle, ttc: float, support: Support = SUPPORT) -> Threshold:
     """Return the closing speeds above which the smallest simulated time to collision is at most ``ttc`` [s].
 
-    They are found by bisection at the nodes of a grid of lead speeds and roots of ranges.
+    They are computed by bisection at the nodes of a grid of lead speeds and roots of ranges.
     """
     ends = support.lead_speeds, (ROOT_MIN, np.sqrt(support.range_max))
     nodes = [np.linspace(low, high, NODES) for low, high in ends]

@@ -1,4 +1,4 @@
-"""The study of laws, in one go: which laws the records bear out, how well, and what they say together."""
+"""The study of laws: weights of the laws, crash probabilities, and all tables of the answer."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -40,30 +40,31 @@ QUANTITIES = {
 UNDER_TEST = "under test"
 REFERENCE = "cc_human"  # the competent and careful human of UN R157
 SHOWN = (Member(), *(Member(KNOT, shape) for shape in ("exponential", "generalised", "two kinds")))
-DRAWN = 2000  # crashes of each law whose place is told
+DRAWN = 2000  # number of crashes that are drawn from each law
 LIKE_RANGE = 5.0  # [m], how far the range of a record may differ to be like that of a crash
 
 
 @dataclass(frozen=True)
 class LawStudy:
-    """Everything that the tables need.
+    """All data for the tables of the study of laws.
 
     Attributes
     ----------
     encounters
         Encounter table in the order of the record.
     vehicles
-        By name, the car under test first.
+        The vehicles by name, the car under test first.
     weighted
-        The family with its weights.
+        The family of laws with its weights.
     lines
-        Its map by event, for distinct lead speeds, and the crashes of the other vehicles.
+        Crash map of the car under test by event, for the distinct lead speeds, and the crashes of the other
+        vehicles.
     thinned
-        The same, thinned.
+        The same lines, thinned.
     events
         The events of the car under test by name.
     sampled
-        Names of the crashes whose maps are by random closing speeds.
+        Names of the crashes whose maps were computed with random closing speeds.
     """
 
     encounters: pd.DataFrame
@@ -91,15 +92,16 @@ class LawStudy:
         encounters
             Encounter table in the order of the record.
         vehicles
-            By name, the car under test first.
+            The vehicles by name, the car under test first.
         maps
-            Their crash maps, the first with all events, up to where nothing changes: the laws have no cap.
+            Their crash maps. The first contains all events. All maps reach up to a closing speed above which
+            the outcome no longer changes, because the laws have no cap.
         scored
             The family, fitted to the distinct records of the encounter table, and its scores.
         draws
-            Draws of the weights and of the posterior.
+            Number of draws of the weights and of the posterior.
         generator
-            Draws everything.
+            Source of all randomness.
         """
         records, support = scored.records, scored.records.support
         (_, own), *others = maps.items()
@@ -113,14 +115,14 @@ class LawStudy:
         return cls(encounters, vehicles, weighted, lines, thinned, named)
 
     def resolve(self, maps: Mapping[str, CrashMap], generator: np.random.Generator) -> None:
-        """Put maps by random closing speeds in the place of those that replayed records contradict.
+        """Replace maps that are contradicted by replayed records by maps with random closing speeds.
 
         Parameters
         ----------
         maps
             Crash maps of the vehicles.
         generator
-            Draws the closing speeds.
+            Source of the random closing speeds.
         """
         records, family = self.weighted.records, self.family
         for name, vehicle in self.vehicles.items():
@@ -141,33 +143,33 @@ class LawStudy:
 
     @property
     def family(self) -> LawFamily:
-        """The fit to all records."""
+        """The family fitted to all records."""
         return self.weighted.family
 
     @property
     def shown(self) -> tuple[Member, ...]:
-        """The laws that tables show one by one, without those for which there were too few records."""
+        """The laws that tables list individually, without those that had too few records for a fit."""
         return tuple(member for member in SHOWN if member in self.weighted.members)
 
     def probabilities(self, event: str) -> dict[Member, float]:
-        """Return the probability of an event under each law, by the whole map."""
+        """Return the probability of an event under each law, computed with the complete map."""
         return {
             member: self.lines[event].probability(self.family.ranges, self.family.law(member))
             for member in self.weighted.members
         }
 
     def replayed(self, vehicle: Vehicle) -> Outcomes:
-        """Replay the distinct records with a vehicle."""
+        """Return the outcomes of the distinct records when a vehicle replays them."""
         records = self.weighted.records
         return vehicle.simulate(records.lead_speed, records.range_, records.closing_speed)
 
     def laws(self) -> pd.DataFrame:
-        """Table ``laws``; see `law_scores.law_table`."""
+        """Return the table ``laws``; see `law_table.law_table`."""
         crash = {member.name: value for member, value in self.probabilities("crash").items()}
         return law_table(self.weighted, *score_laws(self.weighted, self.vehicle), crash)
 
     def calibration(self) -> pd.DataFrame:
-        """Table ``calibration``: ``law`` and the columns of `calibration.with_limits`."""
+        """Return the table ``calibration``: ``law`` and the columns of `calibration.with_limits`."""
         records, family = self.weighted.records, self.family
         places, outcomes = records.places, self.replayed(self.vehicle)
         below = places.body(family.body)
@@ -196,9 +198,12 @@ class LawStudy:
         return pd.concat(rows, ignore_index=True)
 
     def crash_places(self, generator: np.random.Generator) -> pd.DataFrame:
-        """Draw crashes: ``law``, ``lead_speed``, ``range``, ``closing_speed`` and ``beyond_recorded``.
+        """Draw crashes from the laws.
 
-        The last is how much faster the crash closes [m/s] than any record at like range.
+        ``law``, ``lead_speed``, ``range``, ``closing_speed``, ``beyond_recorded``.
+
+        The last column is the excess of the closing speed [m/s] over the largest recorded one at a similar
+        range.
         """
         parts = [pd.DataFrame(columns=["lead_speed", "range", "closing_speed", "law", "beyond_recorded"])]
         lines, ranges = self.lines["crash"], self.family.ranges
@@ -216,30 +221,29 @@ class LawStudy:
         return float(records.closing_speed[np.abs(records.range_ - range_) < LIKE_RANGE].max(initial=0.0))
 
     def representative(self) -> DependentLaw:
-        """Return the law of the largest weight, from which methods that need one law draw."""
+        """Return the law of the largest weight, for methods that need a single law."""
         weighted = self.weighted
         return DependentLaw.fitted(self.family, weighted.heaviest, self.encounters, weighted.records.support)
 
     def answers(
         self, exposure: Mapping[str, float | None], half_width: float, generator: np.random.Generator
     ) -> dict[str, pd.DataFrame]:
-        """Return the answer, and the tables that tell where it comes from.
+        """Return the answer, and the tables that explain its uncertainty.
 
         Parameters
         ----------
         exposure
-            ``kilometres`` and ``hours`` in which the records were made; None where it is not known.
+            ``kilometres`` and ``hours`` in which the records were made; None if unknown.
         half_width
-            Relative half-width of the 80 % interval with which an estimator finds a probability.
+            Relative half-width of the 80 % interval of an estimator of the probability.
         generator
-            Draws everything.
+            Source of all randomness.
 
         Returns
         -------
         dict
-            ``answer`` by event, ``exposure`` as rates per kilometre and hour, ``vehicles`` compared with each
-            other, ``answer_draws``, ``answer_budget``, ``answer_thresholds``, ``calibration`` and
-            ``crash_places``.
+            ``answer`` by event, ``exposure`` (rates per kilometre and hour), ``vehicles`` (comparison),
+            ``answer_draws``, ``answer_budget``, ``answer_thresholds``, ``calibration`` and ``crash_places``.
         """
         posteriors = self.weighted.draw(self.thinned, generator)
         cut_ins, kilometres = self.weighted.records.size, exposure["kilometres"]
@@ -262,7 +266,7 @@ class LawStudy:
         }
 
     def compared(self, posteriors: Mapping[str, Posterior]) -> pd.DataFrame:
-        """Return the table of vehicles, of which replayed records have to bear out the maps."""
+        """Return the table of vehicles, with a check of each crash map by replayed records."""
         vehicles = zip(posteriors, self.vehicles.values(), strict=True)
         recorded = {name: int(self.replayed(vehicle).crash.sum()) for name, vehicle in vehicles}
         table = vehicle_table(posteriors, recorded, self.weighted.records.size, REFERENCE)
@@ -270,16 +274,16 @@ class LawStudy:
         return table.assign(scan=["random" if crash in self.sampled else "refined" for crash in crashes])
 
     def quality(self, outlier_rows: list[int], draws: int, generator: np.random.Generator) -> pd.DataFrame:
-        """Return the table of what other variants of the records do to the answer.
+        """Return the table of the answer for alternative treatments of the records.
 
         Parameters
         ----------
         outlier_rows
             Rows that the authors' later code leaves out, counted from 1.
         draws
-            Draws of the posterior for each reading.
+            Number of draws of the posterior for each treatment.
         generator
-            Draws everything.
+            Source of all randomness.
         """
         names = ("lead_speed", "range", "closing_speed")
         replayed = self.vehicle.simulate(*(self.encounters[name].to_numpy() for name in names))
@@ -290,11 +294,11 @@ class LawStudy:
 
 
 def event_name(event: Event) -> str:
-    """Return how tables call an event."""
+    """Return the name of an event in tables."""
     return QUANTITIES[event.quantity].format(event.threshold)
 
 
 def answer_draws(posterior: Posterior, weighted: WeightedLaws) -> pd.DataFrame:
-    """Tabulate the draws of the posterior: ``probability`` and the ``law`` it was drawn from."""
+    """Tabulate the draws of the posterior: ``probability`` and the ``law`` from which it was drawn."""
     names: Array = np.array([member.name for member in weighted.members])
     return pd.DataFrame({"probability": posterior.probabilities, "law": names[posterior.member]})

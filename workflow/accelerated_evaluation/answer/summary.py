@@ -1,4 +1,7 @@
-"""The answer: one probability with its intervals, by event, by threshold, and by reading of the records."""
+"""Tables of the answer.
+
+Probabilities with intervals, by event, by threshold, and by treatment of the records.
+"""
 
 from collections.abc import Mapping
 from copy import deepcopy
@@ -27,19 +30,19 @@ RANGE_LIMIT_WIDTH = 0.5  # [m], next to the largest range, where rounding could 
 
 
 def summarise(posterior: Posterior) -> dict[str, float]:
-    """Return a posterior as columns: ``probability`` (mean), ``median``, and ends ``low50`` to ``high95``."""
+    """Return the mean ``probability``, the ``median``, and the interval ends ``low50`` to ``high95``."""
     ends = (end for level in LEVELS for end in posterior.interval(level))
     values = (float(posterior.probabilities.mean()), posterior.probability, *ends)
     return dict(zip(SUMMARY, values, strict=True))
 
 
 def answer_table(posteriors: Mapping[str, Posterior], events_per_km: float | None) -> pd.DataFrame:
-    """Tabulate the probabilities of events per cut-in, and per kilometre where the distance is known.
+    """Tabulate the probabilities of events per cut-in, and per kilometre if the distance is known.
 
     Parameters
     ----------
     posteriors
-        Draws by event.
+        Draws of the probability by event.
     events_per_km
         Distinct closing cut-ins per kilometre [1/km].
 
@@ -53,7 +56,7 @@ def answer_table(posteriors: Mapping[str, Posterior], events_per_km: float | Non
 
 
 def is_supported(recorded: int, expected: float) -> bool:
-    """Whether the number of recorded crashes is one that the expected number allows."""
+    """Return whether the number of recorded crashes is consistent with the expected number."""
     return bool(mid_p(recorded, expected) > MISSED)
 
 
@@ -62,29 +65,30 @@ def vehicle_table(
 ) -> pd.DataFrame:
     """Compare the crash probabilities of vehicles.
 
-    All were found with the same draws of the law, so the interval of a ratio is far narrower than the
-    quotient of two intervals would be. The scan of a map misses crashes in stripes that are narrower than
-    its steps. Such a vehicle is found out by replaying the records: where far more or fewer of them crash
-    than the map lets one expect, the map is refused, and the vehicle gets no number.
+    All vehicles use the same draws of the law, so the interval of a ratio is much narrower than the quotient
+    of two intervals. The scan of a map misses crashes in stripes that are narrower than its steps. This is
+    detected by replaying the records: if the number of records that crash is inconsistent with the map, the
+    map is rejected, and no probability is given for the vehicle.
 
     Parameters
     ----------
     posteriors
-        Draws by vehicle.
+        Draws of the crash probability by vehicle.
     recorded
-        How many distinct records crash when the vehicle replays them.
+        Number of distinct records that crash when the vehicle replays them.
     size
         Number of distinct records.
     reference
-        The vehicle that the others are compared with, if it is among them.
+        The vehicle with which the others are compared, if it is among them.
 
     Returns
     -------
     pandas.DataFrame
-        Columns ``vehicle``; ``recorded`` and ``expected`` crashes of the records; whether the map is
-        ``resolved``; and, NaN where it is not, the columns of `summarise`; ``ratio``, ``ratio_low80`` and
-        ``ratio_high80``: the median and the 80 % interval of the ratio to the reference, NaN where that never
-        crashes; ``safer``, the share of the draws in which the vehicle crashes less often than the reference.
+        Columns ``vehicle``; ``recorded`` and ``expected`` crashes of the records; ``resolved`` (whether the
+        map is accepted); the columns of `summarise`; ``ratio``, ``ratio_low80`` and ``ratio_high80`` (median
+        and 80 % interval of the ratio to the reference, NaN if the reference never crashes); and ``safer``,
+        the share of the draws in which the vehicle crashes less often than the reference. The numbers are NaN
+        if the map is rejected.
     """
     expected = {name: size * posterior.probabilities.mean() for name, posterior in posteriors.items()}
     resolved = {name: is_supported(recorded[name], expected[name]) for name in posteriors}
@@ -114,7 +118,7 @@ def vehicle_table(
 def threshold_table(
     weighted: WeightedLaws, lines: CrashLines, generator: np.random.Generator
 ) -> pd.DataFrame:
-    """Tabulate the answer as each threshold alone gives it; column ``level`` and those of `summarise`."""
+    """Tabulate the answer for each threshold alone; column ``level`` and those of `summarise`."""
     rows = []
     for level in sorted({member.level for member in weighted.members if member.level is not None}):
         # The same random numbers for every threshold, so that only the threshold makes a difference.
@@ -126,14 +130,14 @@ def threshold_table(
 def record_variants(
     encounters: pd.DataFrame, crashed: Array, outlier_rows: list[int], support: Support = SUPPORT
 ) -> dict[str, DistinctRecords]:
-    """Return the records as other choices of data quality leave them.
+    """Return the distinct records for alternative treatments of the data.
 
     Parameters
     ----------
     encounters
         Encounter table in the order of the record.
     crashed
-        Whether each row crashes when it is replayed with the study's car.
+        Whether each row crashes when the study's car replays it.
     outlier_rows
         Rows that the authors' later code leaves out, counted from 1.
     support
@@ -167,26 +171,25 @@ def quality_table(
     draws: int,
     generator: np.random.Generator,
 ) -> pd.DataFrame:
-    """Tabulate what each reading of the records does to the answer.
+    """Tabulate the answer for alternative treatments of the records.
 
     Parameters
     ----------
     choices
-        Distinct records by variant; see `record_variants`.
+        Distinct records by treatment; see `record_variants`.
     start
-        The fit of the answer, from which the others start and whose smoothing they keep.
+        The fit of the answer, from which the other fits start and whose smoothing parameters they keep.
     lines
-        Of the crash, thinned.
+        Thinned lines of the crash map.
     draws
-        Draws of the posterior for each reading.
+        Number of draws of the posterior for each treatment.
     generator
-        Draws weights and posteriors.
+        Source of all randomness.
 
     Returns
     -------
     pandas.DataFrame
-        Columns ``reading``, ``events`` and those of `summarise`, which are missing where hardly any record is
-        left.
+        Columns ``reading``, ``events`` and those of `summarise`, which are missing if too few records remain.
     """
     rows = []
     for reading, records in tqdm(choices.items(), desc="data quality", unit=" readings"):

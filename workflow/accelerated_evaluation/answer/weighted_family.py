@@ -1,4 +1,4 @@
-"""The family of laws, fitted to the records and weighed by its scores on records that it has not seen."""
+"""The family of laws, fitted to the records and weighted by its scores on held-out records."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.laws.smooth.family import MEMBERS, DistinctRecords, Fitter, LawFamily, Member
 
-REGION = 0.25  # [1/s], TTC^-1 above which the laws are weighed: it holds the crash set and some 600 records
+REGION = 0.25  # [1/s], TTC^-1 above which laws are weighted; contains the crash set and some 600 records
 REGION_SHARE = 0.003  # of the records that the region holds at least, where traffic is calmer
 DRAWS = 500
 LINES = 2500  # of a thinned map
@@ -72,14 +72,14 @@ class WeightedLaws(ScoredFamily):
         return self.members[int(np.argmax(self.weights.mean(axis=0)))]
 
     def mean(self, values: Mapping[Member, Array | float]) -> Array | float:
-        """Return the mean of what the laws say, by their mean weights."""
+        """Return the mean of a quantity over the laws, with their mean weights."""
         weights = self.weights.mean(axis=0)
         return sum(weight * values[member] for weight, member in zip(weights, self.members, strict=True))
 
     def weights_at(self, level: float) -> Array:
-        """Return the weights of the laws with one threshold alone, rows adding up to 1 again.
+        """Return the weights restricted to the laws with one threshold, with rows that sum to 1.
 
-        They are equal where the records leave none of these laws any weight.
+        They are equal if all these laws have weight zero.
         """
         chosen = np.array([member.level == level for member in self.members])
         weights = np.where(chosen, self.weights, 0.0)
@@ -87,7 +87,7 @@ class WeightedLaws(ScoredFamily):
         return weights / weights.sum(axis=1, keepdims=True)
 
     def thinned(self, lines: CrashLines, generator: np.random.Generator, size: int = LINES) -> CrashLines:
-        """Thin the lines of an event to those where some law has its mass."""
+        """Thin the lines of an event to those that are probable under some of the laws."""
         guides = [member for member in self.members if member.level in (None, GUIDE)]
         masses = [lines.masses(self.family.ranges, self.family.law(member)) for member in guides]
         shares = [mass / mass.sum() for mass in masses if mass.any()]
@@ -98,13 +98,16 @@ class WeightedLaws(ScoredFamily):
     def draw(
         self, lines: Mapping[str, CrashLines], generator: np.random.Generator, weights: Array | None = None
     ) -> dict[str, Posterior]:
-        """Draw probabilities of events from the posterior, with other ``weights`` if they are given."""
+        """Draw probabilities of events from the posterior, optionally with other ``weights``."""
         chosen = self.weights if weights is None else weights
         return draw_posterior(lines, self.family, self.members, chosen, generator)
 
 
 def region(records: DistinctRecords) -> float:
-    """Return the TTC^-1 [1/s] above which laws are weighed: `REGION`, or less if it holds few records."""
+    """Return the TTC^-1 [1/s] above which laws are weighted.
+
+    `REGION`, or less if there are few records above it.
+    """
     return min(REGION, float(np.quantile(records.closing_speed / records.range_, 1 - REGION_SHARE)))
 
 

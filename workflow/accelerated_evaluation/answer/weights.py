@@ -1,4 +1,4 @@
-"""Weights of laws from their held-out scores: none is picked by hand."""
+"""Weights of laws from their held-out scores."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,6 +1,6 @@
-"""The subcommands of ``accelerated-evaluation``: a new one is one new module of this package.
+"""The subcommands of ``accelerated-evaluation``: each is one module of this package.
 
-Modules import here what is light alone, and the rest when they run, because ``--help`` imports every one.
+Modules of this package import slow libraries only when they run, because ``--help`` imports all modules.
 """
 
 import argparse
@@ -25,7 +25,10 @@ class Command(Protocol):
 
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
-        """Run it; raise StudyError or OSError, whose text the user reads, where it cannot go on."""
+        """Run the subcommand.
+
+        Raise StudyError or OSError with a message for the user if it cannot continue.
+        """
 
 
 COMMANDS: Registry[Command] = Registry("command", __name__, __path__)
@@ -35,7 +38,7 @@ results/STUDY/models/two_pieces.json (the paper's). Its encounter table: results
 
 
 def add_law(command: argparse.ArgumentParser) -> None:
-    """Add the law of the cut-ins, of which `LAW` tells the user, and the table that it was fitted to."""
+    """Add the arguments for the law of cut-ins and for the table to which it was fitted."""
     command.add_argument("--law", metavar="LAW.json", type=Path, required=True, help="law of the cut-ins")
     command.add_argument(
         "--encounters",
@@ -47,7 +50,7 @@ def add_law(command: argparse.ArgumentParser) -> None:
 
 
 def add_seed(command: argparse.ArgumentParser) -> None:
-    """Add the root of all randomness."""
+    """Add the argument for the root seed of all randomness."""
     command.add_argument("--seed", type=int, default=1, help="root of all randomness (default: 1)")
 
 

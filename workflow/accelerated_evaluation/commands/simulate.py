@@ -125,23 +125,26 @@ def _parameters(texts: Iterable[str]) -> dict[str, Any]:
 def simulate_table(
     source: Path, target: Path, vehicle: Vehicle, *, closing_speed_max: float = math.inf
 ) -> None:
-    """Simulate the cut-ins of a CSV file and write them with their outcomes to another, a chunk at a time.
+    """Simulate the cut-ins of a CSV file, and write them with their outcomes to another one.
+
+    The files are processed in chunks.
 
     Parameters
     ----------
     source
         CSV file with a header and the columns lead_speed [m/s], range [m] and closing_speed [m/s].
     target
-        CSV file to write; crash (0 or 1), min_range [m], min_ttc [s], impact_speed [m/s] come last.
+        CSV file to write; the columns crash (0 or 1), min_range [m], min_ttc [s] and impact_speed [m/s] are
+        added.
     vehicle
         The car under test.
     closing_speed_max
-        Larger closing speeds are simulated as this one [m/s]; the table keeps them.
+        Larger closing speeds are simulated as this one [m/s]; the table keeps the original values.
 
     Raises
     ------
     InputError
-        If a column is missing or a value is none that can be simulated; names file, row and column.
+        If a column is missing or a value cannot be simulated. The message names file, row and column.
     """
     with _opened(source) as file:
         rows = _rows(file, source)

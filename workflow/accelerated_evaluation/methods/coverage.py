@@ -1,17 +1,17 @@
-"""How honest the intervals are: many replicates of every way to stop, judged by the exact probability.
+"""Coverage of intervals: many replicates of every stopping rule, compared with the exact probability.
 
-Four ways to stop and to give an interval:
+There are four stopping rules, each with its interval:
 
-- ``fixed``: a size that a pilot foretold, and the normal interval;
+- ``fixed``: a size that a pilot study predicted, and the normal interval;
 - ``fixed_gamma``: the same simulations, and the gamma interval;
 - ``sequential``: the paper's rule, the first n at which the normal interval is narrow enough;
 - ``sequential_gamma``: `intervals.sequential_estimate`.
 
-All read the same simulations of a replicate from their start. Replicates take the searches' f* in turn: what
-is measured is the average over these searches, not over all that Cross-Entropy might have found.
+All rules use the same simulations of a replicate, from its beginning. Replicates use the f* of the searches
+in turn, so the result is an average over these searches.
 
-Crude Monte Carlo at its real probability is too long to run a thousand times. Its number of crashes follows a
-binomial law exactly, and that is drawn, with the exact probability.
+Crude Monte Carlo at the real probability takes too long to be run a thousand times. Its number of crashes is
+binomial, and is drawn from this distribution with the exact probability.
 """
 
 import math
@@ -60,9 +60,9 @@ def predicted_size(
     pilot: int,
     stopping: Stopping,
 ) -> int:
-    """Return the simulations after which a relative half-width of beta is to be expected (VI.C, N-hat).
+    """Return the number of simulations after which a relative half-width of beta is expected (VI.C, N-hat).
 
-    It is the largest number of the stopping rule if the pilot sees fewer than two events, and at most
+    It is the largest number of the stopping rule if the pilot study has fewer than two events, and at most
     `LARGEST`.
 
     Parameters
@@ -70,13 +70,13 @@ def predicted_size(
     problem
         The law, the vehicle and the event.
     searches
-        f* of each stratum, search by search; the mean variance over the searches is taken.
+        f* of each stratum, search by search; the variance is averaged over the searches.
     generator
         Source of all randomness.
     pilot
-        Simulations with each search.
+        Number of simulations with each search.
     stopping
-        The rule whose alpha and beta are asked for.
+        The rule, of which alpha and beta are used.
     """
     pilots = (Sums.of(draw_weights(problem, proposals, generator, pilot)) for proposals in searches)
     sums = sum(pilots, Sums())
@@ -87,9 +87,9 @@ def predicted_size(
 
 
 class Stream:
-    """Weights with the f* of one search, drawn in large blocks; replicates follow one another in it.
+    """A stream of weights with the f* of one search, drawn in large blocks and divided among replicates.
 
-    A replicate begins where the last one ended. Where that is depends on the weights before it alone, so the
+    A replicate begins where the previous one ended. The end depends only on earlier weights, so the
     replicates are independent.
 
     Parameters
@@ -116,26 +116,26 @@ class Stream:
         return self._weights[:size]
 
     def end_replicate(self, size: int) -> None:
-        """Begin the next replicate after ``size`` weights of this one."""
+        """End this replicate after ``size`` weights and begin the next."""
         self._weights = self._weights[size:]
 
 
 def stop_importance_sampling(stream: Stream, fixed: int, stopping: Stopping) -> dict[str, tuple[Sums, bool]]:
-    """Run one replicate of importance sampling, and stop it in each of the ways.
+    """Run one replicate of importance sampling, and stop it by each of the rules.
 
     Parameters
     ----------
     stream
-        Where the simulations come from.
+        The stream of weights.
     fixed
         The fixed size.
     stopping
-        When the sequential ways stop.
+        Criterion of the sequential rules.
 
     Returns
     -------
     dict
-        For each way to stop the sums at its end, and whether its rule was met.
+        For each rule, the sums at its end, and whether its criterion was met.
     """
     maximum, used = stopping.maximum_simulations, 0
 
@@ -165,11 +165,11 @@ def stop_importance_sampling(stream: Stream, fixed: int, stopping: Stopping) -> 
 def stop_crude(
     probability: float, generator: np.random.Generator, stopping: Stopping
 ) -> dict[str, tuple[Sums, bool]]:
-    """Draw one replicate of crude Monte Carlo from its law, and stop it in each of the ways.
+    """Draw one replicate of crude Monte Carlo from its distribution, and stop it by each of the rules.
 
-    With k crashes the relative half-width of the normal interval is z / sqrt(k) for a rare event, whatever n:
-    the paper's rule stops at a crash whose number is known beforehand, and the simulations up to it follow a
-    negative binomial law.
+    With k crashes, the relative half-width of the normal interval is z / sqrt(k) for a rare event. The
+    paper's rule therefore stops at a fixed number of crashes, and the number of simulations until then is
+    negative binomial.
 
     Parameters
     ----------
@@ -178,13 +178,13 @@ def stop_crude(
     generator
         Source of all randomness.
     stopping
-        When the sequential ways stop; crude Monte Carlo has no largest number of simulations here.
+        Criterion of the sequential rules; crude Monte Carlo has no largest number of simulations here.
 
     Returns
     -------
     dict
-        As of `stop_importance_sampling`. An event of (almost) probability 0 is looked for in the largest
-        number of simulations of the rule.
+        As for `stop_importance_sampling`. If the probability is (almost) 0, the largest number of simulations
+        of the rule is used.
     """
     if probability < VANISHING:
         nothing = Sums.unweighted(stopping.maximum_simulations, 0), False
@@ -215,7 +215,7 @@ def stop_crude(
 def replicate_rows(
     stopped: Mapping[str, tuple[Sums, bool]], weight_bound: float | None = None
 ) -> list[dict[str, Any]]:
-    """Describe each stop of one replicate: the estimate, the cov it reports, and its intervals by level.
+    """Return a row for each stopping rule of one replicate: estimate, reported cov, and intervals by level.
 
     ``weight_bound`` is that of `gamma_interval`.
     """
@@ -241,21 +241,21 @@ def replicate_rows(
 
 
 def coverage_table(replicates: pd.DataFrame, probability: float, standard_error: float = 0.0) -> pd.DataFrame:
-    """Judge replicates by the exact probability.
+    """Compare replicates with the exact probability.
 
     Parameters
     ----------
     replicates
         Rows as of `replicate_rows`, with the columns ``method`` and ``replicate``.
     probability, standard_error
-        The exact probability and its own error.
+        The exact probability and its standard error.
 
     Returns
     -------
     pandas.DataFrame
-        For each method and stopping: ``replicates``, the share ``converged``, ``simulations_mean``,
+        For each method and stopping rule: ``replicates``, the share ``converged``, ``simulations_mean``,
         relative ``bias``, true and mean reported coefficient of variation ``cov_true`` and ``cov_reported``,
-        the coverage of each level; with standard errors ``*_se``.
+        and the coverage of each level; with standard errors ``*_se``.
     """
     groups = replicates.groupby(["method", "stopping"], sort=False)
     return pd.DataFrame(

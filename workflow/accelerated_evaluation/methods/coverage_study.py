@@ -1,4 +1,4 @@
-"""The study of coverage: many replicates of one method, each stopped in every way."""
+"""The study of coverage: many replicates of one method, each stopped by every rule."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -28,7 +28,7 @@ def coverage_replicates(
     stopping: Stopping,
     coverage: Mapping[str, int],
 ) -> pd.DataFrame:
-    """Run the replicates of one method; they take the searches in turn.
+    """Run the replicates of one method, which use the searches in turn.
 
     Parameters
     ----------
@@ -37,13 +37,14 @@ def coverage_replicates(
     problem
         The law, the vehicle and the event.
     searches
-        f* of each stratum, search by search. Without any, f itself is drawn from: crude Monte Carlo.
+        f* of each stratum, search by search. If it is empty, cut-ins are drawn from f itself (crude Monte
+        Carlo).
     probability
         The exact crash probability, from which the number of crashes of crude Monte Carlo is drawn.
     generator_of
-        Gives the generator of a piece of the work by its name.
+        Function that returns the generator for a named piece of the work.
     stopping
-        When the sequential ways stop.
+        Criterion of the sequential rules.
     coverage
         Section ``coverage`` of the configuration.
 

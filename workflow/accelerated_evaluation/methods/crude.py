@@ -1,7 +1,7 @@
 """Crude Monte Carlo over all strata: every cut-in is drawn from f itself and simulated (table III).
 
-The study's run goes on in batches, each with a generator of its own, and keeps the counts of every batch.
-So the same batches give the same results, whether the run was interrupted, shortened or extended.
+The study runs it in batches, each with its own random generator, and saves the counts of every batch. The
+same batches therefore give the same results, even if the run is interrupted, shortened or extended.
 """
 
 import os
@@ -50,21 +50,21 @@ SETTINGS = section(
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """The file that holds the counts of all finished batches of one work.
+    """The file that contains the counts of all finished batches of one piece of work.
 
     Attributes
     ----------
     path
-        Where it is.
+        Path of the file.
     work
-        Names the work, see `fingerprint`; the counts of another are not used.
+        Identifies the work, see `fingerprint`; counts of other work are ignored.
     """
 
     path: str | os.PathLike
     work: str
 
     def read(self) -> list[Counts]:
-        """Read the counts; none, with a warning, if the file is damaged or of another work."""
+        """Read the counts; return none, with a warning, if the file is damaged or belongs to other work."""
         if not Path(self.path).is_file():
             return []
         try:
@@ -73,10 +73,10 @@ class Checkpoint:
         except (ValueError, TypeError, KeyError):  # no JSON, or none that `write` has written
             work, checksum, batches = self.work, "", None
         if checksum != value_digest([work, batches]):
-            warnings.warn(f"{self.path} is damaged; starting anew", stacklevel=2)
+            warnings.warn(f"{self.path} is damaged; starting again from zero", stacklevel=2)
             return []
         if work != self.work:
-            warnings.warn(f"{self.path} is of other inputs or settings; starting anew", stacklevel=2)
+            warnings.warn(f"{self.path} has other inputs or settings; starting again from zero", stacklevel=2)
             return []
         return batches
 
@@ -87,7 +87,7 @@ class Checkpoint:
 
 
 def fingerprint(paths: Iterable[str | os.PathLike], settings: Mapping[str, Any]) -> str:
-    """Return a digest of the files and settings that a work depends on; it changes with any of them."""
+    """Return a digest of the files and settings on which the work depends; it changes with any of them."""
     files = {str(path): file_digest(Path(path)) for path in paths}
     return value_digest([files, settings])
 
@@ -111,20 +111,20 @@ def simulate_batches(
     batch_size: int,
     save_every: int,
 ) -> list[Counts]:
-    """Simulate the batches that the checkpoint does not hold, and return the counts of all.
+    """Simulate the batches that are not in the checkpoint, and return the counts of all batches.
 
     Parameters
     ----------
     problem
         The law, the vehicle and the event.
     checkpoint
-        Written after every ``save_every`` batches and at the end.
+        Saved after every ``save_every`` batches and at the end.
     seed
-        Root seed; batch k has the child ("crude", k).
+        Root seed; batch k uses the child ("crude", k).
     batches, batch_size
-        How many batches, and the simulations of each.
+        Number of batches, and of simulations in each.
     save_every
-        Batches between two checkpoints.
+        Number of batches between two checkpoints.
     """
     done = checkpoint.read()
     with tqdm(
@@ -144,10 +144,10 @@ def simulate_batches(
 
 @METHODS.add("crude")
 class Crude(Method):
-    """Draw from f until the interval is narrow enough.
+    """Crude Monte Carlo: draw from f until the interval is narrow enough.
 
-    The study does not run it in replicates, because it needs tens of millions of simulations: it runs once,
-    for a given number of simulations, see `simulate_batches`.
+    The study does not run replicates of it, because it needs tens of millions of simulations. It runs once,
+    for a given number of simulations; see `simulate_batches`.
     """
 
     name: ClassVar[str] = "crude"
@@ -156,7 +156,7 @@ class Crude(Method):
 
     @classmethod
     def replicates(cls, config: Mapping[str, Any]) -> int:
-        """Return 0: the one long run has a rule of its own."""
+        """Return 0, because the study runs crude Monte Carlo once, in its own rule."""
         return 0
 
     def estimate(self, problem: ScoreProblem, stopping: Stopping, generator: np.random.Generator) -> Estimate:
@@ -174,14 +174,14 @@ class Crude(Method):
 
 
 def crude_estimates(batches: list[Counts], alpha: float) -> pd.DataFrame:
-    """Estimate the crash probability of each segment and of all.
+    """Estimate the crash probability of each segment and of all segments.
 
     Returns
     -------
     pandas.DataFrame
         Columns ``segment``, ``simulations``, ``crashes``, ``probability``, and the exact intervals ``ci_low``
-        and ``ci_high`` at 100 (1 - alpha) %, ``ci95_low`` and ``ci95_high`` at 95 %. Without a crash they
-        are an upper bound alone, from 0.
+        and ``ci_high`` at 100 (1 - alpha) %, ``ci95_low`` and ``ci95_high`` at 95 %. Without a crash they are
+        one-sided, from 0.
     """
     segments = {segment: np.sum([counts[segment] for counts in batches], axis=0) for segment in batches[0]}
     totals = segments | {ALL: sum(segments.values())}
@@ -194,7 +194,10 @@ def crude_estimates(batches: list[Counts], alpha: float) -> pd.DataFrame:
 
 
 def crude_course(batches: list[Counts], alpha: float) -> pd.DataFrame:
-    """Follow the estimate over all segments batch by batch; columns as in `crude_estimates`, without 95 %."""
+    """Return the estimate over all segments after each batch.
+
+    Columns as in `crude_estimates`, without 95 %.
+    """
     counts = np.cumsum([np.sum(list(batch.values()), axis=0) for batch in batches], axis=0)
     return pd.DataFrame([_estimate(simulations, crashes, alpha) for simulations, crashes in counts.tolist()])
 

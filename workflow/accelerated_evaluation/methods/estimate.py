@@ -1,4 +1,4 @@
-"""What every method is asked for and gives: a stopping rule, one shape of estimate, one protocol."""
+"""The common interface of all methods: stopping rule, estimate and method."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -20,18 +20,18 @@ def normal_reach(alpha: float) -> float:
 
 @dataclass(frozen=True)
 class Stopping:
-    """When an estimate is good enough (paper, section VI.C).
+    """The rule that decides when an estimate is precise enough (paper, section VI.C).
 
     Attributes
     ----------
     alpha
-        Intervals are 100 (1 - alpha) %.
+        Intervals have the level 100 (1 - alpha) %.
     beta
         An estimate has converged when the half-width of its interval is at most ``beta`` times the estimate.
     minimum_events
-        Events that must have been seen besides, so that a lucky start does not count.
+        Least number of events, which prevents convergence by chance after few events.
     maximum_simulations
-        Simulations after which a method gives up.
+        Number of simulations after which a method ends without convergence.
     """
 
     alpha: float = 0.2
@@ -41,33 +41,33 @@ class Stopping:
 
     @classmethod
     def configured(cls, section: Mapping[str, Any]) -> Self:
-        """Take the rule from the section ``importance_sampling`` of the configuration."""
+        """Return the rule of the section ``importance_sampling`` of the configuration."""
         return cls(**{name: section[name] for name in cls.__dataclass_fields__})
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """The probability of an event, as any method gives it.
+    """The estimated probability of an event, in the form that all methods use.
 
     Attributes
     ----------
     probability, low, high
-        The estimate and its interval. Without enough events the interval is what can be said all the same,
-        in the worst case [0, 1]; the estimate is then 0 or NaN.
+        The estimate and its interval. If there are too few events, the interval is [0, bound], or [0, 1] in
+        the worst case, and the estimate is 0 or NaN.
     alpha
-        The interval is one of 100 (1 - alpha) %.
+        The level of the interval is 100 (1 - alpha) %.
     learning
-        Simulations that do not enter the estimate, because they taught the method where to look.
+        Number of simulations that do not enter the estimate, because they were used for learning.
     estimating
-        Simulations that the estimate is made of.
+        Number of simulations on which the estimate is based.
     events
-        Simulations, of those that the method counts, that ended in the event.
+        Number of events among the simulations that the method counts.
     converged
-        Whether the interval is as narrow as the stopping rule asks.
+        Whether the stopping rule is satisfied.
     diagnostics
-        Numbers that only some methods have, by name.
+        Further numbers of some methods, by name.
     tables
-        Tables that only some methods have, by name: how an estimate came about.
+        Further tables of some methods, by name.
     """
 
     probability: float
@@ -83,11 +83,11 @@ class Estimate:
 
     @property
     def simulations(self) -> int:
-        """All simulations, learning included."""
+        """Number of all simulations, including those for learning."""
         return self.learning + self.estimating
 
     def covers(self, probability: float) -> bool:
-        """Whether the interval holds a value."""
+        """Return whether the interval contains a value."""
         return self.low <= probability <= self.high
 
     def row(self) -> dict[str, Any]:

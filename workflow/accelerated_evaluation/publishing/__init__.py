@@ -1,1 +1,1 @@
-"""Figures and tables, drawn from finished results; nothing is simulated here."""
+"""Figures, tables, book and archive, made from finished results; nothing is simulated in this package."""

@@ -33,7 +33,7 @@ MAX_ROWS = 60  # of a table in a notebook
 
 
 def figure(make: Make) -> Make:
-    """Register a function that returns a figure and its data; its files have the name of the function."""
+    """Register a function that returns a figure and its data; the files have the name of the function."""
 
     def publish(study: Study, made: tuple[Figure, pd.DataFrame]) -> ShownFigure:
         drawn, data = made
@@ -51,7 +51,7 @@ def table(
     digits: int | None = None,
     digest: Callable[[pd.DataFrame], pd.DataFrame] | None = None,
 ) -> Callable[[Make], Make]:
-    """Register a function that returns a table.
+    """Return a decorator that registers a function which returns a table.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def table(
     digits
         Significant digits of numbers in Markdown, LaTeX and notebooks; all by default.
     digest
-        Makes, of a table that is too long to be read, what these show in its place.
+        Function that shortens a table which is too long for Markdown, LaTeX and notebooks.
     """
 
     def register(make: Make) -> Make:
@@ -84,7 +84,7 @@ def table(
 
 @dataclass(frozen=True)
 class ShownFigure:
-    """A published figure: notebooks display it, and its data are at hand."""
+    """A published figure, which notebooks display, with its data."""
 
     data: pd.DataFrame = field(repr=False)
     png: Path
@@ -99,7 +99,7 @@ class ShownFigure:
 
 @dataclass(frozen=True)
 class ShownTable:
-    """A published table: notebooks display its digest, and all its data are at hand."""
+    """A published table, of which notebooks display the digest, with all its data."""
 
     data: pd.DataFrame
     digest: pd.DataFrame
@@ -116,16 +116,16 @@ Shown = ShownFigure | ShownTable
 
 
 def show(study: Study, make: Callable[..., Any], **given: Any) -> Shown:  # noqa: ANN401
-    """Make a registered figure or table of a study, publish it, and return what a notebook displays.
+    """Make a registered figure or table of a study, publish it, and return an object for the notebook.
 
     Parameters
     ----------
     study
-        What the parameters of ``make`` are read from, by their names.
+        The study, from which the parameters of ``make`` are read by name.
     make
         A function that `figure` or `table` registered.
     given
-        Arguments that are not read from the study by their names.
+        Arguments that are not read from the study.
     """
     read = [name for name in inspect.signature(make).parameters if name not in given]
     made = make(**{name: getattr(study, name) for name in read}, **given)

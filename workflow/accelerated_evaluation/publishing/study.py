@@ -1,4 +1,4 @@
-"""One reader of a study: every finished result, under the name by which figures and tables ask for it."""
+"""The finished results of a study, each under the name that figures and tables use for it."""
 
 from collections.abc import Mapping
 from functools import cached_property
@@ -86,32 +86,30 @@ TABLES = {
 
 
 class Study:
-    """The finished results of a study; each is read when it is first asked for, and then kept.
+    """The finished results of a study; each is read when it is first used, and then cached.
 
-    A figure or a table states by its parameters what it reads: a parameter ``estimates`` receives the
-    attribute ``estimates`` of this class (`publishing.published.show`), which is a property or a table of
-    `TABLES`. A notebook can read any other table as ``study.table("file.csv")``.
-
-    `publishing.book.catalogue` finds out on which files a notebook depends from the code of this module,
-    without running it. Each file is therefore named as a literal in `TABLES`, or in a call of `path`, `table`
-    or `_law`. A part in braces stands for several files.
+    The parameters of a figure or table are the names of the results that it uses: a parameter ``estimates``
+    is read from the property ``estimates`` of this class (`publishing.published.show`).
+    `publishing.book.catalogue` determines from the code of this class, without running it, on which files a
+    notebook depends. Each file is therefore named as a literal in a call of `path`, `_table` or `_law`. A
+    part in braces stands for several files.
 
     Parameters
     ----------
     results, figures
-        Folder of the study's results, and folder for its figures; tables go into ``tables`` in the latter.
+        Folder of the study's results, and folder for its figures; tables are in ``tables`` inside the latter.
 
     Raises
     ------
     InputError
-        By every property whose result has not been made, with the command that makes it.
+        By every property whose result does not exist yet, with the command that makes it.
     """
 
     def __init__(self, results: str | Path, figures: str | Path) -> None:
         self.results, self.figures = Path(results), Path(figures)
 
     def path(self, name: str, **parts: str) -> Path:
-        """Return the path of a result, which has to be there; ``parts`` replace what stands in braces."""
+        """Return the path of an existing result; ``parts`` replace names in braces."""
         path = self.results / name.format(**parts)
         if not path.is_file():
             raise InputError(
@@ -153,19 +151,19 @@ class Study:
 
     @property
     def source(self) -> str:
-        """What the data are, in words."""
+        """The description of the data."""
         data = self.config["data"]
         return describe(data)
 
     @property
     def headline(self) -> str:
-        """Study, data and root seed in one line of Markdown, and the checks of the records that say stop."""
+        """Study, data and root seed as one line of Markdown."""
         study = f"Study **{self.name}**. Data: {as_markdown(self.source)}. Root seed {self.config['seed']}."
         return f"{study} **{as_markdown(summary(self.records_report))}**" if self.stops else study
 
     @property
     def alpha(self) -> float:
-        """Intervals are 100 (1 - alpha) %."""
+        """1 - level of the intervals."""
         return self.config["importance_sampling"]["alpha"]
 
     @property
@@ -175,7 +173,7 @@ class Study:
 
     @property
     def segments(self) -> tuple[str, ...]:
-        """Names of the segments, by rising lead speed."""
+        """Names of the segments, in order of lead speed."""
         return self.piecewise.segments
 
     @property
@@ -203,7 +201,7 @@ class Study:
 
     @cached_property
     def records_report(self) -> pd.DataFrame:
-        """What each check of the records says."""
+        """The results of the checks of the records."""
         return pd.read_csv(self.path("records_report.csv"), keep_default_na=False)
 
     @property
@@ -263,7 +261,10 @@ class Study:
 
     @cached_property
     def replicates(self) -> pd.DataFrame:
-        """What every replicate of every method costs and finds; ``together`` counts all simulations."""
+        """Simulations and estimates of every replicate of every method.
+
+        ``together`` counts all simulations.
+        """
         table = self.table("estimates.csv")
         return table.assign(together=table["learning"] + table["estimating"])
 
@@ -271,7 +272,7 @@ class Study:
     def estimates(self) -> pd.DataFrame:
         """The estimates of all replicates of importance sampling, at convergence.
 
-        Their weights, which have an effective sample size, distinguish them from other estimates.
+        They are selected by their effective sample size, which only weighted estimates have.
         """
         weighted = self.replicates.dropna(subset="effective_sample_size")
         return weighted.rename(columns={"estimating": "simulations"}).reset_index(drop=True)

@@ -1,1 +1,1 @@
-"""The workflow's own plumbing: configuration, what a rule depends on, locks and jobs."""
+"""Infrastructure of the workflow: configuration, dependencies of rules, locks and jobs."""

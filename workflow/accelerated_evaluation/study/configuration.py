@@ -42,7 +42,7 @@ StrictValidator = validators.extend(Draft202012Validator, type_checker=_NUMBERS)
 
 
 class ConfigurationError(StudyError):
-    """Everything that is wrong with a configuration; ``args`` has one line for each violation."""
+    """All violations of a configuration; ``args`` has one line for each."""
 
     def __str__(self) -> str:
         """Return all lines."""
@@ -89,10 +89,10 @@ def default_configuration() -> dict[str, Any]:
 
 
 def completed(config: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a configuration with the keys that it does not state as ``config/config.yaml`` states them.
+    """Return a configuration in which missing keys have the values of ``config/config.yaml``.
 
-    The limits there are those of its source. For another source they are `limits.AUTO`, and are read off the
-    records (`limits.with_limits`).
+    The limits in that file belong to its source. For another source, missing limits are `limits.AUTO` and are
+    derived from the records (`limits.with_limits`).
     """
     defaults = default_configuration()
     data = config.get("data")
@@ -107,7 +107,7 @@ def completed(config: Mapping[str, Any]) -> dict[str, Any]:
 def resolved(
     config: Mapping[str, Any], files: Sequence[str] = (), kept: Path | None = None, *, trust: bool = False
 ) -> dict[str, Any]:
-    """Return a complete configuration with the limits of its records in place of ``auto``, checked.
+    """Return a complete and validated configuration, with limits in place of ``auto``.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def resolved(
     Raises
     ------
     ConfigurationError
-        If it is not valid.
+        If the configuration is not valid.
     InputError
         If the records cannot be read.
     """
@@ -130,7 +130,7 @@ def resolved(
 
 
 def validate(config: Mapping[str, Any]) -> None:
-    """Check a complete configuration against the schema and the conditions that tie keys together.
+    """Check a complete configuration against the schema and against conditions between keys.
 
     Raises
     ------
@@ -184,12 +184,13 @@ class _StrictLoader(yaml.SafeLoader):
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """Read a configuration file by itself.
+    """Read a single configuration file.
 
     Raises
     ------
     InputError
-        If it is missing, not UTF-8, no YAML, has a key twice, or holds anything but keys and values.
+        If the file is missing, is not UTF-8 or not YAML, has a key twice, or contains anything but keys and
+        values.
     """
     try:
         if path.stat().st_size > LARGEST:
@@ -250,7 +251,7 @@ def _suggestion(path: Sequence[str | int], name: str, siblings: Iterable[str]) -
 
 
 def main() -> None:
-    """Write the table of keys into ``config/README.md`` anew."""
+    """Update the table of keys in ``config/README.md``."""
     before, rest = README.read_text(encoding="utf-8").split(MARKS[0])
     after = rest.split(MARKS[1])[1]
     write_text(README, before + MARKS[0] + parameter_table() + MARKS[1] + after)

@@ -1,4 +1,4 @@
-"""Conditions on the configuration that a schema cannot state: they tie keys together, or ask a registry."""
+"""Conditions on the configuration that a schema cannot express: between keys, or on registered names."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace

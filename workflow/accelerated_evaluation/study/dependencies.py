@@ -1,7 +1,8 @@
-"""What the result of a rule depends on: the modules that its code imports, and the content of users' files.
+"""The dependencies of a rule: the modules that its code imports, and the content of users' files.
 
-Snakemake notices a changed script, but neither an edited module that it imports nor a user's file that is
-replaced by an older one. The rules therefore name the modules as inputs, and digests as parameters.
+Snakemake notices that a script has changed. It does not notice that an imported module has been edited, or
+that a user's file has been replaced by an older one. The rules therefore name the modules as inputs, and
+digests of the files as parameters.
 """
 
 import ast
@@ -18,26 +19,26 @@ Paths = Iterable[str | os.PathLike]
 def imported_modules(
     sources: Paths, package: str | os.PathLike, members: Mapping[str, Iterable[str]] | None = None
 ) -> list[Path]:
-    """Return the modules of a package that some scripts or notebooks import, directly or through each other.
+    """Return the modules of a package that some scripts or notebooks import, directly or indirectly.
 
-    The sources are parsed, never run, so imports inside of functions count as well. A module that makes a
-    `registry.Registry` imports the modules beside it when a name is looked up, and therefore depends on those
-    that register a member.
+    The sources are parsed and never run, so imports inside functions are found as well. A module that creates
+    a `registry.Registry` imports the modules of its package when a name is looked up, and therefore depends
+    on those that register a member.
 
     Parameters
     ----------
     sources
         Python files or notebooks.
     package
-        Folder of the package; modules outside of it are not followed.
+        Folder of the package; modules outside it are ignored.
     members
-        The members that are looked up in the registry of a room, by the room's name. Without an entry all
-        members of the room count.
+        The members that are looked up in the registry of a package, by the name of the package. Without an
+        entry, all members of the package count.
 
     Returns
     -------
     list of Path
-        In alphabetical order; empty where nothing of the package is imported.
+        The modules in alphabetical order; empty if none is imported.
     """
     package = Path(package)
     found: set[Path] = set()
@@ -51,9 +52,9 @@ def imported_modules(
 
 
 def in_order(value: Any) -> Any:  # noqa: ANN401
-    """Return a value of the configuration with the keys of all its mappings in alphabetical order.
+    """Return a value of the configuration with the keys of all mappings in alphabetical order.
 
-    Snakemake compares parameters as text: the same settings in another order would count as changed.
+    Snakemake compares parameters as text, so the same settings in another order would count as a change.
     """
     if isinstance(value, Mapping):
         return {key: in_order(value[key]) for key in sorted(value)}
@@ -61,9 +62,9 @@ def in_order(value: Any) -> Any:  # noqa: ANN401
 
 
 def without_unused(config: Mapping[str, Any], sources: Iterable[str]) -> dict[str, Any]:
-    """Return a valid configuration in order, without the sections of the sources that the study does not use.
+    """Return a valid configuration, in order, without the sections of sources that the study does not use.
 
-    An edit of a section that is not used must not run any job again.
+    Editing an unused section must not cause any job to run again.
 
     Parameters
     ----------

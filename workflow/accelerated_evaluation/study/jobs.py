@@ -1,4 +1,4 @@
-"""What every script of the workflow shares: its log, errors as one message, and fast imports."""
+"""Common frame of all scripts of the workflow: the log, and one message for an error."""
 
 import os
 import sys
@@ -17,18 +17,13 @@ LOGGER_VARIABLE = "ACCELERATED_EVALUATION_LOGGER"
 
 @contextmanager
 def job(log: str | os.PathLike) -> Iterator[Callable[[str], object]]:
-    """Run a rule's script: what is written to standard error, also warnings and progress, goes to ``log``.
+    """Run the script of a rule; standard error, including warnings and progress bars, is written to ``log``.
 
-    Jobs run beside each other, so they leave the terminal to the logger of the workflow. Where there is none,
-    and where the log cannot be written, they write how they failed to the terminal themselves.
+    Jobs run at the same time, so they leave the terminal to the logger of the workflow. If there is no such
+    logger, or if the log cannot be written, a job reports its failure on the terminal.
 
-    An error ends the process with status 1: a `StudyError` with its message alone, a full disk with what
-    could not be written, others with a traceback.
-
-    Yields
-    ------
-    Callable
-        Writes a text to the terminal, for the few lines that a user has to see at once.
+    An error ends the process with status 1. A `StudyError` is reported by its message only, a full disk by
+    the file that could not be written, and other errors with a traceback.
     """
     terminal = os.dup(2)
     message = ""

@@ -1,4 +1,4 @@
-"""Tell what living runs of the workflow hold from what dead ones left behind."""
+"""Remove the Snakemake locks of runs that were killed, without touching those of active runs."""
 
 import fcntl
 import os
@@ -8,21 +8,22 @@ from typing import BinaryIO
 
 
 def release_dead_locks(folder: str | os.PathLike = ".snakemake") -> BinaryIO:
-    """Remove the locks that killed runs left in Snakemake's folder, and mark this run as alive.
+    """Remove the locks that killed runs left in Snakemake's folder, and mark this run as active.
 
-    A run that is killed cannot remove its locks, and Snakemake cannot tell them from those of a run that is
-    still at work. So every run keeps a file locked, shared with the others, until its process ends, however
-    it ends. A run that gets this file for itself is alone, and all of Snakemake's locks are dead ones.
+    A run that is killed cannot remove its locks, and Snakemake cannot distinguish them from the locks of an
+    active run. Every run therefore holds a shared lock on a file until its process ends. If a run can lock
+    this file exclusively, no other run is active, and all of Snakemake's locks are left over from killed
+    runs.
 
     Parameters
     ----------
     folder
-        Snakemake's folder of what it knows about the files of the study.
+        Snakemake's folder of metadata.
 
     Returns
     -------
     BinaryIO
-        The locked file; keep it open as long as the run lasts.
+        The locked file; keep it open until the run ends.
     """
     folder = Path(folder)
     folder.mkdir(exist_ok=True)

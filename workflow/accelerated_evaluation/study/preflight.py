@@ -1,4 +1,4 @@
-"""What a configuration names has to exist; it is looked up before the first job, as jobs may take minutes."""
+"""Checks before the first job that everything named in the configuration exists, because jobs take minutes."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -26,7 +26,7 @@ ENDINGS = {
 def compared_sections(compared: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
     """Return the entries of the section ``compared_vehicles``, each with all keys of the section ``vehicle``.
 
-    An entry without a name is the built-in vehicle that its label names.
+    The name of an entry without a name is its label, which must be the name of a built-in vehicle.
     """
     return {
         label: {"name": label, "parameters": {}, "files": [], "deterministic": None, **entry}
@@ -35,12 +35,12 @@ def compared_sections(compared: Mapping[str, Mapping[str, Any]]) -> dict[str, di
 
 
 def require_named(config: Mapping[str, Any]) -> None:
-    """Look up the records and the vehicles of a valid configuration, and make each vehicle once.
+    """Check that the records and the vehicles of a valid configuration exist, and load each vehicle once.
 
     Raises
     ------
     InputError
-        If there is no such file, or a vehicle cannot be made with its parameters.
+        If a file does not exist, or a vehicle cannot be created with its parameters.
     """
     from accelerated_evaluation.vehicles.loading import load_vehicle  # imports the compiler: a second
 
@@ -61,12 +61,12 @@ def require_named(config: Mapping[str, Any]) -> None:
 
 
 def require_cores(cores: int | None) -> None:
-    """Refuse a number of cores with which Snakemake would wait for ever; None where none is needed.
+    """Raise InputError for a number of cores with which Snakemake would wait forever.
 
     Raises
     ------
     InputError
-        If it is below 1.
+        If the number is below 1; None is accepted if no number is needed.
     """
     if cores is not None and cores < 1:
         raise InputError(
@@ -75,12 +75,12 @@ def require_cores(cores: int | None) -> None:
 
 
 def require_places(*folders: Path) -> None:
-    """Look at the folders of results: Snakemake fails at a file in place of a folder, and takes the reverse.
+    """Check that no file is in the place of a results folder, and no folder in the place of a result file.
 
     Raises
     ------
     InputError
-        If a file stands where a folder has to be, or a folder where one of the results has to be.
+        If a file is where a folder has to be, or a folder where one of the results has to be.
     """
     for folder in folders:
         for place in (folder, *folder.parents):
@@ -99,7 +99,7 @@ def require_places(*folders: Path) -> None:
 
 
 def require_plain(paths: Iterable[str]) -> None:
-    """Refuse paths of the user's files with braces, which Snakemake would take for wildcards.
+    """Raise InputError for paths of the user's files with braces, which Snakemake would treat as wildcards.
 
     Raises
     ------

@@ -1,1 +1,1 @@
-"""From the computer to the test track: scenario files, campaigns of real runs, sets of scenarios."""
+"""Tests on a proving ground: scenario files, campaigns of real runs, and weighted sets of scenarios."""

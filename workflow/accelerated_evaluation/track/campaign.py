@@ -1,11 +1,12 @@
-"""A campaign on the proving ground: asks for real runs, is told how they ended, and says what follows.
+"""A campaign on the proving ground: it proposes real runs, receives their outcomes, and estimates.
 
-The sampler of few simulations (`methods.surrogate`) chooses the runs batch by batch. Real runs come back one
-by one, in any order and over weeks, so a campaign keeps what was told of a batch until the batch is whole,
-and only then hands it to the sampler.
+The surrogate-guided sampler (`methods.surrogate`) chooses the runs batch by batch. The outcomes of real runs
+arrive one by one, in any order and over weeks. A campaign therefore collects the outcomes of a batch, and
+passes them to the sampler when the batch is complete.
 
-A proving ground cannot drive every cut-in. Where a campaign has limits, its event is the event within them.
-A run that the sampler chooses beyond them needs no driving: no event within the limits happens there.
+A proving ground cannot drive every cut-in. If a campaign has limits, it estimates the probability of the
+event within the limits. A run that the sampler chooses beyond them need not be driven, because it is not an
+event within the limits.
 """
 
 from collections.abc import Mapping
@@ -31,7 +32,7 @@ MOST_EMPTY = 100  # batches in a row without a run within the limits
 
 @dataclass
 class Run:
-    """A run that was asked for: number and batch, counted from 1, the cut-in, and its outcome.
+    """A run that was requested: its number and batch, counted from 1, the cut-in, and its outcome.
 
     Attributes
     ----------
@@ -55,7 +56,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Source:
-    """A file that a campaign belongs to, with the checksum of its content."""
+    """A file that a campaign uses, with the checksum of its content."""
 
     file: str
     sha256: str
@@ -63,24 +64,24 @@ class Source:
 
 @dataclass
 class Campaign:
-    """All that a campaign knows.
+    """The complete state of a campaign.
 
     Attributes
     ----------
     law, encounters
-        The law file and the encounter table from which it takes the lead speeds.
+        The law file, and the encounter table to which the law was fitted.
     description
-        What the law says of itself.
+        The description of the law.
     event
-        What must not happen.
+        The event whose probability is estimated.
     goal
-        How narrow the interval has to be.
+        The required width of the interval.
     sampler
-        Chooses the runs.
+        The sampler that chooses the runs.
     limits, beyond
-        What can be driven, and the probability of a cut-in beyond.
+        Limits of the proving ground, and the probability of a cut-in beyond them.
     runs
-        All that the sampler chose, by their numbers; those beyond the limits are told from the start.
+        All runs that the sampler chose, by number; the outcome of a run beyond the limits is known at once.
     """
 
     law: Source
@@ -107,28 +108,29 @@ class Campaign:
         predecessor: "Campaign | None" = None,
         deterministic: bool | None = None,
     ) -> Self:
-        """Return a new campaign; its law is read once, to see that it can be used.
+        """Return a new campaign, after reading its law once to check that it can be used.
 
         Parameters
         ----------
         law, encounters
-            Files with their checksums.
+            The law file, and the encounter table to which the law was fitted, with their checksums.
         event, goal
-            What must not happen, and how narrow the interval has to be.
+            The event whose probability is estimated, and the required width of the interval.
         batch_size, seed
-            Runs asked for at once, and root of all randomness.
+            Number of runs per batch, and root seed of all randomness.
         limits
-            What can be driven.
+            Limits of the proving ground.
         predecessor
-            Campaign of a vehicle that is like this one; where it met the event, this one begins.
+            Campaign of a similar vehicle; the new campaign begins where the predecessor had the event.
         deterministic
-            Whether the vehicle always does the same in the same cut-in; None if repeats have to show it.
+            Whether the vehicle always has the same outcome in the same cut-in; None if repeated runs have to
+            show it.
 
         Raises
         ------
         InputError
-            If a file cannot be used, the batch size is out of its range, the limits leave too little, or the
-            predecessor belongs to another law or event, or met no event.
+            If a file cannot be used, the batch size is out of range, the limits leave too little probability,
+            or the predecessor belongs to another law or event or had no event.
         """
         check_batch_size(batch_size)
         read = read_law(law.file, read_encounters(encounters.file))
@@ -150,19 +152,19 @@ class Campaign:
 
     @property
     def outstanding(self) -> list[Run]:
-        """The runs that were asked for and not told yet."""
+        """The requested runs without a reported outcome."""
         return [run for run in self.runs if run.outcome is None]
 
     def ask(self, law: Law, batch_size: int | None = None) -> list[Run]:
-        """Return the runs to drive next: what is outstanding, or else a new batch.
+        """Return the runs to drive next: the outstanding runs, or a new batch if there are none.
 
         Parameters
         ----------
         law
-            That the campaign belongs to.
+            The law of the campaign.
         batch_size
-            Of a new batch and all that follow; None for no change. An outstanding batch keeps its size,
-            because what its runs say has been weighed for it.
+            Size of the new batch and of all later ones; None for no change. The size of an outstanding batch
+            cannot change, because the inclusion probabilities of its runs were computed for it.
         """
         if batch_size is not None:
             check_batch_size(batch_size)
@@ -194,28 +196,28 @@ class Campaign:
 
     @property
     def batches(self) -> int:
-        """Number of batches that were asked for."""
+        """Number of batches that were requested."""
         return self.runs[-1].batch if self.runs else 0
 
     def tell(self, results: Mapping[int, DrivenOutcome], *, correct: bool = False) -> int:
-        """Take what happened in some runs, and hand the batch to the sampler once it is whole.
+        """Receive the outcomes of some runs, and pass the batch to the sampler when it is complete.
 
         Parameters
         ----------
         results
-            By number of run; checked against the runs by `results.check`.
+            Outcomes by number of run, checked against the runs by `results.check`.
         correct
-            Whether what was told before of a run of the open batch may be replaced.
+            Whether outcomes of the open batch that were reported earlier may be replaced.
 
         Returns
         -------
         int
-            How many runs were new or corrected.
+            Number of runs that are new or corrected.
 
         Raises
         ------
         InputError
-            If a run contradicts what was told of it before; nothing is taken then.
+            If an outcome contradicts an earlier report of the same run; no outcome is accepted then.
         """
         news = {
             number: outcome for number, outcome in results.items() if self.runs[number - 1].outcome != outcome
@@ -229,7 +231,7 @@ class Campaign:
         return len(news)
 
     def _hand_over(self) -> None:
-        """Tell the sampler of the open batch, once all its runs are told."""
+        """Pass the outcomes of the open batch to the sampler, if all of them have been reported."""
         if not self.outstanding:
             outcomes = outcomes_of(run.outcome for run in self.runs if run.batch == self.batches)
             self.sampler.tell(self.event.happens(outcomes), self.event.score(outcomes))
@@ -252,7 +254,7 @@ class Campaign:
             )
 
     def as_predecessor(self, law: Source, event: Event) -> Predecessor:
-        """Return the runs of whole batches, for a campaign with a vehicle that is like this one."""
+        """Return the runs of complete batches, for the campaign of a similar vehicle."""
         change = "Name a campaign with the same law and event, or leave --predecessor out."
         own, other = (self.law.sha256, law.sha256), (self.event.in_words, event.in_words)
         for what, (seen, expected) in (("law", own), ("event", other)):
@@ -268,12 +270,12 @@ class Campaign:
     # ---- what follows
 
     def estimate(self) -> Estimate:
-        """Return what all whole batches say."""
+        """Return the estimate from all complete batches."""
         return self.sampler.estimate(self.goal)
 
 
 def check_batch_size(size: int) -> None:
-    """Raise InputError unless a batch of this size can be asked for."""
+    """Raise InputError unless a batch may have this size."""
     if not SMALLEST_BATCH <= size <= LARGEST_BATCH:
         expected = f"{SMALLEST_BATCH} to {LARGEST_BATCH} runs"
         raise InputError("--batch-size", seen=str(size), expected=expected, change="Choose another size.")

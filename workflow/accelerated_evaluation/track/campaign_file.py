@@ -1,4 +1,4 @@
-"""The file of a campaign: JSON that a person can read, and that outlives versions of the sampler."""
+"""The file of a campaign: readable JSON that later versions of the sampler can still use."""
 
 import hashlib
 import json
@@ -32,7 +32,7 @@ CUT_IN = {"range_": "range"}  # attributes of a run that have another name in th
 
 
 def source_of(path: str | os.PathLike) -> Source:
-    """Return a file with its checksum; raise InputError if there is none."""
+    """Return a file with its checksum; raise InputError if it does not exist."""
     path = Path(path)
     require_file(path, "Correct its path.")
     return Source(str(path), file_digest(path))
@@ -44,7 +44,7 @@ def law_of(campaign: Campaign) -> Law:
     Raises
     ------
     InputError
-        If the law file or the encounter table is missing, or is not what it was when the campaign began.
+        If the law file or the encounter table is missing, or has changed since the campaign began.
     """
     for source in (campaign.law, campaign.encounters):
         if source_of(source.file) != source:
@@ -59,7 +59,7 @@ def law_of(campaign: Campaign) -> Law:
 
 
 def write_campaign(path: str | os.PathLike, campaign: Campaign) -> None:
-    """Write a campaign, whole or not at all; `read_campaign` takes it up."""
+    """Write a campaign, atomically; `read_campaign` reads it."""
     content = {
         "law": asdict(campaign.law),
         "encounters": asdict(campaign.encounters),
@@ -80,7 +80,7 @@ def read_campaign(path: str | os.PathLike) -> Campaign:
     Raises
     ------
     InputError
-        If the file is missing, is no campaign of this version, or was changed by hand or damaged.
+        If the file is missing, is not a campaign of this version, or was edited or damaged.
     """
     change = "Name the file of a campaign, or begin one with `accelerated-evaluation campaign new`."
     require_file(path, change)
@@ -165,7 +165,7 @@ def _require_whole(campaign: Campaign) -> None:
 
 
 def stopping(confidence: float, relative_half_width: float) -> Stopping:
-    """Return the goal of a campaign as a stopping rule; the number of runs has no limit."""
+    """Return the goal of a campaign as a stopping rule without a limit on the number of runs."""
     return Stopping(round(1 - confidence, 12), relative_half_width, minimum_events=1)
 
 

@@ -1,4 +1,4 @@
-"""What is known of a run that was driven, or that needs no driving."""
+"""The outcome of a run that was driven, or that need not be driven."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -11,17 +11,17 @@ from accelerated_evaluation.vehicles.protocol import Outcomes
 
 @dataclass(frozen=True)
 class DrivenOutcome:
-    """What is known of a run that was driven.
+    """The reported outcome of a run that was driven.
 
     Attributes
     ----------
     crash
         Whether the cars touched.
     min_range, min_ttc, impact_speed
-        Smallest range [m], smallest time to collision [s] and closing speed at the crash [m/s]; None where it
-        was not measured.
+        Smallest range [m], smallest time to collision [s] and closing speed at the crash [m/s]; None if not
+        measured.
     note
-        Anything that the people on the track want to remember.
+        A remark of the people on the track.
     """
 
     crash: bool
@@ -35,7 +35,10 @@ BEYOND = DrivenOutcome(False, note="beyond the limits, not to be driven")
 
 
 def outcomes_of(driven: Iterable[DrivenOutcome]) -> Outcomes:
-    """Return what was told of runs as outcomes; what was not measured is as harmless as the flag allows."""
+    """Return reported outcomes as `Outcomes`.
+
+    Quantities that were not measured get their least dangerous value.
+    """
     rows = list(driven)
     crash = np.array([row.crash for row in rows])
 
@@ -52,7 +55,7 @@ def outcomes_of(driven: Iterable[DrivenOutcome]) -> Outcomes:
 
 
 def outcome_in_words(driven: DrivenOutcome) -> str:
-    """Return the outcome of a run for a message."""
+    """Return the outcome of a run as text for a message."""
     words = ["crash" if driven.crash else "no crash"]
     for name in ("min_range", "min_ttc", "impact_speed"):
         if getattr(driven, name) is not None:

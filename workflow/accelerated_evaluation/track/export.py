@@ -1,4 +1,4 @@
-"""Hand a weighted set of scenarios over to others: files, weights, and a page that says what to do."""
+"""Export a weighted set of scenarios for others: scenario files, weights, and a page of instructions."""
 
 import os
 import shutil
@@ -24,23 +24,23 @@ TABLE = "scenarios.csv"
 
 
 def write_set(folder: str | os.PathLike, drawn: WeightedSet, origin: Mapping[str, str]) -> None:
-    """Write a set into a new folder: ``scenarios.csv``, the scenario files and their road, and ``README.md``.
+    """Write a set into a new folder: ``scenarios.csv``, the scenario files, their road, and ``README.md``.
 
-    The folder appears when all of it is written.
+    The folder appears only when it is complete.
 
     Parameters
     ----------
     folder
-        That is not there yet, or is empty.
+        A folder that does not exist yet, or is empty.
     drawn
         The set.
     origin
-        What the page says of where the set comes from, by name.
+        Statements about the origin of the set for the page, by name.
 
     Raises
     ------
     InputError
-        If there is something in the folder already.
+        If the folder is not empty.
     StudyError
         If the library scenariogeneration is not installed.
     """
@@ -63,7 +63,7 @@ def write_set(folder: str | os.PathLike, drawn: WeightedSet, origin: Mapping[str
 
 
 def table_of(drawn: WeightedSet, names: list[str]) -> pd.DataFrame:
-    """Return the table of weights, with the host's speed at the start [m/s] and the file of each scenario."""
+    """Return the table of weights, with the initial host speed [m/s] and the file of each scenario."""
     host_speed = drawn.table["lead_speed"] + drawn.table["closing_speed"]
     return drawn.table.assign(host_speed=host_speed, file=[f"{name}.xosc" for name in names])
 
@@ -74,7 +74,7 @@ def _scenario(name: str, row: Mapping[str, float]) -> Scenario:
 
 
 def page(drawn: WeightedSet, origin: Mapping[str, str]) -> str:
-    """Return the page that says how to compute the crash probability from one's own outcomes."""
+    """Return the page that explains how to compute the crash probability from the outcomes of a vehicle."""
     counts = drawn.table["shell"].value_counts(sort=False)
     ends = [*(f"{edge:.2f}" for edge in drawn.edges[1:]), "more"]
     shells = "\n".join(

@@ -1,8 +1,8 @@
-"""What a proving ground can drive, and how much of a law of cut-ins lies beyond.
+"""Limits of a proving ground, and the probability of the cut-ins that exceed them.
 
-A campaign estimates the probability of the event *within* these limits. Of what lies beyond it says nothing,
-but the law does: the probability of a cut-in beyond the limits is computed here. No more than that can be
-missing, so the probability of the event anywhere is at most the sum of both.
+A campaign estimates the probability of the event *within* the limits. The probability of a cut-in beyond the
+limits under the law is computed in this module. The probability of the event without limits is at most the
+sum of both.
 """
 
 import math
@@ -22,7 +22,7 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(100)  # along the distribution 
 
 @dataclass(frozen=True)
 class Limits:
-    """What can be driven; None where there is no limit.
+    """The limits of a proving ground; None means no limit.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Limits:
         return self != UNLIMITED
 
     def hold(self, lead_speed: Array, range_: Array, closing_speed: Array) -> NDArray[np.bool_]:
-        """Whether each cut-in can be driven, shape (n,).
+        """Return whether each cut-in is within the limits, shape (n,).
 
         Parameters
         ----------
@@ -53,7 +53,10 @@ class Limits:
         return (range_ >= (self.range_min or 0.0)) & (closing_speed <= self.closing_speed(lead_speed))
 
     def closing_speed(self, lead_speed: Array) -> Array:
-        """Return the highest closing speed [m/s] at given lead speeds [m/s]; infinite without a limit."""
+        """Return the largest allowed closing speed [m/s] at given lead speeds [m/s].
+
+        Infinite without a limit.
+        """
         host = math.inf if self.host_speed_max is None else self.host_speed_max
         highest = math.inf if self.closing_speed_max is None else self.closing_speed_max
         return np.minimum(np.subtract(host, lead_speed), highest)
@@ -61,8 +64,8 @@ class Limits:
     def beyond(self, law: Law) -> float:
         """Return the probability of a cut-in beyond the limits.
 
-        It is an integral over lead speed and range of the law's probability of higher closing speeds: a sum
-        over bins of the recorded lead speeds, and a Gauss-Legendre rule over the range.
+        It is the integral over lead speed and range of the probability of larger closing speeds, computed as
+        a sum over bins of the recorded lead speeds and a Gauss-Legendre rule over the range.
         """
         return float(sum(law.shares[name] * self._beyond(law, part) for name, part in law.strata.items()))
 
@@ -90,7 +93,7 @@ class Limits:
 
     @property
     def in_words(self) -> str:
-        """The limits as a text."""
+        """Return the limits as text."""
         words = {
             "host_speed_max": "host speed at most {:g} m/s",
             "closing_speed_max": "closing speed at most {:g} m/s",
@@ -112,12 +115,12 @@ def _binned(values: Array) -> tuple[Array, Array]:
 
 
 def require_limits(limits: Limits, law: Law) -> float:
-    """Return the probability of a cut-in beyond the limits.
+    """Return the probability of a cut-in beyond the limits, after checking the limits.
 
     Raises
     ------
     InputError
-        If a limit is no number above 0, or if no cut-in of the law, or hardly any, lies within.
+        If a limit is not a number above 0, or if almost no cut-in of the law is within the limits.
     """
     for name, value in asdict(limits).items():
         if value is not None and not 0 < value < math.inf:

@@ -1,4 +1,4 @@
-"""The page beside an exported set: how a third party computes a crash probability from its own outcomes."""
+"""The instructions for an exported set: how others compute a crash probability from their own outcomes."""
 
 RECIPE = """\
 # {size} cut-ins with weights

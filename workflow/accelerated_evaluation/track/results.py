@@ -1,4 +1,4 @@
-"""What was seen on the track, as a table: read, and refused where it contradicts the runs or itself."""
+"""Tables of outcomes from the track: reading, and checks against the runs and for contradictions."""
 
 import math
 import os
@@ -30,16 +30,16 @@ TOLERANCES = {"lead_speed": 0.01, "range": 0.01, "closing_speed": 0.01}
 
 
 def read_results(path: str | os.PathLike, campaign: Campaign) -> dict[int, DrivenOutcome]:
-    """Read a table of results: columns ``run`` and ``crash``, and what else was measured.
+    """Read a table of outcomes with the columns ``run`` and ``crash``, and optional measurements.
 
-    Rows without a crash flag are runs that are still to be driven. The table that `ask` wrote, filled in, is
-    such a table; so is what ``accelerated-evaluation simulate`` makes of it.
+    Rows without a crash flag are runs that are still to be driven. The table that `ask` wrote has this form
+    when it is filled in, and so does the output of ``accelerated-evaluation simulate`` for it.
 
     Raises
     ------
     InputError
-        If a row cannot be understood, names a run that was never asked for, or contradicts itself, the run or
-        another row. The message names the row as a spreadsheet numbers it.
+        If a row cannot be understood, names a run that was never requested, or contradicts itself, the run or
+        another row. The message gives the row number as in a spreadsheet.
     """
     require_file(path, "Write the table, or correct its path.")
     table = read_csv(path)
@@ -166,7 +166,7 @@ def _refuse(where: str, column: str, seen: str, expected: str) -> None:
 
 
 def write_table(path: str | os.PathLike, runs: Iterable[Run]) -> None:
-    """Write the runs to drive as a table with empty columns for what happens; speeds [m/s], range [m]."""
+    """Write the runs to drive as a table with empty columns for the outcomes; speeds [m/s], range [m]."""
     rows = [
         {
             "run": run.number,

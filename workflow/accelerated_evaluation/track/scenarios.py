@@ -1,11 +1,11 @@
 """Cut-ins as files of OpenSCENARIO XML 1.2, on one straight road of OpenDRIVE.
 
 An encounter of the study begins at the moment of the cut-in, with a given range between the bumpers. A
-scenario begins `RUN_UP` seconds before. The other car is then in the lane on the right. It comes over so that
-its middle crosses the marking at the moment, and keeps its speed all the time. The host has its initial speed
-and no action. If it keeps this speed up to the moment, range and range rate are then as given; from there on,
-at the latest, the vehicle under test is on its own. The scenario ends with a collision, or when the study's
-encounters end.
+scenario begins `RUN_UP` seconds earlier, with the other car in the lane on the right. It changes lane so that
+its middle crosses the marking at the moment of the cut-in, and keeps its speed throughout. The host has an
+initial speed and no action. If it keeps this speed until the cut-in, range and range rate are those of the
+encounter. From that moment at the latest, the vehicle under test drives by itself. The scenario ends with a
+collision, or when the encounters of the study end.
 """
 
 import datetime
@@ -42,12 +42,12 @@ class Scenario:
     Attributes
     ----------
     name
-        Of the file, without its ending.
+        Name of the file, without its ending.
     lead_speed, range_, closing_speed
         v_L [m/s], and at the moment of the cut-in the distance between the bumpers [m] and the host speed
         minus v_L [m/s].
     notes
-        What else the head of the file says, by name, such as the weight of the scenario.
+        Further statements in the head of the file, by name, such as the weight of the scenario.
     """
 
     name: str
@@ -63,9 +63,9 @@ def write_scenarios(folder: str | os.PathLike, scenarios: Iterable[Scenario]) ->
     Parameters
     ----------
     folder
-        Made if it is not there. Every file is written whole or not at all.
+        The folder, which is created if necessary. Every file is written atomically.
     scenarios
-        With names that differ from each other.
+        The scenarios, with different names.
 
     Returns
     -------
@@ -90,7 +90,7 @@ def write_scenarios(folder: str | os.PathLike, scenarios: Iterable[Scenario]) ->
 
 
 def require_scenariogeneration() -> None:
-    """Raise StudyError if the library that writes the files is missing, before anything is done in vain."""
+    """Raise StudyError if the library that writes the files is not installed, before any other work."""
     try:
         import scenariogeneration  # noqa: F401
     except ImportError as error:
@@ -180,8 +180,8 @@ def _storyboard(scenario: Scenario) -> "xosc.StoryBoard":
 def headway_at_start(scenario: Scenario) -> float:
     """Return the distance of the cars' reference points [m] when the scenario begins.
 
-    Both cars have the same shape, so that at the moment of the cut-in it is range and length; before, it is
-    longer by what the host closes in during the run-up.
+    Both cars have the same shape, so at the moment of the cut-in the distance is the range plus the length of
+    a car. At the beginning it is larger by the distance that the host closes in during the run-up.
     """
     return float(scenario.range_ + LENGTH + scenario.closing_speed * RUN_UP)
 

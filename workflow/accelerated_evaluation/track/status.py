@@ -1,4 +1,4 @@
-"""Where a campaign stands: its estimate, what is still to be driven, and whether it may stop."""
+"""The status of a campaign: its estimate, the runs that are still needed, and whether it may stop."""
 
 import math
 from dataclasses import dataclass
@@ -16,20 +16,21 @@ MOST_BATCHES = 10_000  # that a forecast looks ahead
 
 @dataclass(frozen=True)
 class Status:
-    """Where a campaign stands.
+    """The status of a campaign.
 
     Attributes
     ----------
     asked, reported
-        Runs that were asked for, and of how many the outcome is known.
+        Number of runs that were requested, and of those whose outcome is known.
     used
-        Runs of whole batches, of which the estimate is made.
+        Number of runs in complete batches, on which the estimate is based.
     spared
-        Runs that the sampler chose beyond the limits, which needed no driving; they count in none of these.
+        Number of runs that the sampler chose beyond the limits, which are not counted in the other numbers.
     estimate
-        What these say.
+        The estimate.
     needed
-        Runs that are likely still needed; 0 when the campaign may stop, None while that cannot be told.
+        Number of runs that are probably still needed; 0 if the campaign may stop, None if it cannot be
+        predicted.
     """
 
     asked: int
@@ -41,12 +42,12 @@ class Status:
 
     @property
     def may_stop(self) -> bool:
-        """Whether the interval is as narrow as the goal asks."""
+        """Whether the interval is as narrow as the goal requires."""
         return self.estimate.converged
 
 
 def status_of(campaign: Campaign) -> Status:
-    """Say where a campaign stands; the open batch counts for nothing before it is whole."""
+    """Return the status of a campaign; the runs of an incomplete batch do not enter the estimate."""
     to_drive = [run for run in campaign.runs if run.outcome != BEYOND]
     reported = sum(run.outcome is not None for run in to_drive)
     # The open batch is one of which a run is outstanding.
@@ -60,24 +61,25 @@ def status_of(campaign: Campaign) -> Status:
 
 
 def forecast(found: Estimate, batch_size: int, goal: Stopping) -> int | None:
-    """Return how many more runs the interval is likely to need, if further batches are like those so far.
+    """Return how many more runs are probably needed, if further batches are similar to those so far.
 
-    The squared relative error of the mean of b batches falls as 1 / b, and Student's quantile with it. The
-    least number of further batches is sought for which the half-width meets the goal.
+    The squared relative error of the mean of b batches is proportional to 1 / b, and Student's quantile
+    decreases with b. The result belongs to the least number of further batches for which the half-width meets
+    the goal.
 
     Parameters
     ----------
     found
         The estimate so far.
     batch_size
-        Runs of each further batch.
+        Number of runs of each further batch.
     goal
-        How narrow the interval has to be.
+        The required width of the interval.
 
     Returns
     -------
     int or None
-        None while there is no estimate to start from.
+        None if there is no estimate yet.
     """
     batches = found.diagnostics["batches"]
     if not (found.probability > 0 and batches >= 2):
@@ -91,7 +93,7 @@ def forecast(found: Estimate, batch_size: int, goal: Stopping) -> int | None:
 
 
 def in_words(campaign: Campaign, status: Status) -> str:
-    """Return the status as a text of some lines."""
+    """Return the status as text of some lines."""
     found, goal = status.estimate, campaign.goal
     lines = [
         f"event       {campaign.event.in_words}, under the law {campaign.description!r}",

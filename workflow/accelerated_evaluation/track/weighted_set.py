@@ -1,11 +1,11 @@
-"""A weighted set of concrete cut-ins, from which anyone can compute a vehicle's crash probability.
+"""A weighted set of concrete cut-ins, from which the crash probability of any vehicle can be estimated.
 
-Cut-ins are sorted by how hard they are for any vehicle: by the constant deceleration that just avoids the
-crash if it begins at once, a = C^2 / (2 R) with closing speed C and range R. Cut-ins below a smallest
-deceleration are assumed to be safe. The others are cut into shells of a, each of which has a known
-probability P_k under the law. From each shell the same number n_k of cut-ins is drawn by the law, so that a
-crash in shell k counts for P_k / n_k. The sum of these weights over the crashes is unbiased for every vehicle
-that does not crash in what is assumed to be safe (stratified sampling: Cochran 1977, chapter 5).
+Cut-ins are sorted by their severity for any vehicle: the constant deceleration a = C^2 / (2 R), with closing
+speed C and range R, that just avoids the crash if it begins at once. Cut-ins below a smallest deceleration
+are assumed to be safe. The others are divided into shells of a, each of which has a known probability P_k
+under the law. The same number n_k of cut-ins is drawn from each shell under the law, and each has the weight
+P_k / n_k. The sum of the weights of the crashes is an unbiased estimate for every vehicle that does not crash
+in the cut-ins that are assumed to be safe (stratified sampling: Cochran 1977, chapter 5).
 """
 
 import math
@@ -36,12 +36,12 @@ class WeightedSet:
     Attributes
     ----------
     table
-        A row for each cut-in: ``scenario`` (its number, from 1), ``shell`` (from 1), ``weight`` and
-        ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s].
+        A row for each cut-in: ``scenario`` (its number, from 1), ``shell`` (from 1), ``weight``,
+        ``lead_speed`` [m/s], ``range`` [m] and ``closing_speed`` [m/s].
     edges
-        Deceleration [m/s^2] at which each shell begins; the last ends at infinity.
+        Deceleration [m/s^2] at which each shell begins; the last shell has no upper end.
     probabilities
-        Of the shells under the law.
+        Probabilities of the shells under the law.
     """
 
     table: pd.DataFrame
@@ -62,18 +62,18 @@ def draw_weighted_set(
     Parameters
     ----------
     law
-        Of the cut-ins.
+        Law of the cut-ins.
     size
         Largest number of cut-ins; every shell gets the same number.
     safe_deceleration
         Cut-ins that a smaller constant deceleration [m/s^2] would avoid are assumed to be safe.
     generator
-        Draws everything.
+        Source of all randomness.
 
     Raises
     ------
     InputError
-        If the size or the deceleration is out of its range, or the law never gets to a shell.
+        If the size or the deceleration is out of range, or a shell has no probability under the law.
     """
     _check(size, safe_deceleration)
     edges = np.geomspace(safe_deceleration, HARDEST, SHELLS)

@@ -1,4 +1,4 @@
-"""What may go into a vehicle and what may come out of it."""
+"""Checks of the inputs and the outcomes of vehicles."""
 
 from collections.abc import Sequence
 
@@ -26,20 +26,21 @@ def checked_encounters(
     source: str = "encounters",
     rows: Sequence[int] | None = None,
 ) -> Array:
-    """Stack the inputs of a simulation in one new array of shape (3, n), or refuse them.
+    """Return the inputs of a simulation as one new array of shape (3, n), after checking them.
 
     Parameters
     ----------
     lead_speed, range_, closing_speed
         Lead speed [m/s], range [m], closing speed [m/s], each of shape (n,).
     source, rows
-        Name of the inputs and number of each of their rows in messages; without ``rows`` counted from 0.
+        Name of the inputs, and number of each of their rows, for messages; by default rows are counted from
+        0.
 
     Raises
     ------
     InputError
-        If shapes differ, a value is not finite, a range is not positive, a speed is above that of light, or
-        lead or host would start with a negative speed; names the first such row.
+        If shapes differ, a value is not finite, a range is not positive, a speed is above that of light, or a
+        vehicle would start with a negative speed. The message names the first such row.
     """
     encounters = _stacked(lead_speed, range_, closing_speed, source)
     fault = _first_fault(encounters)
@@ -92,13 +93,13 @@ def _first_fault(encounters: Array) -> tuple[int, int, str] | None:
 
 
 def described(encounter: ArrayLike) -> str:
-    """Return one encounter in words, for messages."""
+    """Return a description of one encounter for messages."""
     numbers = (f"{name} {value:g}" for name, value in zip(INPUTS, encounter, strict=True))
     return f"the encounter {', '.join(numbers)}"
 
 
 def described_batch(encounters: Array) -> str:
-    """Return the encounters of a batch in words, for messages; of many the first three."""
+    """Return a description of the encounters of a batch for messages; at most the first three are named."""
     count = encounters.shape[1]
     if count == 1:
         return described(encounters[:, 0])
@@ -107,21 +108,22 @@ def described_batch(encounters: Array) -> str:
 
 
 def checked_outcomes(outcomes: object, encounters: Array, *, vehicle: str) -> Outcomes:
-    """Return what a user's vehicle gave for n encounters with the protocol's types, or refuse it.
+    """Return the outcomes of a user's vehicle for n encounters with the types of the protocol, after checks.
 
     Parameters
     ----------
     outcomes
-        What ``simulate`` returned.
+        The result of ``simulate``.
     encounters
         Lead speed [m/s], range [m] and closing speed [m/s], shape (3, n).
     vehicle
-        The vehicle's name in messages.
+        The vehicle's name for messages.
 
     Raises
     ------
     InputError
-        If an outcome is missing, has another shape or type, or contradicts itself; names the first such row.
+        If an outcome is missing, has another shape or type, or contradicts itself. The message names the
+        first such row.
     """
     columns = {name: _checked_column(outcomes, name, encounters.shape[1], vehicle) for name in OUTCOMES}
     crash, min_range, min_ttc, impact_speed = columns.values()
@@ -149,16 +151,16 @@ def checked_outcomes(outcomes: object, encounters: Array, *, vehicle: str) -> Ou
 def outcome_error(
     vehicle: str, what: str, seen: str, expected: str, change: str = "Correct the vehicle."
 ) -> InputError:
-    """Say that a user's vehicle does not keep to the protocol.
+    """Return the error for a user's vehicle that does not follow the protocol.
 
     Parameters
     ----------
     vehicle, what
-        The vehicle's name, and what of it is wrong.
+        The vehicle's name, and the faulty part of its result.
     seen, expected, change
         As in `InputError`.
     """
-    advice = f"{change} The module accelerated_evaluation.vehicles.protocol says what a vehicle gives."
+    advice = f"{change} See accelerated_evaluation.vehicles.protocol for the outcomes that are expected."
     return InputError(f"vehicle {vehicle}, {what}", seen=seen, expected=expected, change=advice)
 
 

@@ -12,15 +12,15 @@ from accelerated_evaluation.vehicles.protocol import Outcomes
 
 @dataclass(frozen=True, order=True)
 class Event:
-    """What may happen in an encounter.
+    """An event in an encounter: a crash, an impact above a speed, or a near miss.
 
     Attributes
     ----------
     quantity
-        ``crash``; or ``min_range`` [m] or ``min_ttc`` [s], which happen at or below the threshold; or
-        ``impact_speed`` [m/s], which happens above it.
+        ``crash``; or ``min_range`` [m] or ``min_ttc`` [s], for values at or below the threshold; or
+        ``impact_speed`` [m/s], for values above it.
     threshold
-        In the unit of the quantity; a crash has none.
+        Threshold in the unit of the quantity; a crash has none.
     """
 
     quantity: str
@@ -28,7 +28,7 @@ class Event:
 
     @property
     def in_words(self) -> str:
-        """The event for a message, such as ``min_range at most 1``."""
+        """Return the event as text for a message, such as ``min_range at most 1``."""
         if self.quantity == "crash":
             return self.quantity
         return (
@@ -36,17 +36,18 @@ class Event:
         )
 
     def happens(self, outcomes: Outcomes) -> NDArray[np.bool_]:
-        """Whether the event happened in each simulated encounter."""
+        """Return whether the event happened in each simulated encounter."""
         if self.quantity == "crash":
             return outcomes.crash
         values = getattr(outcomes, self.quantity)
         return values > self.threshold if self.quantity == "impact_speed" else values <= self.threshold
 
     def score(self, outcomes: Outcomes) -> Array:
-        """Graded outcome, shape (n,), that falls as the event comes nearer: the smaller, the more dangerous.
+        """Return a score, shape (n,), that becomes smaller the closer an encounter came to the event.
 
-        The smallest time to collision [s], or the smallest range [m] where the event is one of the range;
-        crashes before an event of the impact speed are ordered by that speed [m/s], below all others.
+        The score is the smallest time to collision [s], or the smallest range [m] if the event refers to the
+        range. If the event is an impact above a speed, crashes get smaller scores than all other encounters,
+        ordered by their impact speed [m/s].
         """
         if self.quantity == "min_range":
             return outcomes.min_range
@@ -59,5 +60,5 @@ CRASH = Event("crash")
 
 
 def events_from(thresholds: Mapping[str, list[float]]) -> list[Event]:
-    """Return the events of a mapping from quantities to thresholds, crashes first."""
+    """Return the events given by thresholds of quantities, crashes first."""
     return [CRASH, *(Event(name, float(value)) for name, values in thresholds.items() for value in values)]

@@ -1,4 +1,4 @@
-"""Find a vehicle by its name: one of the built-in ones, or a class in a user's own file."""
+"""Find a vehicle by its name: a built-in vehicle, or a class in a user's own file."""
 
 import difflib
 import importlib.util
@@ -64,9 +64,10 @@ def load_vehicle(name: str, **parameters: Any) -> Vehicle:  # noqa: ANN401
 
 
 def vehicle_files(name: str, parameters: Mapping[str, Any]) -> list[str]:
-    """Return the user's files that a vehicle is made of; none for a vehicle of this project.
+    """Return the user's files that define a vehicle; none for a built-in vehicle.
 
-    A class's own file, an FMU, or the files that a command names. What these in turn load is not known here.
+    These are the file of a class, an FMU, or the files that a command names. Files that these load in turn
+    are unknown.
     """
     if ":" in name or name.endswith(".py"):
         return [name.rpartition(":")[0] or name]
@@ -75,12 +76,14 @@ def vehicle_files(name: str, parameters: Mapping[str, Any]) -> list[str]:
 
 
 def section_files(vehicle: Mapping[str, Any]) -> list[str]:
-    """Return all files of a vehicle in the configuration: those that it is made of, and those that it states.
+    """Return all files of a vehicle in the configuration.
+
+    Those that define it, and those that the user states.
 
     Parameters
     ----------
     vehicle
-        The section ``vehicle``, or one like it.
+        The section ``vehicle``, or a section of the same form.
     """
     return [*vehicle_files(vehicle["name"], vehicle["parameters"]), *vehicle["files"]]
 

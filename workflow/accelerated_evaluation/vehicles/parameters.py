@@ -20,12 +20,12 @@ def required_names(vehicle_class: type) -> list[str]:
 
 
 def zero_or_more(default: float) -> Any:  # noqa: ANN401
-    """Return a field of a dataclass for a number that may be 0; without this it must be positive."""
+    """Return a dataclass field for a number that may be 0; other numbers must be positive."""
     return field(default=default, metadata={"least": 0.0})
 
 
 def check_number(name: str, value: object, *, least: float | None = None) -> None:
-    """Refuse a parameter that is no finite number, or too small.
+    """Raise InputError if a parameter is not a finite number, or is too small.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def check_number(name: str, value: object, *, least: float | None = None) -> Non
     Raises
     ------
     InputError
-        If the value is not a finite number of that range.
+        If the value is not a finite number in this range.
     """
     if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not np.isfinite(value):
         raise parameter_error(name, value, "a finite number")
@@ -48,7 +48,7 @@ def check_number(name: str, value: object, *, least: float | None = None) -> Non
 
 
 def parameter_error(name: str, value: object, expected: str) -> InputError:
-    """Say that a parameter of a built-in vehicle is not what it can be."""
+    """Return the error for an invalid parameter of a built-in vehicle."""
     return InputError(
         f"vehicle parameter {name}",
         seen=repr(value),

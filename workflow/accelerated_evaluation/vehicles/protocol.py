@@ -1,4 +1,4 @@
-"""What a vehicle under test takes and gives."""
+"""The protocol of a vehicle under test: its inputs and its outcomes."""
 
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
@@ -36,9 +36,9 @@ class Outcomes:
 class Vehicle(Protocol):
     """A car under test, simulated in batches.
 
-    A vehicle may have an attribute ``deterministic``: True if an encounter always ends in the same outcomes,
-    False if chance has a part in them, and None (or no such attribute) if that is not known and has to be
-    found out; see `repeats_itself`.
+    A vehicle may have an attribute ``deterministic``: True if an encounter always has the same outcomes,
+    False if the outcomes are random, and None (or no such attribute) if this is unknown and has to be tested;
+    see `repeats_itself`.
     """
 
     def simulate(self, lead_speed: Array, range_: Array, closing_speed: Array) -> Outcomes:
@@ -46,5 +46,5 @@ class Vehicle(Protocol):
 
 
 def repeats_itself(vehicle: Vehicle) -> bool | None:
-    """Return whether an encounter always ends in the same outcomes; None where that is not known."""
+    """Return whether an encounter always has the same outcomes; None if this is unknown."""
     return getattr(vehicle, "deterministic", None)

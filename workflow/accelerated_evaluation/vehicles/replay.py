@@ -1,4 +1,4 @@
-"""What happened in one encounter: its trace as a table, and as a figure."""
+"""The trace of one encounter, as a table and as a figure."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from accelerated_evaluation.vehicles.registry import VEHICLES
 
 
 def trace_encounter(name: str, lead_speed: float, range_: float, closing_speed: float) -> pd.DataFrame:
-    """Follow one encounter with a built-in vehicle.
+    """Return the trace of one encounter with a built-in vehicle.
 
     Parameters
     ----------
@@ -24,14 +24,14 @@ def trace_encounter(name: str, lead_speed: float, range_: float, closing_speed: 
     Returns
     -------
     pandas.DataFrame
-        One row a state; `traces` says what the columns hold. It ends as `simulate` says: smallest range,
-        smallest time to collision and the last closing speed are the outcomes, to the bit, unless
-        the vehicle simulates lateral motion, when only states in the same lane count.
+        One row for each state; see `traces` for the columns. The smallest range, the smallest time to
+        collision and the last closing speed are exactly the outcomes of `simulate`. If the vehicle simulates
+        lateral motion, only states in the same lane count.
 
     Raises
     ------
     InputError
-        If the vehicle is none that can be followed, or the encounter is not valid.
+        If the vehicle cannot be traced, or the encounter is not valid.
     """
     vehicle = load_vehicle(name)
     if not hasattr(vehicle, "trace"):
@@ -46,14 +46,14 @@ def trace_encounter(name: str, lead_speed: float, range_: float, closing_speed: 
 
 
 def write_trace(trace: pd.DataFrame, table: Path, figure: Path | None, title: str) -> None:
-    """Write a trace as CSV, and as a figure whose format is told by its name.
+    """Write a trace as CSV, and as a figure whose format follows from the file name.
 
     Parameters
     ----------
     trace
         The states of one encounter.
     table, figure
-        The files to write; no figure where it is None.
+        The files to write; no figure if it is None.
     title
         The title of the figure.
     """

@@ -1,4 +1,4 @@
-"""The surrogate-guided sampler of few simulations, for vehicles whose simulation is dear."""
+"""The surrogate-guided sampler, for vehicles that are expensive to simulate."""
 
 import os
 from collections.abc import Callable, Mapping
@@ -40,23 +40,23 @@ SETTINGS = section(
 @METHODS.add("surrogate")
 @dataclass(frozen=True)
 class Surrogate(Method):
-    """Learn where the event is while estimating its probability, by as few simulations as possible.
+    """Estimate the probability of an event with few simulations, guided by a surrogate that learns the event.
 
     Attributes
     ----------
     batch_size
-        Simulations asked for at once. Small batches learn with fewer simulations, large ones keep more
-        workers busy.
+        Simulations per batch. Small batches need fewer simulations in total, large ones keep more workers
+        busy.
     state_file
-        Where the state is saved after every batch; if the file exists, its runs are taken up, not repeated.
-        Each problem needs a file of its own. By default nothing is saved.
+        File in which the state is saved after every batch. If the file exists, its runs are reused and the
+        work is resumed. Each problem needs its own file. By default nothing is saved.
     on_batch
-        Called with the estimate after every batch, for example to show progress.
+        Function that is called with the estimate after every batch, for example to show progress.
     certificate
-        What must be excluded before an estimate has converged. Until it is, the sampler goes on looking for
-        unseen parts of the event after the interval is narrow.
+        The certificate that is required before an estimate has converged. Once the interval is narrow, the
+        sampler continues to search for unmet parts of the event until the certificate is sufficient.
     predecessor
-        Runs of another vehicle that is like the one under test, with events among them; see `Sampler`.
+        Runs of another vehicle that is similar to the one under test, with events among them; see `Sampler`.
     """
 
     name: ClassVar[str] = "surrogate"
@@ -78,31 +78,33 @@ class Surrogate(Method):
 
     @classmethod
     def replicates(cls, config: Mapping[str, Any]) -> int:
-        """Return how many independent replicates the study runs."""
+        """Return the number of independent replicates of the study."""
         return config["surrogate"]["replicates"]
 
     @classmethod
     def stopping(cls, config: Mapping[str, Any]) -> Stopping:
-        """Return the paper's rule with this method's limit of simulations; a single event may be enough."""
+        """Return the paper's rule with this method's limit of simulations, and one event as the minimum."""
         rule = Stopping.configured(config["importance_sampling"])
         return replace(rule, minimum_events=1, maximum_simulations=config["surrogate"]["maximum_calls"])
 
     def estimate(self, problem: ScoreProblem, stopping: Stopping, generator: np.random.Generator) -> Estimate:
-        """Estimate the probability of the event by as few simulations as possible.
+        """Estimate the probability of the event with as few simulations as possible.
 
         Parameters
         ----------
         problem
-            What is asked.
+            The problem.
         stopping
-            When to stop. A few dozen events are enough for this method, so ``minimum_events`` should be 1.
+            The stopping rule. A few dozen events are enough for this method, so ``minimum_events`` should be
+            1.
         generator
-            Source of all randomness, unless a saved state is taken up, which has its own.
+            Source of all randomness. If a saved state is resumed, its own generator is used instead.
 
         Raises
         ------
         InputError
-            If the state file is damaged, of another problem, of another batch size, or none of a sampler.
+            If the state file is damaged, is not the state of a sampler, or belongs to another problem or
+            batch size.
         """
         sampler = self._sampler(problem, generator)
         limit = stopping.maximum_simulations

@@ -1,9 +1,10 @@
-"""What is believed of the event at a point that was not simulated: what two surrogates say, calibrated.
+"""The predicted probability of the event at a point that was not simulated: a mixture of two surrogates.
 
-One surrogate learns from the flags of the runs alone, and is right wherever the event may be. The other one
-learns from the scores, which say more where the system is smooth, and mislead where it jumps. Where a like
-vehicle is known, the first learns from its runs too, which mislead where the vehicles differ, and the second
-from the own flags alone. How far each is believed follows from what they foretold.
+The first surrogate learns from the flags of the runs, and makes no assumption about scores. The second one
+learns from the scores, which contain more information if the system is smooth, and mislead if it has jumps.
+If a similar vehicle is known, the first surrogate also learns from its runs, which mislead where the vehicles
+differ, and the second one learns only from the flags of the vehicle under test. The weights of the two
+surrogates in the mixture follow from the quality of their earlier predictions.
 """
 
 from collections.abc import Callable
@@ -22,20 +23,20 @@ from accelerated_evaluation.methods.surrogate.subspace import Space
 
 
 class Belief:
-    """Probability of the event at any point, by all runs so far.
+    """Predicted probability of the event at any point, given all runs so far.
 
     Parameters
     ----------
     space
-        The coordinates that the surrogates know.
+        The coordinates in which the surrogates are fitted.
     predecessor
-        Runs of a vehicle that is alike; None for none. Their scores are not known, so that scores would know
-        much less than flags do, and have no say.
+        Runs of a similar vehicle; None if there is none. The scores of these runs are unknown, so the scores
+        are not used if a predecessor is given.
 
     Attributes
     ----------
     space
-        The coordinates that the surrogates know.
+        The coordinates in which the surrogates are fitted.
     flags, scores
         The surrogate of all flags, and the regression of the scores along the same axes.
     """
@@ -49,11 +50,12 @@ class Belief:
         self._calibration = Calibration()
 
     def fit(self, progress: Progress) -> None:
-        """Learn from what was seen; now and then the axes, the lengths and the amplitudes too.
+        """Fit both surrogates to all runs, and from time to time learn axes, lengths and amplitudes again.
 
-        The axes tried are the principal ones of the events, and of the points that mattered in the last pool.
-        A thin event may lie across the normal scores, and the surrogate then finds its boundary much sooner
-        along its own axes.
+        Three sets of axes are compared: the original coordinates, the principal axes of the events, and the
+        principal axes of the most important points of the last pool. If the event is a thin set that is
+        oblique to the normal scores, the surrogate learns its boundary from fewer runs along its principal
+        axes.
         """
         z, happened, runs = self.space.coordinates(progress.z), progress.happened, len(progress.z)
         learn = not progress.estimates or runs >= RELEARN * progress.learnt_at
@@ -82,10 +84,10 @@ class Belief:
         return self._calibration(self.foresee(z, both=self._calibration.trust > 0))
 
     def foresee(self, z: Array, *, both: bool = True) -> Array:
-        """Return what the two surrogates say of points z, shape (m, d), as it is: shape (m, 2).
+        """Return the uncalibrated predictions of both surrogates at points z, shape (m, d); shape (m, 2).
 
-        Where the second says nothing yet, for want of runs or of events among them, or is not asked, the
-        first speaks for both.
+        If the second surrogate has too few runs or no event, or if ``both`` is False, its column repeats the
+        prediction of the first.
         """
         z = self.space.coordinates(z)
         by_flags = self.flags.probability(z)

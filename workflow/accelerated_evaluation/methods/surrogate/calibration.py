@@ -1,9 +1,10 @@
-"""What the probabilities of the two surrogates are worth, by how often they came true.
+"""Calibration of the probabilities that the two surrogates predict, by the outcomes of later runs.
 
-Before every run of the second phase both surrogates say how probable an event is there, and afterwards the
-flag is known. So the runs test them, one after the other (Dawid 1984). A prior does not fit every event: the
-smooth boundary of a half-space is farther from any doubt than the surrogate of the flags says, and a fine
-structure is nearer. Doubt is learnt at once, and sureness only as far as the runs have shown it.
+Before every run of the second phase both surrogates predict the probability of the event, and afterwards the
+flag is known. The runs therefore test the predictions one after the other (Dawid 1984). A prior cannot fit
+every event: near the smooth boundary of a half-space the surrogate of the flags is underconfident, and near a
+fine structure it is overconfident. If a surrogate was overconfident, its probabilities are corrected in full.
+If it was underconfident, they are corrected only by the amount that the runs support.
 """
 
 from dataclasses import dataclass
@@ -26,12 +27,13 @@ from accelerated_evaluation.methods.surrogate.two_phase import Flags
 
 @dataclass(frozen=True)
 class Slopes:
-    """p becomes Phi(b Phi^-1(p)), with one slope b where p is below one half, and one above.
+    """Calibration p -> Phi(b Phi^-1(p)), with one slope b for p below one half and one for p above.
 
     Attributes
     ----------
     unlikely, likely
-        The two slopes. Above 1 the surrogate has been less sure than it should be, below 1 surer.
+        The slopes below and above one half. A slope above 1 corrects an underconfident surrogate, and a slope
+        below 1 an overconfident one.
     """
 
     unlikely: float = 1.0
@@ -39,15 +41,15 @@ class Slopes:
 
     @classmethod
     def learn(cls, foreseen: Array, happened: Flags) -> Self:
-        """Return the slopes that the runs bear out; log b is normal about 0 before any run.
+        """Return the slopes that are supported by the outcomes of the runs.
 
-        They are those of highest posterior density, but above 1 less by a posterior standard deviation of the
-        logarithm, as Laplace approximates it.
+        The prior of log b is normal about 0. A slope is the posterior mode of log b; if the mode is above 0,
+        it is reduced by one posterior standard deviation (Laplace's approximation), but not below 0.
 
         Parameters
         ----------
         foreseen
-            Probabilities that the surrogate gave to runs before they were made, shape (n,).
+            Probabilities that the surrogate predicted for runs before they were made, shape (n,).
         happened
             Whether the event happened, shape (n,).
         """
@@ -62,14 +64,14 @@ class Slopes:
 
 @dataclass(frozen=True)
 class Calibration:
-    """How far the two surrogates are believed: a mixture of what both say, each with its own slopes.
+    """The mixture of the predictions of two surrogates, each calibrated with its own slopes.
 
     Attributes
     ----------
     first, second
-        Slopes of the two.
+        Slopes of the two surrogates.
     trust
-        Share of the second in the mixture.
+        Weight of the second surrogate in the mixture.
     """
 
     first: Slopes = Slopes()
@@ -78,20 +80,21 @@ class Calibration:
 
     @classmethod
     def learn(cls, foreseen: Array, happened: Flags, least: float = 0.0) -> Self:
-        """Return what the runs bear out.
+        """Return the slopes and the weight that are supported by the outcomes of the runs.
 
-        The trust is the posterior probability that the second foretells better, by Bayes' rule and with even
-        odds before any run, times `MOST_TRUST`. So the first always keeps a share, and the second alone can
-        lower a probability by a factor of 20 at most. Below `LEAST_TRUST` it is 0.
+        The weight is `MOST_TRUST` times the posterior probability that the second surrogate predicts better,
+        by Bayes' rule with equal prior probabilities. The first surrogate therefore always keeps some weight,
+        and the second one can lower a probability at most by a factor of 20. A weight below `LEAST_TRUST` is
+        set to 0.
 
         Parameters
         ----------
         foreseen
-            Probabilities that the two surrogates gave to runs before they were made, shape (n, 2).
+            Probabilities that the two surrogates predicted for runs before they were made, shape (n, 2).
         happened
             Whether the event happened, shape (n,).
         least
-            Share that the second always keeps.
+            Smallest weight of the second surrogate.
         """
         slopes = [Slopes.learn(said, happened) for said in foreseen.T]
         calibrated = [slope(said) for slope, said in zip(slopes, foreseen.T, strict=True)]
@@ -100,7 +103,7 @@ class Calibration:
         return cls(*slopes, max(trust if trust >= LEAST_TRUST else 0.0, least))
 
     def __call__(self, foreseen: Array) -> Array:
-        """Return calibrated probabilities, shape (m,), for what the two surrogates say, shape (m, 2)."""
+        """Return calibrated probabilities, shape (m,), from both surrogates' predictions, shape (m, 2)."""
         by_first, by_second = self.first(foreseen[:, 0]), self.second(foreseen[:, 1])
         return (1 - self.trust) * by_first + self.trust * by_second
 
@@ -114,7 +117,7 @@ def _slope(foreseen: Array, happened: Flags) -> float:
     best = minimize_scalar(surprise, bounds=LOG_SLOPE_BOUNDS, method="bounded").x
     u = np.exp(best) * towards
     ratio = np.exp(-u * u / 2 - log_ndtr(u)) / np.sqrt(2 * np.pi)
-    # The second derivative of the surprise; of the runs it may be negative, and says nothing then.
+    # The second derivative of the negative log likelihood of the runs may be negative; it is then ignored.
     information = SLOPE_SPREAD**-2 + max((u * ratio * (u * (u + ratio) - 1)).sum(), 0.0)
     return float(np.exp(best if best < 0 else max(best - information**-0.5, 0.0)))
 

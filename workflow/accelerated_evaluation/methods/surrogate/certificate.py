@@ -8,7 +8,7 @@ depends on its shape, which nobody knows, so the bound is stated for a kind of p
 A mode lies beyond the plane through its point nearest to the origin, and holds the ball of radius 1 /
 curvature that touches this plane there; curvature 0 is that of a half-space. It is unseen if none of its
 points up to the rarity of the event was met: farther out it may run together with what is known.
-docs/sampler.md derives both bounds.
+Notebook 10 derives both bounds.
 """
 
 import math
@@ -30,14 +30,14 @@ RARITIES = (np.arange(STEPS) + 0.5) / STEPS * REACH
 
 @dataclass(frozen=True)
 class Certificate:
-    """What must be excluded before an estimate has converged.
+    """The bound that is required before an estimate has converged.
 
     Attributes
     ----------
     share
-        An unseen mode may have at most this multiple of the estimate.
+        Largest allowed ratio of the probability of an unmet mode to the estimate.
     curvature
-        Largest curvature of the modes, one over a length in normal scores.
+        Largest curvature of the modes that must be excluded, one over a length in normal scores.
     """
 
     share: float
@@ -56,12 +56,14 @@ BY_DEFAULT = Certificate(share=1000.0, curvature=0.0)
 
 @dataclass(frozen=True)
 class Unseen:
-    """Bounds, with confidence 1 - `UNSEEN_ALPHA`, on the probability of what no run has met.
+    """Bounds on the probability of a part of the event that no run has met.
+
+    They hold with confidence 1 - `UNSEEN_ALPHA`.
 
     Attributes
     ----------
     runs
-        Number of draws of the wide law that looked for it.
+        Number of draws from the wide distribution on which the bounds are based.
     mode, anything
         Bounds on the probability of a mode, and of any set.
     """
@@ -72,16 +74,16 @@ class Unseen:
 
     @classmethod
     def after(cls, looks: Array, dimension: int, reach: float, curvature: float) -> Self:
-        """Return what may be unseen after some draws of the wide law.
+        """Return the bounds after some draws from the wide distribution.
 
         Parameters
         ----------
         looks
-            Number of draws, and the rarities between which they were, shape (k, 3).
+            Number of draws, and the rarities between which they were made, shape (k, 3).
         dimension
             Number of normal scores.
         reach
-            Rarity up to which a mode is unseen.
+            Rarity up to which no point of the mode was met.
         curvature
             Largest curvature of the mode, one over a length in normal scores.
         """
@@ -90,7 +92,7 @@ class Unseen:
 
 
 def unseen_in_words(diagnostics: Mapping[str, float]) -> str:
-    """Say the bounds ``unseen_mode``, for half-spaces, and ``unseen_any`` of an estimate's diagnostics."""
+    """Return a sentence with the bounds ``unseen_mode`` and ``unseen_any`` of an estimate's diagnostics."""
     return (
         f"a part of the event that no run has met: at most {diagnostics['unseen_mode']:.1g} if a half-space, "
         f"{diagnostics['unseen_any']:.1g} if of any shape ({1 - UNSEEN_ALPHA:.0%} confidence)"
@@ -98,22 +100,21 @@ def unseen_in_words(diagnostics: Mapping[str, float]) -> str:
 
 
 def look_beyond(looks: Array, dimension: int, reach: float, curvature: float, share: float) -> float:
-    """Return the rarity beyond which draws best meet the nearest mode that is not excluded.
+    """Return the rarity beyond which draws are most likely to meet the nearest mode that is not excluded.
 
-    No mode that must be excluded lies beyond it as a whole, so that it never exceeds the rarity of the
-    nearest point of the least probable of them.
+    It never exceeds the rarity of the nearest point of the least probable mode that must be excluded.
 
     Parameters
     ----------
     looks, dimension, reach, curvature
         As for `Unseen.after`.
     share
-        The probability from which on modes must be excluded.
+        Probability above which modes must be excluded.
     """
     distances, caps = _caps(dimension, curvature)
     mode = _nearest(looks, dimension, reach, curvature)
     nearest, farthest = rarity(np.outer([distances[mode], -ndtri(share)], np.eye(dimension)[0]))
-    if dimension > FEW:  # the nearest points of all modes are in the bulk, and say nothing of where to look
+    if dimension > FEW:  # the nearest points of all modes are in the bulk and carry no information
         farthest = max(farthest, reach - 2 * BEYOND)
     cap, middle = (values[reach >= RARITIES][::-1] for values in (caps[mode], RARITIES))
     begin = middle - REACH / STEPS / 2

@@ -1,7 +1,7 @@
-"""The estimate that the batches make together: which of them count, how much, and with what variance.
+"""The estimate from several batches: which batches count, their weights, and the variance.
 
-All of it is decided by the past of a batch alone, so that the weighted errors of the batches are a
-martingale. docs/sampler.md derives the rules.
+All of these decisions use only the past of a batch, so the weighted errors of the batches are a martingale.
+Notebook 10 derives the rules.
 """
 
 import math
@@ -17,20 +17,21 @@ from accelerated_evaluation.methods.surrogate.two_phase import Flags, Prediction
 
 @dataclass(frozen=True)
 class BatchEstimate:
-    """What a batch of the second phase says of P(event).
+    """The estimate of P(event) from one batch of the second phase.
 
     Attributes
     ----------
     probability
         The estimate Y.
     observed_variance
-        Variance of Y as its own runs show it, both phases together.
+        Variance of Y estimated from its own runs, for both phases together.
     runs
         Number of runs.
     prediction
-        What was expected before the batch was drawn.
+        Predictions that were made before the batch was drawn.
     surprising
-        Whether an event where the surrogate had excluded it outweighs all that was expected.
+        Whether the batch contains an unexpected event: an event at a point that the surrogate had excluded,
+        whose weight exceeds the predicted probability.
     """
 
     probability: float
@@ -47,14 +48,14 @@ class BatchEstimate:
 
 @dataclass(frozen=True)
 class Combined:
-    """The estimate that several batches make together.
+    """The estimate from several batches.
 
     Attributes
     ----------
     probability
         The weighted mean of their estimates.
     observed_variance, predicted_variance
-        Its variance as the runs show it, and as it was predicted before they were drawn.
+        Its variance estimated from the runs, and predicted before they were made.
     batches
         Number of batches.
     """
@@ -65,10 +66,10 @@ class Combined:
     batches: int
 
     def interval(self, alpha: float) -> tuple[float, float]:
-        """Return the 100 (1 - alpha) % interval by Student's t, whose end may be infinite.
+        """Return the 100 (1 - alpha) % interval by Student's t; its upper end may be infinite.
 
-        The larger of the two variances is taken: the observed one misses what was not seen, and the predicted
-        one misses what the surrogate does not know.
+        The larger of the two variances is used, because the observed variance does not include parts of the
+        event that were not met, and the predicted one does not include errors of the surrogate.
         """
         error = math.sqrt(max(self.observed_variance, self.predicted_variance)) / self.probability
         return interval(self.probability, error, self.batches, alpha)
@@ -80,12 +81,12 @@ class Combined:
 
 
 def interval(probability: float, error: float, batches: int, alpha: float) -> tuple[float, float]:
-    """Return all values that an estimate does not contradict, given how large its relative error is.
+    """Return all probabilities P that are consistent with an estimate of a given relative error.
 
-    What is known of an estimate Y is its coefficient of variation c: its standard deviation is c P, a share
-    of the true P and not of Y. So the interval holds every P for which |Y - P| is at most t c P. It reaches
-    farther up than down, as it should: an estimate that has met less of the event than it might have is low,
-    and believes that it is exact.
+    The coefficient of variation c of the estimate Y is known, so its standard deviation is c P, which is
+    relative to the true probability P and not to Y. The interval contains every P with |Y - P| <= t c P. Its
+    upper part is longer than its lower part. This is appropriate, because an estimate that is too low also
+    has an estimated error that is too small.
 
     Parameters
     ----------
@@ -96,23 +97,23 @@ def interval(probability: float, error: float, batches: int, alpha: float) -> tu
     batches
         Number of batches, one more than the degrees of freedom of Student's t.
     alpha
-        The interval is one of 100 (1 - alpha) %.
+        The level of the interval is 100 (1 - alpha) %.
 
     Returns
     -------
     tuple of float
-        Y / (1 + t c) and Y / (1 - t c); the second is infinite where t c is 1 or more.
+        Y / (1 + t c) and Y / (1 - t c); the second is infinite if t c is 1 or more.
     """
     reach = float(stdtrit(batches - 1, 1 - alpha / 2)) * error
     return probability / (1 + reach), probability / (1 - reach) if reach < 1 else math.inf
 
 
 def estimate_batch(batch: TwoPhaseBatch, happened: Flags) -> BatchEstimate:
-    """Return the estimate of a batch and its variance as observed, given the flags of its runs, shape (n,).
+    """Return the estimate of a batch and its observed variance, given the flags of its runs, shape (n,).
 
-    The variance of the second phase is that of runs taken independently of each other, to which points that
-    were almost certain to be included add nothing. That of the first phase is estimated by a difference
-    estimator too, so it may come out negative, and then 0 takes its place.
+    The variance of the second phase is that of independent runs. Points that are included with a probability
+    close to 1 add nothing to it. The variance of the first phase is estimated by a difference estimator,
+    which may be negative; it is then replaced by 0.
     """
     n, terms = len(happened), batch.weight * (happened - batch.control) / batch.inclusion
     first_phase = max(batch.controlled_square + batch.weight @ terms, 0.0)
@@ -128,12 +129,14 @@ def estimate_batch(batch: TwoPhaseBatch, happened: Flags) -> BatchEstimate:
 
 
 def that_count(batches: Sequence[BatchEstimate]) -> Sequence[BatchEstimate]:
-    """Return the batches of which the estimate is made: the last ones that share one view of the event.
+    """Return the batches on which the estimate is based.
 
-    The estimate begins with a batch for which the surrogate was usable and agreed with what it foretold for
-    the batch before. It begins anew when the surrogate no longer agrees with what it foretold for the first
-    of them, and after a surprise: in both cases the earlier batches were designed by a view of the event that
-    has turned out to be wrong, and would hide in the mean what they have missed.
+    The last ones for which the predictions were consistent.
+
+    The estimate begins with a batch for which the surrogate was usable and agreed with its prediction for the
+    previous batch. It restarts if the surrogate no longer agrees with its prediction for the first of the
+    batches, or after an unexpected event. In both cases the earlier batches were designed with wrong
+    predictions, and averaging over them would conceal the parts of the event that they have missed.
     """
     first, view = None, 0.0
     for i, batch in enumerate(batches):
@@ -151,10 +154,10 @@ def that_count(batches: Sequence[BatchEstimate]) -> Sequence[BatchEstimate]:
 
 
 def combine(batches: Sequence[BatchEstimate]) -> Combined:
-    """Return the mean of the batches' estimates, weighted by their importance, and its two variances.
+    """Return the weighted mean of the estimates of the batches, and its two variances.
 
-    Weights that look at the estimates or at their observed variances would prefer low estimates, whose
-    observed variances are small as well.
+    The weights are the importances of the batches. They must not depend on the estimates or on their observed
+    variances, because low estimates have small observed variances and would get too much weight.
     """
     weight = np.array([batch.importance for batch in batches])
     weight /= weight.sum()

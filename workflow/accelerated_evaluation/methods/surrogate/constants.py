@@ -1,8 +1,7 @@
-"""Every constant of the sampler, what it means, and why it is there.
+"""All constants of the sampler, with their meaning and the reason for their values.
 
-None of them is a setting of a study. The mean of every batch's estimate is right for any of their values;
-they decide how many simulations it takes. A change of one of them changes every number that the sampler
-gives.
+None of them is a setting of a study. Every batch is unbiased for any of their values, but they determine the
+number of simulations. A change of one of them changes every number that the sampler gives.
 """
 
 import numpy as np
@@ -62,20 +61,22 @@ SMALLEST_SPREAD = 0.1
 
 # ---- the sample of the second phase
 
-# Defensive share of the runs, against a mistaken surrogate; and where the certificate alone is wanting.
+# Defensive share of the runs, as protection against errors of the surrogate; and the share when only the
+# certificate is not yet sufficient.
 DEFENCE, DEFENCE_ALONE = 0.2, 0.9
 
 # Share of the defence that is spread evenly over the pool, which surrounds the event; the rest follows the
 # wide law.
 EVEN = 0.25
 
-# Runs are aimed at every point where the surrogate's probability is at least this, whatever the point weighs.
+# The core: points with at least this predicted probability are sampled preferentially, whatever their weight.
 CORE = 0.1
 
-# Runs are also aimed at points where the probability is at least this, if their weight is within a limit. The
-# limit is this multiple of the mean weight of the points of the core. It is needed because the surrogate's
-# probability never falls far below one over the number of runs, however safe a place is: without the limit
-# the bulk of the normal law, which weighs most, would draw all runs away from the event.
+# The fringe: points with at least this predicted probability are also sampled preferentially, if their weight
+# is within a limit. The limit is this multiple of the mean weight of the points of the core. It is needed
+# because the predicted probability is never far below one over the number of runs, even at safe points.
+# Without the limit, the bulk of the normal distribution, which has the largest weights, would attract all
+# runs.
 FRINGE = 0.001
 FRINGE_WEIGHT = 10.0
 
@@ -109,8 +110,8 @@ MOST_TRUST = 0.95
 # share cannot bring a point into the fringe, whatever the scores say there.
 LEAST_TRUST = FRINGE
 
-# A probability nearer to 0 or 1 than this counts as this far from it, so that one surprise does not end all
-# belief.
+# Predicted probabilities are kept at least this far from 0 and 1, so that a single unexpected outcome does
+# not reduce the likelihood to zero.
 SUREST = 1e-6
 
 # ---- the certificate

@@ -1,7 +1,8 @@
-"""Surrogate of the graded outcome: what is expected at a point that was not simulated, and how surely.
+"""A surrogate of the graded outcome: its predicted mean and standard deviation at any point.
 
-This is Gaussian process regression (Rasmussen and Williams 2006, section 2.2) of the ranks of the outcomes,
-events first. Its lengths, its amplitude and its noise are those of highest posterior density.
+The graded outcome is the normal score of the rank of a run, with events first. The surrogate is a Gaussian
+process regression (Rasmussen and Williams 2006, section 2.2) whose lengths, amplitude and noise maximise the
+posterior density.
 """
 
 import math
@@ -37,21 +38,29 @@ from accelerated_evaluation.methods.surrogate.two_phase import Flags
 
 
 def graded(happened: Flags, score: Array) -> Array:
-    """Return normal scores of the ranks of the outcomes, shape (n,): events first, then by the score.
+    """Return the graded outcomes of runs: normal scores of their ranks, events first, then by score.
 
-    Only the order of the scores has a meaning, so that nothing else of them is used.
+    Only the order of the scores is used, because their values need not have a meaning.
 
     Parameters
     ----------
     happened, score
-        Flags and scores of all runs, shape (n,).
+        Flags and scores of all runs, shape (n,). A smaller score means that the run came closer to the event.
+
+    Returns
+    -------
+    numpy.ndarray
+        Graded outcomes, shape (n,).
     """
     _, place = np.unique(np.column_stack([~happened, score]), axis=0, return_inverse=True)
     return ndtri((rankdata(place) - 0.5) / len(score))
 
 
 def end_of_events(outcome: Array, happened: Flags) -> float:
-    """Return the graded outcome half way between the events and all other runs."""
+    """Return the graded outcome midway between the events and all other runs.
+
+    Outcomes below this value are predicted to be events.
+    """
     return float(outcome[happened].max() + outcome[~happened].min()) / 2
 
 
@@ -76,14 +85,14 @@ class GradedSurrogate:
         self.theta = self._centre.copy()
 
     def fit(self, z: Array, outcome: Array, *, learn: bool) -> None:
-        """Condition on runs, or on some of them where there are too many.
+        """Fit the regression to runs, or to a selection of them if there are too many.
 
         Parameters
         ----------
         z, outcome
             Normal scores, shape (n, d), and graded outcomes, shape (n,).
         learn
-            Whether to look for better lengths, amplitude and noise, from the prior's.
+            Whether to learn lengths, amplitude and noise again, starting from the prior.
         """
         kept = thinned(np.argsort(outcome, kind="stable"), GRADED_RUNS)  # the smallest outcomes first
         self._z, self._outcome = z[kept], outcome[kept]
@@ -99,7 +108,10 @@ class GradedSurrogate:
         self._factor, self._weights = self._solve(covariance, noise_variance)
 
     def expect(self, z: Array) -> tuple[Array, Array]:
-        """Return mean and standard deviation of the outcome without noise at points z, shapes (m,)."""
+        """Return the predicted mean and standard deviation of the graded outcome at points z, shapes (m,).
+
+        The standard deviation does not include noise.
+        """
         covariance = covariance_between(z / np.exp(self.theta[:-2]), self._runs, self._variance)[0]
         mean = covariance @ self._weights
         # The transpose is ordered as LAPACK has it, which need not copy it then.
@@ -108,7 +120,15 @@ class GradedSurrogate:
         return mean, np.sqrt(variance)
 
     def probability(self, z: Array, below: float | Array) -> Array:
-        """Probability that the outcome at points z, shape (m, d), is below a number, or one for each."""
+        """Return the probability that the graded outcome at points z, shape (m, d), is below given values.
+
+        Parameters
+        ----------
+        z
+            The points.
+        below
+            One value for all points, or one for each.
+        """
         mean, deviation = self.expect(z)
         return ndtr((below - mean) / deviation)
 

@@ -1,7 +1,7 @@
-"""What the two Gaussian processes of the sampler share: covariance, derivatives, prior, and choice of runs.
+"""Covariance, derivatives, prior and selection of runs for the two Gaussian processes of the sampler.
 
-The covariance is amplitude^2 (1 + Matern 5/2), with one length a dimension. The constant 1 is the variance
-of an unknown mean. Points are given in units of the lengths.
+The covariance is amplitude^2 (1 + Matern 5/2), with one length for each dimension. The constant 1 is the
+variance of an unknown mean. Points are given in units of the lengths.
 """
 
 import numpy as np
@@ -17,7 +17,7 @@ BLOCK = 32_768
 def covariance_between(
     a: Array, b: Array, variance: float, *, with_slope: bool = False
 ) -> tuple[Array, Array]:
-    """Return covariances of points in units of the lengths, shape (n, m), and slopes if wanted.
+    """Return the covariances between two sets of points in units of the lengths, shape (n, m).
 
     Parameters
     ----------
@@ -26,8 +26,8 @@ def covariance_between(
     variance
         Square of the amplitude.
     with_slope
-        Whether to return -2 times the derivatives of the correlations by the squared distance, shape (n, m),
-        too; they are empty otherwise.
+        Whether to return also -2 times the derivatives of the correlations by the squared distance, shape (n,
+        m); otherwise the second result is empty.
     """
     value = np.empty((len(a), len(b)))
     slope = np.empty_like(value) if with_slope else np.empty((0, len(b)))
@@ -47,7 +47,7 @@ def covariance_between(
 
 
 def covariance_of_runs(runs: Array, variance: float, *, with_slope: bool = False) -> tuple[Array, Array]:
-    """Return the covariance of the runs, shape (n, n), with a little more on its diagonal, and the slopes."""
+    """Return the covariance of the runs with a small ridge on the diagonal, shape (n, n), and the slopes."""
     covariance, slope = covariance_between(runs, runs, 1.0, with_slope=with_slope)
     covariance.flat[:: len(runs) + 1] += JITTER
     covariance *= variance
@@ -62,7 +62,7 @@ def evidence_gradient(runs: Array, covariance: Array, slope: Array, outer: Array
     runs
         Points, shape (n, d).
     covariance, slope
-        Of the runs, from `covariance_of_runs`, shape (n, n).
+        Covariance and slopes of the runs from `covariance_of_runs`, shape (n, n).
     outer
         Derivative of the log evidence by the covariance, shape (n, n).
     variance
@@ -83,27 +83,31 @@ def negative_log_posterior(
     evidence, gradient
         Log evidence, and its gradient by the parameters, shape (k,).
     score, scale
-        Distance of the parameters from their prior mean in standard deviations, and these, shape (k,).
+        Distance of the parameters from their prior mean in units of the prior standard deviation, and the
+        standard deviations, shape (k,).
     """
     return 0.5 * score @ score - evidence, score / scale - gradient
 
 
 def principal_axes(points: Array) -> list[Array]:
-    """Return the principal axes of points, shape (n, d), as columns of a matrix; none for too few points."""
+    """Return the principal axes of points, shape (n, d), as columns of a matrix.
+
+    None if there are too few.
+    """
     if len(np.unique(points, axis=0)) <= points.shape[1]:
         return []
     return [np.linalg.eigh(np.atleast_2d(np.cov(points.T)))[1]]
 
 
 def thinned(order: NDArray[np.intp], most: int) -> NDArray[np.intp]:
-    """Return which runs to condition on, at most ``most``: half of them from the beginning of an order.
+    """Return the indices of at most ``most`` runs: half from the beginning of an order, the others thinned.
 
     The others are thinned evenly, in the order in which they were made.
 
     Parameters
     ----------
     order
-        All runs, those that matter most first.
+        All runs, the most important first.
     most
         Largest number of runs to return.
     """

@@ -1,4 +1,4 @@
-"""What is known of a vehicle that is like the one under test: the simulations of an earlier estimate."""
+"""Runs of a vehicle that is similar to the one under test, from the table of an earlier estimate."""
 
 import os
 
@@ -15,19 +15,20 @@ FLAGS = {"True": True, "False": False}
 
 
 def read_predecessor(path: str | os.PathLike, law: Law) -> Predecessor:
-    """Read a table of simulations, as `estimate` writes it in ``runs.csv``.
+    """Read a table of simulations, as the command ``estimate`` writes it to ``runs.csv``.
 
     Parameters
     ----------
     path
         The table.
     law
-        The law of the new estimate; it must take the normal scores of the table to its cut-ins.
+        The law of the new estimate. It must map the normal scores of the table to the same cut-ins.
 
     Raises
     ------
     InputError
-        If the table is missing or none of simulations, is under another law, or has no event.
+        If the table is missing or is not a table of simulations, belongs to another law, or contains no
+        event.
     """
     change = "Name the runs.csv that `estimate` wrote for a like vehicle, under the same law and records."
     require_file(path, change)

@@ -1,4 +1,4 @@
-"""What the runs of a sampler say: the estimate, whether it is good enough, and a table of all runs."""
+"""Results of a sampler: the estimate, whether it has converged, and a table of all runs."""
 
 import math
 from collections.abc import Sequence
@@ -69,7 +69,7 @@ def estimate(progress: Progress, batch_size: int, stopping: Stopping, certificat
 
 
 def is_narrow(progress: Progress, stopping: Stopping) -> bool:
-    """Whether the interval is as narrow as asked, and enough events were seen."""
+    """Whether the interval is as narrow as the stopping rule requires, and enough events were observed."""
     combined = combined_estimate(progress, stopping.alpha)
     if combined is None or np.count_nonzero(progress.happened) < stopping.minimum_events:
         return False
@@ -77,13 +77,13 @@ def is_narrow(progress: Progress, stopping: Stopping) -> bool:
 
 
 def is_certified(progress: Progress, certificate: Certificate) -> bool:
-    """Whether an unseen mode can have at most the certificate's share of the estimate."""
+    """Whether the bound on an unmet mode is at most the certificate's share of the estimate."""
     probability = _mean(progress)
     return _unseen(progress, probability, certificate).mode <= certificate.share * probability
 
 
 def where_to_search(progress: Progress, certificate: Certificate) -> float:
-    """Return the rarity beyond which to look for what the certificate must exclude; 0 for everywhere."""
+    """Return the rarity beyond which runs for the certificate are placed; 0 means everywhere."""
     probability = _mean(progress)
     if not 0 < (share := certificate.share * probability) < 0.5:
         return 0.0
@@ -109,7 +109,7 @@ def _unseen(progress: Progress, probability: float, certificate: Certificate) ->
 
 
 def combined_estimate(progress: Progress, alpha: float) -> Combined | None:
-    """Return the estimate of the batches that count; None while there is none that can be trusted."""
+    """Return the estimate of the batches that count; None if there is no reliable estimate yet."""
     batches = _that_count(progress)
     if not progress.happened.any() or len(batches) < 2:
         return None

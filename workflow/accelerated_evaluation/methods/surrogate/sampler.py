@@ -2,18 +2,18 @@
 
 The event is a set in the space of normal scores, z ~ N(0, I). Every batch takes the same three steps.
 
-1. Surrogates. The flags and the scores of all runs so far give p(z), the probability that the event happens
-   at z, which is calibrated by what was foretold before; see `belief`.
+1. Surrogates. The flags and the scores of all runs so far give p(z), the predicted probability of the event
+   at z, which is calibrated by the outcomes of earlier predictions; see `belief`.
 2. First phase, without simulations. A pool of points z_j ~ h has the weights w_j = phi(z_j) / h(z_j), where h
-   follows the places that mattered under the last surrogate, and is in part a wide law.
+   is centred at the important points of the last pool, and is in part the wide distribution.
 3. Second phase. From the pool n runs are chosen, most of them where w_j times the error of the surrogate is
-   large, and a defensive share anywhere. With p as control variate they give an estimate Y whose mean, given
-   all earlier batches, is P(event); see `two_phase`.
+   large, and a defensive share everywhere. With p as control variate they give an estimate Y whose mean,
+   given all earlier batches, is P(event); see `two_phase`.
 
-The estimate is the mean of Y over the last batches that share one view of the event, weighted by what was
-predicted before each was drawn; see `combining`. What it can have missed is bounded; see `certificate`.
-Before these batches a search finds the event and its most probable part; see `search`. docs/sampler.md and
-notebook 10 derive the method.
+The estimate is a weighted mean of Y over the last batches with consistent predictions. The weights follow
+from variances that were predicted before each batch was drawn; see `combining`. The probability of parts that
+were missed is bounded; see `certificate`. Before these batches, a search finds the event and its most
+probable part; see `search`. Notebook 10 derives the method, and docs/sampler.md explains its use.
 """
 
 from dataclasses import replace
@@ -136,27 +136,33 @@ class Sampler:
     # ---- simulations
 
     def ask(self, *, certify: bool = False) -> Array:
-        """Return the normal scores to simulate next, shape (n, d); the same until `tell`.
+        """Return the normal scores to simulate next, shape (n, d).
 
-        With ``certify`` most of the runs look for unseen parts of the event; for when the interval is narrow
-        already, and the certificate is not yet met.
+        Repeated calls return the same until `tell`.
+
+        Parameters
+        ----------
+        certify
+            Whether to place most of the runs where they exclude unmet parts of the event. Use it when the
+            interval is narrow but the certificate is not yet sufficient.
         """
         return self._pending_batch(certify=certify).z
 
     def tell(self, happened: ArrayLike, score: ArrayLike | None = None) -> None:
-        """Take the outcomes of the batch that was asked for last.
+        """Receive the outcomes of the batch that `ask` returned last.
 
         Parameters
         ----------
         happened
             Whether the event happened, shape (n,).
         score
-            A number that falls as the event comes nearer, shape (n,); None where only the flag is known.
+            A number that becomes smaller the closer a run came to the event, shape (n,); None if it is
+            unknown.
 
         Raises
         ------
         ValueError
-            If a shape is wrong, or a score is not a number. The outcomes are not taken then.
+            If a shape is wrong, or a score is not a number. The outcomes are then ignored.
         """
         batch, progress = self._pending_batch(), self.progress
         happened = np.asarray(happened, dtype=bool)
@@ -202,7 +208,7 @@ class Sampler:
 
     @property
     def simulations(self) -> int:
-        """Number of simulations whose outcomes were told, repeats included."""
+        """Number of simulations whose outcomes have been received, including repeats."""
         return len(self.progress.z) + len(self.progress.repeats)
 
     @property
@@ -211,7 +217,7 @@ class Sampler:
         return isinstance(self.progress.pending, RepeatBatch)
 
     def has_converged(self, stopping: Stopping) -> bool:
-        """Whether the interval is narrow, enough events were seen, and nothing is left to exclude."""
+        """Whether the interval is narrow, enough events were observed, and the certificate is sufficient."""
         if not self.is_narrow(stopping) or not results.is_certified(self.progress, self.certificate):
             return False
         return self._repeats_wanted(certify=True) == 0 and not self.progress.chance
@@ -224,21 +230,20 @@ class Sampler:
         return max(wanted - len(self.progress.repeats), 0)
 
     def is_narrow(self, stopping: Stopping) -> bool:
-        """Whether the interval is as narrow as asked, and enough events were seen."""
+        """Whether the interval is as narrow as the stopping rule requires, with enough observed events."""
         return results.is_narrow(self.progress, stopping)
 
     def estimate(self, stopping: Stopping) -> Estimate:
-        """Return what the runs so far say; see `results.estimate`."""
+        """Return the estimate from the runs so far; see `results.estimate`."""
         found = results.estimate(self.progress, self.batch_size, stopping, self.certificate)
         return replace(found, converged=self.has_converged(stopping))
 
     # ---- saved state
 
     def state(self) -> State:
-        """Return everything that is needed to go on; `resume` takes it up.
+        """Return everything that is needed to resume the sampler; `resume` uses it.
 
-        Later outcomes do not change it: the sampler appends to its lists, which are copied here, and puts new
-        arrays in place of its own.
+        Later outcomes do not change the returned state.
         """
         return State(
             fingerprint=self.fingerprint,
@@ -261,7 +266,7 @@ class Sampler:
 
     @classmethod
     def resume(cls, state: State, certificate: Certificate = BY_DEFAULT) -> Self:
-        """Return the sampler of a state; it goes on as if it had never stopped."""
+        """Return the sampler of a saved state; it continues exactly as if it had not been interrupted."""
         sampler = cls(
             state.dimension,
             generator_in(state.generator),

@@ -1,11 +1,11 @@
-"""The search for the event, and for its most probable part: some runs in every step of rarity.
+"""The search for the event and for its most probable part, with runs at every rarity.
 
-The rarity of a point is -log P(|Z| > |z|). A score that falls as the event comes nearer may be smallest far
-out, where hardly any of the probability is. So the search divides the rarities into steps, and every step
-gets a run where a regression of the scores gives the event a good chance. Scores may also lead to where no
-event is: after a run for every unit of rarity without one, half of the runs go where no run is near instead.
-Once an event is seen, the search goes on among the points that are more probable, or hardly less, until it
-has looked there closely enough.
+The rarity of a point is -log P(|Z| > |z|). The score becomes smaller the closer a run comes to the event, but
+it may be smallest far out, where hardly any of the probability is. The search therefore divides the rarities
+into steps, and places a run in every step at a point where a regression of the scores predicts a high
+probability of the event. Scores may also be misleading: if there is no event after one run for every unit of
+rarity, half of the runs are placed far from all others instead. Once an event is known, the search continues
+among points that are more probable, or only slightly less probable, until it has covered them densely enough.
 """
 
 import numpy as np
@@ -19,15 +19,16 @@ from accelerated_evaluation.methods.surrogate.wide_laws import draw_at, rarity
 
 
 def to_beat(rarity: Array, outcome: Array, happened: Flags, at: Array) -> Array:
-    """Return the outcome below which a point of some rarity is wanted, shape (m,).
+    """Return the graded outcome that a run at a given rarity should fall below, shape (m,).
 
-    Where an event is known, it is the end of the events. Before, it is the smallest outcome of the runs that
-    are not rarer than the point, or of the least rare run.
+    If an event is known, this is the value that separates events from other runs. Otherwise it is the
+    smallest outcome of the runs that are not rarer than the point, or the outcome of the least rare run if
+    there are none.
 
     Parameters
     ----------
     rarity, outcome, happened
-        Of all runs, shape (n,).
+        Rarities, graded outcomes and flags of all runs, shape (n,).
     at
         Rarity of the points, shape (m,).
     """

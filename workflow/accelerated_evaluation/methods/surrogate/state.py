@@ -1,6 +1,6 @@
-"""The state of a sampler: what it must know to go on, and how that is kept in a file.
+"""The state of a sampler, from which it can be resumed, and its file.
 
-A state file is JSON with a name of the format, its version, a checksum and the state itself. It is refused
+A state file is JSON with the name of the format, its version, a checksum and the state itself. It is refused
 with one message if it is damaged, of another version, of another problem or of another batch size.
 """
 
@@ -48,7 +48,7 @@ RANGES = {
 
 @dataclass(frozen=True)
 class WideBatch:
-    """A batch drawn from the wide law, whatever earlier runs have shown; ``z`` has shape (n, d)."""
+    """A batch drawn from the wide distribution, independently of earlier runs; ``z`` has shape (n, d)."""
 
     z: Array
 
@@ -170,14 +170,14 @@ class State:
 
     @classmethod
     def from_json(cls, content: Mapping[str, Any], where: str) -> "State":
-        """Return the state that the content of a state file holds.
+        """Return the state that a state file contains.
 
         Raises
         ------
         InputError
-            If the content is no sampler's state, of another version, or damaged.
+            If the content is not the state of a sampler, is of another version, or is damaged.
         """
-        anew = "Name a path where there is no file yet, and the sampler starts anew."
+        anew = "Name a path where there is no file yet, and the sampler starts from the beginning."
         if not isinstance(content, Mapping) or content.get("format") != FORMAT:
             raise InputError(where, seen="no state of a sampler", expected=f"format {FORMAT!r}", change=anew)
         if (version := content.get("version")) != VERSION:
@@ -227,7 +227,7 @@ def read_state(path: str | os.PathLike) -> State:
 
 
 def write_state(path: str | os.PathLike, state: State) -> None:
-    """Write a state file, whole or not at all."""
+    """Write a state file, atomically."""
     write_json(path, state.to_json())
 
 
@@ -296,7 +296,7 @@ def _require_shape(name: str, array: Array, *shape: int) -> None:
 
 
 def generator_in(state: Mapping[str, Any]) -> np.random.Generator:
-    """Return the generator whose bit generator has a state."""
+    """Return a generator whose bit generator is in the given state."""
     bits = getattr(np.random, state["bit_generator"])()
     bits.state = state
     return np.random.Generator(bits)

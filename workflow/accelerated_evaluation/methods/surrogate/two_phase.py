@@ -35,18 +35,18 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Pool:
-    """Points of the first phase, which cost no simulation; arrays of shape (m,).
+    """Points of the first phase, which need no simulation; arrays of shape (m,).
 
     Attributes
     ----------
     z
         The points, shape (m, d).
     weight
-        phi / h, with h the law that the points were drawn from.
+        phi / h, where h is the density from which the points were drawn.
     probability
-        Of the event.
+        Predicted probability of the event.
     wide
-        Density of the wide law over h.
+        Density of the wide distribution divided by h.
     rarity
         -log P(|Z| > |z|) of the points.
     """
@@ -58,16 +58,20 @@ class Pool:
     rarity: Array
 
     def within(self, begin: float, end: float) -> Array:
-        """Return the density over h of the wide law between two rarities, shape (m,)."""
+        """Return the density of the wide distribution restricted to a range of rarities, divided by h.
+
+        Shape (m,).
+        """
         there = (begin < self.rarity) & (self.rarity <= end)
         return np.where(there, self.wide * REACH / (end - begin), 0.0)
 
     def guard(self, reach: float, defence: "Defence") -> Array:
-        """Return how the defensive share is spread: as the wide law, and to the share `EVEN` evenly.
+        """Return the distribution of the defensive share over the pool, shape (m,).
 
-        Points so far out that their weight is 0 get nothing: there may be no cut-in for such scores. Where an
-        unseen part is looked for, the wide law is that beyond its nearest point, and takes all that exceeds
-        the usual share.
+        A share `EVEN` is spread evenly, and the rest follows the wide distribution up to the rarity
+        ``reach``. Points with weight 0 get nothing, because their scores may not correspond to any cut-in.
+        While the certificate is not sufficient, defensive runs beyond the default share follow the wide
+        distribution beyond the nearest point of the part that must be excluded.
         """
         evenly = np.where(self.weight > 0, EVEN, 0.0)
         if not 0 < defence.beyond < reach:
@@ -77,14 +81,14 @@ class Pool:
 
 @dataclass(frozen=True)
 class Defence:
-    """Which runs are spread whatever the surrogate believes.
+    """The defensive share: runs that are distributed independently of the surrogate.
 
     Attributes
     ----------
     share
-        Their share.
+        Share of the runs.
     beyond
-        Rarity of the nearest point of a part that is looked for; 0 where none is.
+        Rarity of the nearest point of a part that must be excluded; 0 if there is none.
     """
 
     share: float = DEFENCE
@@ -97,12 +101,12 @@ class Defence:
 
 @dataclass(frozen=True)
 class Expectation:
-    """What the surrogate expects at the points of a pool; arrays of shape (m,).
+    """The surrogate's expectations at the points of a pool; arrays of shape (m,).
 
     Attributes
     ----------
     probability
-        Of the event, at points at which runs may be aimed, and 0 at all others.
+        Predicted probability of the event at points of the core and the fringe, and 0 at all others.
     control
         The control variate g.
     error
@@ -115,20 +119,20 @@ class Expectation:
 
     @property
     def spread(self) -> Array:
-        """Square root of the error, raised a little where the surrogate believes that it makes none."""
+        """Square root of the error, slightly increased where the surrogate predicts almost no error."""
         return np.sqrt(self.error + FLOOR * self.probability)
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """What the surrogate expects of a batch before the batch is drawn.
+    """The surrogate's prediction for a batch before the batch is drawn.
 
     Attributes
     ----------
     probability
-        P(event) by the surrogate alone.
+        Predicted P(event).
     variation
-        Squared coefficient of variation that a single run will have.
+        Predicted squared coefficient of variation of a single run.
     """
 
     probability: float
@@ -136,7 +140,7 @@ class Prediction:
 
     @property
     def reach(self) -> float:
-        """Rarity beyond which hardly any of the probability can be."""
+        """Rarity beyond which almost none of the probability of the event can be."""
         return reach_of(self.probability)
 
 
@@ -184,17 +188,17 @@ class TwoPhaseBatch:
 
 
 def reach_of(probability: float) -> float:
-    """Return the rarity beyond which hardly any of a probability can be."""
+    """Return the rarity beyond which almost none of an event with a given probability can be."""
     return min(BEYOND - math.log(probability), REACH) if probability > 0 else REACH
 
 
 def expect(pool: Pool, fringe_limit: float) -> Expectation:
-    """Say at which points of a pool runs may be aimed, and what the surrogate expects there.
+    """Return the surrogate's expectations at the points of a pool.
 
-    Runs are aimed at the core, where the surrogate's probability is at least `CORE`, and at the fringe, where
-    it is at least `FRINGE` and the weight is at most ``fringe_limit``. Elsewhere the probability counts as 0:
-    it never falls far below one over the number of runs, however safe a place is, and the bulk of phi would
-    drown the event.
+    Runs are sampled preferentially from the core, where the predicted probability is at least `CORE`, and
+    from the fringe, where it is at least `FRINGE` and the weight is at most ``fringe_limit``. At all other
+    points the probability is set to 0. The reason is that a predicted probability is never far below one over
+    the number of runs, so the bulk of phi would otherwise outweigh the event.
     """
     p = pool.probability
     aimed = (p >= CORE) | ((pool.weight <= fringe_limit) & (p >= FRINGE))
@@ -204,19 +208,19 @@ def expect(pool: Pool, fringe_limit: float) -> Expectation:
 
 
 def predict(pool: Pool, expected: Expectation, runs: int, pool_size: int, defence: Defence) -> Prediction:
-    """Predict P(event) and the variance of a batch from a pool that is not the batch's own.
+    """Predict P(event) and the variance of a batch, from a pool that is independent of the batch.
 
-    The pool must be another one because the prediction decides how much the batch counts, and that must not
-    depend on the batch.
+    The prediction determines the weight of the batch in the estimate, and this weight must not depend on the
+    batch itself.
 
     Parameters
     ----------
     pool
-        Another pool than that of the batch.
+        A pool that is not used for the batch.
     expected
-        What the surrogate expects at its points.
+        The surrogate's expectations at its points.
     runs, pool_size
-        Number of runs that the batch will take from a pool of ``pool_size`` points.
+        Number of runs that the batch will select from a pool of ``pool_size`` points.
     defence
         Defensive share of the runs.
     """
@@ -234,21 +238,21 @@ def predict(pool: Pool, expected: Expectation, runs: int, pool_size: int, defenc
 
 
 def inclusion_probabilities(size: Array, guard: Array, n: float, defence: float) -> Array:
-    """Return inclusion probabilities that sum to n and, below 1, are proportional to a size.
+    """Return inclusion probabilities that sum to n and, below 1, are proportional to a given size.
 
-    A point whose probability would exceed 1 is included for certain, and the others share what is left; that
-    may bring further points to 1, hence the loop.
+    A point whose probability would exceed 1 is included with certainty, and the remaining probability is
+    divided among the others. This may raise further points above 1, so the step is repeated.
 
     Parameters
     ----------
     size
-        What the probabilities should be proportional to, shape (m,).
+        Values to which the probabilities should be proportional, shape (m,).
     guard
-        How the defensive share is spread, positive where anything can be, shape (m,).
+        Distribution of the defensive share, shape (m,), positive wherever the event is possible.
     n
         Sum of the probabilities.
     defence
-        Defensive share, which is mixed into the size first, so that the probabilities are positive there.
+        Defensive share, which is mixed with the size first, so that the probabilities are positive.
     """
     size = size if size.any() else guard
     size = (1 - defence) * size / size.sum() + defence * guard / guard.sum()
@@ -261,10 +265,10 @@ def inclusion_probabilities(size: Array, guard: Array, n: float, defence: float)
 
 
 def draws_of_the_wide_law(wide: Array, inclusion: Array) -> float:
-    """Return how many draws of a wide law a sample of the pool is worth, wherever the event may be.
+    """Return the number of draws from a wide distribution to which a sample of the pool is equivalent.
 
-    N draws of the law would include a point with the probability N (wide / h) / m. This is the largest N
-    for which no point is included with less. ``wide`` is the density of the law over h, shape (m,).
+    N draws would include a point with probability N (wide / h) / m. The result is the largest N for which no
+    inclusion probability is smaller. ``wide`` is the density of the wide distribution, shape (m,).
     """
     within = wide > 0
     return float((inclusion[within] / wide[within]).min() * len(inclusion)) if within.any() else 0.0
@@ -273,23 +277,23 @@ def draws_of_the_wide_law(wide: Array, inclusion: Array) -> float:
 def draw_systematically(
     z: Array, importance: Array, inclusion: Array, generator: np.random.Generator
 ) -> NDArray[np.intp]:
-    """Draw points of a pool by systematic sampling with given probabilities, and return their indices.
+    """Draw points of a pool by systematic sampling with given inclusion probabilities; return their indices.
 
-    The points are put in order along the principal axis of those that matter, and the inclusion probabilities
-    are added up in this order. A run is taken wherever the sum passes u, u + 1, u + 2, ... with one uniform
-    u. This keeps every inclusion probability and spreads the runs over the axis, like one stratum for each
-    run.
+    The points are ordered along the principal axis of the important points, and the inclusion probabilities
+    are cumulated in this order. A point is selected wherever the cumulated sum passes u, u + 1, u + 2, ...
+    for one uniform random number u. This keeps every inclusion probability and spreads the runs along the
+    axis, like one stratum for each run.
 
     Parameters
     ----------
     z
         Normal scores of the pool, shape (m, d).
     importance
-        How much each point matters for the axis, shape (m,).
+        Weight of each point for the principal axis, shape (m,).
     inclusion
         Inclusion probabilities, shape (m,); their sum is the number of runs.
     generator
-        Source of the one uniform number.
+        Source of the uniform number.
     """
     order = along_principal_axis(z, importance)
     marks, n = np.cumsum(inclusion[order]), round(inclusion.sum())
@@ -298,26 +302,26 @@ def draw_systematically(
 
 
 def along_principal_axis(z: Array, importance: Array) -> NDArray[np.intp]:
-    """Return the order of points, shape (m, d), along the principal axis of those that matter, shape (m,)."""
+    """Return the order of points, shape (m, d), along their principal axis, weighted by importance."""
     share = importance / importance.sum() if importance.any() else np.full(len(z), 1 / len(z))
     centred = z - share @ z
     return np.argsort(centred @ np.linalg.eigh((centred.T * share) @ centred)[1][:, -1])
 
 
 def spread_by_mass(z: Array, mass: Array, count: int) -> NDArray[np.intp]:
-    """Return the indices of points of a pool that each stand for an equal part of a mass.
+    """Return the indices of points of a pool that represent equal parts of a mass.
 
-    The points are put in order along the principal axis of the mass, and the point in the middle of each
-    of ``count`` equal parts of the mass is taken. No random number is drawn.
+    The points are ordered along the principal axis of the mass. The mass is divided into ``count`` equal
+    parts in this order, and the point in the middle of each part is selected. No random number is used.
 
     Parameters
     ----------
     z
         Normal scores of the pool, shape (m, d).
     mass
-        Of each point, not negative, shape (m,).
+        Mass of each point, not negative, shape (m,).
     count
-        Number of indices; there are none where all the mass is 0.
+        Number of indices; there are none if all masses are 0.
     """
     if not mass.any():
         return np.empty(0, dtype=np.intp)

@@ -1,4 +1,4 @@
-"""Laws in the space of normal scores from which the points of a pool are drawn."""
+"""Distributions in the space of normal scores from which the points of a pool are drawn."""
 
 import math
 from dataclasses import dataclass
@@ -13,31 +13,35 @@ from accelerated_evaluation.methods.surrogate.constants import REACH, SMALLEST_S
 
 
 def draw_wide(n: int, dimension: int, generator: np.random.Generator) -> Array:
-    """Draw n points of the wide law, shape (n, d).
+    """Draw n points from the wide distribution, shape (n, d).
 
-    Their directions are uniform, and -log P(|Z| > radius) is uniform on [0, REACH], where Z is standard
-    normal. So every decade of P(|Z| > radius) gets the same number of points, however rare it is.
+    Directions are uniform, and the rarity -log P(|Z| > radius) is uniform on [0, REACH] for a standard normal
+    Z. Each power of ten of P(|Z| > radius) therefore gets the same number of points.
     """
     return draw_at(generator.uniform(0, REACH, n), dimension, generator)
 
 
 def draw_at(rarity: Array, dimension: int, generator: np.random.Generator) -> Array:
-    """Draw points of given rarity -log P(|Z| > radius), shape (n,), in uniform directions; shape (n, d)."""
+    """Draw points with given rarities -log P(|Z| > radius), shape (n,), in uniform directions.
+
+    Shape (n, d).
+    """
     radius = np.sqrt(chdtri(dimension, np.exp(-rarity)))
     z = generator.normal(size=(len(rarity), dimension))
     return z * (radius / np.linalg.norm(z, axis=1))[:, None]
 
 
 def rarity(z: Array) -> Array:
-    """Return -log P(|Z| > |z|) of points z, shape (n, d): how rare it is to be as far out; shape (n,)."""
+    """Return the rarity -log P(|Z| > |z|) of points z, shape (n, d), for a standard normal Z; shape (n,)."""
     return -_log_tail((z * z).sum(1), z.shape[1])
 
 
 def log_normal_to_wide(z: Array) -> Array:
-    """Log ratio of the standard normal density to the wide law's, shape (n,); infinite beyond its reach.
+    """Return the log ratio of the standard normal density to that of the wide distribution, shape (n,).
 
-    Both densities depend on the radius alone, and u = -log P(|Z| > radius) has the density exp(-u) under the
-    standard normal law and 1 / REACH under the wide law. So the ratio is REACH P(|Z| > radius).
+    Both densities depend only on the radius, and u = -log P(|Z| > radius) has the density exp(-u) under the
+    standard normal and 1 / REACH under the wide distribution. The ratio is therefore REACH P(|Z| > radius).
+    It is infinite beyond the largest rarity of the wide distribution.
     """
     log_tail = _log_tail((z * z).sum(1), z.shape[1])
     return np.where(log_tail >= -REACH, log_tail + math.log(REACH), np.inf)
@@ -55,7 +59,7 @@ def _log_tail(square: Array, dimension: int) -> Array:
 
 @dataclass(frozen=True)
 class WideLaw:
-    """The wide law in some dimension, as the law of a pool."""
+    """The wide distribution in a given dimension, for drawing the points of a pool."""
 
     dimension: int
 
@@ -64,15 +68,16 @@ class WideLaw:
         return draw_wide(n, self.dimension, generator)
 
     def log_normal_ratio(self, z: Array) -> Array:
-        """Log ratio of the standard normal density to that of the law, shape (n,)."""
+        """Return the log ratio of the standard normal density to that of this distribution, shape (n,)."""
         return log_normal_to_wide(z)
 
 
 def bound_without_event(runs: float, alpha: float) -> float:
-    """Return what P(A) cannot exceed, with confidence 1 - alpha, for a set A that no run of the wide law met.
+    """Return an upper bound on P(A), with confidence 1 - alpha, for an event A that no run has met.
 
-    The set has at most the mass m = 1 - alpha^(1/runs) under that law. Of all sets of this mass, the ball
-    about the origin has the largest probability, 1 - exp(-REACH m), because phi / h falls with the radius.
+    The runs are draws from the wide distribution, so A has at most the probability m = 1 - alpha^(1/runs)
+    under it. Among all such sets, the ball about the origin has the largest probability 1 - exp(-REACH m)
+    under the standard normal, because phi / h decreases with the radius.
     """
     return -math.expm1(-REACH * (1 - alpha ** (1 / max(runs, 1))))
 
@@ -83,25 +88,25 @@ def log_normal(z: Array) -> Array:
 
 
 def truncated(weight: Array) -> Array:
-    """Return weights that are at most their mean times the root of their number (Ionides 2008); shape (n,).
+    """Return weights truncated at their mean times the root of their number (Ionides 2008); shape (n,).
 
-    In many dimensions a single point may outweigh all others, and would become the centre of every kernel.
+    In many dimensions a single point may otherwise outweigh all others and become the centre of every kernel.
     """
     return np.minimum(weight, weight.mean() * math.sqrt(len(weight)))
 
 
 @dataclass(frozen=True)
 class KernelMixture:
-    """Student-t kernels with d degrees of freedom about ``centres``, and a share of the wide law.
+    """A mixture of Student-t kernels with d degrees of freedom and of the wide distribution.
 
     Parameters
     ----------
     centres
-        Points about which to draw, shape (k, d).
+        Centres of the kernels, shape (k, d).
     width
         Scale of the kernels in each dimension, shape (d,).
     wide_share
-        Share of the wide law.
+        Share of the wide distribution.
     """
 
     centres: Array
@@ -110,12 +115,12 @@ class KernelMixture:
 
     @classmethod
     def about(cls, points: Array, wide_share: float) -> Self:
-        """Return kernels about a sample of points, shape (k, d), of a width by Silverman's rule."""
+        """Return kernels about a sample of points, shape (k, d), with widths by Silverman's rule."""
         k, d = points.shape
         return cls(points, np.maximum(points.std(0), SMALLEST_SPREAD) * k ** (-1 / (d + 4)), wide_share)
 
     def draw(self, n: int, generator: np.random.Generator) -> Array:
-        """Draw n points, of which exactly the share of the wide law comes first; shape (n, d)."""
+        """Draw n points, shape (n, d); exactly the share of the wide distribution comes first."""
         wide, d = int(self.wide_share * n), self.centres.shape[1]
         step = generator.normal(size=(n - wide, d)) / np.sqrt(generator.chisquare(d, (n - wide, 1)) / d)
         centre = self.centres[generator.integers(len(self.centres), size=n - wide)]

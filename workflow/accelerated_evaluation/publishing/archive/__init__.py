@@ -1,1 +1,1 @@
-"""What leaves the study: provenance, RO-Crate and a folder for a LaTeX paper."""
+"""Archives of a study: provenance, RO-Crate and a folder for a LaTeX paper."""

@@ -1,8 +1,8 @@
-"""A study as an RO-Crate: everything that it was made from and by, and everything that was made, in one file.
+"""A study as an RO-Crate: all of its inputs, code and results in one file.
 
 The crate conforms to the profile Provenance Run Crate 0.5, which extends Workflow Run Crate. The workflow has
-a step for each rule; the tool of a step is the code of the rule, with a digest; and an action for each job
-says what the tool read and made, and when.
+a step for each rule. The tool of a step is the code of the rule, with a digest. An action for each job
+records the inputs and outputs of the tool, and the times.
 """
 
 import hashlib
@@ -39,26 +39,26 @@ TYPES |= {".ipynb": "application/x-ipynb+json", ".yaml": "application/yaml", ".m
 
 
 def write_crate(study: Study, target: Path, licence: str) -> int:
-    """Write the crate of a finished study, which ran in this folder, as a ZIP file.
+    """Write the crate of a finished study, which was run in this folder, as a ZIP file.
 
     Parameters
     ----------
     study
-        Its results, and its figures.
+        The study, with its results and figures.
     target
         File to write.
     licence
-        Of the crate: the address of its text, or its name.
+        Licence of the crate: the address of its text, or its name.
 
     Returns
     -------
     int
-        The number of files in it.
+        Number of files in the crate.
 
     Raises
     ------
     InputError
-        If the study did not run here, is not finished, or was made by other code than is here now.
+        If the study was not run here, is not finished, or was made by other code than the present one.
     """
     study.path("config.json")
     jobs = jobs_of([study.results, study.figures])

@@ -1,4 +1,4 @@
-"""A folder that a LaTeX paper can take whole: figures, tables, a macro for each number, and an example."""
+"""A folder for a LaTeX paper: figures, tables, a macro for each number, and an example."""
 
 import re
 import shutil
@@ -27,7 +27,7 @@ SHORT = ("claim", "paper", "ours", "verdict")  # columns of the table of claims 
 
 
 def write_paper(study: Study, target: Path, font: str) -> None:
-    """Write the folder; what is in it is replaced.
+    """Write the folder, and replace its previous content.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def write_paper(study: Study, target: Path, font: str) -> None:
         Folder to write: ``figures/one_column``, ``figures/two_columns``, ``tables``, ``numbers.tex`` and
         ``example.tex``.
     font
-        Family of the letters in the figures, which should be that of the text.
+        Font family of the figures, which should be that of the text.
 
     Raises
     ------
@@ -59,10 +59,10 @@ def write_paper(study: Study, target: Path, font: str) -> None:
 
 
 def numbers(claims: pd.DataFrame, origin: dict[str, str]) -> str:
-    r"""Return LaTeX that defines a macro for each number of the table of claims, and for what made them.
+    r"""Return LaTeX code that defines a macro for each number of the table of claims, and for the provenance.
 
-    The name of a macro is that of the claim, and which number it is: ``\CruxOursLow`` is the lower end of our
-    spread of the claim "crux". Macros have letters only, so digits are written as words.
+    The name of a macro consists of the claim and of the kind of number: ``\CruxOursLow`` is the lower end of
+    our spread of the claim "crux". Macro names have letters only, so digits are written as words.
 
     Raises
     ------
@@ -87,13 +87,13 @@ def numbers(claims: pd.DataFrame, origin: dict[str, str]) -> str:
 
 
 def macro(claim: str) -> str:
-    """Return a claim as the name of a macro: each word with a capital, digits as words, and nothing else."""
+    """Return the name of a macro for a claim: each word with a capital letter, and digits as words."""
     words = re.findall(r"[A-Za-z]+|\d", claim)
     return "".join(DIGITS[int(word)] if word.isdigit() else word[0].upper() + word[1:] for word in words)
 
 
 def draw(study: Study, settings: Print, notebooks: Sequence[Path]) -> None:
-    """Run notebooks that show figures once more, in the style of the paper."""
+    """Run notebooks again to draw their figures in the style of the paper."""
     with tempfile.TemporaryDirectory() as folder, printed(settings):
         parameters = {"results": str(study.results.resolve()), "figures": f"{folder}/figures/{study.name}"}
         for notebook in tqdm(notebooks, desc="Drawing", unit=" notebooks"):

@@ -1,4 +1,4 @@
-"""What made a figure: study, commit and configuration, as its file tells anybody who has nothing else."""
+"""Provenance of a figure: study, commit and configuration, stored in the metadata of its file."""
 
 import hashlib
 import subprocess
@@ -18,7 +18,7 @@ UNKNOWN = "unknown (not a git repository)"
 
 
 def origin_of(study: Study) -> dict[str, str]:
-    """Return what a study was made by: its name, its commit and the SHA-256 of its file ``config.json``."""
+    """Return the provenance of a study: its name, its commit and the SHA-256 of its file ``config.json``."""
     configuration = study.path("config.json").read_bytes()
     return {
         "study": study.name,

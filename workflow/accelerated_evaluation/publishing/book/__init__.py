@@ -1,1 +1,1 @@
-"""The book of the study: notebooks, guides and how they become one site."""
+"""The book of the study: notebooks and guides as one site."""

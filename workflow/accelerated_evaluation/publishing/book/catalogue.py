@@ -1,9 +1,9 @@
-"""What each notebook reads and makes, found out from its code and its texts without running them.
+"""Inputs and outputs of each notebook, determined from its code and its texts without running them.
 
-The workflow needs this before anything runs, and once more in every job. The code is therefore parsed and
-never imported. A notebook shows figures and tables by ``show(study, name)``; the parameters of the function
-of this name say what it reads of the `Study`; and the module of `Study` names the files. A notebook may also
-read a table of results by the name of its file, ``study.table("file.csv")``.
+The workflow needs them before anything runs, and again in every job. The code is therefore parsed and never
+imported. A notebook shows figures and tables by ``show(study, name)``. The parameters of the function of this
+name are the results of the `Study` that it uses, and the module of `Study` names the files. A notebook may
+also read a table of results by the name of its file, ``study.table("file.csv")``.
 """
 
 import ast
@@ -24,7 +24,7 @@ FOLDERS = ("results", "figures")  # attributes of Study that read nothing
 
 @dataclass(frozen=True)
 class Contents:
-    """What a notebook reads, by paths below the folder of the results, and what it makes, by names."""
+    """The inputs of a notebook, as paths below the folder of the results, and its outputs, as names."""
 
     reads: tuple[str, ...]
     figures: tuple[str, ...]
@@ -41,12 +41,12 @@ class Registered:
 
 
 def read_contents(notebook: Path) -> Contents:
-    """Find out what a notebook reads and makes.
+    """Return the inputs and outputs of a notebook.
 
     Raises
     ------
     InputError
-        If it shows what is not registered, or is not imported by ``from ... import ...``.
+        If it shows a figure or table that is not registered, or not imported by ``from ... import ...``.
     """
     code = ast.parse(_source(notebook, "code"), filename=str(notebook))
     imported = dict(_imported_names(code))
@@ -63,7 +63,7 @@ def read_contents(notebook: Path) -> Contents:
 
 
 def require_captions(names: Iterable[str], folder: Path) -> None:
-    """Refuse a figure or a table without a caption, and a name that two of them share.
+    """Raise InputError if a figure or a table has no caption, or if two of them have the same name.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def _attributes(code: ast.AST, owner: str) -> Iterator[str]:
 
 
 def _calls(code: ast.AST, function: str) -> Iterator[ast.Call]:
-    """Yield the calls of a function in the order in which they stand."""
+    """Yield the calls of a function in the order of the code."""
     calls = [node for node in ast.walk(code) if isinstance(node, ast.Call)]
     calls = [call for call in calls if isinstance(call.func, ast.Name) and call.func.id == function]
     yield from sorted(calls, key=lambda call: call.lineno)

@@ -28,7 +28,7 @@ ENGINE = "this process"
 
 
 class ThisProcess(Engine):
-    """Runs the cells in this process: starting a kernel takes longer than most of the notebooks."""
+    """Runs the cells in this process, because starting a kernel takes longer than most of the notebooks."""
 
     @classmethod
     def execute_managed_notebook(
@@ -39,7 +39,7 @@ class ThisProcess(Engine):
     ) -> None:
         """Run the cells up to the first error, which papermill raises after it has saved the notebook.
 
-        The texts between them are filled in when they are reached (`publishing.book.texts`).
+        The texts between the cells are filled in when they are reached (`publishing.book.texts`).
         """
         # Figures that are shown without being saved are displayed in the notebook, as a kernel does it.
         os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"

@@ -1,4 +1,4 @@
-"""What the first and the last page of the book tell: the answer, the claims, what the book was made from."""
+"""Contents of the first and the last page of the book: the answer, the claims, and the provenance."""
 
 import platform
 from collections.abc import Iterable
@@ -38,7 +38,7 @@ def known_to_pages(study: Study, records: Iterable[str]) -> dict[str, Any]:
     study
         The finished results.
     records
-        Files of the records, whose checksums the last page tells.
+        Files of the records, whose checksums are on the last page.
     """
     claims = pd.read_csv(study.figures / "tables" / "claims.csv")
     claims = claims[list(CLAIM_COLUMNS)].rename(columns=CLAIM_COLUMNS).map(readable)

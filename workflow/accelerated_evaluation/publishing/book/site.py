@@ -36,18 +36,18 @@ PIXELS = 2  # of a PNG file for one on the page, so that figures have one size, 
 
 @dataclass(frozen=True)
 class Parts:
-    """What a book is made of.
+    """The parts from which a book is made.
 
     Parameters
     ----------
     study
         The finished results.
     notebooks
-        Executed notebooks, a chapter each, in their order.
+        Executed notebooks, one for each chapter, in order.
     tables
-        Names of the tables that each notebook makes, by its own name.
+        Names of the tables that each notebook makes, by the name of the notebook.
     guides
-        Markdown files, a chapter each, in their order.
+        Markdown files, one for each chapter, in order.
     captions
         Folder with the caption of every figure and table, ``<name>.rst``.
     pages
@@ -75,7 +75,8 @@ class Parts:
         name
             Name of its files.
         label
-            What links lead to it, its name by default; the same figure on a second page needs another one.
+            Target of links, the name of the figure by default; the same figure on a second page needs another
+            label.
         """
         caption, *rest = self.caption(name)
         sentence = " ".join(re.split(r"(?<=[.:]) ", " ".join(caption.split()), maxsplit=1)[0].split())
@@ -90,20 +91,22 @@ class Parts:
         )
 
     def table(self, name: str) -> str:
-        """Return what a published table is and links to its files, as an item of a Markdown list."""
+        """Return the caption of a published table and links to its files, as an item of a Markdown list."""
         caption = " ".join(self.caption(name)[0].split())
         return f"- **{name}**: {caption} {_links('figures/tables', name, TABLE_FILES)}"
 
 
 def build_book(parts: Parts, site: Path, names: dict[str, Any]) -> None:
-    """Write the site of a study; what was in its folder before is gone.
+    """Write the site of a study, and replace the previous one.
 
     Parameters
     ----------
+    parts
+        The parts of the book.
     site
-        Its folder. It appears when it is complete, with ``index.html`` as its first page.
+        Folder of the site. It appears when it is complete, with ``index.html`` as its first page.
     names
-        What the templates of the first and the last page know, beside ``study`` and the chapters.
+        Further names for the templates of the first and the last page.
 
     Raises
     ------
@@ -152,7 +155,7 @@ def _chapter(parts: Parts, name: str, notebook: NotebookNode) -> Iterator[Notebo
                 silent = f"{cell.source}\n\n"
             yield from (nbformat.v4.new_markdown_cell(parts.figure(shown), id=shown) for shown in figures)
         elif cell.cell_type != "code":
-            cell.source = cell.source.replace("](../docs/", "](")  # the guides stand beside the chapters
+            cell.source = cell.source.replace("](../docs/", "](")  # guides and chapters share a folder
             yield cell
     if silent:
         yield nbformat.v4.new_code_cell(silent.strip(), id="code", metadata={"tags": ["hide-input"]})

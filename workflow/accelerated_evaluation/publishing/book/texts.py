@@ -40,7 +40,7 @@ def percent(value: float, decimals: int = 0, sign: str = "") -> str:
 
 
 def unbroken(value: Any, digits: int = 3) -> Any:  # noqa: ANN401
-    """Write a number as `readable` does, and keep it on one line."""
+    """Write a number as `readable` does, with non-breaking spaces."""
     written = readable(value, digits)
     return written.replace(" ", "\N{NO-BREAK SPACE}") if isinstance(written, str) else written
 

@@ -1,1 +1,1 @@
-"""Figures, one module a subject."""
+"""Published figures, one module for each subject."""

@@ -1,4 +1,4 @@
-"""What acceleration does to the law of the lane changes: figure 1 of the paper."""
+"""The effect of acceleration on the distribution of the lane changes: figure 1 of the paper."""
 
 from collections.abc import Mapping
 

@@ -1,4 +1,4 @@
-"""Beyond the paper: how often intervals hold the exact probability (figure 18)."""
+"""Beyond the paper: coverage of the intervals (figure 18)."""
 
 import matplotlib.pyplot as plt
 import pandas as pd
@@ -29,7 +29,7 @@ STOPPINGS = {
 
 @figure
 def fig18_coverage(coverage: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
-    """Draw how often intervals hold the exact probability, by method and way to stop.
+    """Draw the coverage of intervals, by method and stopping rule.
 
     Parameters
     ----------

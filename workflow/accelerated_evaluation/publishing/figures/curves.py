@@ -1,4 +1,4 @@
-"""Laws and records to be drawn: histograms, densities with their knots marked, and the tables behind them."""
+"""Distributions and records for figures: histograms, densities with marked knots, and their tables."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ RECORDS_COLOR = "#c0c0c0"
 
 @dataclass(frozen=True)
 class Variable:
-    """How figures and their data name a variable and its units."""
+    """Name and units of a variable in figures and in their data."""
 
     name: str
     symbol: str
@@ -29,17 +29,17 @@ class Variable:
 
     @property
     def column(self) -> str:
-        """Its column."""
+        """Name of its column."""
         return f"{self.name}_{self.unit_name}"
 
     @property
     def width(self) -> str:
-        """Column of the widths of bins."""
+        """Name of the column of bin widths."""
         return f"bin_width_{self.unit_name}"
 
     @property
     def density(self) -> str:
-        """Column of densities."""
+        """Name of the column of densities."""
         return f"density_{self.density_unit}"
 
 
@@ -49,7 +49,10 @@ INVERSE_TTC = Variable("inverse_ttc", "TTC^{-1}", "1/s", "per_s", "s", log_scale
 
 @dataclass(frozen=True)
 class Curve:
-    """A law to draw and how; ``weight`` times its density, and its survival function if it is ``whole``."""
+    """A distribution and its style.
+
+    ``weight`` times the density is drawn, and its survival function if ``whole``.
+    """
 
     law: Distribution
     style: Mapping[str, Any] = field(default_factory=dict)
@@ -62,7 +65,7 @@ class Curve:
         return np.asarray(getattr(self.law, "knots", ()))
 
     def grid(self, points: Array) -> Array:
-        """Return the rising ``points`` with both sides of every knot that they enclose."""
+        """Return the points in increasing order, with two points at every knot, one on each side."""
         knots = self.knots[(self.knots > points[0]) & (self.knots < points[-1])]
         return np.unique(np.concatenate([points, knots, np.nextafter(knots, -np.inf)]))
 
@@ -98,7 +101,7 @@ def density_table(name: str, curve: Curve, points: Array, variable: Variable) ->
 
 
 def draw_histogram(axis: Axes, rows: pd.DataFrame, variable: Variable, label: str) -> None:
-    """Fill a histogram down to a third of its lowest density on a logarithmic axis, which it limits."""
+    """Draw a histogram on a logarithmic axis, whose lower limit is a third of the lowest density."""
     middle, half = rows[variable.column].to_numpy(), rows[variable.width].to_numpy() / 2
     edges = np.append(middle - half, middle[-1] + half[-1])
     density = rows[variable.density].to_numpy()
@@ -116,7 +119,7 @@ def set_log_ticks(axis: Axes) -> None:
 
 
 def draw_curve(axis: Axes, rows: pd.DataFrame, columns: tuple[str, str], label: str, curve: Curve) -> None:
-    """Draw two columns of a curve's rows against each other, its knots as markers."""
+    """Draw two columns of a curve's rows against each other, with markers at its knots."""
     knots = np.flatnonzero(rows["is_knot"].to_numpy(dtype=bool)).tolist()
     style = dict(curve.style) if knots else {**curve.style, "marker": None}
     axis.plot(*(rows[column] for column in columns), label=label, markevery=knots or None, **style)

@@ -1,4 +1,4 @@
-"""Dot charts: a row for each number, rows in groups, a line across them for the truth."""
+"""Dot charts: a row for each number, rows in groups, and a vertical line for the true value."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -21,7 +21,7 @@ FRAME = 0.9  # [in], height of what surrounds the rows
 
 
 def spaced(groups: pd.Series, gap: float) -> Array:
-    """Return the heights of the rows of a dot chart, from 0, groups of equal neighbours apart by a gap."""
+    """Return the heights of the rows of a dot chart, from 0, with a gap between groups."""
     return np.arange(len(groups)) + gap * ((groups != groups.shift()).cumsum().to_numpy() - 1)
 
 
@@ -35,14 +35,14 @@ def draw_intervals(axes: Axes, rows: pd.DataFrame, y: ArrayLike, **look: Any) ->
 
 
 def draw_truth(axes: Axes, row: pd.Series, label: str) -> None:
-    """Draw a value as a line across the rows, with its band where it has one."""
+    """Draw a value as a line across all rows, with a band if it has an interval."""
     if pd.notna(row.get("ci_low")):
         axes.axvspan(row["ci_low"], row["ci_high"], color="black", alpha=0.3, linewidth=0)
     axes.axvline(row["probability"], label=f"{label}: {_in_math(row['probability'])}", **TRUTH)
 
 
 def name_rows(axes: Axes, y: Array, groups: pd.Series, names: pd.Series) -> None:
-    """Label rows, and above each group of them the group in bold."""
+    """Label the rows, and write the name of each group in bold above it."""
     starts = (groups != groups.shift()).to_numpy()
     axes.set_yticks([*y, *(y[starts] - 1)], [*names, *groups[starts]])
     for label in axes.get_yticklabels()[len(y) :]:
@@ -53,12 +53,12 @@ def name_rows(axes: Axes, y: Array, groups: pd.Series, names: pd.Series) -> None
 
 
 def name_groups(axes: Axes, y: Array, groups: pd.Series) -> None:
-    """Label each group of rows in its middle."""
+    """Label each group of rows at its middle."""
     axes.set_yticks(pd.Series(y).groupby(groups.to_numpy(), sort=False).mean(), groups.unique())
 
 
 def write_beside(axes: Axes, y: ArrayLike, texts: Iterable[str], heading: str) -> None:
-    """Write a text to the right of each row, and a heading above them."""
+    """Write a text to the right of each row, and a heading above these texts."""
     for at, text in zip(y, texts, strict=True):
         axes.text(1.02, at, text, transform=axes.get_yaxis_transform(), va="center", fontsize=6)
     axes.text(1.02, 1.04, heading, transform=axes.transAxes, va="bottom", fontsize=6)
@@ -70,7 +70,7 @@ def in_ratios(values: pd.Series) -> list[str]:
 
 
 def finish(figure: Figure, axes: Axes, source: str) -> None:
-    """Turn the rows the right way up, and put legend and source outside."""
+    """Invert the axis so that the first row is on top, and place legend and source outside."""
     axes.invert_yaxis()
     figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center")
     note_source(figure, source)

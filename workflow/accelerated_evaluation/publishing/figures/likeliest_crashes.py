@@ -1,4 +1,4 @@
-"""Beyond the paper: what happens in the likeliest crashes, and in the records that came nearest (28, 29)."""
+"""Beyond the paper: traces of the likeliest crashes, and of the records nearest to a crash (28, 29)."""
 
 from collections.abc import Sequence
 
@@ -26,7 +26,7 @@ AFTER = 0.5  # [s], how long a trace goes on after its smallest range
 def fig28_ways_to_crash(
     happened: pd.DataFrame, traces: pd.DataFrame, source: str
 ) -> tuple[Figure, pd.DataFrame]:
-    """Draw the likeliest ways to crash, each as speeds and range over time, with its probability.
+    """Draw the likeliest ways to crash: speeds and range over time, with the probability of each.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def fig29_nearest_records(
     Parameters
     ----------
     happened, traces, source
-        As of `fig28_ways_to_crash`.
+        As for `fig28_ways_to_crash`.
     """
     shown = happened[happened["kind"] == "record"]
     titles = [

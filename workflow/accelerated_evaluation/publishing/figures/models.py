@@ -1,4 +1,4 @@
-"""The fitted models beside the data: figures 4 to 7 of the paper."""
+"""The fitted models compared with the data: figures 4 to 7 of the paper."""
 
 from collections.abc import Mapping
 

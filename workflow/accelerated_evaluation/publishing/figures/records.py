@@ -1,4 +1,4 @@
-"""Beyond the paper: where the records lie, and whether they stay the same from first to last."""
+"""Beyond the paper: the number of records by lead speed and range, and their drift."""
 
 from collections.abc import Mapping
 
@@ -25,7 +25,7 @@ DRAWN = {
 
 @figure
 def fig26_sample_size(encounters: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
-    """How many records there are by lead speed and range, with the cells that hold too few marked.
+    """Draw the number of records by lead speed and range, and mark the cells with too few.
 
     Returns
     -------
@@ -80,7 +80,7 @@ def _write_counts(axes: Axes, count: np.ndarray, edges: list[np.ndarray]) -> Non
 
 @figure
 def fig27_row_order(encounters: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
-    """Median and 95 % quantile of the three quantities along the record, in blocks of consecutive rows.
+    """Draw median and 95 % quantile of the three quantities along the record, in blocks of consecutive rows.
 
     Returns
     -------

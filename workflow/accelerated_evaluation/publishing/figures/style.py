@@ -1,4 +1,4 @@
-"""One look for all figures: IEEE column width, readable in print and in grey; and how they are saved."""
+"""The common style of all figures: IEEE column width, readable in print and in grey; and saving."""
 
 import os
 from collections.abc import Iterator, Mapping
@@ -55,7 +55,7 @@ _RC = {
 
 @dataclass(frozen=True)
 class Print:
-    """How figures are printed in a paper: the font of its text, and the folder for each width [in]."""
+    """Settings for printing figures in a paper: the font of its text, and the folder for each width [in]."""
 
     font: str
     folders: Mapping[float, Path]
@@ -66,7 +66,7 @@ _print: Print | None = None
 
 @contextmanager
 def printed(settings: Print) -> Iterator[None]:
-    """Draw in the font of a paper within the block, and save each figure at the widths of its columns."""
+    """Use the font of a paper within the block, and save each figure at the widths of its columns."""
     global _print
     _print = settings
     try:
@@ -84,20 +84,22 @@ def paper_style() -> Iterator[None]:
 
 
 def note_source(figure: Figure, source: str) -> None:
-    """Say in small print under a figure what data it shows; the layout keeps the place free.
+    """Write a note on the data in small print below a figure; the layout reserves space for it.
 
     Parameters
     ----------
+    figure
+        The figure.
     source
-        Description of the data, such as "Safety Pilot Model Deployment (real events)". It takes the place
-        of the figure's common label of x, so label the axes one by one.
+        Description of the data, such as "Safety Pilot Model Deployment (real events)". The note replaces the
+        figure's common label of x, so label the axes individually.
     """
     # A dollar sign would begin a formula.
     figure.supxlabel(f"Data: {source}".replace("$", r"\$"), x=0.99, ha="right", fontsize=5.5, color="#555555")
 
 
 def say_no_crash(axes: Axes) -> None:
-    """Write into axes that have nothing to show why that is so."""
+    """Write a note into empty axes that there was no crash."""
     axes.text(0.5, 0.5, "no crash", transform=axes.transAxes, ha="center", va="center", color="#555555")
 
 

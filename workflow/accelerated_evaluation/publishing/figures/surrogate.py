@@ -1,4 +1,4 @@
-"""Beyond the paper: where the surrogate-guided sampler simulates, and what the four methods cost (19, 20)."""
+"""Beyond the paper: runs of the surrogate-guided sampler, and the cost of the four methods (19, 20)."""
 
 from collections.abc import Mapping
 

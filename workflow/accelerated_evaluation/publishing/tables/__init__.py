@@ -1,1 +1,1 @@
-"""Tables, one module a subject."""
+"""Published tables, one module for each subject."""

@@ -1,4 +1,4 @@
-"""The numbers that the paper states, ours beside them, and a verdict by a stated rule."""
+"""The numbers that the paper states, compared with ours, with a verdict by a fixed rule."""
 
 import json
 import math
@@ -38,7 +38,10 @@ PREMISES = {
 
 
 def verdict(claim: Claim, ours: Spread) -> str:
-    """Judge by the rule: ``agrees`` if the paper's number, give or take its tolerance, lies in our spread."""
+    """Return ``agrees`` or ``differs``: whether the paper's number lies within our spread.
+
+    The tolerance of the paper's number is allowed for.
+    """
     inside = ours.low - claim.tolerance <= claim.paper <= ours.high + claim.tolerance
     return "agrees" if inside else "differs"
 
@@ -53,7 +56,7 @@ def claims_table(
     exact: pd.DataFrame,
     config: Mapping[str, Any],
 ) -> pd.DataFrame:
-    """Set each number that the paper states beside ours.
+    """Compare each number that the paper states with ours.
 
     Parameters
     ----------
@@ -62,7 +65,7 @@ def claims_table(
     trace, estimates, course
         ``cross_entropy_trace.csv``, ``estimates.csv`` and ``estimates_course.csv`` of a study.
     exact
-        ``exact.csv``: the probability, and what follows from it, are judged by the exact value.
+        ``exact.csv``; the probability, and numbers that follow from it, are compared with the exact value.
     config
         The study's configuration.
 
@@ -70,7 +73,7 @@ def claims_table(
     -------
     pandas.DataFrame
         A row for each claim. The verdict is ``agrees`` or ``differs`` by the rule of `verdict`, or ``not
-        comparable`` where the study departs from the paper's premises or has no like quantity.
+        comparable`` if the study departs from the paper's assumptions or has no similar quantity.
     """
     source = describe(config["data"])
     ours = _counts({"single": single, "piecewise": piecewise}, trace) | _searches(trace)
@@ -120,7 +123,7 @@ def _departure(config: Mapping[str, Any], source: str) -> str:
 
 
 def _obstacles(estimates: pd.DataFrame) -> dict[str, str]:
-    """Say which numbers have no like among ours, and why."""
+    """Return the claims for which we have no comparable number, with the reason."""
     obstacles = {"identified": "the published records are the closing ones only"}
     for method, keys in {
         "piecewise": ("piecewise", "piecewise_run", "ratio_single", "ratio_crude", "saving_run", "saving"),

@@ -1,4 +1,4 @@
-"""Coverage of the intervals as a table to be read."""
+"""Coverage of the intervals as a readable table."""
 
 import pandas as pd
 
@@ -13,6 +13,6 @@ COVERAGE_COLUMNS = (
 
 @table("coverage", digits=3)
 def coverage_table(coverage: pd.DataFrame) -> pd.DataFrame:
-    """Order the columns of ``coverage.csv``, the verdict first."""
+    """Return ``coverage.csv`` with its columns in order, the coverage first."""
     others = [name for name in coverage.columns if name not in COVERAGE_COLUMNS]
     return coverage[[*COVERAGE_COLUMNS, *others]]

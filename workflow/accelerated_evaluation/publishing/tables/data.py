@@ -1,4 +1,4 @@
-"""What became of the rows of the records, and what the checks of them say, as tables to be read."""
+"""Readable tables of the account of the records, and of the checks of the records."""
 
 import pandas as pd
 
@@ -7,16 +7,16 @@ from accelerated_evaluation.publishing.published import table
 
 @table("encounters_account")
 def account_table(account: pd.DataFrame) -> pd.DataFrame:
-    """Return the account of the rows that were left out as it is published."""
+    """Return the account of the dropped rows in the published form."""
     return account
 
 
 def _what_was_seen(report: pd.DataFrame) -> pd.DataFrame:
-    """Return the columns that fit on a page; notebook 12 tells the rest of what asks for a look."""
+    """Return the columns that fit on a page; notebook 12 shows the others for checks that are not fine."""
     return report[["check", "verdict", "looked_at", "seen"]]
 
 
 @table("records_report", digits=3, digest=_what_was_seen)
 def records_report_table(records_report: pd.DataFrame) -> pd.DataFrame:
-    """Return the report on the records as it is published."""
+    """Return the report on the records in the published form."""
     return records_report

@@ -1,4 +1,4 @@
-"""Tables about the exact probability: simulations that each f* needs, severity in words."""
+"""Tables about the exact probability: simulations that each f* needs, and severity."""
 
 import math
 
@@ -22,7 +22,7 @@ HEAVY = 10  # times the variation without the rarest crashes
 def needed_simulations(
     variation: pd.DataFrame, probability: float, alpha: float, beta: float
 ) -> pd.DataFrame:
-    """Tabulate the simulations to a relative half-width beta that the exact variance of each f* asks for.
+    """Tabulate the simulations for a relative half-width beta, computed from the exact variance of each f*.
 
     Parameters
     ----------
@@ -36,10 +36,10 @@ def needed_simulations(
     Returns
     -------
     pandas.DataFrame
-        For each method ``searches``; ``heavy_tailed``, how many of their f* have weights whose variance hangs
-        on the rarest crashes; ``variation``, the mean coefficient of variation of a weight without these;
-        ``simulations``, mean, and ``simulations_low`` and ``simulations_high``, range over the searches;
-        ``paper_simulations`` (table I).
+        For each method ``searches``; ``heavy_tailed``, the number of f* whose variance depends on the rarest
+        crashes; ``variation``, the mean coefficient of variation of a weight without these crashes;
+        ``simulations``, their mean, with the range ``simulations_low`` to ``simulations_high`` over the
+        searches; ``paper_simulations`` (table I).
     """
     everywhere = variation[variation["segment"] == "all"]
     rows = []
@@ -65,12 +65,12 @@ def needed_simulations(
 
 
 def severity_digest(severity: pd.DataFrame) -> pd.DataFrame:
-    """Say in words what the rows over all segments of ``severity.csv`` are the probabilities of.
+    """Return the rows over all segments of ``severity.csv``, with a description of each event.
 
     Returns
     -------
     pandas.DataFrame
-        Columns ``event``, ``probability``, ``to_crash``, the ratio to the crash probability, and
+        Columns ``event``, ``probability``, ``to_crash`` (ratio to the crash probability) and
         ``per_million_km``.
     """
     rows = severity[severity["segment"] == "all"]
@@ -80,35 +80,35 @@ def severity_digest(severity: pd.DataFrame) -> pd.DataFrame:
 
 @table("exact", digits=4)
 def exact_table(exact: pd.DataFrame) -> pd.DataFrame:
-    """Return the exact crash probabilities as they are published."""
+    """Return the exact crash probabilities in the published form."""
     return exact
 
 
 @table("convergence", digits=4)
 def convergence_table(convergence: pd.DataFrame) -> pd.DataFrame:
-    """Return the exact crash probabilities by resolution of the map as they are published."""
+    """Return the exact crash probabilities by resolution of the map in the published form."""
     return convergence
 
 
 @table("crude", digits=3)
 def crude_table(crude: pd.DataFrame) -> pd.DataFrame:
-    """Return what crude Monte Carlo found as it is published."""
+    """Return the results of crude Monte Carlo in the published form."""
     return crude
 
 
 @table("sensitivity", digits=4)
 def sensitivity_table(sensitivity: pd.DataFrame) -> pd.DataFrame:
-    """Return the crash probability by choice as it is published."""
+    """Return the crash probability by choice in the published form."""
     return sensitivity
 
 
 @table("uncertainty", digits=3)
 def uncertainty_table(uncertainty: pd.DataFrame) -> pd.DataFrame:
-    """Return the budget of the uncertainty as it is published."""
+    """Return the budget of the uncertainty in the published form."""
     return uncertainty
 
 
 @table("severity", digits=3, digest=severity_digest)
 def severity_table(severity: pd.DataFrame) -> pd.DataFrame:
-    """Return the probabilities of crashes and near misses; `severity_digest` is what is read of them."""
+    """Return the probabilities of crashes and near misses; readers are shown the `severity_digest`."""
     return severity

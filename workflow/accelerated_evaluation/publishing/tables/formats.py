@@ -30,11 +30,13 @@ def save_table(
 
     Parameters
     ----------
+    table, folder, name
+        The table, and the path of its files without ending.
     digits
-        Significant digits of the numbers in Markdown and LaTeX, see `readable`; all by default. The CSV
-        file has `DIGITS` in any case.
+        Significant digits of the numbers in Markdown and LaTeX, see `readable`; all by default. The CSV file
+        always has `DIGITS`.
     digest
-        What Markdown and LaTeX show in place of a table that is too long for them.
+        A shorter table for Markdown and LaTeX.
     """
     shown = table if digest is None else digest
     shown = shown if digits is None else shown.map(lambda value: readable(value, digits))
@@ -45,12 +47,12 @@ def save_table(
 
 
 def to_markdown(table: pd.DataFrame) -> str:
-    """Return a table as Markdown, in which texts are only texts."""
+    """Return a table as Markdown, with the special characters of texts escaped."""
     return table.map(as_markdown).to_markdown(index=False, disable_numparse=True)
 
 
 def reproducible(table: pd.DataFrame) -> pd.DataFrame:
-    """Round numbers to the `DIGITS` that are the same on another processor; counts stay as they are."""
+    """Round numbers to the `DIGITS` that are the same on other processors; counts are not changed."""
     rounded = {
         name: column.map(lambda value: float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value)
         for name, column in table.items()
@@ -60,7 +62,10 @@ def reproducible(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def as_markdown(text: Any) -> Any:  # noqa: ANN401
-    """Escape what Markdown, HTML or MathJax would take for more than text; what is not text is left alone."""
+    """Escape characters with a meaning in Markdown, HTML or MathJax.
+
+    Values other than text are not changed.
+    """
     if not isinstance(text, str):
         return text
     escaped = _MARKDOWN.sub(lambda found: f"&#{ord(found[0])};", text)
@@ -71,7 +76,7 @@ def as_markdown(text: Any) -> Any:  # noqa: ANN401
 def readable(value: Any, digits: int = 3) -> Any:  # noqa: ANN401
     """Write a number as in running text: 7,840 or 1.57 or 7.4 × 10⁻⁷; a missing one as a dash.
 
-    Counts below a million are written in full, and everything that is not a number is left as it is.
+    Counts below a million are written in full. Values that are not numbers are not changed.
     """
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
         return value
@@ -87,6 +92,6 @@ def readable(value: Any, digits: int = 3) -> Any:  # noqa: ANN401
 
 
 def as_latex(text: str) -> str:
-    """Replace the characters of numbers that LaTeX's plain fonts lack; all else is left as it is."""
+    """Replace the characters of numbers that LaTeX's plain fonts lack; other text is not changed."""
     text = re.sub("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda found: f"$^{{{found[0].translate(_PLAIN)}}}$", text)
     return text.replace("×", r"$\times$").replace("–", "--").replace("∞", r"$\infty$")

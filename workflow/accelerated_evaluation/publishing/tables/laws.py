@@ -1,4 +1,4 @@
-"""Beyond the paper: tables of laws that fit where crashes happen, and of the answer that they give."""
+"""Beyond the paper: tables of the laws with dependence, and of the answer."""
 
 import pandas as pd
 
@@ -10,12 +10,12 @@ DIGITS = 2  # of a probability whose interval spans a factor
 
 
 def with_intervals(rows: pd.DataFrame) -> pd.DataFrame:
-    """Put both ends of each interval into one column, so that a table can be read.
+    """Combine both ends of each interval into one column, for readability.
 
     Parameters
     ----------
     rows
-        With columns ``low50`` and ``high50``, and so on.
+        Table with the columns ``low50`` and ``high50``, and so on.
     """
     levels = [f"{100 * level:.0f}" for level in LEVELS]
     ends = {f"{level} %": interval_column(rows[f"low{level}"], rows[f"high{level}"]) for level in levels}
@@ -23,52 +23,49 @@ def with_intervals(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def interval_column(low: pd.Series, high: pd.Series) -> list[str]:
-    """Write the ends of intervals as text, and a dash where an end is not known."""
+    """Write intervals as text, and a dash if an end is unknown."""
     known = low.notna() & high.notna()
     pairs = zip(low, high, known, strict=True)
     return [f"{readable(a, DIGITS)} to {readable(b, DIGITS)}" if told else "–" for a, b, told in pairs]
 
 
 def without_details(laws: pd.DataFrame) -> pd.DataFrame:
-    """Return the columns of the scores that a reader needs, laws with no weight last."""
+    """Return the columns of the scores for a reader, with laws of weight zero last."""
     shown = ["law", "gain_inverse_ttc_0.25", "gain_inverse_ttc_0.35", "gain_inverse_ttc_0.45"]
     return laws[[*shown, "behind", "weight", "stacking", "probability", "refused"]]
 
 
 def of_the_answer(calibration: pd.DataFrame) -> pd.DataFrame:
-    """Return the calibration of all laws together, which are the first."""
+    """Return the rows of the calibration that belong to all laws together, which come first."""
     return calibration[calibration["law"] == calibration["law"].iloc[0]].drop(columns="law")
 
 
 @table("laws", digits=3, digest=without_details)
 def laws_table(laws: pd.DataFrame) -> pd.DataFrame:
-    """Return the scores, weights and crash probabilities of all laws as they are published."""
+    """Return the scores, weights and crash probabilities of all laws in the published form."""
     return laws
 
 
 @table("calibration", digits=3, digest=of_the_answer)
 def calibration_table(calibration: pd.DataFrame) -> pd.DataFrame:
-    """Return recorded and expected counts near the crash set as they are published."""
+    """Return recorded and expected counts near the crash set in the published form."""
     return calibration
 
 
 @table("answer", digits=DIGITS, digest=with_intervals)
 def answer_table(answer: pd.DataFrame, stops: list[str]) -> pd.DataFrame:
-    """Return the probabilities of a crash and of near misses as they are published.
-
-    If a check of the records says stop, the column ``records`` names it in every row.
-    """
+    """Return the probabilities of a crash and of near misses in the published form."""
     return answer.assign(records=f"STOP: {', '.join(stops)}") if stops else answer
 
 
 @table("exposure", digits=DIGITS, digest=with_intervals)
 def exposure_table(exposure: pd.DataFrame) -> pd.DataFrame:
-    """Return the rates per kilometre and hour as they are published."""
+    """Return the rates per kilometre and hour in the published form."""
     return exposure
 
 
 def rates_in_words(exposure: pd.DataFrame) -> str:
-    """Say how often a crash comes, per million kilometres and hours, as far as these are known."""
+    """Return sentences with the crash rate per million kilometres and hours, if the exposure is known."""
     crashes = exposure[exposure["event"] == "crash"]
     if crashes.empty:
         return "In how many kilometres or hours the records were made is not known, so there is no rate."
@@ -82,30 +79,30 @@ def rates_in_words(exposure: pd.DataFrame) -> str:
 
 @table("answer_budget", digits=3)
 def answer_budget_table(answer_budget: pd.DataFrame) -> pd.DataFrame:
-    """Return where the uncertainty of the answer comes from as it is published."""
+    """Return the sources of the uncertainty of the answer in the published form."""
     return answer_budget
 
 
 def thresholds_digest(answer_thresholds: pd.DataFrame) -> pd.DataFrame:
-    """Return the answer by threshold with the levels as they are, which two digits do not tell apart."""
+    """Return the answer by threshold with unrounded levels, which two digits would not distinguish."""
     levels = answer_thresholds["level"].map("{:g}".format)
     return with_intervals(answer_thresholds.assign(level=levels))
 
 
 @table("answer_thresholds", digits=DIGITS, digest=thresholds_digest)
 def answer_thresholds_table(answer_thresholds: pd.DataFrame) -> pd.DataFrame:
-    """Return the answer as each threshold alone gives it as it is published."""
+    """Return the answer for each threshold alone in the published form."""
     return answer_thresholds
 
 
 @table("data_quality", digits=DIGITS, digest=with_intervals)
 def data_quality_table(data_quality: pd.DataFrame) -> pd.DataFrame:
-    """Return the answer under other readings of the records as it is published."""
+    """Return the answer for alternative treatments of the records in the published form."""
     return data_quality
 
 
 def vehicles_digest(vehicles: pd.DataFrame) -> pd.DataFrame:
-    """Return what is read of the compared vehicles: probability and ratio, with their 80 % intervals."""
+    """Return the columns of compared vehicles for a reader: probability and ratio with 80 % intervals."""
     return pd.DataFrame(
         {
             "vehicle": vehicles["vehicle"],
@@ -122,7 +119,7 @@ def vehicles_digest(vehicles: pd.DataFrame) -> pd.DataFrame:
 
 @table("vehicles", digits=DIGITS, digest=vehicles_digest)
 def vehicles_table(vehicles: pd.DataFrame) -> pd.DataFrame:
-    """Return the vehicles compared with each other as they are published."""
+    """Return the comparison of vehicles in the published form."""
     return vehicles
 
 
@@ -145,19 +142,19 @@ def calibration_verdict(calibration: pd.DataFrame) -> pd.DataFrame:
 
 
 def threshold_ratio(answer_thresholds: pd.DataFrame) -> float:
-    """Return how many times the largest answer of a single threshold is the smallest."""
+    """Return the ratio of the largest to the smallest answer of a single threshold."""
     return float(answer_thresholds["probability"].max() / answer_thresholds["probability"].min())
 
 
 def stated_margin(crash_places: pd.DataFrame, level: float = 0.95) -> float:
-    """Return by how much [m/s] the crashes of a law are faster than any record at like range, but for a rest.
+    """Return by how much crashes close faster than any record at a similar range [m/s].
 
     Parameters
     ----------
     crash_places
         ``crash_places.csv`` of a study.
     level
-        Share of the crashes, of the worst law, that lie within the margin.
+        Share of the crashes that lie within the margin, for the law with the largest margin.
     """
     if crash_places.empty:  # the vehicle never crashes
         return float("nan")

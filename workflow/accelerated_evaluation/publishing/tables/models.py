@@ -1,4 +1,4 @@
-"""Fitted models and candidate families as tables to be read."""
+"""Readable tables of fitted models and candidate families."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -12,7 +12,7 @@ SYMBOLS = {"inverse_range": "R⁻¹", "inverse_ttc": "TTC⁻¹"}
 
 
 def leaves(law: Distribution, weight: float = 1.0) -> Iterator[tuple[float, Distribution]]:
-    """Yield the distributions at the bottom of a mixture of mixtures, each with its weight in the whole."""
+    """Yield the innermost distributions of nested mixtures, each with its total weight."""
     if isinstance(law, Mixture):
         for share, component in zip(law.weights, law.components, strict=True):
             yield from leaves(component, weight * share)
@@ -21,13 +21,13 @@ def leaves(law: Distribution, weight: float = 1.0) -> Iterator[tuple[float, Dist
 
 
 def parameter_table(model: IndependentLaw) -> pd.DataFrame:
-    """List the parameters of a lane-change model.
+    """Tabulate the parameters of a lane-change model.
 
     Returns
     -------
     pandas.DataFrame
         A row for each parameter of each component of a law: variable, segment, ``from`` and ``to`` in the
-        variable's ``unit``, the component's weight in the whole law, family, parameter, value, value_unit.
+        variable's ``unit``, the total weight of the component, family, parameter, value, value_unit.
     """
     laws = [("inverse_range", "all", model.inverse_range)]
     laws += [("inverse_ttc", segment, law) for segment, law in model.inverse_ttc.items()]
@@ -52,17 +52,18 @@ def parameter_table(model: IndependentLaw) -> pd.DataFrame:
 
 
 def rank_table(candidates: pd.DataFrame) -> pd.DataFrame:
-    """Digest the comparison of families: the rank by AIC of each, by variable and segment.
+    """Tabulate the ranks by AIC of all families, by variable and segment.
 
     Parameters
     ----------
     candidates
-        Columns variable, segment, family, n_parameters and rank, at least; no rank where there is no fit.
+        Table with at least the columns variable, segment, family, n_parameters and rank; no rank means no
+        fit.
 
     Returns
     -------
     pandas.DataFrame
-        A row a family, those that do best on average first; a dash where a family has no fit.
+        A row for each family, those with the best mean rank first; a dash if a family has no fit.
     """
     places = candidates["variable"].map(SYMBOLS) + ", " + candidates["segment"]
     shown = candidates["rank"].map(lambda rank: "–" if pd.isna(rank) else f"{rank:.0f}")
@@ -80,7 +81,7 @@ def rank_table(candidates: pd.DataFrame) -> pd.DataFrame:
 
 @table("candidates", digits=5, digest=rank_table)
 def candidates_table(candidates: pd.DataFrame) -> pd.DataFrame:
-    """Return the fits of all candidate families; `rank_table` is what is read of them."""
+    """Return the fits of all candidate families; readers are shown the `rank_table`."""
     return candidates
 
 
@@ -91,22 +92,23 @@ def close_call_table(
     ranges: Sequence[float] = (30, 20, 10, 5, 3),
     ttcs: Sequence[float] = (10, 5, 3, 2),
 ) -> pd.DataFrame:
-    """Compare how often cut-ins are close in the records and in the models.
+    """Compare how often cut-ins are closer than given limits in the records and in the models.
 
     Parameters
     ----------
     encounters
         Encounter table.
     models
-        Models of the same segments by name.
+        Models with the same segments, by name.
     ranges, ttcs
-        Bounds of the range [m] and of the time to collision [s].
+        Limits of the range [m] and of the time to collision [s].
 
     Returns
     -------
     pandas.DataFrame
-        A row a bound, ranges pooled over the segments and times to collision in each: segment, cut_in, events
-        (how many records), empirical (their share), and a column with the probability under each model.
+        A row for each limit, with ranges pooled over the segments and times to collision by segment: segment,
+        cut_in, events (number of records), empirical (their share), and a column with the probability under
+        each model.
     """
     first = next(iter(models.values()))
     pooled = {name: model.inverse_range for name, model in models.items()}

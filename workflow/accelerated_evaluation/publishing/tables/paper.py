@@ -1,4 +1,4 @@
-"""The paper's tables I and II beside our numbers, all estimates, and the health of their weights."""
+"""The paper's tables I and II compared with our numbers, all estimates, and diagnostics of their weights."""
 
 import math
 
@@ -32,7 +32,7 @@ ESTIMATE_COLUMNS = (
 def table1_sample_size(
     estimates: pd.DataFrame, course: pd.DataFrame, alpha: float, beta: float
 ) -> pd.DataFrame:
-    """Build table I: simulations to convergence by method, and the paper's beside them.
+    """Build table I: simulations to convergence by method, compared with the paper's.
 
     Parameters
     ----------
@@ -44,8 +44,8 @@ def table1_sample_size(
     Returns
     -------
     pandas.DataFrame
-        A row for each method, the paper's first: its simulations with their spread, the ratio to those of the
-        piecewise method, and the paper's two numbers where it has them.
+        A row for each method, those of the paper first: its simulations with their spread, the ratio to those
+        of the piecewise method, and the two numbers of the paper, if it has them.
     """
     sizes = {method: sample_size(estimates, method) for method in estimates["method"].unique()}
     sizes["crude"] = crude_sample_size(pooled_probability(course, "piecewise", alpha), alpha, beta)
@@ -75,7 +75,7 @@ def table2_computation(
     alpha: float,
     beta: float,
 ) -> pd.DataFrame:
-    """Build table II: what each stage computes with each method, and the paper's numbers beside ours.
+    """Build table II: what each method computes in each stage, compared with the paper's numbers.
 
     Parameters
     ----------
@@ -84,12 +84,12 @@ def table2_computation(
     trace
         ``cross_entropy_trace.csv`` of a study.
     single, piecewise
-        The fitted models; every method but the single parametric one accelerates the piecewise model.
+        The fitted models; every method except ``single`` accelerates the piecewise model.
 
     Returns
     -------
     pandas.DataFrame
-        stage, method, quantity; ours with its spread, and the paper's.
+        Columns stage, method and quantity; our number with its spread, and the paper's number.
     """
     totals = search_totals(trace)
     size = table1_sample_size(estimates, course, alpha, beta).set_index("method")
@@ -123,13 +123,13 @@ def estimates_table(estimates: pd.DataFrame) -> pd.DataFrame:
 
 
 def probability_table(estimates: pd.DataFrame, course: pd.DataFrame, alpha: float) -> pd.DataFrame:
-    """Compare the estimates at convergence with the pooled one, a row for each scope and method.
+    """Compare the estimates at convergence with the pooled one, in a row for each scope and method.
 
     Returns
     -------
     pandas.DataFrame
-        scope, method, pooled, ci_low, ci_high; at_convergence, the mean over the replicates; covering, how
-        many of their intervals hold the pooled estimate, of how many replicates.
+        scope, method, pooled, ci_low, ci_high; at_convergence, the mean over the replicates; covering, the
+        number of intervals that contain the pooled estimate; replicates.
     """
     rows = []
     for (scope, method), ends in estimates.groupby(["scope", "method"], sort=False):
@@ -151,13 +151,14 @@ def probability_table(estimates: pd.DataFrame, course: pd.DataFrame, alpha: floa
 
 
 def weight_health(estimates: pd.DataFrame) -> pd.DataFrame:
-    """Digest the weights at convergence, a row for each scope and method.
+    """Tabulate diagnostics of the weights at convergence, in a row for each scope and method.
 
     Returns
     -------
     pandas.DataFrame
         scope, method; means over the replicates of simulations, crashes, effective_sample_size and crashes
-        for each effective one; the largest share that one crash has in any replicate; how many converged.
+        per effective crash; the largest share of one crash in any replicate; the number of converged
+        replicates.
     """
     health = estimates.assign(crashes_per_effective=estimates["events"] / estimates["effective_sample_size"])
     return health.groupby(["scope", "method"], sort=False, as_index=False).agg(

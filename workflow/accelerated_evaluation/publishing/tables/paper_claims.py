@@ -1,4 +1,4 @@
-"""The numbers that the paper states, how exact they are, and why ours may differ."""
+"""The numbers that the paper states, their precision, and reasons why ours may differ."""
 
 from dataclasses import dataclass
 
@@ -40,13 +40,13 @@ class Claim:
     Attributes
     ----------
     claim, source
-        What it is a number of, and where in the paper it stands.
+        What the number means, and where in the paper it is stated.
     paper, tolerance
-        The number, and how far it may be off: half a unit of the last digit printed, or half the interval.
+        The number, and its tolerance: half a unit of the last printed digit, or half the interval.
     reason
-        Why ours may differ.
+        Reason why our number may differ.
     rests_on_study
-        Whether it depends on the data, the vehicle and the settings.
+        Whether the number depends on the data, the vehicle and the settings.
     """
 
     claim: str

@@ -1,16 +1,16 @@
-"""Digests of the Cross-Entropy searches: what they took, what they moved and how they ended."""
+"""Summaries of the Cross-Entropy searches: simulations, changed parameters and the last iteration."""
 
 import pandas as pd
 
 
 def search_totals(trace: pd.DataFrame) -> pd.Series:
-    """Return the simulations of the searches of all segments together, by method and seed."""
+    """Return the number of simulations of the searches of all segments, by method and seed."""
     searches = trace.groupby(["method", "segment", "seed"])["simulations_total"].max()
     return searches.groupby(["method", "seed"]).sum()
 
 
 def searched_parameters(trace: pd.DataFrame, method: str) -> int:
-    """Count the parameters that the searches of a method move, over all segments.
+    """Return the number of parameters that the searches of a method change, over all segments.
 
     The weights of a variable sum to one, so one of them is not free.
     """

@@ -1,4 +1,4 @@
-"""Numbers of ours with how far they spread: over replicates and seeds, pooled, or from an interval."""
+"""Our numbers with their spread: over replicates and seeds, for pooled estimates, or from an interval."""
 
 import math
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from accelerated_evaluation.methods.importance_sampling import crude_simulations
 
 
 class Spread(NamedTuple):
-    """A number of ours with how far it spreads, and what that spread is."""
+    """One of our numbers with its spread, and a description of the spread."""
 
     value: float
     low: float
@@ -21,7 +21,7 @@ class Spread(NamedTuple):
 
 
 def spread_over(values: ArrayLike, things: str) -> Spread:
-    """Return the mean of some values, and their 10 and 90 % quantiles."""
+    """Return the mean of some values with their 10 and 90 % quantiles as spread."""
     values = np.asarray(values, dtype=float)
     low, high = np.quantile(values, (0.1, 0.9))
     return Spread(float(values.mean()), float(low), float(high), f"10-90 % over {values.size} {things}")
@@ -33,15 +33,15 @@ def count(number: int) -> Spread:
 
 
 def of_method(table: pd.DataFrame, method: str, scope: str = "all") -> pd.DataFrame:
-    """Return the rows of one method and scope of the estimates or of their courses."""
+    """Return the rows of one method and scope of a table of estimates or courses."""
     return table[(table["method"] == method) & (table["scope"] == scope)]
 
 
 def pooled_probability(course: pd.DataFrame, method: str, alpha: float, scope: str = "all") -> Spread:
     """Pool the last rows of all replicates' courses into one estimate.
 
-    The courses go on past convergence, so that, unlike the mean of the estimates at convergence, this one
-    owes nothing to a moment of stopping that depends on the estimate itself.
+    The courses continue beyond convergence. Unlike the mean of the estimates at convergence, the pooled
+    estimate is therefore not biased by a stopping rule.
 
     Returns
     -------
@@ -59,9 +59,10 @@ def pooled_probability(course: pd.DataFrame, method: str, alpha: float, scope: s
 
 
 def sample_size(estimates: pd.DataFrame, method: str) -> Spread:
-    """Return the simulations to convergence over all segments.
+    """Return the number of simulations to convergence over all segments.
 
-    A replicate that did not converge counts with all its simulations, too few; the spread says so.
+    A replicate that did not converge counts with all its simulations, which are too few; the description of
+    the spread reports this.
     """
     rows = of_method(estimates, method)
     spread = spread_over(rows["simulations"], "replicates")

@@ -1,4 +1,4 @@
-"""The surrogate-guided sampler beside the paper's three methods, learning counted."""
+"""The surrogate-guided sampler compared with the paper's three methods, including learning."""
 
 import pandas as pd
 
@@ -8,13 +8,14 @@ PHASES = ("search", "learn", "estimate")
 
 
 def side_by_side(replicates: pd.DataFrame, scope: str) -> pd.DataFrame:
-    """Tabulate what every replicate of every method costs and finds in one scope.
+    """Tabulate simulations and estimates of every replicate of every method in one scope.
 
     Parameters
     ----------
     replicates
-        As `Study.replicates` has them. A replicate of the paper's methods has learnt in the search whose f*
-        it took, in all segments of the scope; one of the surrogate in the runs before its estimate.
+        As `Study.replicates`. For the paper's methods, the simulations for learning are those of the search
+        whose f* the replicate uses, in all segments of the scope. For the surrogate, they are the runs before
+        its estimate.
     scope
         ``all`` or the name of a segment.
 
@@ -31,7 +32,7 @@ def side_by_side(replicates: pd.DataFrame, scope: str) -> pd.DataFrame:
 
 @table("surrogate", digits=3)
 def surrogate_table(replicates: pd.DataFrame, exact: pd.DataFrame) -> pd.DataFrame:
-    """Compare the methods, a row for each scope and method.
+    """Compare the methods, in a row for each scope and method.
 
     Parameters
     ----------
@@ -43,11 +44,11 @@ def surrogate_table(replicates: pd.DataFrame, exact: pd.DataFrame) -> pd.DataFra
     Returns
     -------
     pandas.DataFrame
-        scope, method, replicates; means over them of the simulations for ``learning``, for ``estimating`` and
-        ``together``, the largest in ``together_max``; ``to_exact`` and ``to_exact_sd``, mean and standard
-        deviation of estimate / exact; how many of the intervals hold the exact value, ``holding``; how many
-        converged; and the largest bound on the probability of a half-space that no run met, ``unseen_mode``,
-        NaN for methods that have none.
+        scope, method, replicates; mean numbers of simulations for ``learning``, for ``estimating`` and
+        ``together``, and the largest number ``together_max``; ``to_exact`` and ``to_exact_sd``, mean and
+        standard deviation of estimate / exact; ``holding``, the number of intervals that contain the exact
+        value; the number of converged replicates; and ``unseen_mode``, the largest bound on the probability
+        of a half-space that no run met, NaN for other methods.
     """
     tables = []
     for scope in replicates["scope"].unique():

@@ -125,7 +125,10 @@ class AccAeb:
         return simulate_encounters(self, encounters, threads=available_threads())
 
     def trace(self, lead_speed: float, range_: float, closing_speed: float) -> pd.DataFrame:
-        """Return every state of one encounter, as told in `traces`; arguments as of `simulate`."""
+        """Return every state of one encounter, as described in `traces`.
+
+        The arguments are those of `simulate`.
+        """
         return trace_car(self.compiled(), checked_encounters([lead_speed], [range_], [closing_speed]))
 
     def compiled(self) -> Car:

@@ -105,7 +105,10 @@ class ReferenceDriver:
         return simulate_in_slices(follow_slice, self.compiled(), encounters, threads=available_threads())
 
     def trace(self, lead_speed: float, range_: float, closing_speed: float) -> pd.DataFrame:
-        """Return every state of one encounter, as told in `traces`; arguments as of `simulate`."""
+        """Return every state of one encounter, as described in `traces`.
+
+        The arguments are those of `simulate`.
+        """
         return trace_driver(self.compiled(), checked_encounters([lead_speed], [range_], [closing_speed]))
 
     def compiled(self) -> Driver:

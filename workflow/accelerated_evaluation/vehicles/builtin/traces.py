@@ -1,4 +1,4 @@
-"""Every state of one encounter with a built-in vehicle, by the compiled steps that also simulate batches."""
+"""Traces of encounters with built-in vehicles, computed by the compiled steps that also simulate batches."""
 
 import numpy as np
 import pandas as pd
@@ -25,7 +25,7 @@ COLUMNS = (
 
 
 def trace_car(car: Car, encounter: Array) -> pd.DataFrame:
-    """Follow one encounter of the ACC + AEB car.
+    """Return the trace of one encounter of the ACC + AEB car.
 
     Parameters
     ----------
@@ -37,8 +37,8 @@ def trace_car(car: Car, encounter: Array) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        One row a state, columns as in COLUMNS. In the last state the controller acts no more, so its time to
-        collision is infinite, and its AEB is that of the state before.
+        One row for each state, columns as in COLUMNS. The controller no longer acts in the last state, so its
+        time to collision is infinite, and its AEB state is that of the previous state.
     """
     state, index = np.empty((kernel.FIELDS, 1)), np.zeros(1, dtype=np.int64)
     kernel.start(encounter, 0, 1, car, state, index)
@@ -60,10 +60,10 @@ def trace_car(car: Car, encounter: Array) -> pd.DataFrame:
 
 
 def trace_driver(driver: Driver, encounter: Array) -> pd.DataFrame:
-    """Follow one encounter of a reference driver; arguments and result as of `trace_car`.
+    """Return the trace of one encounter of a reference driver; arguments and result as for `trace_car`.
 
     With lateral motion the first state is the first step of that motion. The range is negative while the cars
-    are beside each other, and positive again, behind the host, once it has passed.
+    overlap along the road, and positive again when the other car is behind the host.
     """
     state = np.empty((driver_kernel.FIELDS, 1))
     driver_kernel.start(driver, encounter[:, 0], 0, state, 0)
