@@ -1,4 +1,7 @@
-"""Checks before the first job that everything named in the configuration exists, because jobs take minutes."""
+"""Checks before the first job that everything named in the configuration exists.
+
+They come first because jobs may take minutes.
+"""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
