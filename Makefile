@@ -48,7 +48,7 @@ crate: study ## run the study, then pack it with where it came from: results/STU
 bench: $(ENVIRONMENT) ## encounters per second of the simulator, and ratios to NumPy and plain Python
 	python benchmarks/simulator.py
 
-benchmark-samplers: $(ENVIRONMENT) ## fewest simulations: our sampler beside others; half a day, resumable
+benchmark-samplers: $(ENVIRONMENT) ## fewest simulations: our sampler and others; half a day, resumable
 	python -m pip install --quiet --require-hashes -r benchmarks/environment.txt
 	$(SAMPLERS)
 

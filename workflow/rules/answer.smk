@@ -22,7 +22,7 @@ ALL_FILES = [path for files in FILES.values() for path in files]
 ALL_CONTENT = content_digest(ALL_FILES)
 ALL_WORKERS, ALL_SIMULATIONS = simulating(*VEHICLES)
 OF_VEHICLES = {"vehicles": [section["name"] for section in VEHICLES.values()]}
-LAW_TABLES = {  # by job, so that they can run beside each other
+LAW_TABLES = {  # by job, so that they can run at the same time
     "answer": [
         "answer",
         "exposure",

@@ -66,7 +66,7 @@ rule fit_family:
 
 
 rule fit_candidates:
-    """Fit 18 common families to one variable in one segment, the piecewise models beside them."""
+    """Fit 18 common families and the piecewise models to one variable in one segment."""
     input:
         encounters=rules.ingest_encounters.output.encounters,
         models=[rules.fit_models.output[name] for name in PIECEWISE],

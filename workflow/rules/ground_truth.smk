@@ -35,7 +35,7 @@ rule map_crashes:
 
 
 rule compute_exact:
-    """Weigh the map with the models: exact probabilities, severity, and the variation of every f*."""
+    """Compute exact probabilities, severity, and the variation of every f* from the maps and the models."""
     input:
         **rules.fit_models.output,
         full=rules.map_crashes.output.full,

@@ -6,7 +6,7 @@
 
 
 rule record_configuration:
-    """Write the resolved configuration beside the results."""
+    """Write the resolved configuration into the folder of the results."""
     input:
         library=modules_of("record_configuration.py"),
     output:

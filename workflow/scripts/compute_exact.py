@@ -1,4 +1,4 @@
-"""Weigh the crash maps with the laws: exact probabilities, severity, and the variation of every f*."""
+"""Compute exact probabilities, severity, and the variation of every f* from the crash maps and the laws."""
 
 from accelerated_evaluation.base.files import read_json, write_csv
 from accelerated_evaluation.crash_map.maps import read_crash_map

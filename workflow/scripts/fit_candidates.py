@@ -1,4 +1,4 @@
-"""Fit the candidate families to one variable in one segment, and the piecewise models beside them."""
+"""Fit the candidate families and the piecewise models to one variable in one segment."""
 
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.laws.files import read_law

@@ -1,4 +1,4 @@
-"""Write the resolved configuration beside the results."""
+"""Write the resolved configuration into the folder of the results."""
 
 from accelerated_evaluation.base.files import write_json
 from accelerated_evaluation.study.jobs import job

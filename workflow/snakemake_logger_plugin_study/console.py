@@ -47,7 +47,7 @@ class LogHandler(LogHandlerBase):
     has_filter, has_formatter = False, True  # without a filter of our own, Snakemake's --quiet works
 
     def __post_init__(self) -> None:
-        """Tell the jobs that their progress and errors are shown here, and begin to look at them."""
+        """Inform the jobs that their progress and errors are shown here, and begin to monitor them."""
         os.environ[LOGGER_VARIABLE] = "study"
         self.running: dict[int, Running] = {}
         self.left: Counter[str] = Counter()  # jobs to do, by rule

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from accelerated_evaluation.base.errors import StudyError, forbidden
 
-# Beginnings of what Snakemake tells about itself, which the log under .snakemake/log keeps.
+# Beginnings of Snakemake's messages about itself, which are kept in the log under .snakemake/log.
 NOISE = (
     "Assuming unrestricted", "Building DAG", "Using shell", "Provided cores", "Rules claiming", "Select jobs",
     "Execute ", "Elapsed time", "host:", "Complete log", "Conda environments", "Config file", "Shutting down",

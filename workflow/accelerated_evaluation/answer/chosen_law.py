@@ -85,7 +85,7 @@ def choose_law(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any])
 
 
 def _smooth(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any]) -> DependentLaw:
-    """Fit one law with dependence, or all, to find the one that the records bear out best."""
+    """Fit one law with dependence, or all laws to find the one with the largest weight."""
     records = DistinctRecords.of(encounters, Support.configured(config))
     if choice == ANSWER:
         generator = child_generator(config["seed"], "laws", "weigh")

@@ -19,24 +19,24 @@ def bootstrapped_weights(
 ) -> Array:
     """Return weights by pseudo-Bayesian model averaging with the Bayesian bootstrap (Yao et al. 2018).
 
-    Each draw weighs the records anew, sums the scores of each law, and takes the laws in proportion to the
-    exponential of their sums. So the weights know that a difference of scores is itself uncertain.
+    Each draw reweights the records at random and sums the scores of each law. The weight of a law is
+    proportional to the exponential of its sum.
 
     Parameters
     ----------
     scores
         Held-out log scores, shape (laws, records).
     inside
-        Whether a record lies in the region of the scores. The others, whose scores hardly differ, are one.
+        Whether a record is inside the region, shape (records,); only these records are reweighted.
     draws
         Number of draws.
     generator
-        Weighs the records.
+        Source of the random weights of the records.
 
     Returns
     -------
     numpy.ndarray
-        Shape (draws, laws); rows add up to 1.
+        Weights of the laws, shape (draws, laws), with rows that sum to 1.
     """
     floored = np.maximum(scores - scores.max(axis=0), FLOOR)
     parts = floored[:, inside]

@@ -33,7 +33,7 @@ class Command(Protocol):
 
 COMMANDS: Registry[Command] = Registry("command", __name__, __path__)
 LAW = """\
-A law of a study is results/STUDY/laws/answer.json (the law that the records bear out best) or
+A law of a study is results/STUDY/laws/answer.json (the law that the records support best) or
 results/STUDY/models/two_pieces.json (the paper's). Its encounter table: results/STUDY/encounters.parquet."""
 
 

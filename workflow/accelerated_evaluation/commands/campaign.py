@@ -13,11 +13,11 @@ Estimate how often a real vehicle meets an event, from runs on a proving ground,
 
   campaign new     begin: which law of cut-ins, which event, how narrow the interval has to be
   campaign ask     write the next runs to drive, as a table and as OpenSCENARIO XML files
-  campaign tell    read what happened in some of them, in any order
-  campaign status  say the estimate, its interval, how many runs are likely still needed, and whether to stop
+  campaign tell    read the outcomes of some of them, in any order
+  campaign status  print the estimate, its interval, the number of runs still needed, and whether to stop
 
-All that a campaign knows is in one file, CAMPAIGN.json, which a person can read. Keep a copy of it.
-docs/campaign.md drives a campaign from start to end."""
+The complete state of a campaign is in one readable file, CAMPAIGN.json. Keep a copy of it.
+docs/campaign.md shows a campaign from start to end."""
 
 TABLE = """\
 The table has one row a run, and empty columns to be filled in on the track:
@@ -33,14 +33,14 @@ Begin a campaign and write its file.
 {LAW}"""
 
 ASK = f"""\
-Write the runs to drive next into FOLDER: runs.csv, and run_0001.xosc and so on with their road. Asked again
-before all of them were told, it writes those that are left.
+Write the runs to drive next into FOLDER: runs.csv, and run_0001.xosc and so on with their road. If outcomes
+of earlier runs are still missing, it writes these runs again.
 
 {TABLE}"""
 
 TELL = f"""\
-Read what happened, from the table that `ask` wrote or from any table with the columns run and crash. Rows
-without a crash flag are left for later. Nothing is taken from a table that contradicts the runs or itself.
+Read outcomes from the table that `ask` wrote, or from any table with the columns run and crash. Rows without
+a crash flag are left for later. A table that contradicts the runs or itself is refused as a whole.
 
 {TABLE}"""
 
@@ -130,7 +130,7 @@ def _add_ask(command: argparse.ArgumentParser) -> None:
 def _add_tell(command: argparse.ArgumentParser) -> None:
     command.add_argument("results", metavar="RESULTS.csv", type=Path, help="table of what happened")
     command.add_argument(
-        "--correct", action="store_true", help="replace what was told before of runs of the open batch"
+        "--correct", action="store_true", help="replace earlier reports of runs of the open batch"
     )
 
 

@@ -11,29 +11,29 @@ if TYPE_CHECKING:  # takes seconds, which --help can do without
     from accelerated_evaluation.answer.estimation import Alone
 
 DESCRIPTION = """\
-Estimate the crash probability of a cut-in by the surrogate-guided method alone, which takes some 200
-simulations: without crash maps and crude Monte Carlo, which take millions. For a slow vehicle: a command in
-any language, an FMU, or a Python class. docs/your_vehicle.md shows all three.
+Estimate the crash probability of a cut-in with the surrogate-guided method only, which takes about 200
+simulations. Crash maps and crude Monte Carlo, which take millions, are not used. The command is for slow
+vehicles: a command in any language, an FMU, or a Python class. docs/your_vehicle.md shows all three.
 
-The configuration is that of a study; it says which records and which vehicle. Outcomes are kept in
-results/vehicles/, so that a run that was stopped, or is repeated, simulates no encounter twice.
+The configuration is that of a study; it names the records and the vehicle. Outcomes are stored in
+results/vehicles/, so that a run that is continued or repeated simulates no encounter twice.
 
 laws of cut-ins (--law):
-  answer          the smooth law with dependence that the records bear out best, on which the answer of the
-                  study rests; all laws of the family are fitted and weighed, in seconds (default)
+  answer          the smooth law with dependence that the records support best, as in the answer of the
+                  study; all laws of the family are fitted and weighted, in seconds (default)
   paper           the paper's law, with the pieces that the configuration names; also two_pieces,
                   three_pieces and single
   NAME            one law of the family, such as 'two kinds 0.95'; a name that is not known lists them all
   FILE.json       a law of a finished study, results/STUDY/laws/answer.json or results/STUDY/models/*.json;
                   the configuration has to be that of this study
 The records are checked first. If a check says stop, nothing is estimated unless --accept names this check.
-The interval is that of the sampling: it says how well the simulations have found the probability under this
-one law. What the records leave open about the law is not in it; the whole study says that.
+The interval is that of the sampling: it describes the error of the estimated probability under this one law.
+The uncertainty about the law itself is not included; the complete study reports it.
 
 files written to results/STUDY/estimate/:
   estimate.csv    probability, ci_low, ci_high, simulations, law; one row a replicate
   runs.csv        every simulation: its cut-in, its phase, and whether it crashed
-  account.csv     what became of every record
+  account.csv     how many records each step found, dropped and kept
   law.json        the law of cut-ins"""
 
 

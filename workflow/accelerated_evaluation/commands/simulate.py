@@ -193,7 +193,7 @@ def _rows(file: TextIO, source: Path) -> Iterator[Row]:
     except (csv.Error, UnicodeDecodeError) as error:
         where = f"{source}, row {reader.line_num + 1}"
         raise InputError(
-            where, seen=str(error), expected="CSV text in UTF-8", change="Export it anew."
+            where, seen=str(error), expected="CSV text in UTF-8", change="Export it again."
         ) from error
 
 

@@ -91,7 +91,7 @@ class Estimate:
         return self.low <= probability <= self.high
 
     def row(self) -> dict[str, Any]:
-        """Return the estimate as a row of a table; the diagnostics come last, under their names."""
+        """Return the estimate as a row of a table, with the diagnostics as last columns."""
         return {
             "probability": self.probability,
             "ci_low": self.low,
@@ -105,22 +105,22 @@ class Estimate:
 
 
 class Method(ABC):
-    """A way to estimate the probability of an event.
+    """A method that estimates the probability of an event.
 
     Attributes
     ----------
     name
-        In the registry, in files and in tables.
+        Name in the registry, in files and in tables.
     look
         Colour, line style and marker in figures.
     settings
-        The sections of the configuration that this method adds, by name: schemas with defaults.
+        Sections of the configuration that this method adds, by name: schemas with defaults.
     sections
         Names of all sections of the configuration that `configured` reads.
     tables
         Names of the tables in its estimates.
     learns_apart
-        Whether the study lets it learn in jobs of their own, whose results the replicates share.
+        Whether the study runs the learning in separate jobs, whose results the replicates share.
     """
 
     name: ClassVar[str]
@@ -132,34 +132,34 @@ class Method(ABC):
 
     @classmethod
     def configured(cls, config: Mapping[str, Any]) -> Self:
-        """Return the method with the settings of a configuration, of which it reads ``sections`` alone."""
+        """Return the method with the settings of a configuration; only ``sections`` of it are read."""
         return cls()
 
     @classmethod
     def replicates(cls, config: Mapping[str, Any]) -> int:
-        """Return how many independent replicates the study runs; by default as many as the paper's ten."""
+        """Return the number of independent replicates of the study, by default the paper's ten."""
         return config["importance_sampling"]["replicates"]
 
     @classmethod
     def stopping(cls, config: Mapping[str, Any]) -> Stopping:
-        """Return when the study lets this method stop; by default by the paper's rule."""
+        """Return the stopping rule of this method in the study, by default the paper's rule."""
         return Stopping.configured(config["importance_sampling"])
 
     @classmethod
     def stream(cls, scope: str, replicate: int) -> tuple[str | int, ...]:
-        """Return the names of the random stream of one replicate, see `randomness.child_generator`."""
+        """Return the names of the random stream of one replicate; see `randomness.child_generator`."""
         return cls.name, scope, replicate
 
     @abstractmethod
     def estimate(self, problem: ScoreProblem, stopping: Stopping, generator: np.random.Generator) -> Estimate:
-        """Estimate the probability of the problem's event.
+        """Estimate the probability of the event of a problem.
 
         Parameters
         ----------
         problem
-            What is asked. A method that needs more than normal scores says so, and asks for a `Problem`.
+            The problem. Some methods need a `Problem`, others only a `ScoreProblem`.
         stopping
-            When the estimate is good enough.
+            The stopping rule.
         generator
             Source of all randomness.
         """

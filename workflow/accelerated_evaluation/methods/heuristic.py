@@ -1,4 +1,4 @@
-"""The paper's heuristic: the truncation points of the pieces move up as well (section V.C.5)."""
+"""The paper's heuristic, which also moves the truncation points of the pieces up (section V.C.5)."""
 
 from typing import Any, ClassVar
 
@@ -9,7 +9,10 @@ from accelerated_evaluation.methods.piecewise import Piecewise
 
 @METHODS.add("heuristic")
 class Heuristic(Piecewise):
-    """As `Piecewise`, and wherever the tail has all the weight it may have, the truncation points move up."""
+    """The method `Piecewise` with moving truncation points.
+
+    The truncation points of a variable move up when its tail has the largest allowed weight.
+    """
 
     name: ClassVar[str] = "heuristic"
     look: ClassVar[dict[str, Any]] = {"color": "#41ab5d", "linestyle": "-.", "marker": "^"}

@@ -20,7 +20,7 @@ LAW_DRAWS = 200_000
 def draw_weights(
     problem: Problem, proposals: Mapping[str, Factors], generator: np.random.Generator, size: int
 ) -> Array:
-    """Draw cut-ins over all strata, v_L as recorded, and return I(x) f(x) / f*(x).
+    """Draw cut-ins over all strata from f*, with v_L as recorded, and return the weights I(x) f(x) / f*(x).
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def draw_weights(
     Returns
     -------
     numpy.ndarray
-        Weights, 0 where the event did not happen, shape (n,).
+        Weights, 0 if the event did not happen, shape (n,).
     """
     shares = np.array(list(problem.law.shares.values()))
     which = generator.choice(len(shares), size=size, p=shares / shares.sum())
@@ -57,7 +57,7 @@ def draw_log_ratios(
     *,
     of_law: bool = False,
 ) -> Array:
-    """Draw cut-ins over all strata, and return log f / f*, shape (size,); nothing is simulated.
+    """Draw cut-ins over all strata, and return log f / f*, shape (size,), without any simulation.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def draw_log_ratios(
     size
         Number of cut-ins.
     of_law
-        Whether they are drawn from f; by default they are drawn from f*.
+        Whether they are drawn from f instead of f*.
     """
     shares = np.array(list(law.shares.values()))
     counts = generator.multinomial(size, shares / shares.sum())
@@ -84,13 +84,13 @@ def draw_log_ratios(
 def bound_without_event(
     law: Law, proposals: Mapping[str, Factors], simulations: int, alpha: float, generator: np.random.Generator
 ) -> float:
-    """Return an upper limit of the probability of an event that no simulation from f* has shown.
+    """Return an upper limit of the probability of an event that did not happen in n simulations from f*.
 
-    Under f* the event has at most the probability b = 1 - (alpha / 2)^(1/n) of the binomial limit (Clopper
-    and Pearson). Of all sets with this probability under f* that of the largest f / f* has the largest
-    probability under f (Neyman and Pearson), and that is the limit. It is found by draws that are not
-    simulated: those from f* tell where the set begins and what it holds, those from f what it holds where f*
-    hardly goes. The larger of the two counts.
+    Under f* the event has at most the probability b = 1 - (alpha / 2)^(1/n), the binomial limit of Clopper
+    and Pearson. Among all sets with probability b under f*, the set with the largest f / f* has the largest
+    probability under f (Neyman and Pearson), which is the limit. It is computed from draws that are not
+    simulated. Draws from f* determine the set and its probability; draws from f give its probability where f*
+    has almost none. The larger of the two values is returned.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def bound_without_event(
     simulations
         Number n of simulations from f*.
     alpha
-        The event has a larger probability with a confidence of at most alpha / 2.
+        The event has a larger probability than the limit with confidence at most alpha / 2.
     generator
         Source of all randomness.
     """
@@ -124,20 +124,20 @@ def estimate_from_weights(weights: Array, alpha: float, *, converged: bool, lear
     weights
         I f / f* of all simulations, shape (n,).
     alpha
-        The interval is one of 100 (1 - alpha) %.
+        The level of the interval is 100 (1 - alpha) %.
     converged
-        Whether the stopping rule was met.
+        Whether the stopping rule is satisfied.
     learning
-        Simulations that were spent on f*.
+        Number of simulations of the search for f*.
 
     Returns
     -------
     Estimate
-        With fewer than two events, which have no spread, the interval is [0, 1]; a method that knows f and
-        f* can say more, see `bound_without_event`. Without a simulation the estimate is NaN. Diagnostics:
-        ``relative_half_width``, the half-width of the interval over the estimate; ``effective_sample_size``,
-        (sum w)^2 / sum w^2 over the events; ``largest_weight_share``, the largest weight over the sum of all,
-        which is near one where a single event decides.
+        With fewer than two events, for which no variance can be estimated, the interval is [0, 1]; see
+        `bound_without_event` for a better limit. Without simulations the estimate is NaN. Diagnostics:
+        ``relative_half_width``, the half-width of the interval divided by the estimate;
+        ``effective_sample_size``, (sum w)^2 / sum w^2 over the events; ``largest_weight_share``, the largest
+        weight divided by the sum of all weights, which is near one if a single event dominates.
     """
     n, events = weights.size, int(np.count_nonzero(weights))
     mean = float(weights.mean()) if n else math.nan
@@ -168,7 +168,7 @@ class Running:
 
 
 def running(weights: Array, alpha: float) -> Running:
-    """Follow an estimate simulation by simulation; with fewer than two events its half-width is infinite."""
+    """Return the estimate after each simulation; its half-width is infinite with fewer than two events."""
     n = np.arange(1, weights.size + 1)
     mean = np.cumsum(weights) / n
     # Welford's increments: no difference of large sums.
@@ -182,9 +182,9 @@ def running(weights: Array, alpha: float) -> Running:
 
 
 def first_converged(course: Running, stopping: Stopping) -> int | None:
-    """Return the number of simulations to convergence, or None if the rule is not met.
+    """Return the number of simulations to convergence, or None if the rule is not satisfied.
 
-    It is the first n at which the relative half-width is at most beta and enough events were seen.
+    It is the first n at which the relative half-width is at most beta and the number of events is sufficient.
     """
     met = course.relative_half_width <= stopping.beta
     met &= course.events >= stopping.minimum_events
@@ -198,16 +198,16 @@ def run_to_convergence(
     generator: np.random.Generator,
     batch: int,
 ) -> tuple[Array, int | None]:
-    """Simulate in batches until the estimate has converged, or until the rule gives up.
+    """Simulate in batches until the estimate has converged, or the limit of simulations is reached.
 
     Parameters
     ----------
     problem, proposals, generator
         As in `draw_weights`.
     stopping
-        When to stop; it is looked at after every simulation of a batch.
+        The stopping rule, which is checked after every simulation.
     batch
-        Simulations drawn at once.
+        Number of simulations that are drawn at once.
 
     Returns
     -------
@@ -226,7 +226,7 @@ def run_to_convergence(
 
 
 def course_table(weights: Array, alpha: float, step: int) -> pd.DataFrame:
-    """Tabulate how an estimate came about, every ``step`` simulations.
+    """Tabulate an estimate as a function of the number of simulations, every ``step`` simulations.
 
     Returns
     -------
@@ -247,5 +247,5 @@ def course_table(weights: Array, alpha: float, step: int) -> pd.DataFrame:
 
 
 def crude_simulations(probability: float, alpha: float, beta: float) -> float:
-    """Return the simulations crude Monte Carlo needs for a relative half-width beta (section VI.C, N-hat)."""
+    """Return the number of simulations of crude Monte Carlo for a relative half-width beta (VI.C, N-hat)."""
     return normal_reach(alpha) ** 2 * (1 - probability) / (beta**2 * probability)

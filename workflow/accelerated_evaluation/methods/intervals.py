@@ -1,21 +1,22 @@
-"""Intervals of a crash probability that hold what they promise, for few crashes and for unequal weights.
+"""Intervals of a crash probability with the nominal coverage, for few crashes and for unequal weights.
 
-The gamma interval. An estimate is the sum of the weights of the crashes seen, over n. Crashes are rare, so
-those of each size of weight come in a Poisson number, and the estimate is a weighted sum of Poisson numbers:
-its mean is estimated by y = sum(w) / n, its variance by v = sum(w^2) / n^2. A gamma law of this mean and
-variance has the shape y^2 / v = sum(w)^2 / sum(w^2), the effective sample size, and the scale v / y: the
-estimate is worth so many crashes of the equal weight v / y. For m equal crashes the exact limits of a Poisson
-mean (Garwood 1936) are gamma quantiles,
+The gamma interval. An estimate is the sum of the weights of the crashes, divided by n. Crashes are rare, so
+the number of crashes with each weight is Poisson, and the estimate is a weighted sum of Poisson numbers. Its
+mean is estimated by y = sum(w) / n, its variance by v = sum(w^2) / n^2. A gamma distribution with this mean
+and variance has the shape y^2 / v = sum(w)^2 / sum(w^2), which is the effective sample size, and the scale v
+/ y. The estimate is equivalent to that many crashes of the equal weight v / y. For m equal crashes the exact
+limits of a Poisson mean (Garwood 1936) are gamma quantiles,
 
     lower = G^-1(alpha / 2; shape m),    upper = G^-1(1 - alpha / 2; shape m + 1),
 
-the upper one for a crash more than was seen. Where weights differ, that crash has the largest weight w_M, and
-the upper limit is the quantile of the gamma law with mean y + w_M / n and variance v + (w_M / n)^2 (Fay and
-Feuer 1997, Statistics in Medicine 16, 791-801). For crude Monte Carlo, all weights 1, this is Garwood's
-interval, the Clopper-Pearson interval of a rare event.
+where the upper limit counts one additional crash. If the weights differ, the additional crash has the largest
+weight w_M, and the upper limit is the quantile of the gamma distribution with mean y + w_M / n and variance v
++ (w_M / n)^2 (Fay and Feuer 1997, Statistics in Medicine 16, 791-801). For crude Monte Carlo, where all
+weights are 1, this is Garwood's interval, which for a rare event equals the Clopper-Pearson interval.
 
-Why not the normal interval: y and v rise and fall together, because both hang on the few largest weights. An
-estimate that is too low also believes itself too exact, and its interval ends below the truth too often.
+The normal interval has a lower coverage, because y and v both depend mostly on the few largest weights. If
+the estimate is too low, its estimated variance is too small as well, and the interval ends below the truth
+too often.
 """
 
 import math
@@ -38,12 +39,12 @@ class Interval(NamedTuple):
 
 @dataclass(frozen=True)
 class Sums:
-    """What is kept of crash weights; the sums of two samples add up to those of both.
+    """Sums of crash weights; the sums of two samples can be added.
 
     Attributes
     ----------
     simulations, events
-        How many cut-ins were simulated, and how many crashed.
+        Numbers of simulated cut-ins and of crashes.
     total, squares
         Sum of the weights and of their squares.
     largest
@@ -58,7 +59,7 @@ class Sums:
 
     @classmethod
     def of(cls, weights: Array) -> "Sums":
-        """Sum up crash weights, shape (n,), zero where there was no crash."""
+        """Return the sums of crash weights, shape (n,), which are zero without a crash."""
         crashes = weights[weights > 0]
         squares = float(crashes @ crashes)
         return cls(weights.size, crashes.size, float(crashes.sum()), squares, float(crashes.max(initial=0)))
@@ -84,7 +85,10 @@ class Sums:
 
     @property
     def coefficient_of_variation(self) -> float:
-        """Standard error of the estimate over the estimate, as the sample tells it; needs two crashes."""
+        """Estimated standard error of the estimate divided by the estimate.
+
+        At least two crashes are needed.
+        """
         if self.events < 2:
             return math.nan
         spread = self.squares - self.total**2 / self.simulations
@@ -101,24 +105,24 @@ def normal_interval(sums: Sums, alpha: float) -> Interval:
 
 
 def gamma_interval(sums: Sums, alpha: float, weight_bound: float | None = None) -> Interval:
-    """Return the 100 (1 - alpha) % gamma interval (see the module).
+    """Return the 100 (1 - alpha) % gamma interval; see the module for its derivation.
 
     Parameters
     ----------
     sums
-        Of all simulations.
+        Sums of all simulations.
     alpha
-        One less the confidence level.
+        1 - level of the interval.
     weight_bound
-        A bound on the weight f / f* of every crash, where one is known: 1 for crude Monte Carlo. By default
-        the largest weight seen takes its place; it must not be believed where a few weights decide.
+        An upper bound on the weight f / f* of every crash, if one is known: 1 for crude Monte Carlo. By
+        default the largest observed weight is used, which is unreliable if a few weights dominate.
 
     Returns
     -------
     Interval
-        Without a crash an upper bound alone: from 0 to weight_bound log(2 / alpha) / n. Without a bound as
-        well it is [0, 1]: a sample without a crash says nothing of the weights, and an f* that misses the
-        crashes looks just like a vehicle that never crashes.
+        Without a crash the interval is from 0 to weight_bound log(2 / alpha) / n. If there is no bound
+        either, it is [0, 1]: a sample without a crash contains no information about the weights, because an
+        f* that misses the crashes gives the same result as a vehicle that never crashes.
     """
     if sums.events == 0 and weight_bound is None:
         return Interval(0.0, 1.0)
@@ -131,11 +135,11 @@ def gamma_interval(sums: Sums, alpha: float, weight_bound: float | None = None) 
 
 
 def binomial_interval(events: int, simulations: int, alpha: float) -> Interval:
-    """Return the exact interval of Clopper and Pearson: each side is missed with at most alpha / 2.
+    """Return the exact interval of Clopper and Pearson, with an error of at most alpha / 2 on each side.
 
-    Without an event it is an upper bound alone, 1 - (alpha / 2)^(1/n). The bound 1 - alpha^(1/n) of a
-    one-sided interval would not do: who turns to it because there was no event, and gives two limits
-    otherwise, covers in less than 1 - alpha of all runs (72 % for 80 %, where 1.6 events are expected).
+    Without an event it is from 0 to 1 - (alpha / 2)^(1/n). The smaller bound 1 - alpha^(1/n) of a one-sided
+    interval must not be used: if it were used only when there is no event, and two-sided limits otherwise,
+    the coverage would be below 1 - alpha (72 % for 80 %, if 1.6 events are expected).
     """
     # Imported here, because it takes half a second, which every job of the study would pay.
     from scipy.stats import binomtest
@@ -152,41 +156,41 @@ def sequential_estimate(
     first: int = 500,
     growth: float = 1.1,
 ) -> tuple[Sums, bool]:
-    """Simulate until the gamma interval is as narrow as asked: the stopping rule that does not under-cover.
+    """Simulate until the gamma interval is narrow enough; this stopping rule has the nominal coverage.
 
-    The paper's rule looks at a normal interval after every simulation and stops as soon as its relative
-    half-width is beta: at the moment when the sample believes itself most exact. Two changes mend it. The
-    gamma interval is wide as long as a few weights decide, and has room on the side where the truth is
-    missed. And it is looked at only after ``first``, ``first growth``, ``first growth^2``, ... simulations:
-    with a tenth more each time the choice of the moment weighs less, and the last step exceeds what was
-    needed by 5 % on average.
+    The paper's rule checks a normal interval after every simulation, and stops as soon as its relative
+    half-width is beta. It therefore tends to stop when the estimated variance is too small. This rule differs
+    in two ways. The gamma interval is wide as long as a few weights dominate, and its upper part is longer.
+    And the interval is checked only after ``first``, ``first growth``, ``first growth^2``, ... simulations.
+    With 10 % more simulations at each check, the choice of the moment has less influence, and the final
+    number exceeds the necessary one by 5 % on average.
 
-    On the SPMD study, intervals of 80 % and 95 % then cover in 84 to 86 % and 96 to 98 % of all runs, for 1.5
-    times the simulations of the paper's rule, which covers in 77 to 80 % and 92 to 95 %. A fresh sample as
-    large as the one that stopped, with a normal interval, costs 2 times and covers in 78 %: skewness is the
-    larger fault, not the stopping. `coverage` measures what it is on any study. Where weights are so unequal
-    that the largest are rarely seen, this rule under-covers too: in a trial with log-normal weights of a
-    tenth of the simulations, 94 % for 95 % where their logarithm has a standard deviation of 1.5, and 89 %
-    where it has 2.
+    For the SPMD study, intervals of 80 % and 95 % then have a coverage of 84 to 86 % and 96 to 98 %, for 1.5
+    times the simulations of the paper's rule, whose coverage is 77 to 80 % and 92 to 95 %. A new sample of
+    the same size as the one that stopped, with a normal interval, needs twice the simulations and has a
+    coverage of 78 %, so skewness is a larger problem than the stopping rule. `coverage` measures the coverage
+    for any study. If the weights are so unequal that the largest are rarely drawn, the coverage of this rule
+    is too low as well: in a trial with log-normal weights for a tenth of the simulations, it was 94 % for 95
+    % if the logarithm has a standard deviation of 1.5, and 89 % if it has 2.
 
     Parameters
     ----------
     draw
-        Simulates a number of fresh cut-ins and sums up their crash weights.
+        Function that simulates a number of new cut-ins and returns the sums of their crash weights.
     stopping
-        When to stop.
+        The stopping rule.
     weight_bound
         As in `gamma_interval`.
     first, growth
-        The interval is looked at after ``first`` simulations, and each time that their number has grown by
-        the factor ``growth``.
+        The interval is checked after ``first`` simulations, and whenever their number has grown by the factor
+        ``growth``.
 
     Returns
     -------
     sums : Sums
-        Of all simulations; `gamma_interval` gives the interval.
+        Sums of all simulations; `gamma_interval` gives the interval.
     converged : bool
-        Whether the interval is as narrow as asked.
+        Whether the interval is narrow enough.
     """
     sums, look = Sums(), float(first)
     while True:

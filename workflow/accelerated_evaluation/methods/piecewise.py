@@ -1,4 +1,4 @@
-"""The paper's method: the pieces of f are tilted and weighed anew (section V)."""
+"""The paper's method: the pieces of f are tilted and reweighted (section V)."""
 
 from typing import Any, ClassVar
 
@@ -10,12 +10,12 @@ from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMeth
 
 @METHODS.add("piecewise")
 class Piecewise(CrossEntropyMethod):
-    """f* is f with every piece tilted by its own theta, and with new weights of the pieces."""
+    """The method in which every piece of f is tilted by its own theta, and the pieces get new weights."""
 
     name: ClassVar[str] = "piecewise"
     look: ClassVar[dict[str, Any]] = {"color": "#08306b", "linestyle": "-", "marker": "o"}
 
     def start(self, f: Factors) -> tuple[ProposalFamily, ProposalFamily]:
-        """Start at f itself, with no piece lighter than the lower bound of the weights."""
+        """Start at f itself, with the weights of all pieces raised to the lower bound."""
         limits = self.cross_entropy["minimum_weight"], self.cross_entropy["minimum_piece_events"]
         return PiecewiseFamily.start(f.first, *limits), PiecewiseFamily.start(f.second, *limits)

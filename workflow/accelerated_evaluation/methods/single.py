@@ -1,4 +1,4 @@
-"""The authors' earlier method: one exponential for each variable is moved (paper, sections II and VI)."""
+"""The authors' earlier method: f* has one exponential for each variable (paper, sections II and VI)."""
 
 from typing import Any, ClassVar
 
@@ -10,7 +10,7 @@ from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMeth
 
 @METHODS.add("single")
 class Single(CrossEntropyMethod):
-    """f* is one exponential distribution for each coordinate."""
+    """The method in which f* is one exponential distribution for each coordinate."""
 
     name: ClassVar[str] = "single"
     look: ClassVar[dict[str, Any]] = {"color": "#b2182b", "linestyle": "--", "marker": "s"}

@@ -1,4 +1,4 @@
-"""The study of one method: independent replicates, each an estimate and the tables that come with it."""
+"""The study of one method: independent replicates, each with an estimate and its tables."""
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -31,18 +31,18 @@ def study_method(
     problem
         The law, the vehicle and the event.
     stopping
-        When an estimate is good enough.
+        The stopping rule.
     generators
-        Source of all randomness of each replicate.
+        One random generator for each replicate.
     labels
-        Columns that say what was estimated, such as the study, the scope and the method.
+        Columns that identify the estimates, such as the study, the scope and the method.
     proposals
-        What the searches of a method that learns apart have found; the replicates take them in turn.
+        Results of separate searches, which the replicates use in turn.
 
     Returns
     -------
     dict
-        ``estimates``, one row a replicate, and each table of the method, the replicates one after the other.
+        ``estimates``, with one row for each replicate, and each table of the method, for all replicates.
     """
     rows, tables = [], {name: [] for name in method.tables}
     for replicate, generator in zip(
@@ -60,19 +60,19 @@ def study_method(
 
 
 def with_cut_ins(runs: pd.DataFrame, problem: Problem) -> pd.DataFrame:
-    """Name the normal scores of simulations by their variables, and add the cut-ins that they stand for.
+    """Rename the normal scores of simulations by their variables, and add the corresponding cut-ins.
 
     Parameters
     ----------
     runs
-        One row a simulation, with the normal scores ``z_1``, ``z_2`` and ``z_3``.
+        One row for each simulation, with the normal scores ``z_1``, ``z_2`` and ``z_3``.
     problem
-        The law maps the scores to cut-ins.
+        The problem, whose law maps the scores to cut-ins.
 
     Returns
     -------
     pandas.DataFrame
-        The scores are called ``z_lead_speed``, ``z_inverse_range`` and ``z_inverse_ttc``; new are
+        The scores are called ``z_lead_speed``, ``z_inverse_range`` and ``z_inverse_ttc``. New columns are
         ``lead_speed`` [m/s], ``inverse_range`` [1/m], ``inverse_ttc`` [1/s] and ``segment``.
     """
     scores = [f"z_{k}" for k in (1, 2, 3)]
@@ -86,7 +86,7 @@ def with_cut_ins(runs: pd.DataFrame, problem: Problem) -> pd.DataFrame:
 def in_scope(
     problem: Problem, proposals: Sequence[Proposals], scope: str
 ) -> tuple[Problem, Sequence[Proposals]]:
-    """Return a problem and what was found for it in one stratum, or both as they are for ``all``."""
+    """Return a problem and its proposals restricted to one stratum, or unchanged for ``all``."""
     if scope == ALL:
         return problem, proposals
     return problem.only(scope), [found.only(scope) for found in proposals]
@@ -95,23 +95,23 @@ def in_scope(
 def search_strata(
     method: Method, problem: Problem, generator_of: Callable[[str], np.random.Generator]
 ) -> tuple[Proposals, pd.DataFrame]:
-    """Let a method that learns apart search f* of every stratum.
+    """Search f* of every stratum, for a method with separate learning.
 
     Parameters
     ----------
     method
-        One of the methods that search by Cross-Entropy.
+        A method that searches by Cross-Entropy.
     problem
         The law, the vehicle and the event.
     generator_of
-        Gives the source of all randomness of one stratum.
+        Function that returns the random generator of a stratum.
 
     Returns
     -------
     proposals : Proposals
         f* of each stratum.
     trace : pandas.DataFrame
-        Every iteration of every search, with the column ``segment`` in front.
+        Every iteration of every search, with ``segment`` as first column.
     """
     searches = {}
     for stratum in problem.law.strata:

@@ -92,7 +92,7 @@ class ShownFigure:
     def _repr_png_(self) -> tuple[bytes, dict[str, float | str]]:
         """Return the published file itself, because drawing the figure once more takes time.
 
-        Its name tells the book which figure an output shows.
+        The book identifies the figure by its name.
         """
         return self.png.read_bytes(), {"width": WIDTH, "published": self.png.stem}
 

@@ -146,7 +146,7 @@ def validate(config: Mapping[str, Any]) -> None:
             continue
         values = [reduce(getitem, path, config) for path in paths]
         if any(isinstance(value, str) and value == AUTO for value in values):
-            continue  # which is looked at again when the records have told the value
+            continue  # the key is checked again when its value has been derived from the records
         if not check.holds(*values):
             lines.append(
                 f"{', '.join(check.keys)}: seen {', '.join(map(shown, values))}; expected {check.expected}"

@@ -88,7 +88,10 @@ def _imports(source: Path, package: Path) -> frozenset[Path]:
 
 
 def _registered(module: Path, members: Mapping[str, Iterable[str]]) -> list[Path]:
-    """Return the modules of the members of a registry in a module: all beside it, or those that are named."""
+    """Return the modules that register the members of a registry.
+
+    All in its package, or those that are named.
+    """
     if not _has_registry(module):
         return []
     room = module.parent

@@ -242,14 +242,14 @@ class Campaign:
         if run.outcome is None:
             return
         is_used = run.batch < self.batches or not self.outstanding
-        change = "Restore the copy of the campaign's file from before, and tell all runs since then again."
+        change = "Restore an earlier copy of the campaign's file, and report all later runs again."
         if not is_used:
-            change = "Correct the table, or add --correct if what was told before was wrong."
+            change = "Correct the table, or add --correct if the earlier report was wrong."
         if is_used or not correct:
             raise InputError(
                 f"run {number}",
-                seen="another outcome than was told before",
-                expected=f"{outcome_in_words(run.outcome)}, as told before",
+                seen="another outcome than was reported before",
+                expected=f"{outcome_in_words(run.outcome)}, as reported before",
                 change=change,
             )
 

@@ -27,7 +27,7 @@ from accelerated_evaluation.vehicles.events import Event
 
 FORMAT, VERSION = "accelerated-evaluation campaign", 2
 READABLE = (1, VERSION)  # campaigns of version 1 have no limits
-RESTORE = "Restore a copy of the file; what happened on the track is told with `campaign tell`."
+RESTORE = "Restore a copy of the file; report outcomes from the track with `campaign tell`."
 CUT_IN = {"range_": "range"}  # attributes of a run that have another name in the file
 
 
@@ -212,7 +212,7 @@ def _checksum(content: Mapping[str, Any]) -> str:
 
 
 def _sampler(content: Mapping[str, Any], where: str) -> Sampler:
-    """Return the sampler, which is made anew from its runs where another version of it wrote the state."""
+    """Return the sampler; if another version of it wrote the state, it is rebuilt from its runs."""
     if content.get("version") == sampler_state.VERSION:
         return Sampler.resume(sampler_state.State.from_json(content, where))
     old = content["state"]
@@ -231,7 +231,7 @@ def _sampler(content: Mapping[str, Any], where: str) -> Sampler:
 def _carried_over(old: Mapping[str, Any], dimension: int) -> sampler_state.Progress:
     """Return the runs of another version, and of its batch estimates what this one understands.
 
-    What was concluded besides is left out: the surrogate is learnt anew from the runs.
+    Everything else is left out, because the surrogate can be learnt again from the runs.
     """
     types = get_type_hints(sampler_state.Progress)
     try:

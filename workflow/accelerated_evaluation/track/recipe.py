@@ -27,7 +27,7 @@ programs.
    small.
 2. Write `outcomes.csv` with two columns: `scenario`, and `crash`, which is 1 if the cars touched and 0
    if not.
-3. Run this script beside the two tables. It needs Python and nothing else.
+3. Run this script in the folder of the two tables. It needs Python and nothing else.
 
 ```python
 import csv, math, statistics

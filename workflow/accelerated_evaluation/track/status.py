@@ -97,7 +97,7 @@ def in_words(campaign: Campaign, status: Status) -> str:
     found, goal = status.estimate, campaign.goal
     lines = [
         f"event       {campaign.event.in_words}, under the law {campaign.description!r}",
-        f"runs        {status.asked} asked for, {status.reported} told, "
+        f"runs        {status.asked} asked for, {status.reported} reported, "
         f"{status.asked - status.reported} outstanding; "
         f"{found.events} with the event in the {status.used} runs of whole batches",
         f"estimate    {_estimate(found)}",
@@ -137,5 +137,5 @@ def _advice(status: Status) -> str:
     if status.may_stop:
         return "yes"
     if status.needed is None:
-        return "no; how many runs are still needed cannot be told before there is an estimate"
+        return "no; the number of runs still needed cannot be predicted before there is an estimate"
     return f"no; about {status.needed} more runs are likely needed"

@@ -20,7 +20,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws import CutIns, Law
 
-PLACES = 20_000  # lead speeds and ranges that the shells are weighed at
+PLACES = 20_000  # lead speeds and ranges at which the probabilities of the shells are computed
 GOLDEN = (math.sqrt(5) - 1) / 2
 SHELLS = 15
 HARDEST = 15.0  # [m/s^2], where the last shell begins: beyond what tyres can do on a dry road

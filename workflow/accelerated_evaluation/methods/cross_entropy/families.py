@@ -11,11 +11,11 @@ from accelerated_evaluation.distributions import BoundedExponential, PiecewiseMi
 
 
 class ProposalFamily(Protocol):
-    """A parametric family of f* for one variable, at its present parameters."""
+    """A parametric family of f* for one variable, with its current parameters."""
 
     @property
     def distribution(self) -> Tiltable:
-        """The distribution at the present parameters."""
+        """The distribution with the current parameters."""
 
     def update(self, x: Array, weight: Array) -> Self:
         """Maximize sum_n weight_n log f_theta(x_n) over the parameters (the Cross-Entropy step).
@@ -24,7 +24,7 @@ class ProposalFamily(Protocol):
         """
 
     def parameters(self) -> dict[str, float]:
-        """Name the parameters, for the trace."""
+        """Return the parameters by name, for the trace."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class SingleFamily:
 
     @classmethod
     def start(cls, model: Tiltable) -> "SingleFamily":
-        """Start at the exponential nearest to the model: the one with its mean."""
+        """Start at the exponential that has the mean of the model."""
         return cls(BoundedExponential.from_mean(model.mean(), model.lower))
 
     def update(self, x: Array, weight: Array) -> "SingleFamily":
@@ -50,12 +50,12 @@ class SingleFamily:
 
 @dataclass(frozen=True)
 class PiecewiseFamily:
-    """Every piece of the model tilted by its own theta, with its own weight (18 parameters in all).
+    """The family in which every piece of the model has its own tilt and weight (18 parameters in all).
 
     Parameters
     ----------
     model
-        The pieces that are tilted: f, or f with its truncation points shifted.
+        The pieces that are tilted: f, or f with shifted truncation points.
     thetas, weights
         Tilt and weight of each of the k pieces.
     minimum_weight
@@ -72,20 +72,20 @@ class PiecewiseFamily:
 
     @classmethod
     def start(cls, model: PiecewiseMixture, minimum_weight: float, minimum_events: int) -> "PiecewiseFamily":
-        """Start at the model itself, no piece lighter than the lower bound."""
+        """Start at the model itself, with weights raised to the lower bound."""
         weights = bounded_weights(np.asarray(model.weights), minimum_weight)
         return cls(model, (0.0,) * len(weights), weights, minimum_weight, minimum_events)
 
     @property
     def distribution(self) -> PiecewiseMixture:
-        """f* at the present parameters."""
+        """f* with the current parameters."""
         return self.model.accelerated(self.thetas, self.weights)
 
     def update(self, x: Array, weight: Array) -> "PiecewiseFamily":
-        """Update the weights by equation (pi_update), and the theta of every piece with enough events.
+        """Update the weights (equation pi_update), and the theta of every piece with enough events.
 
-        The theta of an unbounded tail stays at zero or above: with a lighter tail than that of f, likelihood
-        ratios would be unbounded, and so a variance that no sample shows.
+        The theta of an unbounded tail is not allowed to be negative. With a lighter tail than that of f, the
+        likelihood ratios could have an infinite variance, which samples do not show.
         """
         piece = self.model.piece_index(x)
         shares = np.bincount(piece, weights=weight, minlength=len(self.weights)) / weight.sum()
@@ -106,7 +106,10 @@ class PiecewiseFamily:
         return self.weights[-1] >= 1 - (len(self.weights) - 1) * self.minimum_weight - 1e-9
 
     def shifted(self, shift: float) -> "PiecewiseFamily":
-        """Move every truncation point but the first up by ``shift`` (section V.C.5, the heuristic)."""
+        """Return the family with its truncation points moved up by ``shift`` (section V.C.5).
+
+        The first truncation point is not moved.
+        """
         bounds = [self.model.lower, *(knot + shift for knot in self.model.knots), math.inf]
         return replace(self, model=self.model.with_bounds(bounds))
 
@@ -121,14 +124,14 @@ class PiecewiseFamily:
 
 
 def bounded_weights(shares: Array, minimum: float) -> tuple[float, ...]:
-    """Raise shares below ``minimum`` to it and scale the others, so that they still sum to one.
+    """Raise shares below ``minimum`` to it, and scale the others so that the sum is one.
 
-    Of all such weights these maximize sum_i shares_i log weights_i.
+    Among all weights with this bound, the result maximizes sum_i shares_i log weights_i.
 
     Raises
     ------
     ValueError
-        If that many weights cannot all reach the minimum.
+        If the sum of the bounds exceeds one.
     """
     if not 0 < minimum * shares.size < 1:
         raise ValueError(f"{shares.size} weights cannot all be at least {minimum}, positive, and sum to one")

@@ -1,4 +1,4 @@
-"""What the paper's methods share: a Cross-Entropy search of f*, then importance sampling from it."""
+"""Common base of the paper's methods: a Cross-Entropy search of f*, then importance sampling from it."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
@@ -73,16 +73,16 @@ SETTINGS = section(
 
 @dataclass(frozen=True)
 class CrossEntropyMethod(Method):
-    """Importance sampling from an f* that a Cross-Entropy search has found.
+    """Importance sampling from an f* that is searched by the Cross-Entropy method.
 
     Attributes
     ----------
     cross_entropy
         Section ``cross_entropy`` of the configuration.
     batch
-        Cut-ins drawn at once while the estimate is made.
+        Number of cut-ins that are drawn at once for the estimate.
     course_step
-        Simulations between two rows of the course of an estimate.
+        Number of simulations between two rows of the course of an estimate.
     """
 
     settings: ClassVar[dict[str, Schema]] = {"cross_entropy": SETTINGS}
@@ -110,7 +110,7 @@ class CrossEntropyMethod(Method):
         """Return the families of both coordinates, at the parameters where the search begins."""
 
     def shift(self) -> Shift | None:
-        """Return the steps by which truncation points move up; None where they stay."""
+        """Return the steps by which truncation points move up; None if they are fixed."""
         return None
 
     def search(
@@ -120,7 +120,7 @@ class CrossEntropyMethod(Method):
         generator: np.random.Generator,
         on_iteration: Callable[[dict[str, float]], None] = lambda _: None,
     ) -> Search:
-        """Search f* of one stratum; see `search.search` for the arguments and what is raised."""
+        """Search f* of one stratum; see `search.search` for arguments and errors."""
         settings = SearchSettings(
             **{name: self.cross_entropy[name] for name in SearchSettings.__dataclass_fields__}
         )
@@ -136,18 +136,18 @@ class CrossEntropyMethod(Method):
         generator: np.random.Generator,
         proposals: Proposals | None = None,
     ) -> Estimate:
-        """Estimate the probability of the event, with fresh samples from f*.
+        """Estimate the probability of the event, with new samples from f*.
 
         Parameters
         ----------
         problem
-            The law, whose strata are accelerated one by one, the vehicle and the event.
+            The law, whose strata are accelerated separately, the vehicle and the event.
         stopping
-            When to stop. A search made here counts towards the largest number of simulations.
+            The stopping rule. Simulations of a search in this call count towards the limit.
         generator
             Source of all randomness.
         proposals
-            What earlier searches found in each stratum; searched here by default.
+            Results of earlier searches in each stratum; by default the search is done here.
         """
         limit = stopping.maximum_simulations
         if proposals is None:

@@ -1,4 +1,4 @@
-"""What searches found, f* of each stratum, and the file that keeps it."""
+"""Results of searches, f* of each stratum, and their file."""
 
 import os
 from collections.abc import Mapping
@@ -14,16 +14,16 @@ from accelerated_evaluation.methods.cross_entropy.search import Search
 
 @dataclass(frozen=True)
 class Proposals:
-    """f* of each stratum, and the simulations that the search for it took.
+    """f* of each stratum, with the number of simulations of its search.
 
     Attributes
     ----------
     factors
         f* in the coordinates of each stratum.
     simulations
-        Simulations of each search.
+        Number of simulations of each search.
     unfinished
-        Strata whose search did not come to the event, with the reason.
+        Strata whose search did not reach the event, with the reason.
     """
 
     factors: Mapping[str, Factors]
@@ -32,20 +32,20 @@ class Proposals:
 
     @classmethod
     def of(cls, searches: Mapping[str, Search]) -> Self:
-        """Take f* from finished searches, by stratum."""
+        """Return the f* of finished searches, by stratum."""
         factors = {stratum: search.proposal for stratum, search in searches.items()}
         simulations = {stratum: search.simulations for stratum, search in searches.items()}
         reasons = {stratum: search.unfinished for stratum, search in searches.items() if search.unfinished}
         return cls(factors, simulations, reasons)
 
     def only(self, stratum: str) -> Self:
-        """Return what was found in one stratum."""
+        """Return the result of one stratum."""
         reason = {stratum: self.unfinished[stratum]} if stratum in self.unfinished else {}
         return type(self)({stratum: self.factors[stratum]}, {stratum: self.simulations[stratum]}, reason)
 
     @property
     def total(self) -> int:
-        """Simulations of all searches together."""
+        """Number of simulations of all searches."""
         return sum(self.simulations.values())
 
 
@@ -64,7 +64,7 @@ def write_proposals(path: str | os.PathLike, proposals: Proposals) -> None:
 
 
 def read_proposals(path: str | os.PathLike) -> Proposals:
-    """Read what `write_proposals` wrote.
+    """Read a file that `write_proposals` wrote.
 
     Raises
     ------
@@ -87,5 +87,5 @@ def read_proposals(path: str | os.PathLike) -> Proposals:
             str(path),
             seen=f"{type(error).__name__}: {error}",
             expected="a file of accelerated distributions",
-            change="Delete the file, and search anew.",
+            change="Delete the file, and run the search again.",
         ) from error

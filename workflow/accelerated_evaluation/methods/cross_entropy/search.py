@@ -14,25 +14,25 @@ from accelerated_evaluation.problem import Problem, Sample
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """How the search is run.
+    """Settings of the search.
 
     Attributes
     ----------
     sample_size
-        Simulations N of an iteration.
+        Number N of simulations of an iteration.
     event_quantile
-        Share of a sample that the next relaxed event is to hold, while the crash is too rare.
+        Share of a sample that belongs to the next relaxed event, while the crash is too rare.
     range_per_ttc
-        Range threshold t_R [m] for each second of the threshold t_TTC; small, because encounters that
-        merely begin close are not dangerous and would mislead the search.
+        Ratio of the range threshold t_R [m] to the threshold t_TTC [s]. It is small, because encounters that
+        only begin at a short range are not dangerous and would mislead the search.
     minimum_events
-        Events that an iteration needs; N is adjusted to find them (section V.C.2).
+        Least number of events in an iteration; N is increased to find them (section V.C.2).
     maximum_batches
-        Batches of N that one iteration may take to find its events.
+        Largest number of batches of N in one iteration.
     crash_iterations
-        The search ends when this many updates in a row have used the crash itself.
+        The search ends after this number of consecutive updates with the crash itself.
     maximum_iterations
-        Limit of the search.
+        Limit of the number of iterations.
     """
 
     sample_size: int = 1000
@@ -49,16 +49,16 @@ COORDINATES = ("inverse_range", "inverse_ttc")  # names of the two coordinates i
 
 @dataclass(frozen=True)
 class Search:
-    """Where a search stands.
+    """The state of a search.
 
     Attributes
     ----------
     first, second
-        The families at their present parameters.
+        The families of both coordinates with their current parameters.
     trace
         A row for each iteration.
     unfinished
-        Why the search ended before the event itself had taught f*; empty if it had.
+        Reason if the search ended before the crash itself was used for the updates; otherwise empty.
     """
 
     first: ProposalFamily
@@ -73,11 +73,11 @@ class Search:
 
     @property
     def simulations(self) -> int:
-        """Simulations spent so far."""
+        """Number of simulations so far."""
         return int(self.trace[-1]["simulations_total"]) if self.trace else 0
 
     def advance(self, first: ProposalFamily, second: ProposalFamily, row: dict[str, float]) -> "Search":
-        """Return the next state, its parameters written into the row of the trace."""
+        """Return the next state, with its parameters added to the row of the trace."""
         parameters = {
             f"{coordinate}_{name}": value
             for coordinate, family in zip(COORDINATES, (first, second), strict=True)
@@ -107,33 +107,32 @@ def search(
 ) -> Search:
     """Search f* of one stratum by the Cross-Entropy method.
 
-    A search that does not come to the event gives its last f* all the same, and says so: the weights of an
-    estimate are right whatever f* is, and without an event it gives a bound.
-
-    Every iteration draws N cut-ins from f*, takes as event the widest relaxed event "R hits t_R or TTC
-    hits t_TTC" that is rare enough (section V.C.1), and maximizes the weighted likelihood of the events.
+    Every iteration draws N cut-ins from f*. Its event is the widest relaxed event "R reaches t_R or TTC
+    reaches t_TTC" that is rare enough (section V.C.1), and the weighted likelihood of the events is
+    maximized. A search that does not reach the crash still returns its last f*, and reports this. Estimates
+    with this f* are valid, and without an event they give a bound.
 
     Parameters
     ----------
     problem, stratum
         The law, the vehicle and the event; and the name of the stratum.
     start
-        Families of both coordinates, at the parameters where the search begins; their kind decides between
-        the methods single and piecewise.
+        Families of both coordinates with the initial parameters; their kind distinguishes the methods single
+        and piecewise.
     settings
         Sample size, thresholds and limits.
     generator
         Source of all randomness.
     shift
-        Steps by which the heuristic moves truncation points; none for the plain method.
+        Steps by which the heuristic moves truncation points; None for the plain method.
     on_iteration
-        Called with every row of the trace.
+        Function that is called with every row of the trace.
 
     Returns
     -------
     Search
         The last f*, and the trace: thresholds, events, effective sample size, parameters, simulations. It is
-        unfinished if the event itself was not the event of the last ``crash_iterations`` updates, or no
+        unfinished if the crash itself was not the event of the last ``crash_iterations`` updates, or if no
         simulation of an iteration ended in the relaxed event.
     """
     row = {"threshold_ttc_s": math.nan, "threshold_range_m": math.nan, "simulations_total": 0}
@@ -180,7 +179,10 @@ def _unfinished(state: Search, settings: SearchSettings, reached: str) -> Search
 
 
 def event_score(sample: Sample, range_per_ttc: float) -> Array:
-    """Smallest t such that "R hits t range_per_ttc or TTC hits t"; 0 where the event happened, shape (n,)."""
+    """Return the smallest t such that R reaches t range_per_ttc or TTC reaches t.
+
+    0 for events, shape (n,).
+    """
     outcomes = sample.outcomes
     near = np.minimum(outcomes.min_ttc, outcomes.min_range / range_per_ttc)
     return np.where(sample.happened, 0.0, near)

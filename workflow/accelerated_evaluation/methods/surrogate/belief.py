@@ -75,9 +75,9 @@ class Belief:
             outcome = graded(happened, progress.score)
             self.scores.fit(z @ self.flags.axes, outcome, learn=learn)
             self._second = partial(self._by_scores, below=end_of_events(outcome, happened))
-        foretold = len(progress.foreseen)
+        predicted = len(progress.foreseen)
         least = 1 - MOST_TRUST if self._has_predecessor else 0.0
-        self._calibration = Calibration.learn(progress.foreseen, happened[runs - foretold :], least)
+        self._calibration = Calibration.learn(progress.foreseen, happened[runs - predicted :], least)
 
     def probability(self, z: Array) -> Array:
         """Return the calibrated probability of the event at points z, shape (m, d)."""

@@ -1,9 +1,9 @@
-"""Surrogate of an event: the probability that it happens at a point that was not simulated.
+"""The surrogate of an event: the predicted probability of the event at any point.
 
-This is Gaussian process classification of the event's flag: the probability is Phi(latent) with a Gaussian
-process as latent function. Its posterior is approximated by expectation propagation (Rasmussen and Williams
-2006, section 3.6). Its lengths and amplitude are those of highest posterior density, along the axes for which
-this density is highest.
+This is Gaussian process classification of the flags: the probability is Phi(latent), where the latent
+function is a Gaussian process. Its posterior is approximated by expectation propagation (Rasmussen and
+Williams 2006, section 3.6). Lengths and amplitude maximise the posterior density, and the axes are those for
+which this maximum is largest.
 """
 
 import math
@@ -83,10 +83,10 @@ def _log_evidence(
 
 
 def that_matter(runs: Array, event: NDArray[np.bool_], most: int) -> NDArray[np.intp]:
-    """Return which runs to condition on where there are too many: half of them from next to the boundary.
+    """Return the indices of at most ``most`` runs for the fit, half of them near the event's boundary.
 
-    Next to the boundary are the runs with the nearest run of the other kind. The others are thinned evenly,
-    in the order in which they were made, so that they still say what is known elsewhere.
+    The runs near the boundary are those with the nearest run of the opposite flag. The others are thinned
+    evenly, in the order in which they were made, so that they still represent all other regions.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def that_matter(runs: Array, event: NDArray[np.bool_], most: int) -> NDArray[np.
 
 @dataclass(frozen=True)
 class Predecessor:
-    """Runs of another vehicle that is like the one under test: an earlier version of it, say.
+    """Runs of a vehicle that is similar to the one under test, for example an earlier version of it.
 
     Attributes
     ----------
@@ -121,7 +121,7 @@ class Predecessor:
     happened: NDArray[np.bool_]
 
     def check(self, dimension: int) -> None:
-        """Raise ValueError if there is no event, or if shapes do not fit to a number of normal scores."""
+        """Raise ValueError if there is no event, or if shapes do not fit a number of normal scores."""
         if self.z.shape != (len(self.happened), dimension):
             raise ValueError(f"predecessor: points of shape {self.z.shape} for {len(self.happened)} flags")
         if not self.happened.any():
@@ -129,28 +129,29 @@ class Predecessor:
 
 
 class EventSurrogate:
-    """Probability of the event at any point, given the flags of the points that were run.
+    """Predicted probability of the event at any point, given the flags of the simulated points.
 
-    The covariance of the latent function is that of `kernel`. Where a predecessor is known, the points have
-    one coordinate more, 0 for the vehicle under test and 1 for the predecessor: how much the runs of the one
-    say about the other follows from a length, which is learnt like all others.
+    The covariance of the latent function is that of `kernel`. If there is a predecessor, the points have one
+    additional coordinate, 0 for the vehicle under test and 1 for the predecessor. The length of this
+    coordinate is learnt like all others, and determines how much information the runs of one vehicle contain
+    about the other.
 
     Parameters
     ----------
     dimension
         Number d of normal scores.
     predecessor
-        Runs of a vehicle that is alike; None for none.
+        Runs of a similar vehicle; None if there is none.
 
     Attributes
     ----------
     axes
-        Directions in which the lengths are measured, one a column, shape (d, d).
+        Directions along which the lengths are measured, as columns, shape (d, d).
     theta
         Logarithms of the lengths and of the amplitude, shape (d + 1,), or (d + 2,) with a predecessor.
     sites
-        Precision, and precision times mean, of the Gaussian factor that stands for each flag, those of the
-        predecessor first, shape (2, m + n).
+        Precision, and precision times mean, of the Gaussian factor that approximates the likelihood of each
+        flag, those of the predecessor first, shape (2, m + n).
     """
 
     def __init__(self, dimension: int, predecessor: Predecessor | None = None) -> None:
@@ -165,16 +166,16 @@ class EventSurrogate:
         self._scale = np.array([*[LENGTH_SPREAD] * len(lengths), AMPLITUDE_SPREAD])
 
     def fit(self, z: Array, event: NDArray[np.bool_], *, learn: bool, turned: Sequence[Array] = ()) -> None:
-        """Condition on runs.
+        """Fit the surrogate to runs.
 
         Parameters
         ----------
         z, event
             Normal scores, shape (n, d), and flags, shape (n,); earlier runs first.
         learn
-            Whether to look for better axes, lengths and amplitude.
+            Whether to learn axes, lengths and amplitude again.
         turned
-            Axes that are tried beside those of the normal scores, each of shape (d, d).
+            Axes that are compared with the original coordinates, each of shape (d, d).
         """
         if self._predecessor is not None:
             event = np.append(self._predecessor.happened, event)
@@ -209,7 +210,7 @@ class EventSurrogate:
         return runs[self._kept], sign[self._kept]
 
     def probability(self, z: Array) -> Array:
-        """Probability of the event at points z, shape (m, d)."""
+        """Return the predicted probability of the event at points z, shape (m, d)."""
         covariance = covariance_between(self._placed(z) / self._lengths, self._runs, self._variance)[0]
         mean = covariance @ self._weights
         covariance *= self._root

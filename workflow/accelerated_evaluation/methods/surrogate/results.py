@@ -103,7 +103,7 @@ def _that_count(progress: Progress) -> Sequence[BatchEstimate]:
 
 
 def _unseen(progress: Progress, probability: float, certificate: Certificate) -> Unseen:
-    """Return the bounds on what is unseen beside an event of a probability."""
+    """Return the bounds on an unmet part of the event, given the probability of the known part."""
     reach = reach_of(probability)
     return Unseen.after(progress.looks, progress.z.shape[1], reach, certificate.curvature)
 

@@ -84,7 +84,9 @@ BLAS = ThreadpoolController()
 
 
 class Sampler:
-    """Asks for batches of simulations and is told how they ended; for vehicles that are run elsewhere.
+    """The sampler as an object that requests batches of runs and receives their outcomes.
+
+    It is used directly for vehicles that are run elsewhere.
 
     Parameters
     ----------
@@ -95,7 +97,7 @@ class Sampler:
     batch_size
         Number n of simulations asked for at once, up to a quarter of the pool.
     fingerprint
-        Text that identifies the problem, so that a saved state is not taken up for another one.
+        Text that identifies the problem, so that a saved state is not resumed for another one.
     certificate
         What must be excluded before an estimate has converged.
     predecessor
@@ -169,7 +171,7 @@ class Sampler:
         score = np.zeros(len(batch.z)) if score is None else np.asarray(score, dtype=float)
         if happened.shape != (len(batch.z),) or score.shape != (len(batch.z),):
             raise ValueError(
-                f"asked for {len(batch.z)} simulations, told of {happened.shape} and {score.shape}"
+                f"asked for {len(batch.z)} simulations, received {happened.shape} and {score.shape}"
             )
         if np.isnan(score).any():
             raise ValueError("a score is not a number")
@@ -202,7 +204,7 @@ class Sampler:
         progress.repeats = progress.repeats.extended(batch, happened, differed)
         progress.pending = None
         if differed.any() and not progress.chance:
-            # What was foretold and estimated so far took every outcome for certain.
+            # Predictions and estimates so far assumed that every outcome is deterministic.
             progress.chance, progress.chance_since = True, len(progress.estimates)
             progress.foreseen = np.empty((0, 2))
 
@@ -331,7 +333,7 @@ class Sampler:
             return
         progress.directions = learn_directions(progress.z, progress.happened, progress.score, known)
         self._belief = Belief(space_along(progress.directions, self.dimension), None)
-        progress.learnt_at = runs if self._is_searching() else 0  # the surrogates learn anew then
+        progress.learnt_at = runs if self._is_searching() else 0  # 0: the surrogates learn again
         events = progress.z[progress.happened]
         progress.rarest = rarity(self._belief.space.coordinates(events)).min(initial=REACH)
 

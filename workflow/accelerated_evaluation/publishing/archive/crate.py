@@ -221,7 +221,7 @@ def _is_code(path: str, files: dict[str, Entity]) -> bool:
 
 
 def _part(job: Job) -> str:
-    """Return what tells the jobs of a rule apart, which is the name of the log."""
+    """Return the name of the log, which identifies the job of a rule."""
     name = Path(job.logs[0]).stem if job.logs else ""
     return "" if name == job.rule else name
 

@@ -1,4 +1,4 @@
-"""What Snakemake recorded when it ran a study: which job made a file, from what, and when."""
+"""Snakemake's records of a study: for each file the job that made it, its inputs and the time."""
 
 import os
 import re
@@ -19,7 +19,10 @@ NAME_LENGTH = 254  # of a part of the path of a record; a longer one is cut
 
 @dataclass
 class Job:
-    """A job that ran: its rule, its script, its files, the SHA-256 of inputs as they were, and its times."""
+    """A job that ran.
+
+    Its rule, its script, its files, the SHA-256 of its inputs at that time, and its times.
+    """
 
     rule: str
     script: str
@@ -32,15 +35,15 @@ class Job:
 
 
 def jobs_of(folders: Iterable[Path]) -> list[Job]:
-    """Return the jobs that made what stands in some folders, and what these jobs needed, by their beginning.
+    """Return the jobs that made the files in some folders, and the jobs that these depend on, by start time.
 
-    Files that no job made, such as logs, are passed over. The crash map of a vehicle lies elsewhere, and is
+    Files that no job made, such as logs, are ignored. The crash map of a vehicle is in another folder, and is
     found because other jobs read it.
 
     Raises
     ------
     InputError
-        If nothing was recorded, or an output that is recorded is not there.
+        If nothing was recorded, or a recorded output does not exist.
     """
     waiting = [str(path) for folder in folders for path in sorted(folder.rglob("*")) if path.is_file()]
     seen: set[str] = set()
@@ -71,7 +74,7 @@ def jobs_of(folders: Iterable[Path]) -> list[Job]:
 
 
 def require_unchanged(jobs: Iterable[Job]) -> None:
-    """Refuse files that are not what they were when a job read them.
+    """Raise InputError if a file has changed since a job read it.
 
     Raises
     ------

@@ -108,7 +108,7 @@ def fig15_sensitivity(
     Returns
     -------
     figure, data
-        A row for each choice and value, beside it the ratio to the study's own; choice, value, probability,
+        A row for each choice and value, with the ratio to the study's own; choice, value, probability,
         standard_error and ratio. The first row is the study.
     """
     truth = _all(exact)

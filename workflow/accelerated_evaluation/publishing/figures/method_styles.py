@@ -1,4 +1,4 @@
-"""How each method is drawn in all figures. No two methods are told apart by colour alone."""
+"""Styles of the methods in all figures. Any two methods differ in more than colour."""
 
 from collections.abc import Mapping
 from typing import Any

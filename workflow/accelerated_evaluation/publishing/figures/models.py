@@ -44,7 +44,7 @@ def fig04_inverse_range_fit(
     encounters
         Encounter table.
     two_pieces, three_pieces
-        The piecewise models, told apart by the pieces of their R^-1.
+        The piecewise models, with two and three pieces of R^-1.
     source
         What the encounters are, to be printed.
 

@@ -12,7 +12,7 @@ from accelerated_evaluation.publishing.published import figure
 BAND = 2.5  # [m/s], how far the lead speed of a record may be from that of its panel
 ISLAND = 0.5  # [m/s], least distance of an island of crashes from the line, and largest jump of its own
 TOP = 36.0  # [m/s], of the closing speeds that are drawn
-# Told apart by their dashes and widths in grey as well.
+# The lines can be distinguished by dashes and widths in grey as well.
 LOOKS = (
     ("#08306b", "-", 1.8),
     ("#08306b", (0, (5, 1.5)), 1.2),

@@ -20,7 +20,7 @@ from accelerated_evaluation.publishing.tables.formats import reproducible
 COLUMN_WIDTH = 3.5  # [in], one column of an IEEE journal
 FORMATS = ("png", "pdf", "svg")
 
-# Dark to light, so that pieces are told apart in grey as well.
+# Dark to light, so that pieces can be distinguished in grey as well.
 PIECES = ("#08306b", "#4292c6", "#9ecae1")
 
 _RC = {
@@ -110,7 +110,7 @@ def save_figure(
     name: str,
     metadata: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
 ) -> Figure:
-    """Save a figure as PDF, SVG and PNG, and its data as CSV beside it; return it for display.
+    """Save a figure as PDF, SVG and PNG, and its data as CSV next to it; return it for display.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def save_figure(
 
 
 def _save_widths(figure: Figure, settings: Print, name: str, metadata: Mapping[str, Any]) -> None:
-    """Save a figure at the widths of a paper: letters keep their size, and parts are placed anew."""
+    """Save a figure at the widths of a paper; letters keep their size, and the layout is recomputed."""
     own = figure.get_size_inches()
     for width, folder in settings.folders.items():
         figure.set_size_inches(width, own[1])

@@ -175,7 +175,7 @@ def _require_format(file: Path, form: Format) -> None:
 
 
 def _require_meta(connection: "DuckDBPyConnection", file: Path, meta: Path) -> None:
-    """Refuse vehicles whose class is not told: they could be neither hosts nor vehicles that cut in."""
+    """Raise InputError for vehicles without a class, which could be neither hosts nor cut in."""
     first, count = connection.execute(WITHOUT_META).fetchone()
     if count:
         raise InputError(

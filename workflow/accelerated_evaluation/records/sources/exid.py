@@ -20,7 +20,7 @@ OFFSET = (
 )
 COMPLETE = "coalesce(" + " AND ".join(f"isfinite({column})" for column in NUMBERS) + ", FALSE)"
 COMPLETE += f" AND coalesce(isfinite({OFFSET}), FALSE) AND laneletId IS NOT NULL"
-# A lane goes on from lanelet to lanelet, so that laneletId alone tells no change of lane, and the flag does.
+# A lane continues from lanelet to lanelet, so a change of laneletId alone is not a change of lane.
 # A flag that stays up in the same lanelet is one change.
 CHANGED = "laneChange = 1 AND (lag(laneChange) OVER one = 0 OR laneletId <> lag(laneletId) OVER one)"
 # `lane` counts how many lanes further to the left a vehicle is than when it was first seen. In a change to

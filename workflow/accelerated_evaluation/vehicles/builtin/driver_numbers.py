@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-# Which rule tells the danger: 0, on the time to collision, of CC and Reg157; that of RSS; that of FSM.
+# Rule that detects danger: 0 for the time to collision (CC and Reg157), then RSS, then FSM.
 TTC_RULE, RSS_RULE, FSM_RULE = range(3)
 
 

@@ -1,4 +1,4 @@
-"""A user's vehicle, whose code is not ours: what it gives is checked, and what it raises is told."""
+"""A user's vehicle, with checks of its outcomes and messages for its exceptions."""
 
 import os
 import warnings
@@ -28,23 +28,23 @@ TOLERANCE = 1e-5  # relative, for outcomes of the same encounter: rounding may d
 class CheckedVehicle:
     """A user's vehicle whose inputs and outcomes are checked against the protocol.
 
-    Unless the vehicle is known to depend on chance, at most four encounters of the first batch are simulated
-    again, each twice, in another order and in a batch of another size. That costs at most eight simulations
-    for each vehicle that is loaded. It finds a vehicle that answers differently most of the time; a vehicle
-    that does so in one run out of a hundred needs the many repeats that the sampler makes.
+    Unless the vehicle is known to be random, at most four encounters of the first batch are simulated again,
+    each twice, in another order and in a batch of another size. This takes at most eight simulations for each
+    vehicle that is loaded. It detects a vehicle whose outcomes usually differ. If the outcomes differ in only
+    one run out of a hundred, the many repeats of the sampler are needed to detect this.
 
     Attributes
     ----------
     vehicle
-        The user's own.
+        The user's vehicle.
     name
         Its name in messages, such as ``path/to/file.py:ClassName``.
     deterministic
-        Whether the vehicle repeats itself, as its user says; by default what the attribute of that name of
-        the user's class says. None means that it has to be found out. It becomes False when an encounter ends
-        in other outcomes.
+        Whether the outcomes are deterministic, as stated by the user; by default the attribute of this name
+        of the user's class. None means that it has to be tested. It becomes False when an encounter has other
+        outcomes in a repetition.
     was_repeated
-        Whether encounters were simulated again; set it where somebody else sees to it.
+        Whether encounters were simulated again; set it if the repetition is done elsewhere.
     """
 
     vehicle: Vehicle
@@ -97,24 +97,24 @@ def after_repetition(
     *,
     declared: bool | None,
 ) -> bool | None:
-    """Return what is known of a vehicle after some encounters were simulated again.
+    """Return whether a vehicle is deterministic, after simulating some encounters again.
 
     Parameters
     ----------
     simulate, encounters, first, vehicle
         As for `found_difference`.
     declared
-        Whether the vehicle is said to be deterministic. If it is said to depend on chance, nothing is done.
+        Whether the vehicle is stated to be deterministic. If it is stated to be random, nothing is simulated.
 
     Returns
     -------
     bool or None
-        ``declared``, or False if it was None and an outcome differs; a warning then says which.
+        ``declared``, or False if it was None and an outcome differs; a warning then names the outcome.
 
     Raises
     ------
     InputError
-        If an outcome differs although the vehicle is said to be deterministic.
+        If an outcome differs although the vehicle is stated to be deterministic.
     """
     if declared is False:
         return False
@@ -130,20 +130,20 @@ def after_repetition(
 def found_difference(
     simulate: Callable[[Array], Outcomes], encounters: Array, first: Outcomes, vehicle: str
 ) -> InputError | None:
-    """Simulate some encounters again, and describe the first outcome that differs; None if none does.
+    """Simulate some encounters again, and describe the first outcome that differs; None if there is none.
 
-    At most four are, each twice. They are spread over the batch, and stand in the new batch once forwards and
-    once backwards. So the number of earlier calls, the size of the batch, the neighbours and the place in it
-    are others.
+    At most four encounters are simulated again, each twice. They are spread over the batch, and the new batch
+    contains them once forwards and once backwards. The number of earlier calls, the size of the batch, the
+    neighbours and the position in the batch are therefore different.
 
     Parameters
     ----------
     simulate
-        Simulates encounters, shape (3, k).
+        Function that simulates encounters, shape (3, k).
     encounters
         Encounters that were simulated before, shape (3, n).
     first
-        What they ended in.
+        Their outcomes.
     vehicle
         The vehicle's name in messages.
     """
@@ -170,9 +170,9 @@ def found_difference(
 
 @contextmanager
 def kept_alive() -> Iterator[None]:
-    """Raise SystemExit where the block calls ``os._exit``, which would end the study without a word.
+    """Raise SystemExit if the block calls ``os._exit``, which would end the study without a message.
 
-    Processes that a vehicle forks may still end themselves so.
+    Processes that a vehicle forks may still end themselves in this way.
     """
     own, leave = os.getpid(), os._exit
 
@@ -189,5 +189,5 @@ def kept_alive() -> Iterator[None]:
 
 
 def error_in_words(error: BaseException) -> str:
-    """Return an exception on one line."""
+    """Return the text of an exception on one line."""
     return f"{type(error).__name__}: {' '.join(str(error).split())}"

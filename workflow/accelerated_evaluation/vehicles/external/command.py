@@ -1,4 +1,4 @@
-"""A vehicle that is a command in any language: it reads a CSV of encounters and writes one of outcomes."""
+"""A vehicle that is a command in any language, which reads a CSV of encounters and writes one of outcomes."""
 
 import contextlib
 import csv
@@ -44,12 +44,12 @@ class Command(ForeignVehicle):
 
     IN.csv has the columns lead_speed [m/s], range [m] and closing_speed [m/s]. The command writes OUT.csv
     with the columns crash (0 or 1), min_range [m], min_ttc [s] and impact_speed [m/s], one row for each row
-    of IN.csv and in their order; further columns are ignored. What it prints is of no consequence.
+    of IN.csv and in the same order. Further columns and the printed output are ignored.
 
     Attributes
     ----------
     command
-        The words of the command, or one text that is split into words as a shell does. No shell runs it.
+        The words of the command, or one text that is split into words as in a shell. No shell is used.
 
     Raises
     ------
@@ -79,7 +79,7 @@ class Command(ForeignVehicle):
 
     @property
     def files(self) -> list[Path]:
-        """Those of its words that name a file."""
+        """The words of the command that are names of files."""
         return [Path(word) for word in self.words if Path(word).is_file()]
 
     def simulate(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
@@ -140,7 +140,7 @@ class Command(ForeignVehicle):
 
 
 class Printed:
-    """Reads what a command prints, so that it never waits for a reader, and remembers the end of it."""
+    """Reads the output of a command, so that the command never blocks, and keeps the end of it."""
 
     def __init__(self, pipe: BinaryIO) -> None:
         self._pipe, self._end = pipe, b""
@@ -159,13 +159,13 @@ class Printed:
             self._pipe.close()
 
     def last_line(self) -> str:
-        """Return the last line that was printed, for a message; empty if nothing was."""
+        """Return the last printed line, for a message; empty if there is none."""
         lines = self._end.decode(errors="replace").strip().splitlines()
         return f", and printed last {' '.join(lines[-1].split())[-300:]!r}" if lines else ""
 
 
 def end_group(process: int) -> None:
-    """End a group of processes, named by its first, by force."""
+    """End a process group by force."""
     with contextlib.suppress(ProcessLookupError, PermissionError):
         os.killpg(process, signal.SIGKILL)
 

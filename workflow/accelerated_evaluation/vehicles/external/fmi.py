@@ -1,4 +1,4 @@
-"""The Functional Mock-up Interface, by FMPy: an FMU, what it is given, and what it is asked for."""
+"""The Functional Mock-up Interface, used through FMPy: the inputs and outputs of an FMU."""
 
 import math
 import zipfile
@@ -27,7 +27,7 @@ REAL = {"2.0": "Real", "3.0": "Float64"}
 
 
 class State(NamedTuple):
-    """Where both cars are: range [m], speeds of host and lead [m/s]."""
+    """The state of both cars: range [m], speeds of host and lead [m/s]."""
 
     range: float
     host_speed: float
@@ -44,7 +44,10 @@ class State(NamedTuple):
         return self.host_speed - self.lead_speed
 
     def after(self, acceleration: float, step: float) -> "State":
-        """Return the state after a step [s] with an acceleration of the host [m/s^2]; it does not reverse."""
+        """Return the state after a step [s] with a given acceleration of the host [m/s^2].
+
+        It never drives backwards.
+        """
         speed = max(self.host_speed + acceleration * step, 0.0)
         range_ = self.range + (self.lead_speed - (self.host_speed + speed) / 2) * step
         return State(range_, speed, self.lead_speed)
@@ -70,23 +73,23 @@ class Variable:
 
 
 class Model:
-    """An FMU that was read, and its variables.
+    """An FMU file and its variables.
 
     Parameters
     ----------
     file
         Path of the FMU.
     inputs
-        By quantity, ``name`` and ``unit`` of the variables that it is given.
+        ``name`` and ``unit`` of its input variables, by quantity.
     acceleration
-        ``name`` and ``unit`` of the variable that it is asked for.
+        ``name`` and ``unit`` of its output variable.
     start
-        Values of other variables before the start, by name.
+        Initial values of other variables, by name.
 
     Raises
     ------
     InputError
-        If the file is no FMU that can be run here, or has no such variable or unit.
+        If the file is not an FMU that can be run here, or has no such variable or unit.
     """
 
     def __init__(
@@ -157,7 +160,7 @@ class Model:
 
 
 class Instance:
-    """One run of an FMU. After an error it is left alone, because an FMU may not be called any more then."""
+    """One run of an FMU. After an error it must not be used again."""
 
     def __init__(self, model: Model, state: State) -> None:
         self._model = model
@@ -174,12 +177,12 @@ class Instance:
             fmu.exitInitializationMode()
 
     def advance(self, time: float, step: float, state: State) -> float:
-        """Give the FMU a state, let it make a step, and return the acceleration that it asks for [m/s^2].
+        """Set the inputs of the FMU, make one step, and return its acceleration [m/s^2].
 
         Raises
         ------
         InputError
-            If it refuses the step, ends the simulation, or gives no finite number.
+            If the FMU refuses the step, ends the simulation, or returns a value that is not finite.
         """
         output, fmu = self._model.acceleration, self._fmu
         with _naming_the_fmu(f"its step at {time:g} s"):
@@ -236,7 +239,7 @@ def _read(file: str) -> Any:  # noqa: ANN401
     try:
         description, platforms = fmpy.read_model_description(file), fmpy.supported_platforms(file)
     except Exception as fault:  # of whatever kind FMPy has for it
-        raise error(error_in_words(fault), "a valid FMU", "Export it anew.") from fault
+        raise error(error_in_words(fault), "a valid FMU", "Export it again.") from fault
     if description.fmiVersion not in REAL or description.coSimulation is None:
         kind = "" if description.coSimulation else ", not for co-simulation"
         seen = f"FMI {description.fmiVersion}{kind}"

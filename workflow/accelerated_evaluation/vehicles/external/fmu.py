@@ -1,4 +1,4 @@
-"""A vehicle that is an FMU: the study moves both cars, and the FMU says how the host accelerates."""
+"""A vehicle that is an FMU: the study moves both cars, and the FMU returns the acceleration of the host."""
 
 import math
 from collections.abc import Mapping
@@ -24,33 +24,33 @@ INPUTS = ("range", "range_rate", "host_speed")
 class Fmu(ForeignVehicle):
     """A vehicle that is a Functional Mock-up Unit for co-simulation, FMI 2.0 or 3.0.
 
-    The lead vehicle keeps its speed. At every step the FMU is given its inputs, makes the step, and is asked
-    for the acceleration of the host, which holds for this step:
-    v_new = max(v + a h, 0), R_new = R + (v_L - (v + v_new) / 2) h. An encounter ends with a crash when the
-    range is 0 or less, and safely when the host stands still or the time is over. The smallest range and the
-    smallest time to collision are those at the beginnings of the steps, and of the range also at the end.
+    The lead vehicle keeps its speed. At every step the FMU receives its inputs, makes the step, and returns
+    the acceleration of the host, which is used for this step: v_new = max(v + a h, 0), R_new = R + (v_L - (v
+    + v_new) / 2) h. An encounter ends with a crash when the range is 0 or less, and safely when the host
+    stands still or the time is over. The smallest range and the smallest time to collision are those at the
+    beginnings of the steps; the smallest range also includes the end.
 
     Attributes
     ----------
     file
         The FMU, a file that ends in .fmu.
     inputs
-        What the FMU is given: ``range``, ``range_rate``, ``closing_speed``, which is minus the range rate,
-        ``host_speed`` or ``lead_speed``; each with the ``name`` of the FMU's variable and its ``unit``. By
-        default range, range_rate and host_speed, by these names, in SI units.
+        Inputs of the FMU: ``range``, ``range_rate``, ``closing_speed`` (minus the range rate), ``host_speed``
+        or ``lead_speed``; each with the ``name`` of the FMU's variable and its ``unit``. By default range,
+        range_rate and host_speed, with these names, in SI units.
     acceleration
-        ``name`` and ``unit`` of the variable that says how the host accelerates.
+        ``name`` and ``unit`` of the output variable with the acceleration of the host.
     start
-        Values of other variables before the start, by name.
+        Initial values of other variables, by name.
     step
-        The step h [s]; a part of the model.
+        The step h [s], which is a part of the model.
     duration
-        How long an encounter is followed [s], rounded to whole steps.
+        Duration of an encounter [s], rounded to whole steps.
 
     Raises
     ------
     InputError
-        If the file is no FMU that can be run here, or has no such variable, or a parameter is wrong.
+        If the file is not an FMU that can be run here, or has no such variable, or a parameter is wrong.
     """
 
     file: str

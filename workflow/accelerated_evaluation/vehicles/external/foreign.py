@@ -1,4 +1,4 @@
-"""What the vehicles have in common that are neither of this project nor a Python class: commands and FMUs."""
+"""Common base of vehicles that are external programs: commands and FMUs."""
 
 from abc import ABC, abstractmethod
 from pathlib import Path
@@ -11,12 +11,12 @@ TIME_LIMIT = 600.0  # [s]
 
 
 class ForeignVehicle(ABC):
-    """A vehicle that is a program of somebody else's; its outcomes are checked, and kept in a store.
+    """A vehicle that is an external program; its outcomes are checked and stored.
 
     Attributes
     ----------
     time_limit
-        How long a batch may take [s].
+        Longest time for a batch [s].
     """
 
     time_limit: float = TIME_LIMIT
@@ -24,12 +24,12 @@ class ForeignVehicle(ABC):
     @property
     @abstractmethod
     def name(self) -> str:
-        """What it is called in messages."""
+        """Its name in messages."""
 
     @property
     @abstractmethod
     def files(self) -> list[Path]:
-        """The files that it is made of; with other contents they are another vehicle."""
+        """The files that define it; if their contents change, it counts as another vehicle."""
 
     @abstractmethod
     def simulate(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:

@@ -1,4 +1,4 @@
-"""A slow vehicle: its outcomes are kept in a store, and batches of what is missing run on several workers."""
+"""A slow vehicle: its outcomes are stored, and batches of new encounters run on several workers."""
 
 import math
 import time
@@ -33,30 +33,30 @@ AT_ONCE = 50_000  # encounters that are looked up together, which bounds the mem
 
 @dataclass
 class SlowVehicle:
-    """A vehicle that is simulated once for each encounter, in batches, on workers.
+    """A vehicle that simulates each encounter only once, in batches, on workers.
 
-    Where chance has a part in its outcomes, an encounter is simulated every time that it is asked for.
+    If its outcomes are random, an encounter is simulated every time it is requested.
 
     Attributes
     ----------
     name, parameters
-        Of the vehicle, as `load_vehicle` takes them; each worker loads it for itself.
+        Name and parameters as in `load_vehicle`; each worker loads the vehicle itself.
     title
-        What messages call it.
+        Its name in messages.
     store
-        Keeps the outcomes.
+        The store of outcomes.
     workers
-        Run the batches.
+        The workers that run the batches.
     batch_size
-        Largest number of encounters in a batch. A request is divided evenly among the workers if the batches
-        are then smaller.
+        Largest number of encounters in a batch. A request is divided evenly among the workers if this makes
+        the batches smaller.
     time_limit
-        How long a batch may take [s].
+        Longest time for a batch [s].
     deterministic
-        Whether the vehicle repeats itself; see `CheckedVehicle`.
+        Whether the outcomes are deterministic; see `CheckedVehicle`.
     simulated, found
-        Encounters that were simulated by this object, those simulated again to see whether the vehicle is
-        deterministic included, and those that the store had.
+        Number of encounters that this object simulated, including repetitions that test whether the vehicle
+        is deterministic, and number of those found in the store.
     """
 
     name: str
@@ -76,13 +76,13 @@ class SlowVehicle:
             self.deterministic = False
 
     def simulate(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
-        """Simulate those of n cut-ins that the store does not have; see `Vehicle`.
+        """Simulate those of n cut-ins that are not in the store; see `Vehicle`.
 
         Raises
         ------
         InputError
             If the encounters are not valid, or the vehicle fails, takes too long, ends its worker, breaks the
-            protocol, or gives other outcomes for the same encounters although it is said to be deterministic.
+            protocol, or has other outcomes for the same encounters although it is stated to be deterministic.
             The outcomes of other batches are kept.
         """
         encounters = checked_encounters(lead_speed, range_, closing_speed)
@@ -93,7 +93,7 @@ class SlowVehicle:
         )
 
     def repeat(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
-        """Simulate n cut-ins once more, whether or not they were simulated before; see `simulate`."""
+        """Simulate n cut-ins again, even if they are in the store; see `simulate`."""
         return self._again(checked_encounters(lead_speed, range_, closing_speed))
 
     def _checked(self, encounters: Array) -> Outcomes:
@@ -196,7 +196,7 @@ class SlowVehicle:
 
 
 def is_slow(name: str, simulations: Mapping[str, Any]) -> bool:
-    """Whether outcomes of a vehicle are kept: of commands and FMUs, and of classes if so configured."""
+    """Return whether outcomes of a vehicle are stored: commands and FMUs, and classes if so configured."""
     if ":" in name:
         return simulations["keep_class"]
     return issubclass(VEHICLES[name], ForeignVehicle)
@@ -204,7 +204,7 @@ def is_slow(name: str, simulations: Mapping[str, Any]) -> bool:
 
 @contextmanager
 def loaded_for(vehicle: Mapping[str, Any], simulations: Mapping[str, Any]) -> Iterator[Vehicle]:
-    """Yield the vehicle of a configuration, as a `SlowVehicle` where it is one.
+    """Yield the vehicle of a configuration, as a `SlowVehicle` if its outcomes are stored.
 
     Parameters
     ----------
@@ -229,12 +229,12 @@ def loaded_for(vehicle: Mapping[str, Any], simulations: Mapping[str, Any]) -> It
 def all_loaded(
     vehicles: Mapping[str, Mapping[str, Any]], simulations: Mapping[str, Any]
 ) -> Iterator[dict[str, Vehicle]]:
-    """Yield vehicles by name, each as `loaded_for` gives it.
+    """Yield vehicles by name, each as in `loaded_for`.
 
     Parameters
     ----------
     vehicles
-        Sections like ``vehicle`` of the configuration, by name.
+        Sections of the same form as ``vehicle``, by name.
     simulations
         Section of this name of the configuration.
     """

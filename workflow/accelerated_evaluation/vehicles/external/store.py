@@ -1,8 +1,8 @@
-"""A store of outcomes: what a slow vehicle did in which encounter, so that nothing is simulated twice.
+"""A store of the outcomes of a slow vehicle, so that no encounter is simulated twice.
 
-Where chance has a part in the outcomes of a vehicle, an encounter is simulated several times. Every outcome
-is kept with its number, which counts the simulations of this encounter from 0. Whoever asks for the outcomes
-again, in the same order, gets the same ones.
+If the outcomes are random, an encounter is simulated several times. Every outcome is stored with a number
+that counts the simulations of this encounter from 0, so that the same sequence of requests always gets the
+same outcomes.
 """
 
 import os
@@ -41,18 +41,18 @@ DETERMINISTIC, VARIES = "deterministic", "varies"
 class Store:
     """Outcomes of one vehicle by encounter, in an SQLite file that several processes may use at once.
 
-    Numbers are kept exactly: an encounter is found if all of its three numbers are equal, and its outcomes
-    come back equal to what was added. What was added is on the disk when `add` returns.
+    Numbers are stored exactly: an encounter is found if all three of its numbers are equal, and the outcomes
+    are returned unchanged. When `add` returns, the outcomes are on the disk.
 
     Parameters
     ----------
     path
-        The file; it is made with its folder where there is none.
+        The file; it is created with its folder if necessary.
 
     Raises
     ------
     InputError
-        If the file is there and is none of this kind, or damaged.
+        If the file is not a store, or is damaged.
     """
 
     def __init__(self, path: str | os.PathLike) -> None:
@@ -62,7 +62,7 @@ class Store:
             connection.executescript(TABLES)
 
     def known(self, requests: Iterable[Request]) -> dict[Request, Outcome]:
-        """Return the outcomes of those requests that were added before."""
+        """Return the stored outcomes of those requests that were added before."""
         found = {}
         with self._connected() as connection:
             for encounter, number in requests:
@@ -72,7 +72,7 @@ class Store:
         return {request: outcome for request, outcome in found.items() if outcome is not None}
 
     def add(self, requests: Sequence[Request], outcomes: Sequence[Outcome]) -> None:
-        """Add outcomes; those that another process has added meanwhile stay as they are."""
+        """Add outcomes; outcomes that another process has added in the meantime are not replaced."""
         rows = [
             (number, *encounter, *outcome)
             for (encounter, number), outcome in zip(requests, outcomes, strict=True)
@@ -84,13 +84,13 @@ class Store:
 
     @property
     def verdict(self) -> bool | None:
-        """Whether the vehicle gave the same outcomes again; None if that was not tried."""
+        """Whether repeated simulations had the same outcomes; None if this was not tested."""
         with self._connected() as connection:
             verdicts = {row[0] for row in connection.execute("SELECT verdict FROM verdicts")}
         return None if not verdicts else VARIES not in verdicts
 
     def set_verdict(self, *, deterministic: bool) -> None:
-        """Remember whether the vehicle gave the same outcomes again; that it did not is never forgotten."""
+        """Save whether repeated simulations had the same outcomes; a negative result is never overwritten."""
         verdict = DETERMINISTIC if deterministic else VARIES
         with self._connected() as connection:
             connection.execute("INSERT OR IGNORE INTO verdicts VALUES (?)", (verdict,))
@@ -111,23 +111,23 @@ class Store:
                 str(self.path),
                 seen=f"{error}",
                 expected="a store of outcomes that can be read and written",
-                change="Free disk space or mend the permissions; delete the file only if it is damaged, "
+                change="Free disk space or correct the permissions; delete the file only if it is damaged, "
                 "for its encounters are then simulated again.",
             ) from error
 
 
 def store_of(name: str, parameters: Mapping[str, Any], files: Sequence[str]) -> Store:
-    """Open the store of a vehicle, in a folder that is named by a digest of all that the vehicle is.
+    """Open the store of a vehicle, in a folder named by a digest of everything that defines the vehicle.
 
-    Beside it ``vehicle.json`` says in words which vehicle it is. A vehicle with another parameter or another
-    content of a file has another folder; studies with the same vehicle share one.
+    The file ``vehicle.json`` in the same folder describes the vehicle. A vehicle with another parameter or
+    another content of a file has another folder; studies with the same vehicle share one.
 
     Parameters
     ----------
     name, parameters
-        As the configuration has them.
+        As in the configuration.
     files
-        The files that the vehicle is made of.
+        The files that define the vehicle.
     """
     described = {"vehicle": name, "parameters": dict(parameters), "content": content_digest(files)}
     folder = VEHICLES_FOLDER / f"{Path(name.replace(':', '/')).name}-{value_digest(described)[:10]}"

@@ -44,19 +44,19 @@ class Workers:
 
 
 def simulate_batch(name: str, parameters: Mapping[str, Any], encounters: Array, time_limit: float) -> Array:
-    """Simulate a batch in a worker: this is what runs there.
+    """Simulate a batch; this function runs in a worker.
 
-    What the vehicle prints is thrown away. If it takes too long, the whole worker ends: a vehicle that hangs
-    in compiled code can be stopped in no other way.
+    The printed output of the vehicle is discarded. If the vehicle takes too long, the worker process ends,
+    because there is no other way to stop compiled code.
 
     Parameters
     ----------
     name, parameters
-        Of the vehicle, as `load_vehicle` takes them.
+        As in `load_vehicle`.
     encounters
         Lead speed [m/s], range [m] and closing speed [m/s], shape (3, n).
     time_limit
-        How long the batch may take [s].
+        Longest time for the batch [s].
 
     Returns
     -------
@@ -77,7 +77,7 @@ def simulate_batch(name: str, parameters: Mapping[str, Any], encounters: Array, 
 
 @contextmanager
 def workers_of(simulations: Mapping[str, Any]) -> Iterator[Workers]:
-    """Yield the workers that a configuration asks for, and end them after the block.
+    """Yield the configured workers, and end them after the block.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def workers_of(simulations: Mapping[str, Any]) -> Iterator[Workers]:
     Raises
     ------
     InputError
-        If there is no such executor, or Dask is not installed, or the cluster cannot be reached or started.
+        If there is no such executor, Dask is not installed, or the cluster cannot be reached or started.
     """
     kind, count = simulations["executor"], simulations["workers"]
     if kind == PROCESSES:
@@ -108,12 +108,12 @@ def workers_of(simulations: Mapping[str, Any]) -> Iterator[Workers]:
 
 
 class Processes(Executor):
-    """Processes of this machine, each by itself: one that dies takes no other batch with it.
+    """Independent worker processes of this machine: if one dies, no other batch is lost.
 
     Parameters
     ----------
     count
-        Number of processes, which start when they are needed first; one more batch waits for a free one.
+        Number of processes, which start when they are first needed. One more batch waits for a free process.
     """
 
     def __init__(self, count: int) -> None:
@@ -209,7 +209,7 @@ def _loaded(description: str) -> CheckedVehicle:
 def _silenced(nowhere: TextIO) -> Iterator[None]:
     """Send what is printed in the block, by compiled code and other programs too, to an open file."""
     kept = [os.dup(stream) for stream in (1, 2)]
-    flush_all = ctypes.CDLL(None).fflush  # compiled code keeps what it prints in a buffer, and tells it later
+    flush_all = ctypes.CDLL(None).fflush  # compiled code buffers its output and prints it later
     flush_all(None)
     try:
         for stream in (1, 2):
