@@ -176,7 +176,7 @@ def test_what_was_told_is_not_changed_in_silence(begun, capsys):
     first.to_csv("all.csv", index=False)
     begun("tell", "all.csv")
     assert begun("tell", "other.csv", "--correct") == 2  # the sampler has used the batch
-    assert "Restore the copy" in capsys.readouterr().err
+    assert "Restore an earlier copy" in capsys.readouterr().err
 
 
 def test_a_table_that_is_filled_in_by_and_by(begun, capsys):
