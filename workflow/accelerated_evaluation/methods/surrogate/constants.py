@@ -152,6 +152,9 @@ LOG_DIRECTION_BOUNDS = ((-4.0, 1.0), (-1.0, 1.5), (-4.0, 0.5))
 # Noise from which the directions are sought, and lengths from which a new one is: the best of these.
 FIRST_NOISE, STARTS = 0.3, (0.05, 0.2, 0.5)
 
+# Numbers of inputs, those that matter most, to which directions are restricted on trial.
+INPUTS = (2, 3, 5, 8)
+
 # Most steps of the search for directions, and most runs that it is conditioned on.
 DIRECTION_STEPS, DIRECTION_RUNS = 40, 400
 

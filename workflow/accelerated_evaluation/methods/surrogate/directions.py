@@ -27,6 +27,8 @@ from accelerated_evaluation.methods.surrogate.constants import (
     DIRECTION_RUNS,
     DIRECTION_STEPS,
     FIRST_NOISE,
+    INPUTS,
+    LEAST_SINGULAR,
     LOG_DIRECTION_BOUNDS,
     MOST_DIRECTIONS,
     NOISE,
@@ -68,7 +70,9 @@ def learn_directions(z: Array, happened: Flags, score: Array, before: Array | No
     if before is not None:
         again = regression.optimise(_Model(before, first))
         found.append(regression.grown(again, single=not again.free.all()))
-    return min(found, key=lambda model: model.loss).directions
+    best = min(found, key=lambda model: model.loss)
+    fewer = [regression.optimise(best.of_inputs(count)) for count in INPUTS if count < z.shape[1]]
+    return min([best, *fewer], key=lambda model: model.loss).directions
 
 
 @dataclass(frozen=True)
@@ -96,9 +100,10 @@ class _Model:
 
     @property
     def cost(self) -> float:
-        """What the parameters cost; rotations of columns all of whose entries are free make no difference."""
-        d, k = self.directions.shape
-        return COST * (d * k - k * (k - 1) / 2) if self.free.all() else k * (COST + math.log(d))
+        """What the parameters cost; rotations of columns whose entries are free together change nothing."""
+        (d, k), inputs = self.directions.shape, self.free.any(axis=1).sum()
+        turned = k * (k - 1) / 2 if self.free.sum() == inputs * k else 0
+        return COST * (self.free.sum() - turned) + (math.log(d) * inputs if inputs < d else 0.0)
 
     @property
     def vector(self) -> Array:
@@ -110,6 +115,14 @@ class _Model:
         directions = np.zeros(self.directions.shape)
         directions[self.free] = vector[: -len(self.others)]
         return type(self)(directions, vector[-len(self.others) :])
+
+    def of_inputs(self, count: int) -> Self:
+        """Return the model with the inputs alone that matter most, all of whose entries are free."""
+        matter = np.argsort((self.directions**2).sum(axis=1))[-count:]
+        left, length, _ = np.linalg.svd(self.directions[matter], full_matrices=False)
+        few = np.zeros((len(self.directions), len(length)))
+        few[matter] = left * np.maximum(length, LEAST_SINGULAR * length[0])
+        return type(self)(few, self.others)
 
     def with_column(self, column: Array) -> Self:
         """Return the model with one column more, shape (d,)."""
