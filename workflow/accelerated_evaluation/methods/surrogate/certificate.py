@@ -115,7 +115,7 @@ def look_beyond(looks: Array, dimension: int, reach: float, curvature: float, sh
     mode = _nearest(looks, dimension, reach, curvature)
     nearest, farthest = rarity(np.outer([distances[mode], -ndtri(share)], np.eye(dimension)[0]))
     if dimension > FEW:  # the nearest points of all modes are in the bulk and carry no information
-        farthest = max(farthest, reach - 2 * BEYOND)
+        farthest = max(farthest, reach - BEYOND)
     cap, middle = (values[reach >= RARITIES][::-1] for values in (caps[mode], RARITIES))
     begin = middle - REACH / STEPS / 2
     mean = np.cumsum(cap) / (np.arange(len(cap)) + 1)  # from each of these rarities to the reach

@@ -1,0 +1,71 @@
+"""Problems of public collections: this project's sampler, and the best of OpenTURNS.
+
+Raw results are kept, one table for each problem and method, so that an interrupted run goes on. The
+methods ``nais`` and ``nais_25`` need OpenTURNS (``peers`` in pyproject.toml).
+"""
+
+import argparse
+from pathlib import Path
+
+import pandas as pd
+from accelerated_evaluation.base.files import read_json, write_csv, write_json
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.publishing.tables.formats import reproducible
+from problems import Problem
+from public_problems import PublicProblem, probability_of, public_problems
+from run import ROOT, repeated
+from summarise import summary
+from tqdm import tqdm
+
+COLUMNS = ["problem", "method", "dimension", "reference", "reference_se", "published", "seeds", "calls_mean"]
+COLUMNS += ["calls_p95", "error", "bias", "coverage80", "failed", "no_number", "claimed"]
+
+
+def known(problem: PublicProblem, raw: Path) -> tuple[float, float]:
+    """Return the probability of a problem and its standard error, from the raw results where it is there."""
+    path = raw / f"{problem.name}.json"
+    if not path.exists():
+        generator = child_generator(ROOT, "public reference", problem.name)
+        probability, error = probability_of(problem, generator)
+        write_json(path, {"probability": probability, "standard_error": error})
+    content = read_json(path)
+    return content["probability"], content["standard_error"]
+
+
+def row(problem: PublicProblem, method: str, raw: Path, seeds: int) -> dict[str, object]:
+    """Return a row of the table: one method on one problem; what the raw results lack is run."""
+    path = raw / f"{problem.name}_{method}.csv"
+    runs = pd.read_csv(path) if path.exists() else pd.DataFrame()
+    if len(runs) < seeds:
+        plain = Problem(problem.name, problem.name, problem.event)
+        new = repeated(plain, method, range(len(runs), seeds))
+        runs = pd.concat([runs, new], ignore_index=True)
+        write_csv(path, runs)
+    probability, error = known(problem, raw)
+    labels = {"problem": problem.name, "method": method, "dimension": problem.event.dimension}
+    references = {"reference": probability, "reference_se": error, "published": problem.published}
+    found = summary(runs, probability)
+    return labels | references | found | {"no_number": runs["probability"].isna().mean()}
+
+
+def main() -> None:
+    """Write the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("output", type=Path, help="where to write the table")
+    parser.add_argument("--raw", type=Path, required=True, help="folder of the raw results")
+    parser.add_argument("--seeds", type=int, default=40, help="default: 40")
+    parser.add_argument("--methods", nargs="+", default=["surrogate", "nais", "nais_25"])
+    parser.add_argument("--problems", nargs="+", help="default: all")
+    arguments = parser.parse_args()
+    arguments.raw.mkdir(parents=True, exist_ok=True)
+    everything = public_problems()
+    wanted = [everything[name] for name in arguments.problems or everything]
+    tasks = [(problem, method) for problem in wanted for method in arguments.methods]
+    rows = [row(*task, arguments.raw, arguments.seeds) for task in tqdm(tasks, desc="problems")]
+    write_csv(arguments.output, reproducible(pd.DataFrame(rows)[COLUMNS]))
+
+
+if __name__ == "__main__":
+    main()
