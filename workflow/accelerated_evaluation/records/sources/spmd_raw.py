@@ -48,12 +48,7 @@ KEYS = {
     ),
     "rule": RULE,
     "link": section(
-        time=number(
-            0.5,
-            0,
-            10,
-            "Time [s] within which a vehicle that the sensor loses is found again under another number.",
-        ),
+        time=number(0.5, 0, 10, "Time [s] within which a lost vehicle is found again under another number."),
         range=number(3, 0, 100, "Largest difference from where its range and range rate put it [m]."),
         transversal=number(1, 0, 100, "Largest difference of its lateral position [m]."),
     ),
