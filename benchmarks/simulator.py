@@ -1,4 +1,4 @@
-"""Encounters per second of the compiled car, beside its NumPy reference and a plain-Python loop.
+"""Encounters per second of the compiled car, its NumPy reference and a plain-Python loop.
 
 Run as ``python benchmarks/simulator.py``. All contenders simulate the same random encounters in the same run,
 in turns, so that a change in the machine's load meets each of them; a rate is the median of its turns.

@@ -1,4 +1,4 @@
-"""Score the copulas of public libraries on halves of the record that they have not seen, beside our laws."""
+"""Score copulas of public libraries and our laws on held-out halves of the record."""
 
 import argparse
 from pathlib import Path

@@ -31,7 +31,7 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, Matern
 
 SURE = 2.0  # the authors' U from which a sign counts as known
-FORGET = 4.0  # points of a larger U are looked at again only when the lengths are fitted anew, to save time
+FORGET = 4.0  # points of a larger U are checked again only when the lengths are fitted again, to save time
 FIRST = 12  # runs before the first fit, as in the authors' examples, and shells at most: to 1e-12
 POPULATION, IMPORTANCE = 1_000, 4_000  # points whose signs are learnt: of each shell of AK-MCS; of AK-IS
 FINAL = 20_000  # points that the last fit predicts for the estimate: of each shell of AK-MCS; of AK-IS
@@ -45,7 +45,7 @@ BATCH = 20_000  # points predicted at once
 
 @dataclass
 class Kriging:
-    """A Gaussian process fitted to a score; its lengths are fitted anew when there are a fifth more runs."""
+    """A Gaussian process fitted to a score; its lengths are fitted again when there are a fifth more runs."""
 
     score: Callable[[Array], Array]
     z: Array
@@ -61,7 +61,7 @@ class Kriging:
         self.refit()
 
     def add(self, z: Array) -> bool:
-        """Run more points, shape (n, d), and tell whether the lengths were fitted anew."""
+        """Run more points, shape (n, d), and return whether the lengths were fitted again."""
         self.z, self.y = np.vstack([self.z, z]), np.append(self.y, self.score(z))
         return self.refit()
 

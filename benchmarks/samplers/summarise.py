@@ -115,7 +115,7 @@ def table(runs: pd.DataFrame, references: dict[str, dict[str, float]]) -> pd.Dat
 
 
 def with_kept(table: pd.DataFrame, kept: pd.DataFrame) -> pd.DataFrame:
-    """Add the rows of an earlier table that were not made anew; crude Monte Carlo by theory replaces none."""
+    """Add the rows of an earlier table without new runs; crude Monte Carlo by theory replaces none."""
     keys = ["problem", "method"]
     both = pd.concat([table[table["seeds"] > 0], kept, table], ignore_index=True).drop_duplicates(keys)
     order = [

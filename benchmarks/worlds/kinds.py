@@ -48,7 +48,7 @@ class Independent:
         return DistinctRecords(lead_speed, range_, inverse_ttc * range_)
 
     def masses(self, lines: CrashLines) -> Array:
-        """Weigh the intervals with the law of each segment."""
+        """Return the probability of the intervals under the law of each segment."""
         return independent_masses(lines, self.law, np.inf)
 
 
@@ -139,7 +139,7 @@ class TwoKindsOfDrivers:
         )
 
     def masses(self, lines: CrashLines) -> Array:
-        """Weigh the intervals with both kinds."""
+        """Return the probability of the intervals under both kinds."""
         first = lines.masses(self.family.ranges, self.law)
         slower = replace(lines, start=lines.start / FASTER, end=lines.end / FASTER)
         speeds = slower.masses(self.family.ranges, self.law) / self._ranges(lines, 1.0)

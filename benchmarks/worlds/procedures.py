@@ -25,7 +25,7 @@ Intervals = dict[str, float]
 
 
 def ours(records: pd.DataFrame, setting: WorldSettings, generator: np.random.Generator) -> Intervals:
-    """Fit the family to distinct records, weigh its laws by held-out scores, and draw from the posterior."""
+    """Fit the family to distinct records, weight its laws by held-out scores, and draw from the posterior."""
     distinct, _ = distinct_records(records)
     fitter = Fitter(distinct, MEMBERS)
     family = fitter.fit(setting.family)

@@ -149,25 +149,25 @@ def counted_rows(counts: pd.DataFrame, published: pd.DataFrame) -> pd.DataFrame:
 
 
 def predicted_rows(vehicles: pd.DataFrame, cut_ins_per_km: float | None, counted: int) -> pd.DataFrame:
-    """Return the predicted crash rates of vehicles, and whether they allow the number that was counted.
+    """Return the predicted crash rates of vehicles, and whether the counted crashes contradict them.
 
-    A prediction is contradicted if so few crashes as ``counted`` have a probability below 5 % even at the
-    lower end of its 95 % interval. Fewer predicted crashes than counted ones contradict nothing, because a
-    vehicle may well be better than the drivers of the 100-Car study.
+    A prediction is contradicted if the probability of at most ``counted`` crashes is below 5 %, even at the
+    lower end of the 95 % interval of the prediction. A prediction of fewer crashes than were counted is not
+    contradicted, because a vehicle may be safer than the drivers of the 100-Car study.
 
     Parameters
     ----------
     vehicles
         Table ``vehicles`` of a study: the crash probability of a cut-in for each vehicle, with its interval.
     cut_ins_per_km
-        Recorded closing cut-ins per kilometre [1/km]; None where the distance is not known.
+        Recorded closing cut-ins per kilometre [1/km]; None if the distance is unknown.
     counted
-        Crashes that were counted in the distance of the 100-Car study, by the most generous rule.
+        Number of crashes in the distance of the 100-Car study, by the most inclusive rule.
 
     Returns
     -------
     pandas.DataFrame
-        Some of the columns of `compare_with_counts`; empty where the distance is not known.
+        Some of the columns of `compare_with_counts`; empty if the distance is unknown.
     """
     if cut_ins_per_km is None:
         return pd.DataFrame()

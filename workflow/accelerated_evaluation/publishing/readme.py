@@ -33,7 +33,7 @@ PAPER_INTERVAL = "7e-07 to 7.8e-07, of the simulations alone"  # section VI.C, 8
 
 
 def answers_table(answer: pd.DataFrame) -> str:
-    """Return the crash probability with its intervals as a Markdown table, beside the paper's number."""
+    """Return the crash probability with its intervals, and the paper's number, as a Markdown table."""
     crash = answer.set_index("event").loc["crash"]
     rows = [("crash of a cut-in, median", _number(PAPER_PROBABILITY), f"**{crash['median']:.1e}**")]
     for level in (50, 80, 95):

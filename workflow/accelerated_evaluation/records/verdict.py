@@ -102,7 +102,7 @@ class Verdict:
         ]
 
     def beside(self, table: pd.DataFrame) -> pd.DataFrame:
-        """Return a table of results with the column ``records`` that names the stops, if there are any."""
+        """Return a table of results with the column ``records``, which names the stops if there are any."""
         return table.assign(records=f"STOP: {', '.join(self.stops)}") if self.stops else table
 
 

@@ -1,4 +1,4 @@
-"""What the configuration may hold: the schema, put together from the parts that modules own, and in words."""
+"""The schema of the configuration, combined from the parts that modules own, and its description."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -19,9 +19,9 @@ BOUNDS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveM
 
 
 def own_sections() -> dict[str, dict[str, Schema]]:
-    """Return the sections that modules own, by where they are in the configuration and by name.
+    """Return the sections that modules own, by their place in the configuration and by name.
 
-    The sections of sources are below ``data``, and those of methods, below ``""``, on the top level.
+    The sections of sources are below ``data``; those of methods are on the top level, with the place ``""``.
     """
     from accelerated_evaluation.methods import METHODS  # takes a second, which --help can do without
 
@@ -41,7 +41,7 @@ def schema() -> dict[str, Any]:
 
 
 def keys(part: Schema | None = None, prefix: str = "") -> Iterator[tuple[str, Schema]]:
-    """Yield every key of the schema, sections before what is in them, with its part of the schema."""
+    """Yield every key of the schema with its part of the schema; a section comes before its keys."""
     for name, below in (schema() if part is None else part).get("properties", {}).items():
         if "$ref" in below:
             below = schema()["$defs"][below["$ref"].rsplit("/", 1)[1]]
@@ -50,7 +50,7 @@ def keys(part: Schema | None = None, prefix: str = "") -> Iterator[tuple[str, Sc
 
 
 def in_words(schema: Mapping[str, Any]) -> str:
-    """Say in words what a part of the schema allows."""
+    """Return a description of the values that a part of the schema allows."""
     if "enum" in schema:
         return f"one of {', '.join(schema['enum'])}"
     if schema.get("type") == "string" and "pattern" in schema:
@@ -75,6 +75,6 @@ def _type_in_words(name: str, schema: Mapping[str, Any], bounds: str) -> str:
 
 
 def shown(value: Any) -> str:  # noqa: ANN401
-    """Return a value of the configuration as JSON, cut off where it is long."""
+    """Return a value of the configuration as JSON, shortened if it is long."""
     text = json.dumps(value, default=str, ensure_ascii=False)
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."

@@ -1,14 +1,15 @@
-"""Which directions in the space of many normal scores matter, by the outcomes of the runs.
+"""The directions in a space of many normal scores on which the outcomes of the runs depend.
 
-The outcomes are regressed on z M and on the distance of z from the origin, with the covariance of `kernel`,
-noise, and a matrix M with few columns, which has the lengths in it (Vivarelli and Williams 1999; Tripathy,
-Bilionis and Gonzalez 2016). M and all else have the highest posterior density. The columns are added one by
-one. The evidence does not change to first order when a column begins to grow from 0; to second order it
-grows most along the first eigenvector of a matrix L. The first column is then nearly that of partial least
-squares.
+The outcomes are regressed on z M and on the distance of z from the origin, with the covariance of `kernel`
+and noise. The matrix M has few columns, and its scale contains the lengths (Vivarelli and Williams 1999;
+Tripathy, Bilionis and Gonzalez 2016). M and all other parameters maximise the posterior density. The columns
+are added one by one. When a new column begins to grow from 0, the evidence does not change to first order; to
+second order, it increases most along the first eigenvector of a matrix L. The first column is then similar to
+that of partial least squares.
 
-There are two kinds of M: directions of any kind, whose prior holds that all inputs may matter a little, and
-single inputs, one a column. That one is taken whose density is higher after the cost of its parameters.
+Two kinds of M are compared. The columns of the first kind are arbitrary directions, with a prior under which
+all inputs may have small effects. Each column of the second kind is a single input. The kind with the higher
+density is chosen, after subtracting a cost for the number of parameters.
 """
 
 import math
@@ -52,14 +53,14 @@ SCALE = np.array([OUTWARD_SPREAD, AMPLITUDE_SPREAD, NOISE_SPREAD])
 
 
 def learn_directions(z: Array, happened: Flags, score: Array, before: Array | None) -> Array:
-    """Return the directions that matter, over their lengths, one a column, shape (d, k).
+    """Return the directions on which the outcomes depend, divided by their lengths, as columns, shape (d, k).
 
     Parameters
     ----------
     z, happened, score
         Normal scores, shape (n, d), flags and scores, shape (n,), of all runs.
     before
-        What was found before, from which it is sought too; None for nothing.
+        Earlier directions, which are used as a further starting point; None if there are none.
     """
     outcome = graded(happened, score)
     kept = thinned(np.argsort(outcome, kind="stable"), DIRECTION_RUNS)

@@ -1,8 +1,8 @@
-"""Where the points of a pool are drawn: about the places that mattered, and by wide laws.
+"""The distribution of the points of a pool: around important points, and by wide distributions.
 
-Where there are few normal scores, a pool is drawn in their space. Where there are many, it is drawn in the
-space of a few coordinates, with what lies across as it comes, and a part of it by the wide law of all normal
-scores: a part of the event may lie across all that was learnt.
+With few normal scores, a pool is drawn in their space. With many normal scores, it is drawn in the space of a
+few coordinates, with random components across them. A part of it is drawn from the wide distribution of all
+normal scores, because a part of the event may depend on directions that were not learnt.
 """
 
 import math
@@ -26,18 +26,18 @@ from accelerated_evaluation.methods.surrogate.wide_laws import (
 
 @dataclass(frozen=True)
 class SubspacePool(Pool):
-    """A pool for many normal scores, which is guarded along the coordinates as well as across them.
+    """A pool for many normal scores, with defensive runs along the coordinates as well as across them.
 
     Attributes
     ----------
     along
-        The same points in the space of the coordinates, where the wide law is that of the coordinates.
+        The same points in the space of the coordinates, with the wide distribution of the coordinates.
     """
 
     along: Pool
 
     def guard(self, reach: float, defence: Defence) -> Array:
-        """Return how the defensive share is spread: a part of its usual size follows the coordinates."""
+        """Return the distribution of the defensive share, a part of which follows the coordinates."""
         share, mean = ALONG * DEFENCE / defence.share, defence.share if 0 < defence.beyond < reach else 1.0
         return (1 - share) * super().guard(reach, defence) + share * mean * self.along.within(0.0, reach)
 
@@ -49,18 +49,18 @@ def draw_pool(
     believed: Callable[[Array], Array],
     generator: np.random.Generator,
 ) -> Pool:
-    """Draw the points of a pool, with their weights and what is believed of them.
+    """Draw the points of a pool, with their weights and predicted probabilities.
 
     Parameters
     ----------
     space
         The coordinates on which the event depends.
     centres
-        Points about which to draw, shape (k, d); None where none are known.
+        Centres of the kernels, shape (k, d); None if there are none yet.
     size
         Number of points.
     believed
-        Function that returns the probability of the event at points, shape (n, d).
+        Function that returns the predicted probability of the event at points, shape (n, d).
     generator
         Source of all randomness.
     """

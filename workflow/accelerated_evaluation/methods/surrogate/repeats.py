@@ -1,8 +1,8 @@
-"""Repeats of runs: whether a vehicle does the same thing twice, and how often it does not.
+"""Repetitions of runs, which show whether the outcomes of a vehicle are deterministic.
 
-A vehicle that drives differently in one run out of a hundred looks deterministic in a few hundred runs, and
-can yet owe most of its crashes to these runs. Repeats can show it. If n repeats agree with the runs that they
-repeat, the share of repeats that end differently is below log(1 / alpha) / n with confidence 1 - alpha.
+If a vehicle behaves differently in one run out of a hundred, it appears deterministic in a few hundred runs,
+although most of its crashes may happen in these rare runs. Repetitions can show this. If n repetitions agree
+with their runs, the share of repetitions that differ is below log(1 / alpha) / n with confidence 1 - alpha.
 """
 
 from dataclasses import dataclass
@@ -18,14 +18,14 @@ from accelerated_evaluation.methods.surrogate.two_phase import Flags
 
 @dataclass(frozen=True)
 class RepeatBatch:
-    """A batch of runs that were made before.
+    """A batch of runs that are repeated.
 
     Attributes
     ----------
     z
         Normal scores to simulate, shape (n, d).
     repeated
-        Places of the runs that are repeated among all runs, shape (n,).
+        Indices of the repeated runs among all runs, shape (n,).
     """
 
     z: Array
@@ -34,16 +34,16 @@ class RepeatBatch:
 
 @dataclass(frozen=True)
 class Repeats:
-    """Outcomes of the repeats so far; every array has shape (k,).
+    """Outcomes of the repetitions so far; every array has shape (k,).
 
     Attributes
     ----------
     repeated
-        Places of the runs that were repeated among all runs.
+        Indices of the repeated runs among all runs.
     happened
-        Whether the event happened in the repeat.
+        Whether the event happened in the repetition.
     differed
-        Whether the repeat ended differently from the run: another flag or another score.
+        Whether the outcome differed from that of the run, in the flag or in the score.
     """
 
     repeated: NDArray[np.int64]
@@ -52,7 +52,7 @@ class Repeats:
 
     @classmethod
     def none(cls) -> "Repeats":
-        """Return the repeats of a sampler that has made none."""
+        """Return the repetitions of a sampler that has made none."""
         return cls(np.empty(0, np.int64), np.empty(0, bool), np.empty(0, bool))
 
     def __len__(self) -> int:
@@ -69,16 +69,16 @@ class Repeats:
 
     @property
     def vary_often(self) -> bool:
-        """Whether so many repeats differ that chance has a part in most runs, as noise has.
+        """Whether so many repetitions differ that the outcomes of most runs are random, as with noise.
 
-        Otherwise it may have a part in few runs, which are then lapses; these are seldom met.
+        Otherwise only few runs may be random; such lapses are rarely observed.
         """
         return len(self) > 0 and self.differed.mean() >= OFTEN
 
     def largest_share(self, alpha: float) -> float:
-        """Return a bound, with confidence 1 - alpha, on the share of repeats that end differently.
+        """Return an upper bound, with confidence 1 - alpha, on the share of repetitions that differ.
 
-        This is the upper limit of Clopper and Pearson; 1 without any repeat.
+        This is the upper limit of Clopper and Pearson; it is 1 without any repetition.
         """
         differed = int(np.count_nonzero(self.differed))
         if differed == len(self):
@@ -87,7 +87,7 @@ class Repeats:
 
 
 def end_differently(happened: Flags, score: Array, again: Flags, score_again: Array) -> Flags:
-    """Return which repeats end differently from their runs; all arrays have shape (n,)."""
+    """Return which repetitions have other outcomes than their runs; all arrays have shape (n,)."""
     return (happened != again) | ~np.isclose(score, score_again, rtol=SAME_SCORE, atol=SAME_SCORE)
 
 

@@ -22,26 +22,25 @@ from accelerated_evaluation.methods.surrogate.wide_laws import bound_without_eve
 def estimate(progress: Progress, batch_size: int, stopping: Stopping, certificate: Certificate) -> Estimate:
     """Estimate P(event) from the batches since the surrogate became usable.
 
-    Without an event the probability is 0, and the interval ends at the bound that then holds for any event.
-    If every simulation was an event the probability is 1, and the interval begins where the bound says so of
-    the event that did not happen.
-    While the surrogate is not good enough for an estimate that can be trusted, the probability is NaN and
-    the interval is [0, 1].
+    Without an event the estimate is 0, and the upper end of the interval is the bound for an event that no
+    run has met. If every simulation was an event, the estimate is 1, and the lower end of the interval
+    follows from the same bound for the complement. As long as the surrogate is not good enough for a reliable
+    estimate, the estimate is NaN and the interval is [0, 1].
 
     Parameters
     ----------
     progress
-        Of the sampler.
+        The runs of the sampler.
     batch_size, stopping
-        Simulations in a batch; the confidence of the interval, and how narrow it should be.
+        Number of simulations in a batch, and the stopping rule.
     certificate
-        What must be excluded besides.
+        The certificate that is required for convergence.
 
     Returns
     -------
     Estimate
-        ``events`` are those of all simulations; ``tables["runs"]`` is as in `tabulate_runs`. The diagnostics
-        hold the bounds ``unseen_mode`` and ``unseen_any`` of `certificate`.
+        ``events`` counts the events of all simulations; ``tables["runs"]`` is as in `tabulate_runs`. The
+        diagnostics contain the bounds ``unseen_mode`` and ``unseen_any`` of `certificate`.
     """
     events, combined = int(np.count_nonzero(progress.happened)), combined_estimate(progress, stopping.alpha)
     if combined is not None:
@@ -118,15 +117,15 @@ def combined_estimate(progress: Progress, alpha: float) -> Combined | None:
 
 
 def tabulate_runs(progress: Progress, batch_size: int) -> pd.DataFrame:
-    """Tabulate all simulations, with the phase that each belongs to.
+    """Tabulate all simulations, with the phase to which each belongs.
 
     Returns
     -------
     pandas.DataFrame
         run and batch, counted from 1; phase; the normal scores z_1, ..., z_d; event. The phase is ``search``
-        until no event more probable than those seen is found, then ``learn`` until the batches that count,
-        and then ``estimate``: of these simulations the estimate is made. At the end come the repeats of runs,
-        with the phase ``repeat`` and the batch 0.
+        until the search has ended, then ``learn`` until the first batch that counts, and then ``estimate``
+        for the simulations on which the estimate is based. Repetitions of runs come last, with the phase
+        ``repeat`` and the batch 0.
     """
     run = np.arange(len(progress.z)) + 1
     batch = (run - 1) // batch_size + 1

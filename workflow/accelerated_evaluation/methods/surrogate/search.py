@@ -49,26 +49,27 @@ def draw_approach(
     *,
     in_vain: bool = False,
 ) -> Array:
-    """Draw one point in each step of rarity, where the event is expected; shape (runs, d).
+    """Draw one point in each step of rarity, where an event is expected; shape (runs, d).
 
-    The steps are finer the rarer, because a part of the event that begins at some rarity is met beyond it
-    too, and more easily there: runs far out look for all parts, and runs near the origin for the nearest
-    alone. In each step the point is one of several candidates of the wide law, taken with a probability in
-    proportion to the square of its chance to be in the event.
+    The steps become finer as the rarity increases, because a part of the event that begins at some rarity can
+    also be met at larger ones. Runs far out can therefore find all parts, but runs near the origin only the
+    nearest ones. In each step, the point is drawn from several candidates of the wide distribution, with
+    probability proportional to the square of the predicted probability of the event.
 
     Parameters
     ----------
     runs
         Number of points.
     rarest
-        Where the last step ends.
+        Upper end of the last step.
     z, happened, score
         Normal scores, shape (n, d), flags and scores, shape (n,), of all runs so far.
     generator
         Source of all randomness.
     in_vain
-        Whether so much was searched without an event that the scores may lead astray. Then every run has even
-        odds to follow the surrogate of the flags instead, which gives a chance where no run is near.
+        Whether there is no event after a long search, so that the scores may be misleading. Each run then
+        follows, with probability one half, the surrogate of the flags instead, which also predicts events far
+        from all runs.
     """
     each = max(CANDIDATES // runs, 2)
     steps = np.repeat(np.arange(runs), each) + generator.random(runs * each)

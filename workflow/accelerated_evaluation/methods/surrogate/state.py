@@ -55,7 +55,7 @@ class WideBatch:
 
 @dataclass(frozen=True)
 class ApproachBatch:
-    """A batch drawn where runs of small score are expected, before any event was seen; ``z`` as above."""
+    """A batch of the search, drawn where the scores predict an event; ``z`` has shape (n, d)."""
 
     z: Array
 
@@ -65,41 +65,42 @@ Batch = WideBatch | ApproachBatch | TwoPhaseBatch | RepeatBatch
 
 @dataclass
 class Progress:
-    """What a sampler has seen, and what it has concluded of it.
+    """The runs of a sampler so far, and the quantities derived from them.
 
     Attributes
     ----------
     z, happened, score
         Normal scores of all runs, shape (n, d), whether the event happened, and their scores, shape (n,).
     looks
-        Draws of the wide law that the runs are worth, whatever was known: their number, and the rarities
+        Draws from the wide distribution to which the runs are equivalent: their number, and the rarities
         between which they are, shape (k, 3).
     estimates
-        Of all batches of the second phase.
+        The estimates of all batches of the second phase.
     batches
-        The batches of the second phase whose outcomes are known, so that their estimates can be reweighted
-        for another law. They belong to the last of the ``estimates``: what an earlier version of the sampler
-        estimated has none.
+        The batches of the second phase whose outcomes are known, with which their estimates can be reweighted
+        for another law. They belong to the last of the ``estimates``; estimates of an earlier version of the
+        sampler have none.
     foreseen
-        Probabilities that the two surrogates gave to all runs of the second phase, which are the last m,
-        before they were made, shape (m, 2).
+        Probabilities that the two surrogates predicted for all runs of the second phase, which are the last
+        m, before they were made, shape (m, 2).
     repeats
-        Runs that were made once more; they are not among the runs.
+        Repetitions of runs, which are not counted among the runs.
     chance, chance_since
-        Whether chance has a part in the outcomes, and how many estimates had been made when that was found
-        out. These were designed for an event that is certain at every point, and do not count any more.
+        Whether the outcomes are random, and the number of estimates when this was found. These estimates
+        assumed deterministic outcomes and are no longer used.
     pending
-        The batch that was asked for and whose outcomes were not told yet.
+        The batch that was requested and whose outcomes have not been received.
     centres
-        Points about which the next pool is drawn, shape (k, d); None before the first pool.
+        Centres of the next pool, shape (k, d); None before the first pool.
     searched
-        Runs of the search for each unit of rarity, up to a little beyond ``rarest``.
+        Number of runs of the search per unit of rarity, up to slightly beyond ``rarest``.
     rarest
-        Rarity of the most probable event that the search knows.
+        Rarity of the most probable event found by the search.
     directions
-        Along which the event lies, over their lengths, shape (d, k), where there are many normal scores.
+        Directions on which the event depends, divided by their lengths, shape (d, k), if there are many
+        normal scores.
     learnt_at
-        Number of runs when the lengths and the amplitude were learnt last.
+        Number of runs when the lengths and the amplitude were last learnt.
     """
 
     z: Array
@@ -121,33 +122,33 @@ class Progress:
 
     @classmethod
     def start(cls, dimension: int) -> Self:
-        """Return the progress of a sampler that has not run anything."""
+        """Return the progress of a sampler without any run."""
         return cls(np.empty((0, dimension)), np.empty(0, bool), np.empty(0))
 
 
 @dataclass(frozen=True)
 class State:
-    """Everything that a sampler needs to go on.
+    """Everything that is needed to resume a sampler.
 
     Attributes
     ----------
     fingerprint
         Text that identifies the problem.
     dimension, batch_size
-        Number of normal scores, and of simulations asked for at once.
+        Number of normal scores, and of simulations per batch.
     progress
-        What was seen and concluded.
+        The runs so far, and the quantities derived from them.
     axes, theta, sites
-        Of the surrogate: its axes, logarithms of its lengths and amplitude, and its sites; see
-        `EventSurrogate`.
+        Axes, logarithms of lengths and amplitude, and sites of the surrogate; see `EventSurrogate`.
     graded_theta
-        Of the regression of the scores; see `GradedSurrogate`.
+        Parameters of the regression of the scores; see `GradedSurrogate`.
     generator
         State of the bit generator.
     predecessor
-        Runs of a vehicle that is alike.
+        Runs of a similar vehicle.
     deterministic, enough_repeats
-        Whether the vehicle is said to repeat itself, and how many repeats show it; see `Sampler`.
+        Whether the outcomes are stated to be deterministic, and the number of repeats that shows it; see
+        `Sampler`.
     """
 
     fingerprint: str

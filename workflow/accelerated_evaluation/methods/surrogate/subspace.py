@@ -1,10 +1,11 @@
-"""The few coordinates on which the event depends, where there are many normal scores.
+"""The few coordinates on which an event depends, for problems with many normal scores.
 
-In many dimensions most directions hardly matter (active subspaces, Constantine 2015). Here z is described by
-its components along a few directions at right angles, and by how far out it is across them. The distance
-across counts because many small effects may act through their sum alone. All these coordinates are standard
-normal and independent of each other and of the direction across, which is uniform. So a law of the
-coordinates is a law of z too, and the ratio of the normal density to it is the same in both.
+In high dimensions, an event usually depends on few directions only (active subspaces, Constantine 2015). A
+point z is described by its components along a few orthogonal directions, and by its distance from the
+subspace that they span. This distance is included because many small effects may act through their sum. All
+these coordinates are transformed to be standard normal. They are independent of each other and of the
+direction across the subspace, which is uniform. A distribution of the coordinates therefore defines a
+distribution of z, and the ratio of the normal density to it is the same in both spaces.
 """
 
 from dataclasses import dataclass
@@ -20,7 +21,7 @@ OUTERMOST = 37.0  # normal score beyond which a probability is rounded to 0
 
 @dataclass(frozen=True)
 class WholeSpace:
-    """All normal scores: the coordinates of a point are its normal scores.
+    """The space of all normal scores, in which the coordinates of a point are its normal scores.
 
     Attributes
     ----------
@@ -35,18 +36,18 @@ class WholeSpace:
         return z
 
     def draw(self, coordinates: Array, generator: np.random.Generator) -> Array:
-        """Return the points that have given coordinates, shape (n, d)."""
+        """Return the points with given coordinates, shape (n, d)."""
         return coordinates
 
 
 @dataclass(frozen=True)
 class Subspace:
-    """A few directions, and the distance across them.
+    """A subspace spanned by a few directions, with the distance from it as additional coordinate.
 
     Attributes
     ----------
     axes
-        The directions, at right angles, one a column, shape (d, k) with k < d.
+        The directions, orthogonal, as columns, shape (d, k) with k < d.
     """
 
     axes: Array
@@ -61,13 +62,13 @@ class Subspace:
         return self.axes.shape[0] - self.axes.shape[1]
 
     def coordinates(self, z: Array) -> Array:
-        """Return coordinates of points z, shape (n, k + 1): along the axes, and how far out across them."""
+        """Return coordinates of points z, shape (n, k + 1): along the axes, and the distance across them."""
         along = z @ self.axes
         square = np.maximum((z * z).sum(1) - (along * along).sum(1), 0.0)
         return np.column_stack([along, outward(square, self._across)])
 
     def draw(self, coordinates: Array, generator: np.random.Generator) -> Array:
-        """Draw points that have given coordinates, shape (n, k + 1), and uniform directions across."""
+        """Draw points with given coordinates, shape (n, k + 1), and uniform directions across the axes."""
         across = generator.normal(size=(len(coordinates), len(self.axes)))
         across -= (across @ self.axes) @ self.axes.T
         radius = np.sqrt(square_of_distance(coordinates[:, -1], self._across))
@@ -79,7 +80,7 @@ Space = WholeSpace | Subspace
 
 
 def space_along(directions: Array | None, dimension: int) -> Space:
-    """Return the space along some directions, one a column, shape (d, k); all of it where there are none."""
+    """Return the space spanned by some directions, as columns, shape (d, k); all of it if there are none."""
     if directions is None:
         return WholeSpace(dimension)
     axes, length, _ = np.linalg.svd(directions, full_matrices=False)
@@ -89,7 +90,7 @@ def space_along(directions: Array | None, dimension: int) -> Space:
 def outward(square: Array, dimension: int) -> Array:
     """Return the normal scores of squared distances from the origin, shape (n,), of normal vectors.
 
-    In each half of the law the smaller probability is used, which has all its digits.
+    The smaller of the two tail probabilities is used, because it is the more accurate one.
     """
     outer = square > 2 * gammaincinv(dimension / 2, 0.5)
     with np.errstate(divide="ignore"):  # where the smaller probability underflows
