@@ -60,6 +60,8 @@ for _name, _description in ANSWERED.items():
             mem_mb=2000,
         params:
             mapped=_description,
+            # The maps of built-in vehicles are known; one of them has random closing speeds in the answer.
+            checked=_name == "under_test" or bool(FILES[_name]),
             vehicle=VEHICLES[_name],
             simulations=_simulations,
         message:

@@ -26,6 +26,7 @@ rule map_crashes:
         mem_mb=2000,
     params:
         mapped=MAPPED,
+        checked=True,
         vehicle=config["vehicle"],
         simulations=SIMULATIONS,
     message:

@@ -5,6 +5,7 @@ from typing import Any
 
 from accelerated_evaluation.base.files import write_json
 from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.crash_map.checked import require_right_map
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid, write_crash_map
 from accelerated_evaluation.study.jobs import job
@@ -12,16 +13,25 @@ from accelerated_evaluation.vehicles.events import events_from
 from accelerated_evaluation.vehicles.external.slow import loaded_for
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
-FACTORS = {"quarter": 0.25, "half": 0.5, "full": 1.0}
+FACTORS = {"full": 1.0, "half": 0.5, "quarter": 0.25}  # the full map is checked first
 
 
-def main(problem: Mapping[str, Any], vehicle: Vehicle, outputs: Mapping[str, str]) -> None:
-    """Write the map with all events as ``full``, and those of crashes alone as ``half`` and ``quarter``."""
+def main(problem: Mapping[str, Any], vehicle: Vehicle, outputs: Mapping[str, str], *, checked: bool) -> None:
+    """Write the map with all events as ``full``, and those of crashes alone as ``half`` and ``quarter``.
+
+    If ``checked``, the full map is compared with independent simulations; see `crash_map.checked`.
+    """
     grid = Grid(**problem["limits"], **problem["crash_map"]["grid"])
-    for name in FACTORS.keys() & outputs.keys():
+    is_sampled = False
+    for name in (name for name in FACTORS if name in outputs):
         events = events_from(problem["crash_map"]["events"]) if name == "full" else []
         generator = child_generator(problem["seed"], "crash_map", name)
-        write_crash_map(outputs[name], map_crashes(vehicle, grid.refined(FACTORS[name]), events, generator))
+        crash_map = map_crashes(vehicle, grid.refined(FACTORS[name]), events, generator)
+        if checked and (name == "full" or is_sampled):
+            probes = child_generator(problem["seed"], "crash_map", name, "check")
+            scanned, crash_map = crash_map, require_right_map(vehicle, crash_map, probes)
+            is_sampled = crash_map is not scanned
+        write_crash_map(outputs[name], crash_map)
     write_json(outputs["vehicle"], problem)
 
 
@@ -29,4 +39,4 @@ if __name__ == "__main__":
     with job(snakemake.log[0]):
         params = snakemake.params
         with loaded_for(params.vehicle, params.simulations | {"workers": snakemake.threads}) as vehicle:
-            main(params.mapped, vehicle, dict(snakemake.output.items()))
+            main(params.mapped, vehicle, dict(snakemake.output.items()), checked=params.checked)

@@ -8,16 +8,25 @@ expected value of the map is right for stripes of any width, as long as the dens
 constant within a step.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from accelerated_evaluation.crash_map.maps import CrashMap, Intervals
-from accelerated_evaluation.vehicles.events import CRASH
+from accelerated_evaluation.vehicles.events import CRASH, Event
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 ENCOUNTERS_AT_ONCE = 500_000  # bounds the memory: about 100 MB
 
 
-def sample_crashes(vehicle: Vehicle, crash_map: CrashMap, generator: np.random.Generator) -> CrashMap:
+def sample_crashes(
+    vehicle: Vehicle,
+    crash_map: CrashMap,
+    generator: np.random.Generator,
+    *,
+    events: Sequence[Event] = (CRASH,),
+    finer: int = 1,
+) -> CrashMap:
     """Return a crash map on the lines of another map, computed with randomly drawn closing speeds.
 
     Parameters
@@ -28,12 +37,17 @@ def sample_crashes(vehicle: Vehicle, crash_map: CrashMap, generator: np.random.G
         The other map. Only its lines and the number of its scan points are used, not its intervals.
     generator
         Source of the random closing speeds.
+    events
+        Events to map.
+    finer
+        Number of steps for each scan point of the other map.
     """
     grid, lines = crash_map.grid, crash_map.lead_speed.size
-    steps = grid.closing_speed_points
+    steps = finer * grid.closing_speed_points
     edges = grid.closing_speed_max * (np.arange(steps + 1) / steps) ** 2
     edges[-1] = np.inf  # above the last closing speed nothing changes any more
-    batch, found = max(1, ENCOUNTERS_AT_ONCE // steps), []
+    batch = max(1, ENCOUNTERS_AT_ONCE // steps)
+    found: dict[Event, list[tuple]] = {event: [] for event in events}
     for first in range(0, lines, batch):
         line = np.arange(first, min(first + batch, lines))
         share = (np.arange(steps) + generator.random((line.size, steps))) / steps
@@ -42,8 +56,13 @@ def sample_crashes(vehicle: Vehicle, crash_map: CrashMap, generator: np.random.G
             np.repeat(1 / crash_map.inverse_range[line], steps),
             grid.closing_speed_max * share.ravel() ** 2,
         )
-        row, step = np.nonzero(outcomes.crash.reshape(share.shape))
-        found.append((line[row], edges[step], edges[step + 1]))
-    row, start, end = (np.concatenate(column) for column in zip(*found, strict=True))
-    crashes = {CRASH: Intervals(row.astype(np.int32), start, end)}
-    return CrashMap(grid, crash_map.cells, crash_map.lead_speed, crash_map.inverse_range, crashes)
+        for event, parts in found.items():
+            row, step = np.nonzero(event.happens(outcomes).reshape(share.shape))
+            parts.append((line[row], edges[step], edges[step + 1]))
+    sampled = {event: _joined(parts) for event, parts in found.items()}
+    return CrashMap(grid, crash_map.cells, crash_map.lead_speed, crash_map.inverse_range, sampled)
+
+
+def _joined(parts: list[tuple]) -> Intervals:
+    row, start, end = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return Intervals(row.astype(np.int32), start, end)

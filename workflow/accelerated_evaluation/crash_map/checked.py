@@ -1,0 +1,153 @@
+"""Whether a crash map agrees with the vehicle: an independent check with randomly drawn closing speeds.
+
+A scan of a line assumes that the outcome does not change between two of its points. The standard error of an
+exact probability, which is that of the random places of the lines, does not contain the error that arises if
+it does. The check draws some lines of the map, divides each into steps, and simulates one closing speed in
+each step, drawn from the reference law. The sum of the probabilities of the steps that crash is an unbiased
+estimate of the crash probability of the line, for crash sets of any shape. Its difference from the intervals
+of the map has the expected value 0 if the map is right.
+"""
+
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, CrashMap
+from accelerated_evaluation.crash_map.sampled import sample_crashes
+from accelerated_evaluation.vehicles.events import CRASH
+from accelerated_evaluation.vehicles.protocol import Vehicle
+
+LINES = 1000  # drawn at most, and not more than twice as many as the map has, so that the check is cheap
+EVEN = (
+    0.5  # share of the lines that are drawn by the probability of their cell alone, with or without crashes
+)
+FINER = 4  # steps of a map with random closing speeds for each point of a scan
+CRITICAL = 4.0  # standard errors; a right map exceeds them in one of 16,000 cases
+
+
+@dataclass(frozen=True)
+class MapCheck:
+    """What the check found, under the reference law of the grid.
+
+    Attributes
+    ----------
+    mapped
+        Crash probability of the map, up to a constant factor.
+    difference, standard_error
+        Difference of the simulated crash probability from it, and the standard error of the difference.
+    """
+
+    mapped: float
+    difference: float
+    standard_error: float
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether the vehicle contradicts its map: two-sided, at `CRITICAL` standard errors."""
+        return abs(self.difference) > CRITICAL * self.standard_error
+
+    @property
+    def in_words(self) -> str:
+        """What was found, in one sentence."""
+        size = f"{self.difference / self.mapped:+.1%}" if self.mapped else "infinitely many percent"
+        return (
+            f"The crash map is contradicted by simulations at random closing speeds: the crash "
+            f"probability differs by {size}, {self.difference / self.standard_error:.1f} standard errors."
+        )
+
+
+def check_map(vehicle: Vehicle, crash_map: CrashMap, generator: np.random.Generator) -> MapCheck:
+    """Compare a crash map with simulations at random closing speeds on some of its lines.
+
+    Parameters
+    ----------
+    vehicle
+        The vehicle of the map.
+    crash_map
+        Its crashes are checked.
+    generator
+        Source of the lines and the closing speeds.
+    """
+    grid, intervals = crash_map.grid, crash_map.intervals(CRASH)
+    rate = crash_map.inverse_range / grid.reference_inverse_ttc  # of the closing speed, on each line
+    start, end = (np.exp(-rate[intervals.line] * edge) for edge in (intervals.start, intervals.end))
+    mapped = np.bincount(intervals.line, start - end, rate.size)
+    weight = _cell_probabilities(crash_map)
+    chance = EVEN * weight / weight.sum()
+    if mapped.any():
+        chance += (1 - EVEN) * weight * mapped / (weight @ mapped)
+    count = min(LINES, 2 * rate.size)
+    chosen = generator.choice(rate.size, count, p=chance / chance.sum())
+    simulated = _simulated(vehicle, crash_map, chosen, rate[chosen], generator)
+    ratio = weight[chosen] / (count * chance[chosen] / chance.sum())
+    differences = ratio * (simulated - mapped[chosen])
+    error = np.std(differences, ddof=1) * np.sqrt(count)
+    return MapCheck(float(weight @ mapped), float(differences.sum()), float(error))
+
+
+def require_right_map(vehicle: Vehicle, crash_map: CrashMap, generator: np.random.Generator) -> CrashMap:
+    """Return a map that the vehicle does not contradict: the given one, or one with random closing speeds.
+
+    Parameters
+    ----------
+    vehicle
+        The vehicle of the map.
+    crash_map
+        Its map by scans.
+    generator
+        Source of all randomness.
+
+    Raises
+    ------
+    InputError
+        If the vehicle contradicts the map with random closing speeds, too.
+    """
+    check = check_map(vehicle, crash_map, generator)
+    if not check.contradicts:
+        return crash_map
+    print(f"{check.in_words} A map with random closing speeds takes its place.", file=sys.stderr)
+    events = list(crash_map.events)
+    sampled = sample_crashes(vehicle, crash_map, generator, events=events, finer=FINER)
+    check = check_map(vehicle, sampled, generator)
+    if check.contradicts:
+        raise InputError(
+            "crash map of the vehicle",
+            seen=check.in_words,
+            expected="a map whose crash probability random simulations confirm",
+            change="Refine the grid (crash_map.grid, answer.grid), above all closing_speed_points.",
+        )
+    return sampled
+
+
+def _cell_probabilities(crash_map: CrashMap) -> Array:
+    """Return the probability under the reference law of the cell of each line, shared by its lines."""
+    grid, cells = crash_map.grid, crash_map.cells
+    far, near = np.exp(-cells.inverse_range.T / grid.reference_inverse_range)
+    return np.repeat((far - near) * np.diff(cells.lead_speed, axis=1)[:, 0], LINES_PER_CELL) / LINES_PER_CELL
+
+
+def _simulated(
+    vehicle: Vehicle, crash_map: CrashMap, chosen: Array, rate: Array, generator: np.random.Generator
+) -> Array:
+    """Return unbiased estimates of the crash probabilities of lines, shape (lines,).
+
+    Closing speeds above the largest of the grid count as this one, as in the map.
+    """
+    grid = crash_map.grid
+    steps = grid.closing_speed_points
+    edges = grid.closing_speed_max * (np.arange(steps + 1) / steps) ** 2
+    beyond = np.exp(-rate[:, None] * edges)  # probability of a closing speed beyond each edge
+    drawn = beyond[:, :-1] + generator.random((chosen.size, steps)) * np.diff(beyond, axis=1)
+    with np.errstate(divide="ignore"):
+        speed = np.where(drawn > 0, -np.log(drawn) / rate[:, None], grid.closing_speed_max)
+    speed = np.hstack([np.clip(speed, edges[:-1], edges[1:]), np.full((chosen.size, 1), edges[-1])])
+    outcomes = vehicle.simulate(
+        np.repeat(crash_map.lead_speed[chosen], steps + 1),
+        np.repeat(1 / crash_map.inverse_range[chosen], steps + 1),
+        speed.ravel(),
+    )
+    probability = np.hstack([-np.diff(beyond, axis=1), beyond[:, -1:]])
+    return (outcomes.crash.reshape(speed.shape) * probability).sum(axis=1)
