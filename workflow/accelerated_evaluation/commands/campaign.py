@@ -72,8 +72,11 @@ class CampaignCommand:
 
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
-        """Run one step."""
-        arguments.step(arguments)
+        """Run one step; others that change a campaign of the same folder wait for its end."""
+        from accelerated_evaluation.track.campaign_file import locked
+
+        with locked(arguments.campaign):
+            arguments.step(arguments)
 
 
 def _add_new(command: argparse.ArgumentParser) -> None:

@@ -17,6 +17,7 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import atomic_path
 from accelerated_evaluation.commands import COMMANDS
 from accelerated_evaluation.vehicles.checks import INPUTS, OUTCOMES, checked_encounters
+from accelerated_evaluation.vehicles.external.apart import run_apart
 from accelerated_evaluation.vehicles.loading import load_vehicle
 from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
 from accelerated_evaluation.vehicles.registry import VEHICLES
@@ -93,9 +94,17 @@ class Simulate:
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
         """Simulate the table."""
-        vehicle = load_vehicle(arguments.vehicle, **_parameters(arguments.parameter))
+        parameters = _parameters(arguments.parameter)
         limit = math.inf if arguments.closing_speed_max is None else arguments.closing_speed_max
-        simulate_table(arguments.source, arguments.target, vehicle, closing_speed_max=limit)
+
+        def simulate() -> None:
+            vehicle = load_vehicle(arguments.vehicle, **parameters)
+            simulate_table(arguments.source, arguments.target, vehicle, closing_speed_max=limit)
+
+        if ":" in arguments.vehicle or arguments.vehicle == "fmu":
+            run_apart(simulate, f"vehicle {arguments.vehicle}")
+        else:
+            simulate()
 
 
 def _parameters(texts: Iterable[str]) -> dict[str, Any]:

@@ -1,9 +1,11 @@
 """The file of a campaign: readable JSON that later versions of the sampler can still use."""
 
+import fcntl
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -36,6 +38,25 @@ def source_of(path: str | os.PathLike) -> Source:
     path = Path(path)
     require_file(path, "Correct its path.")
     return Source(str(path), file_digest(path))
+
+
+@contextmanager
+def locked(path: str | os.PathLike) -> Iterator[None]:
+    """Let no other process read and write the campaigns of this folder during the block.
+
+    If two processes read a campaign, add to it and write it at once, what one of them added is lost. The lock
+    is that of the folder, because the file is replaced whenever it is written.
+    """
+    folder = Path(path).resolve().parent
+    if not folder.is_dir():  # the error is that of reading the file
+        yield
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
 
 
 def law_of(campaign: Campaign) -> Law:

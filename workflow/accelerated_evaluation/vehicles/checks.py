@@ -166,11 +166,14 @@ def outcome_error(
 
 def _checked_column(outcomes: object, name: str, count: int, vehicle: str) -> NDArray:
     """Return one attribute of a user's outcomes as an array of the protocol's type."""
-    if not hasattr(outcomes, name):
-        raise outcome_error(
-            vehicle, "simulate", type(outcomes).__name__, f"Outcomes with {', '.join(OUTCOMES)}"
-        )
-    column = np.asarray(getattr(outcomes, name))
+    try:
+        column = np.asarray(getattr(outcomes, name))
+    except AttributeError as error:
+        seen = type(outcomes).__name__
+        raise outcome_error(vehicle, "simulate", seen, f"Outcomes with {', '.join(OUTCOMES)}") from error
+    except Exception as error:  # a property of the user's that raises, or lists of unequal lengths
+        seen = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        raise outcome_error(vehicle, name, seen, f"an array of shape ({count},)") from error
     if column.shape != (count,):
         raise outcome_error(vehicle, name, f"shape {column.shape}", f"shape ({count},)")
     kinds, meaning = ("b", "booleans") if name == "crash" else ("fiu", "real numbers")

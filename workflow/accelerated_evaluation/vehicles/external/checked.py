@@ -23,6 +23,9 @@ from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle, repeats_
 REPEATED = 4  # encounters of the first batch that are simulated twice again
 TOLERANCE = 1e-5  # relative, for outcomes of the same encounter: rounding may depend on the batch
 
+FOLDER: dict[str, str] = {}
+"""The working folder of users' vehicles, once one has changed it."""
+
 
 @dataclass
 class CheckedVehicle:
@@ -172,9 +175,11 @@ def found_difference(
 def kept_alive() -> Iterator[None]:
     """Raise SystemExit if the block calls ``os._exit``, which would end the study without a message.
 
-    Processes that a vehicle forks may still end themselves in this way.
+    Processes that a vehicle forks may still end themselves so. A working folder that the block changes to is
+    that of all later blocks, but of nothing else: paths of results are relative to the user's.
     """
-    own, leave = os.getpid(), os._exit
+    own, leave, folder = os.getpid(), os._exit, os.getcwd()
+    os.chdir(FOLDER.get("user's code", folder))
 
     def refuse(status: int) -> None:
         if os.getpid() != own:
@@ -186,6 +191,9 @@ def kept_alive() -> Iterator[None]:
         yield
     finally:
         os._exit = leave
+        if (changed := os.getcwd()) != folder:
+            FOLDER["user's code"] = changed
+            os.chdir(folder)
 
 
 def error_in_words(error: BaseException) -> str:

@@ -6,6 +6,8 @@ import os
 import shlex
 import signal
 import subprocess
+import time
+import uuid
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,8 +35,10 @@ from accelerated_evaluation.vehicles.registry import VEHICLES
 REMEMBERED = 2000  # bytes of what a command prints, its last ones, of which a message has the last line
 FLAGS = {"1": 1.0, "0": 0.0, "true": 1.0, "false": 0.0, "1.0": 1.0, "0.0": 0.0}
 
-RUNNING: set[int] = set()
-"""Groups of processes that run now; whoever ends this process by force has to end them as well."""
+MARK = "ACCELERATED_EVALUATION_COMMAND"  # variable of the environment that all processes of a command inherit
+
+RUNNING: set[tuple[int, str]] = set()
+"""Commands that run now, as `end_group` takes them; whoever ends this process has to end them as well."""
 
 
 @VEHICLES.add("command")
@@ -102,9 +106,11 @@ class Command(ForeignVehicle):
 
     def _run(self, words: Sequence[str], encounters: Array) -> None:
         """Run the command in a group of processes of its own, and end the whole group after it."""
+        mark = f"{MARK}={uuid.uuid4()}"
         try:
             process = subprocess.Popen(
                 words,
+                env=os.environ | dict([mark.split("=")]),
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
@@ -114,7 +120,7 @@ class Command(ForeignVehicle):
             seen = f"{words[0]!r}: {(error.strerror or str(error)).lower()}"
             change = "Correct the path, and make the file executable or name its interpreter first."
             raise self._error("start", seen, "a program that can be run", change) from error
-        RUNNING.add(process.pid)
+        RUNNING.add((process.pid, mark))
         printed = Printed(process.stdout)
         try:
             status = process.wait(self.time_limit)
@@ -126,9 +132,9 @@ class Command(ForeignVehicle):
                 "Let it end sooner, raise simulations.time_limit, or lower simulations.batch_size.",
             ) from error
         finally:
-            end_group(process.pid)
+            end_group(process.pid, mark)
             process.wait()
-            RUNNING.discard(process.pid)
+            RUNNING.discard((process.pid, mark))
             printed.stop()
         if status:
             how = f"exit status {status}" if status > 0 else f"killed by {signal.Signals(-status).name}"
@@ -164,10 +170,34 @@ class Printed:
         return f", and printed last {' '.join(lines[-1].split())[-300:]!r}" if lines else ""
 
 
-def end_group(process: int) -> None:
-    """End a process group by force."""
+def end_group(process: int, mark: str) -> None:
+    """End a command by force: its group of processes, and processes of its own that have left the group.
+
+    Parameters
+    ----------
+    process
+        The first process of the group.
+    mark
+        Entry of the environment that only the processes of this command have. They are found by it where the
+        system lists processes under /proc.
+    """
     with contextlib.suppress(ProcessLookupError, PermissionError):
         os.killpg(process, signal.SIGKILL)
+    while left := _marked(mark):  # a process may have started another one meanwhile
+        for one in left:
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.kill(one, signal.SIGKILL)
+        time.sleep(0.01)
+
+
+def _marked(mark: str) -> list[int]:
+    """Return the processes that live and have an entry in their environment."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):  # it has ended, or is another user's
+            if mark.encode() in (folder / "environ").read_bytes().split(b"\0"):
+                found.append(int(folder.name))
+    return found
 
 
 def _write_encounters(path: Path, encounters: Array) -> None:
@@ -180,6 +210,8 @@ def _write_encounters(path: Path, encounters: Array) -> None:
 def _read_outcomes(path: Path, encounters: Array, refuse: Callable[..., InputError]) -> Array:
     """Return the outcomes of a CSV file, shape (4, n); raise what ``refuse`` makes of a fault."""
     count = encounters.shape[1]
+    if path.exists() and not path.is_file():  # to open a pipe would wait for ever
+        raise refuse("OUT.csv", "a folder, a device or a pipe", "a file with the outcomes")
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = [row for row in csv.reader(file) if row]

@@ -23,6 +23,7 @@ INPUT_UNITS = {
     "host_speed": SPEED,
     "lead_speed": SPEED,
 }
+LARGEST = 200_000_000  # bytes of all files of an FMU, which are unpacked for each worker
 REAL = {"2.0": "Real", "3.0": "Float64"}
 
 
@@ -236,6 +237,11 @@ def _read(file: str) -> Any:  # noqa: ANN401
     if not Path(file).is_file() or not zipfile.is_zipfile(file):
         seen = "a file that is no ZIP archive" if Path(file).is_file() else "no such file"
         raise error(seen, "an FMU", "Correct vehicle.parameters.file.")
+    with zipfile.ZipFile(file) as archive:
+        size = sum(part.file_size for part in archive.infolist())
+    if size > LARGEST:
+        seen = f"an archive whose files take {size / 1e6:,.0f} MB"
+        raise error(seen, f"at most {LARGEST / 1e6:,.0f} MB", "Leave out sources and documentation.")
     try:
         description, platforms = fmpy.read_model_description(file), fmpy.supported_platforms(file)
     except Exception as fault:  # of whatever kind FMPy has for it

@@ -17,6 +17,7 @@ from accelerated_evaluation.vehicles.protocol import Outcomes
 from accelerated_evaluation.vehicles.registry import VEHICLES
 
 INPUTS = ("range", "range_rate", "host_speed")
+MOST_STEPS = 100_000  # of an encounter, which takes seconds; more is a mistake of the unit
 
 
 @VEHICLES.add("fmu")
@@ -68,6 +69,8 @@ class Fmu(ForeignVehicle):
                 raise parameter_error(name, getattr(self, name), "a mapping")
         for name in ("step", "duration"):
             check_number(name, getattr(self, name))
+        if not 1 <= self.duration / self.step <= MOST_STEPS:
+            raise parameter_error("duration", self.duration, f"1 to {MOST_STEPS:,} steps of {self.step:g} s")
         self._model = Model(self.file, self.inputs, self.acceleration, self.start)
 
     @property

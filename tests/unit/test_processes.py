@@ -1,0 +1,166 @@
+"""Users' vehicles and campaigns as processes: none is left behind, ends in silence or loses results."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from accelerated_evaluation import cli
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.track.campaign_file import read_campaign
+from accelerated_evaluation.vehicles import load_vehicle
+from accelerated_evaluation.vehicles.external.checked import FOLDER
+from law_folder import begin_campaign
+
+CARS = """
+import ctypes, os, time
+import numpy as np
+from accelerated_evaluation.vehicles import load_vehicle
+
+
+class Segfault:
+    def simulate(self, lead_speed, range_, closing_speed):
+        ctypes.string_at(0)
+
+
+class Moving:
+    def simulate(self, lead_speed, range_, closing_speed):
+        os.chdir(os.path.dirname(os.path.abspath(__file__)) + "/elsewhere")
+        return load_vehicle("acc_aeb").simulate(lead_speed, range_, closing_speed)
+
+
+class Sleeping:
+    def simulate(self, lead_speed, range_, closing_speed):
+        time.sleep(600)
+
+
+class Answer:
+    crash, min_range, min_ttc, impact_speed = [[True], [False, True]], 1, 1, 1
+
+
+class Ragged:
+    def simulate(self, lead_speed, range_, closing_speed):
+        return Answer()
+
+
+class Raising:
+    crash = property(lambda self: 1 / 0)
+
+    def simulate(self, lead_speed, range_, closing_speed):
+        return self
+"""
+WORKER = """
+import numpy as np
+from accelerated_evaluation.vehicles.external.workers import Processes, simulate_batch
+
+if __name__ == "__main__":
+    with Processes(1) as pool:
+        future = pool.submit(simulate_batch, "cars.py:Sleeping", {}, np.ones((3, 2)), 300.0)
+        while not pool._pools[0]._processes:
+            pass
+        print(*pool._pools[0]._processes, flush=True)
+        future.result()
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "cars.py").write_text(CARS)
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "in.csv").write_text("lead_speed,range,closing_speed\n10,20,5\n10,10,9\n")
+    yield tmp_path
+    FOLDER.clear()
+
+
+def ended(process, seconds=60):
+    """Tell whether a process ends within some time; a zombie has ended."""
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        try:
+            if Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] == "Z":
+                return True
+        except OSError:
+            return True
+        time.sleep(0.1)
+    return False
+
+
+@pytest.mark.parametrize(
+    ("car", "told"),
+    [
+        ("Segfault", "by SIGSEGV; expected outcomes"),
+        ("Ragged", "crash: seen ValueError"),
+        ("Raising", "crash: seen ZeroDivisionError: division by zero"),
+    ],
+)
+def test_a_vehicle_that_fails_in_any_way_ends_with_a_message(car, told, folder, capsys):
+    assert cli.main(["simulate", "in.csv", "out.csv", "--vehicle", f"cars.py:{car}"]) != 0
+    error = capsys.readouterr().err
+    assert told in error
+    assert "Traceback" not in error
+    assert not (folder / "out.csv").exists()
+
+
+def test_a_vehicle_that_changes_the_working_folder_moves_no_output(folder):
+    assert cli.main(["simulate", "in.csv", "out.csv", "--vehicle", "cars.py:Moving"]) == 0
+    assert len(pd.read_csv(folder / "out.csv")) == 2
+    load_vehicle("cars.py:Moving").simulate([10.0], [20.0], [5.0])
+    assert os.getcwd() == str(folder)
+
+
+def test_a_worker_ends_with_a_killed_study_even_while_a_class_runs(folder):
+    script = folder / "study.py"
+    script.write_text(WORKER)
+    study = subprocess.Popen([sys.executable, str(script)], cwd=folder, stdout=subprocess.PIPE, text=True)
+    worker = int(study.stdout.readline())
+    time.sleep(3)  # until the class sleeps; sooner, the worker would end in any case
+    study.send_signal(signal.SIGKILL)
+    study.wait()
+    study.stdout.close()
+    assert ended(worker)
+
+
+def test_processes_that_leave_the_session_of_a_command_end_with_it(folder):
+    program = folder / "leaving.py"
+    program.write_text(
+        "import os, sys, time\n"
+        "if os.fork() == 0:\n"
+        "    os.setsid()\n"
+        "    if os.fork() == 0:\n"
+        "        open('left.txt', 'w').write(str(os.getpid()))\n"
+        "        time.sleep(600)\n"
+        "    os._exit(0)\n"
+        "time.sleep(600)\n"
+    )
+    car = load_vehicle("command", command=[sys.executable, str(program)])
+    car.vehicle.time_limit = 3
+    with pytest.raises(InputError, match="no end after 3 s"):
+        car.simulate([10.0], [20.0], [5.0])
+    assert ended(int((folder / "left.txt").read_text()))
+
+
+def test_a_pipe_in_the_place_of_the_outcomes_is_refused(folder):
+    program = folder / "pipe.py"
+    program.write_text("import os, sys\nos.mkfifo(sys.argv[2])\n")
+    car = load_vehicle("command", command=[sys.executable, str(program)])
+    with pytest.raises(InputError, match=r"OUT\.csv: seen a folder, a device or a pipe"):
+        car.simulate([10.0], [20.0], [5.0])
+
+
+def test_results_that_are_told_at_the_same_instant_are_all_kept(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    begun = begin_campaign(tmp_path)
+    assert begun("ask", "next", "--no-scenarios") == 0
+    runs = pd.read_csv("next/runs.csv")
+    line = [sys.executable, "-m", "accelerated_evaluation.cli", "campaign", "tell", "c.json"]
+    tellers = []
+    for row in range(4):
+        runs.iloc[[row]].assign(crash=0).to_csv(f"told{row}.csv", index=False)
+        tellers.append(subprocess.Popen([*line, f"told{row}.csv"], stdout=subprocess.DEVNULL))
+    assert [teller.wait() for teller in tellers] == [0] * 4
+    assert sum(run.outcome is not None for run in read_campaign("c.json").runs) == 4

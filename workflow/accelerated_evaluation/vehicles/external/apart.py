@@ -1,0 +1,78 @@
+"""Run a user's compiled code in a process of its own, whose end by a signal is told as an error."""
+
+import ctypes
+import os
+import pickle
+import signal
+import sys
+from collections.abc import Callable
+
+from accelerated_evaluation.base.errors import InputError
+
+DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
+
+
+def run_apart(work: Callable[[], None], what: str) -> None:
+    """Run a function in a child process, and raise here what it raises there.
+
+    Parameters
+    ----------
+    work
+        The function. What it changes in memory is lost.
+    what
+        What runs, for the error.
+
+    Raises
+    ------
+    InputError
+        If a signal ends the child, such as a segmentation fault in compiled code.
+    """
+    read, write = os.pipe()
+    parent = os.getpid()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    child = os.fork()
+    if child == 0:
+        os.close(read)
+        _work(work, write, parent)
+    os.close(write)
+    try:
+        with os.fdopen(read, "rb") as pipe:
+            told = pipe.read()
+    except KeyboardInterrupt:
+        os.kill(child, signal.SIGKILL)
+        raise
+    finally:
+        _, status = os.waitpid(child, 0)
+    if os.WIFSIGNALED(status):
+        raise InputError(
+            what,
+            seen=f"the end of the process that simulated it by {signal.Signals(os.WTERMSIG(status)).name}",
+            expected="outcomes",
+            change="Correct the vehicle: its compiled code, or a library that it uses, ends the process.",
+        )
+    if told:
+        raise pickle.loads(told)
+
+
+def _work(work: Callable[[], None], pipe: int, parent: int) -> None:
+    """Run the function in the child, write what it raises to the pipe, and end the child."""
+    leave = os._exit
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(DIE_WITH_PARENT, signal.SIGKILL)
+    if os.getppid() != parent:  # which has ended before
+        leave(1)
+    told = b""
+    try:
+        work()
+    except BaseException as error:
+        try:
+            told = pickle.dumps(error)
+            pickle.loads(told)
+        except Exception:  # an error of a library that cannot be sent
+            told = pickle.dumps(RuntimeError(f"{type(error).__name__}: {error}"))
+    with os.fdopen(pipe, "wb") as file:
+        file.write(told)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    leave(0)
