@@ -38,7 +38,7 @@ def write_law_folder(folder, closing_unit=1.0):
     )
     encounters = complete(raw).assign(segment="5-15")
     write_encounters(folder / "encounters.parquet", encounters, "made up")
-    write_law(folder / "law.json", LAW)
+    write_law(folder / "law.json", LAW, encounters)
     return folder / "law.json", folder / "encounters.parquet"
 
 

@@ -8,12 +8,13 @@ from accelerated_evaluation.study.jobs import job
 if __name__ == "__main__":
     with job(snakemake.log[0]):
         params = snakemake.params
+        encounters = read_encounters(snakemake.input.encounters)
         fitted = fit_paper_laws(
-            read_encounters(snakemake.input.encounters),
+            encounters,
             params.models,
             params.range_max,
             params.description,
             params.closing_speed_max,
         )
         for name, path in snakemake.output.items():
-            write_law(path, fitted[name])
+            write_law(path, fitted[name], encounters)

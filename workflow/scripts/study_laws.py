@@ -33,6 +33,6 @@ if __name__ == "__main__":
                 draws = params.answer["quality_draws"]
                 tables["data_quality"] = study.quality(params.outlier_rows, draws, generator)
             if law is not None:
-                write_law(law, study.representative())
+                write_law(law, study.representative(), encounters)
         for name, path in outputs.items():
             write_csv(path, tables[name])

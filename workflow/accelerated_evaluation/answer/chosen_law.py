@@ -12,7 +12,7 @@ from accelerated_evaluation.answer.weighted_family import score_family
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import FITS, Law
-from accelerated_evaluation.laws.files import read_law
+from accelerated_evaluation.laws.files import read_law, require_shares
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.laws.paper.models import PAPER_LAWS, fit_paper_laws
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw
@@ -75,7 +75,9 @@ def choose_law(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any])
     """
     require_law(choice)
     if choice.endswith(FILE):
-        return choice, _of_file(choice, encounters)
+        law = read_law(choice, encounters)
+        require_shares(choice, law, encounters)
+        return choice, law
     if choice == ANSWER or choice in SMOOTH:
         with threadpool_limits(1, "blas"):  # as in the jobs of the study: the same digits on any machine
             law = _smooth(choice, encounters, config)
@@ -100,22 +102,3 @@ def _smooth(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any]) ->
             change=f"Choose a lower one, or {ANSWER}.",
         )
     return DependentLaw.fitted(family, SMOOTH[choice], encounters, records.support)
-
-
-def _of_file(path: str, encounters: pd.DataFrame) -> Law:
-    """Read a law, and see that it was fitted to these encounters."""
-    law = read_law(path, encounters)
-    counts = encounters["segment"].value_counts()
-    recorded = {segment: count / len(encounters) for segment, count in counts.items()}
-    if dict(law.shares) != recorded:
-        raise InputError(
-            path,
-            seen=f"a law with the segments {_shares(law.shares)}",
-            expected=f"the segments of these records: {_shares(recorded)}",
-            change="Give the configuration of the study that the law is from.",
-        )
-    return law
-
-
-def _shares(shares: Mapping[str, float]) -> str:
-    return ", ".join(f"{segment} m/s ({share:.3%})" for segment, share in sorted(shares.items()))

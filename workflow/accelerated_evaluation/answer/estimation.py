@@ -41,6 +41,10 @@ class Alone:
         The law of the estimates.
     vehicle
         The slow vehicle, which counts its simulations; None if the vehicle is not slow.
+    verdict
+        What the checks of the records say.
+    encounters
+        The encounter table.
     """
 
     tables: Mapping[str, pd.DataFrame]
@@ -48,6 +52,7 @@ class Alone:
     law: Law
     vehicle: SlowVehicle | None
     verdict: Verdict
+    encounters: pd.DataFrame
 
 
 def estimate_alone(
@@ -95,7 +100,7 @@ def estimate_alone(
     estimate = verdict.beside(tables["estimates"].assign(law=name))
     named = {"estimate": estimate, "runs": tables["runs"]}
     slow = vehicle if isinstance(vehicle, SlowVehicle) else None
-    return Alone(named | {"account": account.table()}, name, chosen, slow, verdict)
+    return Alone(named | {"account": account.table()}, name, chosen, slow, verdict, encounters)
 
 
 def read_records(config: Mapping[str, Any]) -> tuple[pd.DataFrame, Account]:

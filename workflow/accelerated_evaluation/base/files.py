@@ -127,6 +127,14 @@ def write_csv(path: str | os.PathLike, table: "pd.DataFrame") -> None:
     """Write a table as CSV without its index.
 
     Floats are written so that they read back as the same numbers.
+
+    Texts that a spreadsheet would run as a formula, because they begin with = or @, get an apostrophe before.
     """
+    texts = table.select_dtypes(exclude=["number", "bool"])
+    table = table.assign(**{name: texts[name].map(_no_formula) for name in texts})
     with atomic_path(path) as temporary:
         table.to_csv(temporary, index=False, lineterminator="\n")
+
+
+def _no_formula(cell: object) -> object:
+    return f"'{cell}" if isinstance(cell, str) and cell.startswith(("=", "@")) else cell

@@ -138,6 +138,7 @@ def _add_tell(command: argparse.ArgumentParser) -> None:
 
 
 def _new(arguments: argparse.Namespace) -> None:
+    from accelerated_evaluation.laws.files import read_law, require_shares
     from accelerated_evaluation.records.encounter_table import read_encounters
     from accelerated_evaluation.records.verdict import verdict_on_encounters
     from accelerated_evaluation.track.campaign import Campaign
@@ -154,6 +155,7 @@ def _new(arguments: argparse.Namespace) -> None:
     require_seed(arguments.seed)
     encounters = read_encounters(arguments.encounters)
     verdict = verdict_on_encounters(encounters, str(arguments.encounters), arguments.accept)
+    require_shares(arguments.law, read_law(arguments.law, encounters), encounters)
     campaign = Campaign.begin(
         source_of(arguments.law),
         source_of(arguments.encounters),

@@ -98,7 +98,7 @@ class EstimateAlone:
         folder = Path("results", config["study"], "estimate")
         for name, table in found.tables.items():
             write_csv(folder / f"{name}.csv", table)
-        write_law(folder / "law.json", found.law)
+        write_law(folder / "law.json", found.law, found.encounters)
         print(_in_words(found, 1 - config["importance_sampling"]["alpha"]), f"tables: {folder}", sep="\n")
 
 

@@ -43,7 +43,7 @@ class Export:
     def run(arguments: argparse.Namespace) -> None:
         """Draw the set and write it."""
         from accelerated_evaluation.base.randomness import child_generator
-        from accelerated_evaluation.laws.files import read_law
+        from accelerated_evaluation.laws.files import read_law, require_shares
         from accelerated_evaluation.records.encounter_table import read_encounters
         from accelerated_evaluation.records.verdict import verdict_on_encounters
         from accelerated_evaluation.track.campaign_file import source_of
@@ -55,6 +55,7 @@ class Export:
         encounters = read_encounters(arguments.encounters)
         verdict = verdict_on_encounters(encounters, str(arguments.encounters), arguments.accept)
         law = read_law(arguments.law, encounters)
+        require_shares(arguments.law, law, encounters)
         generator = child_generator(arguments.seed, "export")
         drawn = draw_weighted_set(law, arguments.size, arguments.safe_deceleration, generator)
         origin = {

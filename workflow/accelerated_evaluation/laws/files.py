@@ -1,8 +1,12 @@
 """Law files: a readable JSON format, which only this module writes and reads."""
 
+import hashlib
+import json
 import math
 import os
+from collections.abc import Mapping
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -11,17 +15,38 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import read_json, write_json
 from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.laws import LAWS, Law
+from accelerated_evaluation.records.encounter_table import NUMBERS
 
 FORMAT = "accelerated-evaluation law"
 VERSION = 2
 PLACES = (-4.0, 0.0, 4.0)  # normal scores at which a law that was read is checked
 
 
-def write_law(path: str | os.PathLike, law: Law) -> None:
-    """Write a law as JSON, atomically; `read_law` returns a law that is equal to it."""
+def write_law(path: str | os.PathLike, law: Law, encounters: pd.DataFrame | None = None) -> None:
+    """Write a law as JSON, atomically; `read_law` returns a law that is equal to it.
+
+    Parameters
+    ----------
+    path
+        The file.
+    law
+        The law.
+    encounters
+        The encounter table that it was fitted to, whose digest is written so that no other is read with it.
+    """
     cap = None if math.isinf(law.closing_speed_max) else law.closing_speed_max
     header = {"format": FORMAT, "version": VERSION, "kind": law.kind, "description": law.description}
+    if encounters is not None:
+        header |= {"encounters": _described(encounters)}
     write_json(path, header | {"closing_speed_max": {"unit": "m/s", "value": cap}} | law.content())
+
+
+def _described(encounters: pd.DataFrame) -> dict[str, int | str]:
+    """Return the number of rows of an encounter table and the digest of its content."""
+    numbers = np.ascontiguousarray(encounters[list(NUMBERS)].to_numpy(dtype="<f8"))
+    digest = hashlib.sha256(numbers.tobytes())
+    digest.update("\n".join(encounters["segment"]).encode())
+    return {"rows": len(encounters), "sha256": digest.hexdigest()}
 
 
 def read_law(path: str | os.PathLike, encounters: pd.DataFrame) -> Law:
@@ -54,10 +79,42 @@ def read_law(path: str | os.PathLike, encounters: pd.DataFrame) -> Law:
             content, encounters, content["description"], math.inf if cap is None else float(cap)
         )
         _require_cut_ins(law)
+        json.dumps(law.content(), allow_nan=False)  # a null or NaN may be in a table of numbers
+        if "encounters" in content:
+            given = _described(encounters)
+            _require_equal(path, _table(given), _table(content["encounters"]), given == content["encounters"])
         return law
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         seen = f"{type(error).__name__}: {error}"
         raise InputError(str(path), seen=seen, expected="a complete law file", change=change) from error
+
+
+def require_shares(path: str | os.PathLike, law: Law, encounters: pd.DataFrame) -> None:
+    """Raise InputError unless a law and an encounter table have the same shares of segments.
+
+    `read_law` compares the whole table with the digest in the law file, which files of earlier versions lack.
+    """
+    counts = encounters["segment"].value_counts()
+    recorded = {segment: count / len(encounters) for segment, count in counts.items()}
+    _require_equal(path, _shares(recorded), _shares(law.shares), dict(law.shares) == recorded)
+
+
+def _require_equal(path: str | os.PathLike, seen: str, expected: str, is_equal: bool) -> None:
+    if not is_equal:
+        raise InputError(
+            f"{path}, the encounter table of this law",
+            seen=f"another table: {seen}",
+            expected=f"the table that the law was fitted to: {expected}",
+            change="Give the encounter table, or the configuration, of the study that the law is from.",
+        )
+
+
+def _table(fitted: Mapping[str, Any]) -> str:
+    return f"{fitted['rows']:,} rows with the SHA-256 checksum {fitted['sha256'][:12]}..."
+
+
+def _shares(shares: Mapping[str, float]) -> str:
+    return ", ".join(f"{segment} m/s ({share:.3%})" for segment, share in sorted(shares.items()))
 
 
 def _require_cut_ins(law: Law) -> None:

@@ -100,13 +100,18 @@ def with_limits(
     found = None
     with suppress(ValueError):  # a damaged file is written again
         found = read_json(kept) if has_kept else None
-    if not isinstance(found, Mapping) or found.get("of") != of:
+    if not isinstance(found, Mapping) or found.get("of") != of or found != _kept(of, found.get("limits")):
         raw = read_source(config["data"], child_generator(config["seed"], "sample"))
         limits = limits_of(raw, config)
-        found = {"of": of, "limits": {key: limits[key] for key in asked}}
+        found = _kept(of, {key: limits[key] for key in asked})
         if kept is not None:
             write_json(kept, found)
     return with_values(config, found["limits"])
+
+
+def _kept(of: str, limits: object) -> dict[str, Any]:
+    """Return what the file keeps: limits, what they belong to, and a checksum against changes by hand."""
+    return {"of": of, "limits": limits, "checksum": value_digest([of, limits])}
 
 
 def limits_of(raw: pd.DataFrame, config: Mapping[str, Any]) -> dict[str, Any]:
@@ -137,6 +142,13 @@ def limits_of(raw: pd.DataFrame, config: Mapping[str, Any]) -> dict[str, Any]:
     # Rounding errors of a unit's factor must not add a metre.
     settle("filters.range_max", max(math.ceil(round(rows["range"].max(), 6)), 1))
     rows = rows[rows["lead_speed"].between(low, high, inclusive="left")]
+    if rows.empty:
+        raise InputError(
+            "filters.lead_speed_min, filters.lead_speed_max",
+            seen=f"[{low:g}, {high:g}) m/s, in which no record has its lead speed",
+            expected="limits between which there are records",
+            change="Lower or widen them, or set them to auto.",
+        )
     settle("segments.lead_speed_edges", edges_of(rows["lead_speed"], low, high, WIDTH, SEGMENT_ROWS))
     largest = max(rows["closing_speed"].max(), 0.5)
     cap = settle("models.closing_speed_max", min(math.ceil(2 * MARGIN * largest) / 2, LARGEST_SPEED))

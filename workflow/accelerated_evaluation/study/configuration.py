@@ -196,6 +196,8 @@ def read_yaml(path: Path) -> dict[str, Any]:
         if path.stat().st_size > LARGEST:
             raise ValueError(f"{path.stat().st_size:,} bytes, more than {LARGEST:,}")
         config = yaml.load(path.read_text(encoding="utf-8"), Loader=_StrictLoader)  # a safe one
+        if _holds_itself(config):
+            raise ValueError("a part that holds itself by an alias (*)")
     except (OSError, ValueError, yaml.YAMLError, RecursionError) as error:
         seen = " ".join(str(error).replace('in "<unicode string>", ', "in ").split())
         raise InputError(
@@ -206,6 +208,16 @@ def read_yaml(path: Path) -> dict[str, Any]:
             str(path), seen=shown(config), expected="keys and values", change="See config/config.yaml."
         )
     return dict(config)
+
+
+def _holds_itself(value: object, above: frozenset[int] = frozenset(), known: set[int] | None = None) -> bool:
+    """Return whether a value of YAML is a part of itself; each part is visited once."""
+    known = set() if known is None else known
+    if not isinstance(value, dict | list) or id(value) in known:
+        return id(value) in above
+    known.add(id(value))
+    parts = value.values() if isinstance(value, dict) else value
+    return any(_holds_itself(part, above | {id(value)}, known) for part in parts)
 
 
 def _merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from types import ModuleType
 from typing import Any
 
 from accelerated_evaluation.base.errors import InputError, StudyError
+from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.vehicles.external.checked import CheckedVehicle, error_in_words, kept_alive
 from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
 from accelerated_evaluation.vehicles.parameters import parameter_names, required_names
@@ -84,7 +85,14 @@ def section_files(vehicle: Mapping[str, Any]) -> list[str]:
     ----------
     vehicle
         The section ``vehicle``, or a section of the same form.
+
+    Raises
+    ------
+    InputError
+        If a file that it states does not exist.
     """
+    for file in vehicle["files"]:
+        require_file(file, "Correct vehicle.files.")
     return [*vehicle_files(vehicle["name"], vehicle["parameters"]), *vehicle["files"]]
 
 

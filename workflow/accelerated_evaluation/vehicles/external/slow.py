@@ -215,10 +215,11 @@ def loaded_for(vehicle: Mapping[str, Any], simulations: Mapping[str, Any]) -> It
     car = load_vehicle(name, **parameters)  # also to refuse what cannot be loaded before any worker starts
     if isinstance(car, CheckedVehicle) and vehicle.get("deterministic") is not None:
         car.deterministic = vehicle["deterministic"]
+    files = section_files(vehicle)  # also to refuse what does not exist
     if not is_slow(name, simulations):
         yield car
         return
-    store = store_of(name, parameters, section_files(vehicle))
+    store = store_of(name, parameters, files)
     declared = car.deterministic if isinstance(car, CheckedVehicle) else None
     with workers_of(simulations) as workers:
         limits = {key: simulations[key] for key in ("batch_size", "time_limit")}
