@@ -13,7 +13,6 @@ from pathlib import Path
 import pandas as pd
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import write_csv, write_text
-from accelerated_evaluation.study.configuration import load
 
 ROOT = Path(__file__).resolve().parents[1]
 MEASURED = ROOT / "benchmarks" / "results" / "rules.csv"
@@ -28,7 +27,7 @@ MEMORY_STEP = 500  # [MB], to which requests are rounded up
 def measure(results: Path) -> pd.DataFrame:
     """Return what the jobs of every rule of a finished study took.
 
-    The crash maps of all vehicles count as jobs of the rule map_crashes. Seconds are of a processor at work,
+    Seconds are of a processor at work,
     because the time on the clock would count what else the machine did.
 
     Parameters
@@ -74,20 +73,12 @@ def requests(measured: pd.DataFrame) -> Iterator[str]:
     for row in measured.itertuples():
         minutes = max(math.ceil(MARGIN * row.seconds_longest / 60), LEAST_MINUTES)
         memory = MEMORY_STEP * math.ceil(MEMORY_MARGIN * row.memory_mb / MEMORY_STEP)
-        for rule in _names(row.rule):
-            yield f"  {rule}:\n    runtime: {minutes} * attempt\n    mem_mb: {memory} * attempt\n"
+        yield f"  {row.rule}:\n    runtime: {minutes} * attempt\n    mem_mb: {memory} * attempt\n"
 
 
 def profile(text: str, measured: pd.DataFrame) -> str:
     """Return the text of a profile with the requests for its rules at its end."""
     return f"{text.split(MARK)[0]}{MARK}set-resources:\n{''.join(requests(measured))}"
-
-
-def _names(rule: str) -> list[str]:
-    """Return the rules that a row of the table stands for."""
-    if rule != "map_crashes":
-        return [rule]
-    return [rule, *(f"{rule}_{name}" for name in ("under_test", *load()["compared_vehicles"]))]
 
 
 def _processor() -> str:

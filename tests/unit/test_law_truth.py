@@ -195,12 +195,12 @@ def test_poisson_limits_and_mid_p_values():
 
 
 def test_cells_count_what_is_recorded_and_expect_it_from_the_true_law(records):
-    counts = with_limits(cell_counts(records, ExponentialSpeeds()))
+    counts = with_limits(*cell_counts(records, lambda places: [ExponentialSpeeds()]))
     assert len(counts) == len(cells()) >= 12
     inside = (records.range_ < 5) & (records.closing_speed >= 1) & (records.closing_speed < 2)
     assert counts["recorded"].iloc[0] == inside.sum()
     assert counts["p_value"].min() > 0.05 / len(counts)
-    wrong = with_limits(cell_counts(records, ExponentialSpeeds(1.5 * MEAN)))
+    wrong = with_limits(*cell_counts(records, lambda places: [ExponentialSpeeds(1.5 * MEAN)]))
     assert wrong["p_value"].min() < 1e-4
 
 

@@ -58,7 +58,7 @@ def test_benchmarks_of_a_study_are_measured_by_rule(tmp_path):
     assert measured.loc["search_proposals", "seconds_all"] == pytest.approx(10)
     assert measured.loc["search_proposals", "memory_mb"] == pytest.approx(310)
     asked = yaml.safe_load("".join(rules.requests(measured.reset_index())))
-    assert asked["map_crashes_fsm"] == {"runtime": "5 * attempt", "mem_mb": "1000 * attempt"}
+    assert asked["map_crashes"] == {"runtime": "5 * attempt", "mem_mb": "1000 * attempt"}
 
 
 def test_a_folder_without_benchmarks_is_refused(tmp_path):

@@ -22,10 +22,9 @@ ESTIMATE = {"estimate_single", "estimate_piecewise", "estimate_heuristic", "esti
 ESTIMATE |= {"estimate_toy_method"}
 JUDGE = {"run_crude_monte_carlo", "study_coverage", "collect_coverage"}
 TRUTH = {"compute_exact", "bootstrap_uncertainty", "study_sensitivity"}
-LAWS = {"fit_family", "study_laws_answer", "study_laws_score", "study_laws_quality", "replay_encounters"}
+LAWS = {"fit_family", "study_laws", "compare_laws", "compare_record_variants", "replay_encounters"}
 END = {"book", "all"}
-DRIVEN = {"map_crashes_under_test", "map_crashes_acc_only", "map_crashes_cc_human"}
-DRIVEN |= {"map_crashes_reg157", "map_crashes_rss", "map_crashes_fsm", "map_crashes_toy_car"}
+DRIVEN = {"map_crashes_uncapped"}
 STUDY = SEARCH | ESTIMATE | JUDGE | TRUTH | {"collect_estimates", *END}
 EDITS = {
     "leaves": (

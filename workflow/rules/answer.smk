@@ -2,112 +2,98 @@
 #
 # In: encounters.parquet, the vehicle under test and those that it is compared with. Out: crash maps up to closing speeds
 # where nothing changes any more, the answer with its budget, its law, and as rates per kilometre and hour, the
-# calibration and the scores of all laws on records that they have not seen, what the quality of the data does to the
-# answer, and what happens in the likeliest crashes and the nearest records.
+# calibration, and what happens in the likeliest crashes and the nearest records.
 
-NO_EVENTS = {name: [] for name in config["answer"]["events"]}
-ANSWERED = {
-    name: mapped(
-        name,
-        {
-            "grid": config["answer"]["grid"],
-            "events": (
-                config["answer"]["events"] if name == "under_test" else NO_EVENTS
-            ),
-        },
-    )
-    for name in VEHICLES
-}
-ALL_FILES = [path for files in FILES.values() for path in files]
-ALL_CONTENT = content_digest(ALL_FILES)
-ALL_WORKERS, ALL_SIMULATIONS = simulating(*VEHICLES)
+
+def answered(name: str) -> dict:
+    """All that the map of a vehicle depends on; only that of the vehicle under test has other events than crashes."""
+    events = config["answer"]["events"]
+    if name != "under_test":
+        events = {quantity: [] for quantity in events}
+    return INPUTS.mapped(name, {"grid": config["answer"]["grid"], "events": events})
+
+
+# The folder of the map of each vehicle, which other studies of the same vehicle share, and the vehicle of each folder.
+FOLDERS = {name: map_folder(answered(name)) for name in VEHICLES}
+UNCAPPED = {Path(folder).name: name for name, folder in FOLDERS.items()}
+ALL_FILES, ALL_CONTENT = INPUTS.files_of(*VEHICLES), INPUTS.content_of(*VEHICLES)
+ALL_WORKERS, ALL_SIMULATIONS = INPUTS.simulating(*VEHICLES)
 OF_VEHICLES = {"vehicles": [section["name"] for section in VEHICLES.values()]}
-LAW_TABLES = {  # by job, so that they can run at the same time
-    "answer": [
-        "answer",
-        "exposure",
-        "vehicles",
-        "answer_budget",
-        "answer_draws",
-        "answer_thresholds",
-        "calibration",
-        "crash_places",
-    ],
-    "score": ["laws"],
-    "quality": ["data_quality"],
-}
-
-for _name, _description in ANSWERED.items():
-    _workers, _simulations = simulating(_name)
-
-    rule:
-        name:
-            f"map_crashes_{_name}"
-        input:
-            vehicle=ancient(FILES[_name]),
-            library=modules_of(
-                "map_crashes.py", members={"vehicles": [_description["vehicle"]]}
-            ),
-        output:
-            full=map_of(_description, "crash_map/full.npz"),
-            vehicle=map_of(_description, "vehicle.json"),
-        log:
-            map_of(_description, "logs/map_crashes.log"),
-        benchmark:
-            map_of(_description, "benchmarks/map_crashes.tsv")
-        threads: _workers
-        resources:
-            mem_mb=2000,
-        params:
-            mapped=_description,
-            # The maps of built-in vehicles are known; one of them has random closing speeds in the answer.
-            checked=_name == "under_test" or bool(FILES[_name]),
-            vehicle=VEHICLES[_name],
-            simulations=_simulations,
-        message:
-            f"Mapping the crashes of {_name.replace('_', ' ')} without a cap on closing speeds"
-        script:
-            "../scripts/map_crashes.py"
 
 
-for _job, _tables in LAW_TABLES.items():
+rule map_crashes_uncapped:
+    """Map where a vehicle crashes up to closing speeds where nothing changes, because the laws have no cap."""
+    input:
+        vehicle=ancient(lambda wildcards: INPUTS.files[UNCAPPED[wildcards.mapped]]),
+        library=modules_of(
+            "map_crashes.py",
+            members=lambda wildcards: {
+                "vehicles": [VEHICLES[UNCAPPED[wildcards.mapped]]["name"]]
+            },
+        ),
+    output:
+        full="results/vehicles/{mapped}/crash_map/full.npz",
+        vehicle="results/vehicles/{mapped}/vehicle.json",
+    log:
+        "results/vehicles/{mapped}/logs/map_crashes.log",
+    benchmark:
+        "results/vehicles/{mapped}/benchmarks/map_crashes_uncapped.tsv"
+    wildcard_constraints:
+        mapped="|".join(UNCAPPED),
+    threads: lambda wildcards: INPUTS.simulating(UNCAPPED[wildcards.mapped])[0]
+    resources:
+        mem_mb=2000,
+    params:
+        mapped=lambda wildcards: answered(UNCAPPED[wildcards.mapped]),
+        # The maps of built-in vehicles are known; one of them has random closing speeds in the answer.
+        checked=lambda wildcards: UNCAPPED[wildcards.mapped] == "under_test"
+        or bool(INPUTS.files[UNCAPPED[wildcards.mapped]]),
+        vehicle=lambda wildcards: VEHICLES[UNCAPPED[wildcards.mapped]],
+        simulations=lambda wildcards: INPUTS.simulating(UNCAPPED[wildcards.mapped])[1],
+    message:
+        "Mapping the crashes of {params.mapped[vehicle]} without a cap on closing speeds"
+    script:
+        "../scripts/map_crashes.py"
 
-    rule:
-        name:
-            f"study_laws_{_job}"
-        input:
-            encounters=rules.ingest_encounters.output.encounters,
-            exposure=rules.ingest_encounters.output.exposure,
-            family=rules.fit_family.output.family,
-            maps=[
-                map_of(description, "crash_map/full.npz")
-                for description in ANSWERED.values()
-            ],
-            vehicles=ancient(ALL_FILES),
-            library=modules_of("study_laws.py", members=OF_VEHICLES),
-        output:
-            **{table: result("laws", f"{table}.csv") for table in _tables},
-            **({"law": result("laws", "answer.json")} if _job == "answer" else {}),
-        log:
-            log_of(f"study_laws_{_job}.log"),
-        benchmark:
-            benchmark_of(f"study_laws_{_job}.tsv")
-        threads: ALL_WORKERS
-        resources:
-            mem_mb=3000,
-        params:
-            seed=config["seed"],
-            vehicles=VEHICLES,
-            vehicle_content=ALL_CONTENT,
-            simulations=ALL_SIMULATIONS,
-            answer=part(config["answer"], "draws", "quality_draws"),
-            support=SUPPORT,
-            outlier_rows=SOURCE["outlier_rows"],
-            half_width=config["importance_sampling"]["beta"],
-        message:
-            f"Laws with dependence: {', '.join(_tables)}"
-        script:
-            "../scripts/study_laws.py"
+
+rule study_laws:
+    """Weight the laws, draw the answer for every event and vehicle, and tabulate where it comes from."""
+    input:
+        encounters=rules.ingest_encounters.output.encounters,
+        exposure=rules.ingest_encounters.output.exposure,
+        family=rules.fit_family.output.family,
+        maps=[f"{folder}/crash_map/full.npz" for folder in FOLDERS.values()],
+        vehicles=ancient(ALL_FILES),
+        library=modules_of("study_laws.py", members=OF_VEHICLES),
+    output:
+        answer=result("laws", "answer.csv"),
+        exposure=result("laws", "exposure.csv"),
+        vehicles=result("laws", "vehicles.csv"),
+        answer_budget=result("laws", "answer_budget.csv"),
+        answer_draws=result("laws", "answer_draws.csv"),
+        answer_thresholds=result("laws", "answer_thresholds.csv"),
+        calibration=result("laws", "calibration.csv"),
+        crash_places=result("laws", "crash_places.csv"),
+        law=result("laws", "answer.json"),
+    log:
+        log_of("study_laws.log"),
+    benchmark:
+        benchmark_of("study_laws.tsv")
+    threads: ALL_WORKERS
+    resources:
+        mem_mb=3000,
+    params:
+        seed=config["seed"],
+        vehicles=VEHICLES,
+        vehicle_content=ALL_CONTENT,
+        simulations=ALL_SIMULATIONS,
+        draws=config["answer"]["draws"],
+        support=SUPPORT,
+        half_width=config["importance_sampling"]["beta"],
+    message:
+        "Weighting the laws with dependence, and drawing the answer"
+    script:
+        "../scripts/study_laws.py"
 
 
 rule replay_encounters:
@@ -115,7 +101,7 @@ rule replay_encounters:
     input:
         encounters=rules.ingest_encounters.output.encounters,
         law=result("laws", "answer.json"),
-        map=map_of(ANSWERED["under_test"], "crash_map/full.npz"),
+        map=f"{FOLDERS['under_test']}/crash_map/full.npz",
         vehicles=ancient(ALL_FILES),
         library=modules_of(
             "replay_encounters.py", members=OF_VEHICLES | {"laws": ["dependent"]}

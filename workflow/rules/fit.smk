@@ -34,7 +34,7 @@ rule fit_models:
             ),
             "inverse_ttc": config["models"]["inverse_ttc"],
         },
-        description=description_of_data,
+        description=lambda _: INPUTS.description,
         closing_speed_max=config["models"]["closing_speed_max"],
         range_max=config["filters"]["range_max"],
     message:

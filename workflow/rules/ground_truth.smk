@@ -4,7 +4,8 @@
 # their error, the exact variation of every f*, severity, sensitivity and the budget of uncertainty.
 
 
-MAPPED = mapped("under_test", config["crash_map"])
+MAPPED = INPUTS.mapped("under_test", config["crash_map"])
+MAP_FOLDER = map_folder(MAPPED)
 
 
 rule map_crashes:
@@ -13,14 +14,14 @@ rule map_crashes:
         vehicle=ancient(VEHICLE_FILES),
         library=modules_of("map_crashes.py", members=OF_VEHICLE),
     output:
-        full=map_of(MAPPED, "crash_map/full.npz"),
-        half=map_of(MAPPED, "crash_map/half.npz"),
-        quarter=map_of(MAPPED, "crash_map/quarter.npz"),
-        vehicle=map_of(MAPPED, "vehicle.json"),
+        full=f"{MAP_FOLDER}/crash_map/full.npz",
+        half=f"{MAP_FOLDER}/crash_map/half.npz",
+        quarter=f"{MAP_FOLDER}/crash_map/quarter.npz",
+        vehicle=f"{MAP_FOLDER}/vehicle.json",
     log:
-        map_of(MAPPED, "logs/map_crashes.log"),
+        f"{MAP_FOLDER}/logs/map_crashes.log",
     benchmark:
-        map_of(MAPPED, "benchmarks/map_crashes.tsv")
+        f"{MAP_FOLDER}/benchmarks/map_crashes.tsv"
     threads: WORKERS
     resources:
         mem_mb=2000,
@@ -95,7 +96,7 @@ rule study_sensitivity:
         vehicle=config["vehicle"],
         vehicle_content=VEHICLE_CONTENT,
         simulations=SIMULATIONS,
-        sensitivity=config["sensitivity"] | part(SOURCE, "outlier_rows"),
+        sensitivity=config["sensitivity"] | part(INPUTS.source, "outlier_rows"),
     message:
         "Studying what the crash probability depends on"
     script:

@@ -112,7 +112,7 @@ rule accept_records:
         mem_mb=500,
     params:
         accepted=ACCEPTED,
-        records=SOURCE["path"],
+        records=INPUTS.source["path"],
     message:
         "Asking whether the records can be trusted"
     script:

@@ -1,4 +1,4 @@
-"""Weight the laws of the fitted family; write the tables that the rule names, and the likeliest law."""
+"""Weight the laws of the fitted family; write the answer with its tables, and the heaviest law."""
 
 from accelerated_evaluation.answer.family_file import read_family
 from accelerated_evaluation.answer.study import LawStudy
@@ -15,24 +15,19 @@ from accelerated_evaluation.vehicles.external.slow import all_loaded
 if __name__ == "__main__":
     with job(snakemake.log[0]):
         files, params, outputs = snakemake.input, snakemake.params, dict(snakemake.output.items())
+        law = outputs.pop("law")
+        encounters = read_encounters(files.encounters)
+        scored = read_family(files.family, DistinctRecords.of(encounters, Support.of(params.support)))
+        maps = dict(zip(params.vehicles, map(read_crash_map, files.maps), strict=True))
+        weigh, resolve = (child_generator(params.seed, "laws", stage) for stage in ("weigh", "resolve"))
         with all_loaded(params.vehicles, params.simulations | {"workers": snakemake.threads}) as vehicles:
-            maps = dict(zip(params.vehicles, map(read_crash_map, files.maps), strict=True))
-            encounters = read_encounters(files.encounters)
-            scored = read_family(files.family, DistinctRecords.of(encounters, Support.of(params.support)))
-            generator = child_generator(params.seed, "laws", "weigh")
-            study = LawStudy.of(encounters, vehicles, maps, scored, params.answer["draws"], generator)
-            law = outputs.pop("law", None)
-            drawn = (name for name in outputs if name != "exposure")  # which is computed, and draws nothing
-            generator, tables = child_generator(params.seed, "laws", *drawn), {}
-            if "answer" in outputs:
-                study.resolve(maps, child_generator(params.seed, "laws", "resolve"))
-                tables = study.answers(read_json(files.exposure), params.half_width, generator)
-            if "laws" in outputs:
-                tables["laws"] = study.laws()
-            if "data_quality" in outputs:
-                draws = params.answer["quality_draws"]
-                tables["data_quality"] = study.quality(params.outlier_rows, draws, generator)
-            if law is not None:
-                write_law(law, study.representative(), encounters)
+            study = LawStudy.of(encounters, vehicles, maps, scored, params.draws, weigh)
+            study.resolve(maps, resolve)
+            # The stream is named by the tables that need it; rates per kilometre are computed without draws.
+            generator = child_generator(
+                params.seed, "laws", *(name for name in outputs if name != "exposure")
+            )
+            tables = study.answers(read_json(files.exposure), params.half_width, generator)
+        write_law(law, study.representative(), encounters)
         for name, path in outputs.items():
             write_csv(path, tables[name])

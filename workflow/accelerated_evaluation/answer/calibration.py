@@ -1,7 +1,8 @@
 """Recorded and expected counts near the crash set, with limits for random variation."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 import pandas as pd
@@ -10,6 +11,7 @@ from scipy.stats import poisson
 
 from accelerated_evaluation.answer.scores import GivenLaw
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.support import SUPPORT
 
@@ -61,8 +63,10 @@ def cells(range_max: float = SUPPORT.range_max) -> list[Cell]:
     ]
 
 
-def cell_counts(records: DistinctRecords, law: GivenLaw) -> pd.DataFrame:
-    """Return the number of records in each cell, and the number that a law expects.
+def cell_counts(
+    records: DistinctRecords, given: Callable[[Places], Iterable[GivenLaw]]
+) -> list[pd.DataFrame]:
+    """Return the number of records in each cell, and the number that each law expects.
 
     The expected number is conditional on the lead speeds and ranges of the records.
 
@@ -70,22 +74,34 @@ def cell_counts(records: DistinctRecords, law: GivenLaw) -> pd.DataFrame:
     ----------
     records
         Distinct cut-ins.
-    law
-        The law of the closing speed at their lead speeds and ranges.
+    given
+        Function that returns the laws of the closing speed at places. It is called with the places of the
+        records of one interval of ranges at a time, which bounds the memory.
 
     Returns
     -------
-    pandas.DataFrame
-        Columns ``where``, ``recorded`` and ``expected``.
+    list of pandas.DataFrame
+        For each law the columns ``where``, ``recorded`` and ``expected``.
     """
-    rows = []
-    for cell in cells(records.support.range_max):
-        beside = cell.beside(records.range_)
-        low, high = (np.full(records.size, speed) for speed in cell.closing_speed)
-        inside = beside & (records.closing_speed >= low) & (records.closing_speed < high)
-        expected = np.exp(-law.cumulative(low)) - np.exp(-law.cumulative(high))
-        rows.append((cell.name, int(inside.sum()), float(expected[beside].sum())))
-    return pd.DataFrame(rows, columns=["where", "recorded", "expected"])
+    counts, expected = [], []
+    for _, cells_ in groupby(cells(records.support.range_max), key=lambda cell: cell.range_):
+        of_range = list(cells_)
+        part = records.only(np.flatnonzero(of_range[0].beside(records.range_)))
+        ends = [[np.full(part.size, speed) for speed in cell.closing_speed] for cell in of_range]
+        for cell, (low, high) in zip(of_range, ends, strict=True):
+            inside = (part.closing_speed >= low) & (part.closing_speed < high)
+            counts.append((cell.name, int(inside.sum())))
+        expected.append(
+            [
+                [
+                    float(np.sum(np.exp(-law.cumulative(low)) - np.exp(-law.cumulative(high))))
+                    for low, high in ends
+                ]
+                for law in given(part.places)
+            ]
+        )
+    table = pd.DataFrame(counts, columns=["where", "recorded"])
+    return [table.assign(expected=np.concatenate(of_law)) for of_law in zip(*expected, strict=True)]
 
 
 def near_miss_counts(

@@ -19,6 +19,7 @@ from accelerated_evaluation.answer.weighted_family import WeightedLaws, region
 from accelerated_evaluation.answer.weights import mixture_scores, stacking_weights
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import ConvergenceError
+from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, LawFamily
 from accelerated_evaluation.laws.smooth.regressions import REGRESSIONS, fit_regression
 from accelerated_evaluation.laws.smooth.rivals import ConditionalExtremes, IndependentTail
@@ -100,6 +101,13 @@ def score_laws(
         except (ConvergenceError, LinAlgError) as error:
             warnings.warn(f"{name} cannot be fitted, and has no scores: {error}", stacklevel=2)
     return scores, crps
+
+
+def compare_laws(weighted: WeightedLaws, vehicle: Vehicle, lines: CrashLines) -> pd.DataFrame:
+    """Return the table of laws, with the crash probability by each law on the lines of a crash map."""
+    family = weighted.family
+    crash = {m.name: lines.probability(family.ranges, family.law(m)) for m in weighted.members}
+    return law_table(weighted, *score_laws(weighted, vehicle), crash)
 
 
 def law_table(

@@ -1,7 +1,8 @@
 """The study of laws: weights of the laws, crash probabilities, and all tables of the answer."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
@@ -9,13 +10,12 @@ from scipy.stats import norm
 
 from accelerated_evaluation.answer.calibration import cell_counts, near_miss_counts, with_limits
 from accelerated_evaluation.answer.exposure import exposure_table
-from accelerated_evaluation.answer.law_table import KNOT, PAPER, TOGETHER, law_table, score_laws
+from accelerated_evaluation.answer.law_table import KNOT, PAPER, TOGETHER
 from accelerated_evaluation.answer.posterior import Posterior, budget
+from accelerated_evaluation.answer.scores import GivenLaw
 from accelerated_evaluation.answer.summary import (
     answer_table,
     is_supported,
-    quality_table,
-    record_variants,
     threshold_table,
     vehicle_table,
 )
@@ -24,8 +24,9 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines, crash_places
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.crash_map.sampled import sample_crashes
+from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw
-from accelerated_evaluation.laws.smooth.family import LawFamily, Member
+from accelerated_evaluation.laws.smooth.family import DistinctRecords, LawFamily, Member
 from accelerated_evaluation.laws.smooth.rivals import IndependentTail
 from accelerated_evaluation.laws.smooth.shapes import Exponential
 from accelerated_evaluation.vehicles.events import Event
@@ -129,7 +130,7 @@ class LawStudy:
             crash = "crash" if vehicle is self.vehicle else f"crash of {name}"
             lines = self.thinned[crash]
             of_laws = {m: lines.probability(family.ranges, family.law(m)) for m in self.weighted.members}
-            recorded = int(self.replayed(vehicle).crash.sum())
+            recorded = int(self.replayed[name].crash.sum())
             if not is_supported(recorded, records.size * self.weighted.mean(of_laws)):
                 sampled = sample_crashes(vehicle, maps[name], generator)
                 self.lines[crash] = CrashLines.of(sampled, records.lead_speed, support=records.support)
@@ -158,24 +159,17 @@ class LawStudy:
             for member in self.weighted.members
         }
 
-    def replayed(self, vehicle: Vehicle) -> Outcomes:
-        """Return the outcomes of the distinct records when a vehicle replays them."""
+    @cached_property
+    def replayed(self) -> dict[str, Outcomes]:
+        """Outcomes of every vehicle, by its name, when it replays the distinct records."""
         records = self.weighted.records
-        return vehicle.simulate(records.lead_speed, records.range_, records.closing_speed)
-
-    def laws(self) -> pd.DataFrame:
-        """Return the table ``laws``; see `law_table.law_table`."""
-        crash = {member.name: value for member, value in self.probabilities("crash").items()}
-        return law_table(self.weighted, *score_laws(self.weighted, self.vehicle), crash)
+        cut_ins = records.lead_speed, records.range_, records.closing_speed
+        return {name: vehicle.simulate(*cut_ins) for name, vehicle in self.vehicles.items()}
 
     def calibration(self) -> pd.DataFrame:
         """Return the table ``calibration``: ``law`` and the columns of `calibration.with_limits`."""
-        records, family = self.weighted.records, self.family
-        places, outcomes = records.places, self.replayed(self.vehicle)
-        below = places.body(family.body)
-        by_member = {
-            m: cell_counts(records, family.law(m).given(places, below)) for m in self.weighted.members
-        }
+        records, outcomes = self.weighted.records, self.replayed[next(iter(self.vehicles))]
+        by_member = dict(zip(self.weighted.members, cell_counts(records, self._given), strict=True))
         near = {name: self.probabilities(name) for name in self.events}
         recorded = {name: int(event.happens(outcomes).sum()) for name, event in self.events.items()}
         together = by_member[SHOWN[0]].assign(
@@ -191,7 +185,7 @@ class LawStudy:
             of_member = {name: values[member] for name, values in near.items()}
             tables[member.name] = [by_member[member], near_miss_counts(recorded, of_member, records.size)]
         independent = IndependentTail.fit(records, KNOT, Exponential())
-        tables[PAPER] = [cell_counts(records, independent.given(places))]
+        tables[PAPER] = cell_counts(records, lambda places: [independent.given(places)])
         rows = [
             with_limits(pd.concat(parts, ignore_index=True)).assign(law=law) for law, parts in tables.items()
         ]
@@ -206,19 +200,20 @@ class LawStudy:
         range.
         """
         parts = [pd.DataFrame(columns=["lead_speed", "range", "closing_speed", "law", "beyond_recorded"])]
-        lines, ranges = self.lines["crash"], self.family.ranges
+        lines, ranges, records = self.lines["crash"], self.family.ranges, self.weighted.records
         for member in self.shown:
             law = self.family.law(member)
             if lines.masses(ranges, law).any():
                 drawn = crash_places(lines, ranges, law, DRAWN, generator)
                 part = pd.DataFrame(dict(zip(parts[0].columns, drawn, strict=False)))
-                beyond = part["closing_speed"] - part["range"].map(self._largest)
+                beyond = part["closing_speed"] - largest_near(records, part["range"].to_numpy())
                 parts.append(part.assign(law=member.name, beyond_recorded=beyond))
         return pd.concat(parts, ignore_index=True)
 
-    def _largest(self, range_: float) -> float:
-        records = self.weighted.records
-        return float(records.closing_speed[np.abs(records.range_ - range_) < LIKE_RANGE].max(initial=0.0))
+    def _given(self, places: Places) -> Iterator[GivenLaw]:
+        """Yield the laws of the closing speed at places; they share one body."""
+        below = places.body(self.family.body)
+        return (self.family.law(member).given(places, below) for member in self.weighted.members)
 
     def representative(self) -> DependentLaw:
         """Return the law of the largest weight, for methods that need a single law."""
@@ -267,30 +262,11 @@ class LawStudy:
 
     def compared(self, posteriors: Mapping[str, Posterior]) -> pd.DataFrame:
         """Return the table of vehicles, with a check of each crash map by replayed records."""
-        vehicles = zip(posteriors, self.vehicles.values(), strict=True)
-        recorded = {name: int(self.replayed(vehicle).crash.sum()) for name, vehicle in vehicles}
+        replays = zip(posteriors, self.replayed.values(), strict=True)
+        recorded = {name: int(outcomes.crash.sum()) for name, outcomes in replays}
         table = vehicle_table(posteriors, recorded, self.weighted.records.size, REFERENCE)
         crashes = ["crash" if name == UNDER_TEST else f"crash of {name}" for name in table["vehicle"]]
         return table.assign(scan=["random" if crash in self.sampled else "refined" for crash in crashes])
-
-    def quality(self, outlier_rows: list[int], draws: int, generator: np.random.Generator) -> pd.DataFrame:
-        """Return the table of the answer for alternative treatments of the records.
-
-        Parameters
-        ----------
-        outlier_rows
-            Rows that the authors' later code leaves out, counted from 1.
-        draws
-            Number of draws of the posterior for each treatment.
-        generator
-            Source of all randomness.
-        """
-        names = ("lead_speed", "range", "closing_speed")
-        replayed = self.vehicle.simulate(*(self.encounters[name].to_numpy() for name in names))
-        choices = record_variants(
-            self.encounters, replayed.crash, outlier_rows, self.weighted.records.support
-        )
-        return quality_table(choices, self.weighted, self.thinned["crash"], draws, generator)
 
 
 def event_name(event: Event) -> str:
@@ -302,3 +278,12 @@ def answer_draws(posterior: Posterior, weighted: WeightedLaws) -> pd.DataFrame:
     """Tabulate the draws of the posterior: ``probability`` and the ``law`` from which it was drawn."""
     names: Array = np.array([member.name for member in weighted.members])
     return pd.DataFrame({"probability": posterior.probabilities, "law": names[posterior.member]})
+
+
+def largest_near(records: DistinctRecords, ranges: Array) -> Array:
+    """Return the largest closing speed [m/s] recorded within `LIKE_RANGE` of each range [m], or 0."""
+    order = np.argsort(records.range_)
+    recorded, speeds = records.range_[order], records.closing_speed[order]
+    first = np.searchsorted(recorded, ranges - LIKE_RANGE, side="right")
+    end = np.searchsorted(recorded, ranges + LIKE_RANGE, side="left")
+    return np.array([speeds[i:k].max(initial=0.0) for i, k in zip(first, end, strict=True)])

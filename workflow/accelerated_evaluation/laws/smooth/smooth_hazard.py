@@ -8,6 +8,7 @@ The smoothing parameters of the three directions maximise the marginal likelihoo
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -127,11 +128,14 @@ class SmoothHazard:
             Products of the splines of the covariates, shape (n, p).
         """
         along = np.tensordot(self.coefficients, self.grid.tensor.matrices[2], (2, 1))
-        log_hazard = splines @ along.reshape(-1, along.shape[2])
-        hazard = np.exp(np.clip(log_hazard, -LOG_HAZARD_MAX, LOG_HAZARD_MAX))
-        table = np.zeros((len(hazard), hazard.shape[1] + 1))
-        np.cumsum(hazard * np.diff(self.grid.edges[2]), axis=1, out=table[:, 1:])
-        return Cumulative(self.grid.edges[2], hazard, table)
+        # Bins come first in memory: sums along the places are several times faster than along the bins.
+        hazard = along.reshape(-1, along.shape[2]).T @ splines.T
+        np.exp(np.clip(hazard, -LOG_HAZARD_MAX, LOG_HAZARD_MAX, out=hazard), out=hazard)
+        table = np.zeros((len(hazard) + 1, len(splines)))
+        np.multiply(hazard, np.diff(self.grid.edges[2])[:, None], out=table[1:])
+        for below, row in pairwise(table):
+            row += below
+        return Cumulative(self.grid.edges[2], hazard.T, table.T)
 
     def drawn(self, generator: np.random.Generator) -> "SmoothHazard":
         """Return a draw from the normal approximation of the posterior, in which the penalty is the prior."""

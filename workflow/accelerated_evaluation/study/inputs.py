@@ -1,0 +1,153 @@
+"""What the rules depend on: the checked configuration, the records, and the vehicles with their files."""
+
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+from accelerated_evaluation.base.digests import content_digest, value_digest
+from accelerated_evaluation.records.sources import SOURCES, describe, record_files
+from accelerated_evaluation.records.verdict import require_checks
+from accelerated_evaluation.study.configuration import completed, read_yaml, resolved, validate
+from accelerated_evaluation.study.dependencies import without_unused
+from accelerated_evaluation.study.preflight import (
+    compared_sections,
+    require_cores,
+    require_named,
+    require_places,
+    require_plain,
+)
+from accelerated_evaluation.vehicles.external.slow import is_slow
+from accelerated_evaluation.vehicles.loading import section_files
+
+UNDER_TEST = "under_test"
+LIMITS = ("lead_speed_min", "lead_speed_max", "range_max")  # of the filters, within which a vehicle is mapped
+
+
+@dataclass(frozen=True)
+class StudyInputs:
+    """The inputs of a study, all of which have been checked.
+
+    Attributes
+    ----------
+    config
+        The complete configuration, without the sections of sources that are not used.
+    records
+        Files of the records.
+    vehicles
+        Sections of the vehicles: ``under_test``, and those that it is compared with by their labels.
+    files
+        Files that each vehicle depends on.
+    accepted
+        Checks of the records whose warnings the user accepts. They are not in ``config``: they concern the
+        last job alone, and an edit of them runs no other job again.
+    """
+
+    config: dict[str, Any]
+    records: list[str]
+    vehicles: dict[str, dict[str, Any]]
+    files: dict[str, list[str]]
+    accepted: list[str]
+
+    @classmethod
+    def checked(
+        cls,
+        config: Mapping[str, Any],
+        paths: Iterable[str | os.PathLike],
+        project: Path,
+        *,
+        cores: int | None,
+        is_main_process: bool,
+    ) -> Self:
+        """Complete and check a configuration, and look up all that it names.
+
+        Parameters
+        ----------
+        config
+            As Snakemake merged it.
+        paths
+            The files that it is from. They are read again, because Snakemake takes the last of equal keys.
+        project
+            Folder of this project, whose records are found from any working directory.
+        cores
+            Number of cores that Snakemake may use.
+        is_main_process
+            False in the process of a job, which need not repeat the checks that take time.
+
+        Raises
+        ------
+        StudyError
+            If the configuration, or what it names, cannot be used.
+        """
+        for path in paths:
+            read_yaml(Path(path))
+        config = completed(config)
+        validate(config)
+        records = record_files(config["data"][config["data"]["source"]])
+        limits = Path("results") / config["study"] / "limits.json"
+        config = without_unused(resolved(config, records, limits, trust=not is_main_process), SOURCES)
+        accepted, source = config["data"].pop("accepted_warnings"), config["data"][config["data"]["source"]]
+        if not Path(source["path"]).exists() and (project / source["path"]).exists():
+            source["path"] = str(project / source["path"])
+        if is_main_process:
+            require_cores(cores)
+            require_places(Path("results") / config["study"], Path("figures") / config["study"])
+            require_named(config)
+            require_checks(accepted)
+        vehicles = {UNDER_TEST: config["vehicle"], **compared_sections(config["compared_vehicles"])}
+        files = {name: section_files(section) for name, section in vehicles.items()}
+        inputs = cls(config, record_files(source), vehicles, files, accepted)
+        require_plain([*inputs.records, *inputs.files_of(*vehicles)])
+        return inputs
+
+    @property
+    def source(self) -> dict[str, Any]:
+        """Section of the source of the records."""
+        return self.config["data"][self.config["data"]["source"]]
+
+    @property
+    def description(self) -> str:
+        """What outputs call the records."""
+        return describe(self.config["data"])
+
+    def files_of(self, *names: str) -> list[str]:
+        """Return the files that some vehicles depend on."""
+        return [path for name in names for path in self.files[name]]
+
+    def content_of(self, *names: str) -> str:
+        """Return the digest of the files of some vehicles."""
+        return content_digest(self.files_of(*names))
+
+    def simulating(self, *names: str) -> tuple[int, dict[str, Any]]:
+        """Return the threads and settings of a job that simulates vehicles.
+
+        Only slow vehicles have workers, and need their settings. How many workers there are is the number of
+        threads, an edit of which runs nothing again.
+        """
+        settings = self.config["simulations"]
+        slow = any(is_slow(self.vehicles[name]["name"], settings) for name in names)
+        used = [key for key in settings if key != "workers" and (slow or key == "keep_class")]
+        return settings["workers"] if slow else 1, part(settings, *used)
+
+    def mapped(self, name: str, crash_map: Mapping[str, Any]) -> dict[str, Any]:
+        """Return all that a crash map depends on. It belongs to the vehicle; all studies of one share it."""
+        return {
+            "vehicle": self.vehicles[name]["name"],
+            "parameters": self.vehicles[name]["parameters"],
+            "content": self.content_of(name),
+            "limits": part(self.config["filters"], *LIMITS),
+            "crash_map": crash_map,
+            "seed": self.config["seed"],
+        }
+
+
+def part(section: Mapping[str, Any], *keys: str) -> dict[str, Any]:
+    """Return the keys of a section of the configuration that a rule uses; edits of others rerun nothing."""
+    return {key: section[key] for key in keys}
+
+
+def map_folder(description: Mapping[str, Any]) -> str:
+    """Return the folder of a crash map, whose name has a digest of what `StudyInputs.mapped` returns."""
+    vehicle = Path(description["vehicle"].replace(":", "/")).name
+    return f"results/vehicles/{vehicle}-{value_digest(description)[:10]}"
