@@ -148,7 +148,7 @@ class Problem:
         return self._response(self.simulate(self.law.from_normal_scores(z)))
 
     def repeat(self, z: Array) -> Response:
-        """Simulate the cut-ins at normal scores once more, even where their outcomes are kept in a store."""
+        """Simulate the cut-ins at normal scores again, even if their outcomes are in a store."""
         cut_ins = self.law.from_normal_scores(z)
         again = getattr(self.vehicle, "repeat", self.vehicle.simulate)
         closing_speed = self.law.capped(cut_ins.closing_speed)

@@ -194,10 +194,8 @@ class LawStudy:
     def crash_places(self, generator: np.random.Generator) -> pd.DataFrame:
         """Draw crashes from the laws.
 
-        ``law``, ``lead_speed``, ``range``, ``closing_speed``, ``beyond_recorded``.
-
-        The last column is the excess of the closing speed [m/s] over the largest recorded one at a similar
-        range.
+        The columns are ``law``, ``lead_speed``, ``range``, ``closing_speed`` and ``beyond_recorded``. The
+        last one is the excess of the closing speed [m/s] over the largest recorded one at a similar range.
         """
         parts = [pd.DataFrame(columns=["lead_speed", "range", "closing_speed", "law", "beyond_recorded"])]
         lines, ranges, records = self.lines["crash"], self.family.ranges, self.weighted.records

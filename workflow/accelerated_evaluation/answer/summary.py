@@ -1,7 +1,4 @@
-"""Tables of the answer.
-
-Probabilities with intervals, by event, by threshold, and by treatment of the records.
-"""
+"""Tables of the answer, by event, by threshold, and by treatment of the records."""
 
 from collections.abc import Mapping
 from copy import deepcopy

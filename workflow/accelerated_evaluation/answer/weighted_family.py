@@ -106,7 +106,7 @@ class WeightedLaws(ScoredFamily):
 def region(records: DistinctRecords) -> float:
     """Return the TTC^-1 [1/s] above which laws are weighted.
 
-    `REGION`, or less if there are few records above it.
+    It is `REGION`, or less if there are few records above `REGION`.
     """
     return min(REGION, float(np.quantile(records.closing_speed / records.range_, 1 - REGION_SHARE)))
 

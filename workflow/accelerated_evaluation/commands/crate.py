@@ -45,7 +45,7 @@ class Crate:
 
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
-        """Write the crate, and say where it is."""
+        """Write the crate, and print its path."""
         if find_spec("rocrate") is None:
             raise StudyError("the library rocrate is missing: pip install accelerated-evaluation[provenance]")
         from accelerated_evaluation.publishing.archive.crate import write_crate

@@ -85,7 +85,7 @@ class EstimateAlone:
 
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
-        """Estimate, write the tables, and say in words what was found."""
+        """Estimate the probability, write the tables, and print a summary."""
         from accelerated_evaluation.answer.estimation import estimate_alone
         from accelerated_evaluation.base.files import write_csv
         from accelerated_evaluation.laws.files import write_law

@@ -41,7 +41,7 @@ class Paper:
 
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
-        """Write the folder, and say where it is."""
+        """Write the folder, and print its path."""
         from accelerated_evaluation.publishing.archive.latex_paper import write_paper
         from accelerated_evaluation.publishing.study import Study
 

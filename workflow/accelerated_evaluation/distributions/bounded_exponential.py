@@ -66,7 +66,7 @@ class BoundedExponential(Bounded):
     def fit(cls, x: Array, lower: float, upper: float) -> "BoundedExponential":
         """Return the maximum-likelihood fit to a sample x, shape (n,).
 
-        The distribution with the sample mean.
+        It is the distribution whose mean equals the sample mean.
         """
         # If all values are nearly equal, rounding may place their mean on a bound.
         mean = np.clip(np.mean(x), np.nextafter(lower, upper), np.nextafter(upper, lower))

@@ -34,7 +34,7 @@ class Pareto(Described):
     def fit(cls, x: Array, lower: float, upper: float = math.inf) -> "Pareto":
         """Return the maximum-likelihood fit to a sample x, shape (n,), above ``lower``.
 
-        N / sum log(x / lower).
+        The estimate of the shape is n / sum log(x / lower).
 
         Raises
         ------

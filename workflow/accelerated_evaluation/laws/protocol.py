@@ -106,7 +106,7 @@ class Stratum(ABC):
     def log_first_slope(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
         """Return the log of the derivative of the first coordinate by R^-1.
 
-        0 if the coordinate is R^-1 itself.
+        It is 0 if the coordinate is R^-1 itself.
         """
         return np.zeros(np.broadcast_shapes(np.shape(lead_speed), np.shape(inverse_range)))
 

@@ -196,7 +196,7 @@ def crude_estimates(batches: list[Counts], alpha: float) -> pd.DataFrame:
 def crude_course(batches: list[Counts], alpha: float) -> pd.DataFrame:
     """Return the estimate over all segments after each batch.
 
-    Columns as in `crude_estimates`, without 95 %.
+    The columns are those of `crude_estimates`, without the 95 % intervals.
     """
     counts = np.cumsum([np.sum(list(batch.values()), axis=0) for batch in batches], axis=0)
     return pd.DataFrame([_estimate(simulations, crashes, alpha) for simulations, crashes in counts.tolist()])

@@ -156,7 +156,7 @@ def validate(config: Mapping[str, Any]) -> None:
 
 
 def parameter_table() -> str:
-    """Return the Markdown table of all keys: default, what is allowed, meaning."""
+    """Return the Markdown table of all keys, with their defaults, allowed values and meanings."""
     defaults = default_configuration()
     rows = ["| key | default | allowed | meaning |", "| --- | --- | --- | --- |"]
     for key, part in keys():

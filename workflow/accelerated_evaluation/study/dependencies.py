@@ -90,7 +90,7 @@ def _imports(source: Path, package: Path) -> frozenset[Path]:
 def _registered(module: Path, members: Mapping[str, Iterable[str]]) -> list[Path]:
     """Return the modules that register the members of a registry.
 
-    All in its package, or those that are named.
+    These are all modules of its package, or those that register one of the named members.
     """
     if not _has_registry(module):
         return []

@@ -66,10 +66,10 @@ def _report(message: str, terminal: int) -> None:
 
 @contextmanager
 def without(module: str) -> Iterator[None]:
-    """Import, in the block, as if a module were not installed that others would use if it were.
+    """Hide a module inside the block, so that packages that use it optionally do without it.
 
-    The package jsonschema reads a grammar of web addresses, which takes more than a second at each start of
-    Snakemake and of each notebook, to check formats that no schema here asks for.
+    The package jsonschema would read a grammar of web addresses. This takes more than a second at each start
+    of Snakemake and of each notebook, and no schema of the study needs it.
     """
     if module in sys.modules:
         yield

@@ -55,7 +55,7 @@ class Limits:
     def closing_speed(self, lead_speed: Array) -> Array:
         """Return the largest allowed closing speed [m/s] at given lead speeds [m/s].
 
-        Infinite without a limit.
+        It is infinite if there is no limit.
         """
         host = math.inf if self.host_speed_max is None else self.host_speed_max
         highest = math.inf if self.closing_speed_max is None else self.closing_speed_max

@@ -79,17 +79,12 @@ def vehicle_files(name: str, parameters: Mapping[str, Any]) -> list[str]:
 def section_files(vehicle: Mapping[str, Any]) -> list[str]:
     """Return all files of a vehicle in the configuration.
 
-    Those that define it, and those that the user states.
+    These are the files that define the vehicle, and those that the user states.
 
     Parameters
     ----------
     vehicle
         The section ``vehicle``, or a section of the same form.
-
-    Raises
-    ------
-    InputError
-        If a file that it states does not exist.
     """
     for file in vehicle["files"]:
         require_file(file, "Correct vehicle.files.")

@@ -9,7 +9,10 @@ from accelerated_evaluation.base.errors import InputError
 
 
 def parameter_names(vehicle_class: type) -> list[str]:
-    """Return the parameters that a built-in vehicle takes: the fields of its dataclass that are not fixed."""
+    """Return the names of the parameters of a built-in vehicle.
+
+    The fields of its dataclass that are not fixed.
+    """
     return [each.name for each in fields(vehicle_class) if each.init]
 
 

@@ -1,4 +1,1 @@
-"""Smooth laws.
-
-The closing speed given lead speed and range, with parametric tails above smooth thresholds.
-"""
+"""Smooth laws of the closing speed given lead speed and range, with parametric tails."""

@@ -179,9 +179,9 @@ def _unfinished(state: Search, settings: SearchSettings, reached: str) -> Search
 
 
 def event_score(sample: Sample, range_per_ttc: float) -> Array:
-    """Return the smallest t such that R reaches t range_per_ttc or TTC reaches t.
+    """Return the smallest t such that R reaches t range_per_ttc or TTC reaches t, shape (n,).
 
-    0 for events, shape (n,).
+    It is 0 if the event happened.
     """
     outcomes = sample.outcomes
     near = np.minimum(outcomes.min_ttc, outcomes.min_range / range_per_ttc)

@@ -129,9 +129,7 @@ def estimate_batch(batch: TwoPhaseBatch, happened: Flags) -> BatchEstimate:
 
 
 def that_count(batches: Sequence[BatchEstimate]) -> Sequence[BatchEstimate]:
-    """Return the batches on which the estimate is based.
-
-    The last ones for which the predictions were consistent.
+    """Return the batches on which the estimate is based, the last ones with consistent predictions.
 
     The estimate begins with a batch for which the surrogate was usable and agreed with its prediction for the
     previous batch. It restarts if the surrogate no longer agrees with its prediction for the first of the

@@ -92,7 +92,7 @@ def negative_log_posterior(
 def principal_axes(points: Array) -> list[Array]:
     """Return the principal axes of points, shape (n, d), as columns of a matrix.
 
-    None if there are too few.
+    The result is empty if there are too few points.
     """
     if len(np.unique(points, axis=0)) <= points.shape[1]:
         return []

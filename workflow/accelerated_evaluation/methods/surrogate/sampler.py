@@ -215,7 +215,7 @@ class Sampler:
 
     @property
     def repeats_next(self) -> bool:
-        """Whether the batch that was asked for consists of runs that were made before."""
+        """Whether the requested batch consists of repetitions of earlier runs."""
         return isinstance(self.progress.pending, RepeatBatch)
 
     def has_converged(self, stopping: Stopping) -> bool:

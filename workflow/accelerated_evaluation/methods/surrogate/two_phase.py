@@ -58,10 +58,7 @@ class Pool:
     rarity: Array
 
     def within(self, begin: float, end: float) -> Array:
-        """Return the density of the wide distribution restricted to a range of rarities, divided by h.
-
-        Shape (m,).
-        """
+        """Return the density of the wide distribution between two rarities, divided by h, shape (m,)."""
         there = (begin < self.rarity) & (self.rarity <= end)
         return np.where(there, self.wide * REACH / (end - begin), 0.0)
 
@@ -95,7 +92,7 @@ class Defence:
     beyond: float = 0.0
 
     def zones(self, reach: float) -> list[tuple[float, float]]:
-        """Return the ranges of rarities over which this share is spread alike."""
+        """Return the ranges of rarities among which this share is divided equally."""
         return [(0.0, self.beyond), (self.beyond, reach)] if 0 < self.beyond < reach else [(0.0, reach)]
 
 
@@ -344,15 +341,15 @@ def draw_batch(
     Parameters
     ----------
     pool, expected
-        The pool of the batch, and what the surrogate expects at its points.
+        The pool of the batch, and the surrogate's expectations at its points.
     prediction
-        What was expected of the batch before its pool was drawn.
+        Prediction for the batch, made before its pool was drawn.
     runs
         Number n of runs.
     defence
         Defensive share of the runs.
     foresee
-        Function that returns what the two surrogates say of points, shape (n, 2).
+        Function that returns the uncalibrated predictions of the two surrogates at points, shape (n, 2).
     generator
         Source of all randomness.
     """

@@ -24,7 +24,7 @@ def draw_wide(n: int, dimension: int, generator: np.random.Generator) -> Array:
 def draw_at(rarity: Array, dimension: int, generator: np.random.Generator) -> Array:
     """Draw points with given rarities -log P(|Z| > radius), shape (n,), in uniform directions.
 
-    Shape (n, d).
+    The points have shape (n, d).
     """
     radius = np.sqrt(chdtri(dimension, np.exp(-rarity)))
     z = generator.normal(size=(len(rarity), dimension))

@@ -19,9 +19,9 @@ NAME_LENGTH = 254  # of a part of the path of a record; a longer one is cut
 
 @dataclass
 class Job:
-    """A job that ran.
+    """A job that ran, as Snakemake recorded it.
 
-    Its rule, its script, its files, the SHA-256 of its inputs at that time, and its times.
+    It contains the rule, the script, the files, the SHA-256 of the inputs at that time, and the times.
     """
 
     rule: str

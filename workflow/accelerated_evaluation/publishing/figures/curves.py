@@ -71,19 +71,19 @@ class Curve:
 
 
 def histogram(x: Array, edges: Array, variable: Variable) -> pd.DataFrame:
-    """Count events in bins.
+    """Count records in bins.
 
     Parameters
     ----------
     x
-        Events, shape (n,); the density refers to all of them, those outside the bins included.
+        Records, shape (n,). The density refers to all of them, including those outside the bins.
     edges
-        Rising edges of the bins, in the unit of x.
+        Increasing edges of the bins, in the unit of x.
 
     Returns
     -------
     pandas.DataFrame
-        A row a bin: curve, middle, width, count and density, count / (n width).
+        A row for each bin: curve, middle, width, count and density, count / (n width).
     """
     count, width = np.histogram(x, edges)[0], np.diff(edges)
     columns = (variable.column, variable.width, "count", variable.density)

@@ -85,7 +85,7 @@ def fig05_inverse_ttc_fit(
     Returns
     -------
     figure, data
-        As of `fig04_inverse_range_fit`, in inverse_ttc_per_s, bin_width_per_s and density_s.
+        As for `fig04_inverse_range_fit`, in inverse_ttc_per_s, bin_width_per_s and density_s.
     """
     law = piecewise.inverse_ttc[segment]
     curves = {f"piecewise ({len(law.components)} pieces)": Curve(law, style_of("piecewise"))}
@@ -102,7 +102,7 @@ def fig06_inverse_range_comparison(
 ) -> tuple[Figure, pd.DataFrame]:
     """Piecewise against single parametric fit of R^-1, pooled over the segments (paper, figure 6).
 
-    Parameters and what is returned are as of `fig04_inverse_range_fit`.
+    Parameters and results are those of `fig04_inverse_range_fit`.
     """
     curves = _compared(piecewise.inverse_range, single.inverse_range)
     return _fit_figure(encounters["inverse_range"].to_numpy(), curves, INVERSE_RANGE, source)
@@ -114,7 +114,7 @@ def fig07_inverse_ttc_comparison(
 ) -> tuple[Figure, pd.DataFrame]:
     """Piecewise against single parametric fit of TTC^-1 in one segment (paper, figure 7).
 
-    Parameters and what is returned are as of `fig05_inverse_ttc_fit`.
+    Parameters and results are those of `fig05_inverse_ttc_fit`.
     """
     curves = _compared(piecewise.inverse_ttc[segment], single.inverse_ttc[segment])
     return _fit_figure(_inverse_ttc(encounters, segment), curves, INVERSE_TTC, source, segment)

@@ -79,7 +79,7 @@ def fig09_inverse_range_parameters(
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw weight and tilt of each piece of R^-1 through the iterations (paper, figure 9).
 
-    Parameters are as of `fig08_thresholds`.
+    The parameters are those of `fig08_thresholds`.
 
     Returns
     -------

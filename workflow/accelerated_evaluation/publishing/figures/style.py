@@ -119,7 +119,7 @@ def save_figure(
     folder, name
         Files are called ``folder/name.pdf`` and so on.
     metadata
-        What the files say of themselves, by format and key.
+        Metadata of the files, by format and key.
     """
     undated = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
     if _print is not None:

@@ -102,9 +102,7 @@ def unavoidable_crashes(records: Records) -> Finding:
 
 @CHECKS.add("sign_of_range_rate")
 def sign_of_range_rate(records: Records) -> Finding:
-    """Check the sign of the range rate.
-
-    Whether the gaps close, and whether closing speeds rise with the range.
+    """Check the sign of the range rate, by the share of closing gaps and the rise of closing speeds.
 
     Drivers who are slower than the car behind keep more distance, so the closing speed increases with the
     range.

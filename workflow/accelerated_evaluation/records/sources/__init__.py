@@ -80,11 +80,11 @@ def source(
     Parameters
     ----------
     name
-        Of the source, and of its section below ``data``.
+        Name of the source, and of its section below ``data``.
     description
-        What outputs call the data, unless the user says otherwise.
+        Default description of the data in outputs.
     files
-        What ``path`` has to name, such as ``"CSV file"``.
+        Kind of file or folder that ``path`` names, such as ``"CSV file"``.
     path, outlier_rows
         Defaults of these two keys.
     checks

@@ -88,13 +88,12 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
         ``path`` of a file whose name ends in .csv (comma-separated, UTF-8, with a header) or .parquet; and
         ``columns``: ``lead_speed``, ``range`` and ``closing``, each with the ``name`` of its column and its
         ``unit``, and for ``closing`` its ``quantity``: closing_speed, range_rate (negative when closing) or
-        ttc. An inverse unit, such as 1/m or 1/s, says that the column holds the inverse.
+        ttc. An inverse unit, such as 1/m or 1/s, means that the column contains the inverse.
 
     Returns
     -------
     pandas.DataFrame
-        Three columns as `contract.complete` takes them, index ``row`` (data rows counted from 1). Text stays
-        text and missing cells stay missing; both are for the filters to judge.
+        Three columns as `encounter_table.complete` takes them, index ``row`` (data rows counted from 1). Text and missing cells are not changed; the filters handle them.
 
     Raises
     ------

@@ -173,7 +173,7 @@ def skip(driver: Driver, state: NDArray, i: int) -> None:
 
 @compiled
 def watch(state: NDArray, count: int, driver: Driver) -> None:
-    """Update the minima, and tell which encounters are over: crashed, out of time, or past any danger."""
+    """Update the minima, and return which encounters are over: crashed, out of time, or past any danger."""
     for i in range(count):
         distance, offset, steps = state[DISTANCE, i], state[OFFSET, i], state[STEPS, i]
         over, min_range = state[OVER, i] > 0.0, state[MIN_RANGE, i]

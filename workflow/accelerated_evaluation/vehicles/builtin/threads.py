@@ -45,6 +45,9 @@ def simulate_in_slices(
 
 
 def available_threads() -> int:
-    """Return the threads for a large batch: OMP_NUM_THREADS, set by Snakemake to a rule's, or all cores."""
+    """Return the number of threads for a large batch.
+
+    It is OMP_NUM_THREADS, which Snakemake sets to the threads of a rule, or the number of cores.
+    """
     limit = os.environ.get("OMP_NUM_THREADS", "")
     return int(limit) if limit.isdigit() and int(limit) > 0 else numba.config.NUMBA_NUM_THREADS
