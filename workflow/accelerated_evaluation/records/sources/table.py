@@ -93,7 +93,8 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        Three columns as `encounter_table.complete` takes them, index ``row`` (data rows counted from 1). Text and missing cells are not changed; the filters handle them.
+        Three columns as `encounter_table.complete` takes them, index ``row`` (data rows counted from 1). Text
+        and missing cells are not changed; the filters handle them.
 
     Raises
     ------
