@@ -5,9 +5,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
+from accelerated_evaluation.answer.family_file import fit_or_read
 from accelerated_evaluation.answer.weighted_family import score_family
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
@@ -16,7 +18,9 @@ from accelerated_evaluation.laws.files import read_law, require_shares
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.laws.paper.models import PAPER_LAWS, fit_paper_laws
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw
-from accelerated_evaluation.laws.smooth.family import MEMBERS, DistinctRecords, Fitter, Member
+from accelerated_evaluation.laws.smooth.draws import LawDraws
+from accelerated_evaluation.laws.smooth.family import MEMBERS, DistinctRecords, Fitter, LawFamily, Member
+from accelerated_evaluation.laws.smooth.mean import MeanLaw
 from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.records.sources import describe
 
@@ -86,6 +90,42 @@ def choose_law(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any])
     return name, FITS[name](encounters, config)
 
 
+def choose_sampled_law(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any]) -> tuple[str, Law]:
+    """Return the law under which a slow vehicle is simulated, and what it is called.
+
+    Parameters
+    ----------
+    choice
+        As in `choose_law`. For ``answer`` it is the mean of draws of all laws by their weights, and of their
+        parameters; for a law of the family the mean of draws of its parameters. Any other law is returned as
+        it is: nothing is known of its uncertainty.
+    encounters, config
+        As in `choose_law`.
+    """
+    require_law(choice)
+    if choice != ANSWER and choice not in SMOOTH:
+        return choose_law(choice, encounters, config)
+    with threadpool_limits(1, "blas"):
+        draws = _draws(choice, encounters, config)
+    name = f"mean of {draws.size} draws of {'all laws' if choice == ANSWER else choice}"
+    return name, MeanLaw.fitted(draws, encounters, name, config["answer"]["grid"]["closing_speed_max"])
+
+
+def _draws(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any]) -> LawDraws:
+    """Draw laws by their weights and their parameters, or the parameters of one law alone.
+
+    The fit of all laws is kept where the study keeps it, so that it is made once.
+    """
+    records, count = DistinctRecords.of(encounters, Support.configured(config)), config["answer"]["draws"]
+    generator = child_generator(config["seed"], "laws", "draws")
+    if choice == ANSWER:
+        scored = fit_or_read(Path("results", config["study"], "laws", "family.npz"), records)
+        weighted = scored.weighted(child_generator(config["seed"], "laws", "weigh"), count)
+        return LawDraws.of(weighted.family, weighted.members, weighted.weights, records.support, generator)
+    member = SMOOTH[choice]
+    return LawDraws.of(_family(choice, records), [member], np.ones((count, 1)), records.support, generator)
+
+
 def _smooth(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any]) -> DependentLaw:
     """Fit one law with dependence, or all laws to find the one with the largest weight."""
     records = DistinctRecords.of(encounters, Support.configured(config))
@@ -93,12 +133,17 @@ def _smooth(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any]) ->
         generator = child_generator(config["seed"], "laws", "weigh")
         weighted = score_family(records).weighted(generator, config["answer"]["draws"])
         return DependentLaw.fitted(weighted.family, weighted.heaviest, encounters, records.support)
-    family = Fitter(records, tuple(dict.fromkeys((Member(), SMOOTH[choice])))).fit()
+    return DependentLaw.fitted(_family(choice, records), SMOOTH[choice], encounters, records.support)
+
+
+def _family(choice: str, records: DistinctRecords) -> LawFamily:
+    """Fit one law of the family."""
+    size, family = records.size, Fitter(records, tuple(dict.fromkeys((Member(), SMOOTH[choice])))).fit()
     if SMOOTH[choice].level is not None and SMOOTH[choice] not in family.tails:
         raise InputError(
             "--law",
-            seen=f"{choice!r}, whose threshold fewer than ten of the {records.size:,} records exceed",
+            seen=f"{choice!r}, whose threshold fewer than ten of the {size:,} distinct records exceed",
             expected="a threshold that more records exceed",
             change=f"Choose a lower one, or {ANSWER}.",
         )
-    return DependentLaw.fitted(family, SMOOTH[choice], encounters, records.support)
+    return family

@@ -1,18 +1,26 @@
-"""The surrogate-guided estimate without the rest of the study, for vehicles that are slow to simulate."""
+"""The answer for a slow vehicle: few simulations by the surrogate-guided method, without crash maps."""
 
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from accelerated_evaluation.answer.chosen_law import ANSWER, choose_law, require_law
+from accelerated_evaluation.answer.averaged import SHARE, AveragedSurrogate, posterior_of
+from accelerated_evaluation.answer.chosen_law import ANSWER, choose_sampled_law, require_law
+from accelerated_evaluation.answer.exposure import exposure_table
+from accelerated_evaluation.answer.posterior import Posterior
+from accelerated_evaluation.answer.reweighting import LEVEL, SampledPosterior
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import Law
+from accelerated_evaluation.laws.smooth.family import DistinctRecords
+from accelerated_evaluation.laws.smooth.mean import MeanLaw
 from accelerated_evaluation.methods import METHODS, Estimate
 from accelerated_evaluation.methods.study import ALL, study_method
+from accelerated_evaluation.methods.surrogate import Surrogate
 from accelerated_evaluation.methods.surrogate.predecessor import read_predecessor
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.records.filters import Account
@@ -20,9 +28,11 @@ from accelerated_evaluation.records.ingest import ingest
 from accelerated_evaluation.records.segments import require_rows
 from accelerated_evaluation.records.sources import read_source
 from accelerated_evaluation.records.verdict import Verdict, verdict_on
+from accelerated_evaluation.vehicles.events import events_from
 from accelerated_evaluation.vehicles.external.slow import SlowVehicle, loaded_for
 
 METHOD = "surrogate"
+RATE_DRAWS = 1000  # equally likely values of a probability, of which rates are made
 
 
 @dataclass(frozen=True)
@@ -32,13 +42,15 @@ class Alone:
     Attributes
     ----------
     tables
-        ``estimate``, one row per replicate, with the ``law``; ``runs``, one row per simulation; ``account``
-        of the records. Under the paper's law, the first two equal the rows of this method for all segments in
-        the table ``estimates`` of the complete study.
+        ``estimate``, one row a replicate, with the ``law``; ``runs``, one row a simulation; ``account`` of
+        the records. Under the paper's law, the first two are what the whole study has under ``estimates`` for
+        this method and all segments. Where the law is a mean law, also ``answer``, one row a replicate and
+        event, ``budget`` and ``draws`` of the crash, and ``exposure``; see `averaged.Course.tables` and
+        `exposure.exposure_table`.
     name
         Name of the law.
     law
-        The law of the estimates.
+        The law that was sampled.
     vehicle
         The slow vehicle, which counts its simulations; None if the vehicle is not slow.
     verdict
@@ -60,8 +72,9 @@ def estimate_alone(
     replicates: int = 1,
     law: str = ANSWER,
     predecessor: str | os.PathLike | None = None,
+    share: float = SHARE,
 ) -> Alone:
-    """Fit a law to the records, and estimate the crash probability under it with the surrogate.
+    """Fit laws to the records, and find the crash probability by few simulations under their mean.
 
     Parameters
     ----------
@@ -71,9 +84,12 @@ def estimate_alone(
         Number of independent replicates; under the paper's law they are the first replicates of the complete
         study.
     law
-        The name of the law; see `chosen_law.choose_law`.
+        Which law; see `chosen_law.choose_sampled_law`.
     predecessor
-        Table of the simulations of a similar vehicle under the same law.
+        Table of the simulations of a vehicle that is like this one, under the same law.
+    share
+        Share that the sampling may add to the width of the 80 % interval of the whole answer; 0 for the
+        paper's stopping rule.
 
     Raises
     ------
@@ -86,21 +102,62 @@ def estimate_alone(
         raw = read_source(config["data"], child_generator(config["seed"], "sample"))
         verdict = verdict_on(raw, config)
         encounters, account = _ingested(raw, config)
-        name, chosen = choose_law(law, encounters, config)
+        name, chosen = choose_sampled_law(law, encounters, config)
         known = None if predecessor is None else read_predecessor(predecessor, chosen)
-        method = replace(METHODS[METHOD].configured(config), predecessor=known)
+        exposure, cut_ins = encounters.attrs["exposure"], DistinctRecords.of(encounters).size
         with tqdm(desc="simulations", unit="", disable=None) as bar:
+            method = _method(config, chosen, cut_ins, exposure, share, bar)
             tables = study_method(
-                replace(method, on_batch=lambda estimate: _show(bar, estimate)),
+                replace(method, predecessor=known),
                 Problem(chosen, vehicle),
                 method.stopping(config),
                 [child_generator(config["seed"], *method.stream(ALL, k)) for k in range(replicates)],
                 {"study": config["study"], "scope": ALL, "method": METHOD},
             )
-    estimate = verdict.beside(tables["estimates"].assign(law=name))
-    named = {"estimate": estimate, "runs": tables["runs"]}
+    estimate = verdict.beside(tables.pop("estimates").assign(law=name))
+    named = tables | {"estimate": estimate, "account": account.table()}
+    for name_of in ("answer", "budget", "draws"):  # which are of the crash under all laws, not of a method
+        if name_of in named:
+            named[name_of] = named[name_of].drop(columns=["scope", "method"], errors="ignore")
+    if "answer" in named:
+        named["answer"] = verdict.beside(named["answer"])
+    if len(named.get("draws", ())):
+        named["exposure"] = _exposure(named["draws"], cut_ins, exposure)
     slow = vehicle if isinstance(vehicle, SlowVehicle) else None
-    return Alone(named | {"account": account.table()}, name, chosen, slow, verdict, encounters)
+    return Alone(named, name, chosen, slow, verdict, encounters)
+
+
+def _method(
+    config: Mapping[str, Any],
+    law: Law,
+    cut_ins: int,
+    exposure: Mapping[str, float | None],
+    share: float,
+    bar: tqdm,
+) -> Surrogate:
+    """Return the method for a law: with all that a mean law allows, or for one law alone."""
+    if not isinstance(law, MeanLaw):
+        method = METHODS[METHOD].configured(config)
+        return replace(method, on_batch=lambda estimate: _show(bar, estimate))
+    kilometres = exposure["kilometres"]
+    return replace(
+        AveragedSurrogate.configured(config),
+        events=tuple(events_from(config["answer"]["events"])[1:]),
+        cut_ins_per_km=None if kilometres is None else cut_ins / kilometres,
+        share=share,
+        on_answer=lambda estimate, posterior: _show(bar, estimate, posterior),
+    )
+
+
+def _exposure(draws: pd.DataFrame, cut_ins: int, exposure: Mapping[str, float | None]) -> pd.DataFrame:
+    """Return the table of rates of crashes, by replicate; see `exposure.exposure_table`."""
+    parts = []
+    for replicate, of_replicate in draws.groupby("replicate"):
+        values = posterior_of(of_replicate).whole.probabilities
+        levels = (np.arange(RATE_DRAWS) + 0.5) / RATE_DRAWS
+        crash = Posterior(np.quantile(values, levels), np.zeros(RATE_DRAWS, int))
+        parts.append(exposure_table({"crash": crash}, cut_ins, exposure).assign(replicate=replicate))
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
 
 
 def read_records(config: Mapping[str, Any]) -> tuple[pd.DataFrame, Account]:
@@ -109,7 +166,8 @@ def read_records(config: Mapping[str, Any]) -> tuple[pd.DataFrame, Account]:
     Returns
     -------
     encounters : pandas.DataFrame
-        The encounter table, as the rule ``ingest_encounters`` of the study makes it.
+        The encounter table, as the rule ``ingest_encounters`` makes it. Its ``attrs["exposure"]``
+        has the kilometres and hours in which the records were made, None where that is not known.
     account : Account
         The account of all rows.
     """
@@ -119,11 +177,16 @@ def read_records(config: Mapping[str, Any]) -> tuple[pd.DataFrame, Account]:
 def _ingested(raw: pd.DataFrame, config: Mapping[str, Any]) -> tuple[pd.DataFrame, Account]:
     account = Account.of(raw)
     encounters = ingest(raw, config, account)
+    encounters.attrs["exposure"] = raw.attrs["exposure"]
     require_rows(encounters)
     return encounters, account
 
 
-def _show(bar: tqdm, estimate: Estimate) -> None:
-    """Show how far an estimate is."""
+def _show(bar: tqdm, estimate: Estimate, posterior: SampledPosterior | None = None) -> None:
+    """Show how far an estimate is: the interval of the whole answer, and that of the sampling alone."""
     bar.n = estimate.simulations
-    bar.set_postfix_str(f"{estimate.events} crashes, {estimate.low:.2g} to {estimate.high:.2g}")
+    text = f"{estimate.events} crashes, sampling alone {estimate.low:.2g} to {estimate.high:.2g}"
+    if posterior is not None:
+        low, high = posterior.whole.interval(LEVEL)
+        text = f"{low:.2g} to {high:.2g} with laws and data, {text}"
+    bar.set_postfix_str(text)

@@ -11,30 +11,41 @@ if TYPE_CHECKING:  # takes seconds, which --help can do without
     from accelerated_evaluation.answer.estimation import Alone
 
 DESCRIPTION = """\
-Estimate the crash probability of a cut-in with the surrogate-guided method only, which takes about 200
-simulations. Crash maps and crude Monte Carlo, which take millions, are not used. The command is for slow
-vehicles: a command in any language, an FMU, or a Python class. docs/your_vehicle.md shows all three.
+Estimate how often a vehicle crashes when a human driver cuts in, by some 150 simulations: without crash maps
+and crude Monte Carlo, which take millions. For a slow vehicle: a command in any language, an FMU, or a Python
+class. docs/your_vehicle.md shows all three.
 
 The configuration is that of a study; it names the records and the vehicle. Outcomes are stored in
 results/vehicles/, so that a run that is continued or repeated simulates no encounter twice.
 
 laws of cut-ins (--law):
-  answer          the smooth law with dependence that the records support best, as in the answer of the
-                  study; all laws of the family are fitted and weighted, in seconds (default)
+  answer          all smooth laws with dependence, by their weights (default). The simulations are made under
+                  the mean of draws from the posterior of law and parameters, and are reweighted for every
+                  draw. The intervals contain the uncertainty in the data, in the choice of law and in the
+                  sampling, as those of the whole study do
+  NAME            one law of the family, such as 'two kinds 0.95', with the uncertainty in its parameters; a
+                  name that is not known lists them all
+  FILE.json       law.json of an earlier estimate, with its draws; or a law of a finished study,
+                  results/STUDY/models/*.json. The configuration has to be that of this study
   paper           the paper's law, with the pieces that the configuration names; also two_pieces,
                   three_pieces and single
-  NAME            one law of the family, such as 'two kinds 0.95'; a name that is not known lists them all
-  FILE.json       a law of a finished study, results/STUDY/laws/answer.json or results/STUDY/models/*.json;
-                  the configuration has to be that of this study
+Under the paper's law, and any law file without draws, the interval is that of the sampling alone.
+
 The records are checked first. If a check says stop, nothing is estimated unless --accept names this check.
-The interval is that of the sampling: it describes the error of the estimated probability under this one law.
-The uncertainty about the law itself is not included; the complete study reports it.
+The simulations end when more of them would not help: when the sampling adds less than 5 % to the width of
+the 80 % interval (--sampling-share), or when the interval of the sampling alone is as narrow as the paper
+asks (importance_sampling.beta).
 
 files written to results/STUDY/estimate/:
-  estimate.csv    probability, ci_low, ci_high, simulations, law; one row a replicate
+  answer.csv      probability (mean), median, intervals and rate per kilometre; one row a replicate and event
+  budget.csv      where the uncertainty comes from: data, choice of law, sampling
+  draws.csv       the crash probability under every draw of the law, with its relative sampling error
+  exposure.csv    crashes per kilometre and hour, as far as the exposure of the records is known
+  compared.csv    the ratio to other vehicles, draw by draw (--compare)
+  estimate.csv    probability, ci_low, ci_high, simulations under the mean law; one row a replicate
   runs.csv        every simulation: its cut-in, its phase, and whether it crashed
-  account.csv     how many records each step found, dropped and kept
-  law.json        the law of cut-ins"""
+  account.csv     what became of every record
+  law.json        the law of cut-ins that was sampled, with its draws"""
 
 
 def _count(text: str) -> int:
@@ -46,11 +57,20 @@ def _count(text: str) -> int:
 _count.__name__ = "number from 1 on"  # argparse names the type in its message
 
 
+def _share(text: str) -> float:
+    if not 0 <= (share := float(text)) <= 1:
+        raise ValueError
+    return share
+
+
+_share.__name__ = "number from 0 to 1"
+
+
 @COMMANDS.add("estimate")
 class EstimateAlone:
     """Estimate the crash probability of a slow vehicle."""
 
-    help = "estimate the crash probability of a slow vehicle by some 200 simulations"
+    help = "estimate the crash probability of a slow vehicle by some 150 simulations"
     description = DESCRIPTION
 
     @staticmethod
@@ -72,7 +92,15 @@ class EstimateAlone:
             metavar="N",
             type=_count,
             default=1,
-            help="independent repetitions, of some 200 simulations each (default: %(default)s)",
+            help="independent repetitions, of some 150 simulations each (default: %(default)s)",
+        )
+        command.add_argument(
+            "--sampling-share",
+            metavar="SHARE",
+            type=_share,
+            default=0.05,
+            help="stop when the sampling adds no more than this to the width of the 80 %% interval; 0 for "
+            "the paper's stopping rule alone (default: %(default)s)",
         )
         command.add_argument(
             "--predecessor",
@@ -94,7 +122,9 @@ class EstimateAlone:
         config = load(arguments.config)
         config["data"]["accepted_warnings"] = [*config["data"]["accepted_warnings"], *arguments.accept]
         config = resolved(config)
-        found = estimate_alone(config, arguments.replicates, arguments.law, arguments.predecessor)
+        found = estimate_alone(
+            config, arguments.replicates, arguments.law, arguments.predecessor, arguments.sampling_share
+        )
         folder = Path("results", config["study"], "estimate")
         for name, table in found.tables.items():
             write_csv(folder / f"{name}.csv", table)
@@ -106,7 +136,7 @@ def _in_words(found: "Alone", level: float) -> str:
     """Return the estimates, what they took and what they may have missed, in lines of text."""
     from accelerated_evaluation.methods.surrogate.certificate import unseen_in_words
 
-    lines = [*found.verdict.lines(), f"law of cut-ins: {found.name}"]
+    lines = [*found.verdict.lines(), *_answers(found), f"law of cut-ins: {found.name}"]
     for row in found.tables["estimate"].to_dict("records"):
         verdict = "converged" if row["converged"] else "not converged"
         probability = "not known yet" if math.isnan(row["probability"]) else f"{row['probability']:.3g}"
@@ -122,3 +152,18 @@ def _in_words(found: "Alone", level: float) -> str:
             f"kept: {len(vehicle.store):,} in {vehicle.store.path}"
         )
     return "\n".join(lines)
+
+
+def _answers(found: "Alone") -> list[str]:
+    """Return the whole answer of every replicate in lines of text; none under one law alone."""
+    from accelerated_evaluation.answer.averaged import answer_in_words, budget_in_words
+
+    if "answer" not in found.tables:
+        return []
+    lines = []
+    for replicate, rows in found.tables["answer"].groupby("replicate"):
+        for row in rows.to_dict("records"):
+            lines += answer_in_words(row)
+        budget = found.tables["budget"]
+        lines += budget_in_words(budget[budget["replicate"] == replicate]) if len(budget) else []
+    return lines

@@ -16,7 +16,11 @@ HALVINGS = 40  # number of bisections of an interval that contains the inverse
 
 
 class Shape(Protocol):
-    """The distribution of an excess of scale 1, with ``parameters`` of shape (q,)."""
+    """The law of an excess of scale 1.
+
+    ``parameters`` have shape (q,). `cumulative` and `log_density` also take one set of parameters for each of
+    k rows of excesses of shape (k, n): parameters of shape (q, k, 1).
+    """
 
     name: ClassVar[str]
     prior_mean: ClassVar[tuple[float, ...]]
@@ -77,20 +81,20 @@ class Generalised:
 
     def cumulative(self, z: Array, parameters: Array) -> Array:
         """Return the cumulative hazard H(z)."""
-        shape = float(parameters[0])
-        if shape == 0:
-            return np.asarray(z, dtype=float)
-        with np.errstate(over="ignore"):
-            return np.log1p(shape * z) / shape if shape > 0 else -np.expm1(-shape * z) / shape
+        z, shape = np.asarray(z, dtype=float), np.asarray(parameters[0], dtype=float)
+        size = np.abs(shape)
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            curved = np.where(shape > 0, np.log1p(size * z), np.expm1(size * z)) / size
+        return np.where(shape == 0, z, curved)
 
     def inverse(self, level: Array, parameters: Array) -> Array:
         """Return the inverse of H, which is H with the opposite sign of the shape."""
         return self.cumulative(level, -np.asarray(parameters))
 
     def log_density(self, z: Array, parameters: Array) -> Array:
-        """Return the log density log H'(z) - H(z)."""
-        shape = float(parameters[0])
-        log_hazard = -np.log1p(shape * z) if shape > 0 else -shape * np.asarray(z)
+        """Return log H'(z) - H(z)."""
+        z, shape = np.asarray(z, dtype=float), np.asarray(parameters[0], dtype=float)
+        log_hazard = np.where(shape > 0, -np.log1p(np.abs(shape) * z), -shape * z)
         return log_hazard - self.cumulative(z, parameters)
 
     def derivatives(self, z: Array, parameters: Array) -> tuple[Array, Array]:
@@ -128,8 +132,8 @@ class TwoKinds:
         return np.maximum(-log_survival, 0)  # rounding could make it negative at z = 0
 
     def inverse(self, level: Array, parameters: Array) -> Array:
-        """Return the inverse of H, computed by bisection."""
-        ratio = max(self._natural(parameters)[1], 1.0)
+        """Return the inverse of H by bisection."""
+        ratio = np.maximum(self._natural(parameters)[1], 1.0)
         level = np.asarray(level, dtype=float)
         low, high = np.zeros_like(level), level * ratio
         for _ in range(HALVINGS):
@@ -152,8 +156,8 @@ class TwoKinds:
         return by_z, np.column_stack([second_kind - share, second_kind * (z / ratio - 1)])
 
     @staticmethod
-    def _natural(parameters: Array) -> tuple[float, float]:
-        return float(1 / (1 + np.exp(-parameters[0]))), float(np.exp(parameters[1]))
+    def _natural(parameters: Array) -> tuple[Array, Array]:
+        return 1 / (1 + np.exp(-parameters[0])), np.exp(parameters[1])
 
     def _parts(self, z: Array, parameters: Array) -> tuple[Array, Array]:
         share, ratio = self._natural(parameters)

@@ -219,8 +219,12 @@ class Sampler:
         return isinstance(self.progress.pending, RepeatBatch)
 
     def has_converged(self, stopping: Stopping) -> bool:
-        """Whether the interval is narrow, enough events were observed, and the certificate is sufficient."""
-        if not self.is_narrow(stopping) or not results.is_certified(self.progress, self.certificate):
+        """Whether the interval is narrow, enough events were observed, and nothing is left to exclude."""
+        return self.is_narrow(stopping) and self.is_settled()
+
+    def is_settled(self) -> bool:
+        """Whether nothing is left to exclude: the certificate is met, and the vehicle repeats itself."""
+        if not results.is_certified(self.progress, self.certificate):
             return False
         return self._repeats_wanted(certify=True) == 0 and not self.progress.chance
 

@@ -42,7 +42,7 @@ RANGES = {
     "rarest": (0, REACH),
     **dict.fromkeys(("weight", "kept_weight"), (0, 1e100)),
     "inclusion": (1e-100, 1.001),  # with a margin for rounding
-    **dict.fromkeys(("control", "foreseen"), (0, 1)),
+    **dict.fromkeys(("control", "kept_control", "foreseen"), (0, 1)),
 }
 
 
@@ -287,8 +287,10 @@ def _require_whole_batch(batch: Batch, d: int) -> None:
         columns["kept"] = list(batch.kept.shape[1:])
     for name, value in vars(batch).items():
         if isinstance(value, np.ndarray):
-            rows = {"looks": len(value), "kept": len(value), "kept_weight": len(getattr(batch, "kept", ()))}
-            _require_shape(name, value, rows.get(name, max(len(batch.z), 1)), *columns.get(name, []))
+            rows = max(len(batch.z), 1)
+            if name == "looks" or name.startswith("kept"):
+                rows = len(batch.kept if name.startswith("kept") else value)
+            _require_shape(name, value, rows, *columns.get(name, []))
 
 
 def _require_shape(name: str, array: Array, *shape: int) -> None:

@@ -164,10 +164,11 @@ class TwoPhaseBatch:
         What was expected of the batch before it was drawn.
     foreseen
         Probabilities that the two surrogates give to the runs, before calibration, shape (n, 2).
-    kept, kept_weight
-        Points of the pool, shape (k, d), each of which stands for an equal part of ``controlled``, and their
-        phi / h, divided by the number of points of the pool, shape (k,). With them the control variate can be
-        integrated under another law. Both are empty where the control variate is 0 everywhere.
+    kept, kept_weight, kept_control
+        Points of the pool, shape (k, d), each of which stands for an equal part of ``controlled``; their
+        phi / h, divided by the number of points of the pool; and their control variates, both of shape (k,).
+        With them the control variate can be integrated under another law. They are empty where the control
+        variate is 0 everywhere.
     """
 
     z: Array
@@ -182,6 +183,7 @@ class TwoPhaseBatch:
     foreseen: Array
     kept: Array = field(default_factory=lambda: np.empty((0, 0)))
     kept_weight: Array = field(default_factory=lambda: np.empty(0))
+    kept_control: Array = field(default_factory=lambda: np.empty(0))
 
 
 def reach_of(probability: float) -> float:
@@ -374,4 +376,5 @@ def draw_batch(
         foreseen=foresee(pool.z[chosen]),
         kept=pool.z[kept],
         kept_weight=w[kept],
+        kept_control=control[kept],
     )

@@ -1,0 +1,158 @@
+"""Reweighted estimates: exact where the sampled law is normal, and the draws are normal laws elsewhere."""
+
+import numpy as np
+import pytest
+from accelerated_evaluation.answer import crossfit
+from accelerated_evaluation.answer.crossfit import Control, cross_fitted
+from accelerated_evaluation.answer.reweighting import Ratios, Reweighting, SampledPosterior, reweight
+from accelerated_evaluation.methods.surrogate import combining
+from sampler_checks import drive, half_plane, new_sampler
+from scipy.stats import norm
+
+SHIFTS = np.array([-0.4, -0.2, 0.0, 0.2, 0.4])  # of the mean, along the direction of the event
+DIRECTION, LEVEL = np.array([0.6, 0.8]), 4.0
+EXACT = norm.sf(LEVEL - SHIFTS)
+SEEDS = 60
+
+
+def log_ratios(z):
+    """Return log(f_k / f) of normal laws of unit variance with shifted means."""
+    along = z @ DIRECTION
+    return SHIFTS[:, None] * along - SHIFTS[:, None] ** 2 / 2
+
+
+def reweighting():
+    return Reweighting(log_ratios, lambda z: z, np.arange(SHIFTS.size))
+
+
+@pytest.fixture(scope="module")
+def samplers():
+    return [drive(new_sampler(seed=seed), half_plane(LEVEL)).sampler for seed in range(SEEDS)]
+
+
+@pytest.fixture(scope="module")
+def posteriors(samplers):
+    return [reweighting().estimate(sampler.progress) for sampler in samplers]
+
+
+def standardised(estimates):
+    """Return how many standard errors the mean of the estimates is from the exact values."""
+    estimates = np.array(estimates)
+    return np.abs(estimates.mean(axis=0) - EXACT) / (estimates.std(axis=0) / np.sqrt(len(estimates)))
+
+
+def test_every_draw_gets_its_own_probability(posteriors):
+    assert standardised([posterior.probabilities for posterior in posteriors]).max() < 4.5
+
+
+def test_a_control_variate_that_is_not_reweighted_is_wrong(samplers):
+    wrong = []
+    for sampler in samplers:
+        progress, total = sampler.progress, []
+        for batch, happened in counted(progress):
+            ratios = Ratios(np.exp(log_ratios(batch.z)), np.ones((SHIFTS.size, len(batch.kept))))
+            total.append(reweight(batch, ratios, happened, Control.own(batch))[0])
+        wrong.append(np.mean(total, axis=0))
+    assert standardised(wrong)[[0, -1]].min() > 4.5
+
+
+def counted(progress):
+    """Return the batches that count, with the flags of their runs."""
+    number = len(combining.that_count(progress.estimates))
+    runs = sum(len(batch.z) for batch in progress.batches[-number:])
+    flags = np.split(
+        progress.happened[-runs:], np.cumsum([len(b.z) for b in progress.batches[-number:]])[:-1]
+    )
+    return zip(progress.batches[-number:], flags, strict=True)
+
+
+def test_the_errors_are_those_of_the_estimates(posteriors):
+    errors = np.array([np.log(posterior.probabilities / EXACT) for posterior in posteriors]).std(axis=0)
+    claimed = np.array([posterior.errors for posterior in posteriors]).mean(axis=0)
+    assert np.all(claimed > 0.7 * errors)
+    assert np.all(claimed < 2.5 * errors)
+
+
+def test_without_another_law_the_estimate_is_the_samplers(samplers, posteriors):
+    for sampler, posterior in zip(samplers, posteriors, strict=True):
+        own = combining.combine(combining.that_count(sampler.progress.estimates)).probability
+        assert posterior.probabilities[2] == pytest.approx(own, rel=1e-9)
+
+
+def share(z):
+    """Roughly the probability that the event of the level 4.3 happens where that of the level 4 does."""
+    return norm.cdf((z @ DIRECTION - 4.25) / 0.1) if len(z) else np.empty(0)
+
+
+def test_a_part_of_the_event_is_found_from_the_same_runs(samplers):
+    part, estimates = norm.sf(4.3 - SHIFTS), []
+    for sampler in samplers:
+        progress = sampler.progress
+        happened = (progress.z @ DIRECTION > 4.3).astype(float)
+        batches = [batch for batch, _ in counted(progress)]
+        controls = [Control(batch.control * share(batch.z), share(batch.kept)) for batch in batches]
+        estimates.append(reweighting().estimate(progress, happened, controls).probabilities)
+    estimates = np.array(estimates)
+    error = estimates.std(axis=0) / np.sqrt(SEEDS)
+    assert np.all(np.abs(estimates.mean(axis=0) - part) < 4.5 * error)
+
+
+@pytest.fixture(scope="module")
+def cross(samplers):
+    """Return the posteriors with cross-fitted control variates."""
+    posteriors = []
+    for sampler in samplers:
+        controls = cross_fitted(sampler, len(combining.that_count(sampler.progress.estimates)))
+        posteriors.append(reweighting().estimate(sampler.progress, controls=controls))
+    return posteriors
+
+
+def test_cross_fitted_control_variates_keep_the_mean_and_reduce_the_error(posteriors, cross):
+    assert standardised([posterior.probabilities for posterior in cross]).max() < 4.5
+    errors = [np.std([p.probabilities / EXACT for p in ps], axis=0) for ps in (posteriors, cross)]
+    assert np.mean(errors[1]) < np.mean(errors[0])
+
+
+def test_a_surrogate_that_has_seen_the_batch_itself_hides_the_error(samplers, cross, monkeypatch):
+    """The wrong control variate: learnt from the runs that it is subtracted from."""
+    whole = crossfit._without
+    monkeypatch.setattr(crossfit, "_without", lambda state, left_out: whole(state, left_out[:0]))
+    wrong = []
+    for sampler in samplers[:20]:
+        controls = cross_fitted(sampler, len(combining.that_count(sampler.progress.estimates)))
+        batches = sampler.progress.batches[-len(controls) :]
+        for control, batch, (_, happened) in zip(controls, batches, counted(sampler.progress), strict=True):
+            wrong.extend((happened - control.runs)[batch.control > 0] ** 2)
+    honest = []
+    monkeypatch.setattr(crossfit, "_without", whole)
+    for sampler in samplers[:20]:
+        controls = cross_fitted(sampler, len(combining.that_count(sampler.progress.estimates)))
+        for control, (batch, happened) in zip(controls, counted(sampler.progress), strict=True):
+            honest.extend((happened - control.runs)[batch.control > 0] ** 2)
+    assert np.mean(wrong) < 0.8 * np.mean(honest)
+
+
+def test_ratios_are_computed_once(samplers):
+    asked = []
+    found = Reweighting(lambda z: (asked.append(len(z)), log_ratios(z))[1], lambda z: z, np.arange(5))
+    first = found.estimate(samplers[0].progress)
+    again = found.estimate(samplers[0].progress)
+    assert len(asked) == first.batches
+    np.testing.assert_array_equal(again.probabilities, first.probabilities)
+
+
+def test_there_is_no_posterior_without_an_estimate():
+    assert reweighting().estimate(new_sampler().progress) is None
+
+
+def test_the_sampling_error_widens_the_interval():
+    generator = np.random.default_rng(1)
+    exact = np.exp(generator.normal(0, 0.6, 4000))
+    posterior = SampledPosterior(exact, np.full(4000, 0.2), np.zeros(4000, int), 1000)
+    low, high = posterior.whole.interval(0.8)
+    expected = 2 * norm.isf(0.1) * np.hypot(0.6, 0.2)
+    assert np.log(high / low) == pytest.approx(expected, rel=0.04)
+    assert posterior.share_of_sampling == pytest.approx(np.hypot(0.6, 0.2) / 0.6 - 1, abs=0.015)
+    exactly = SampledPosterior(exact, np.zeros(4000), np.zeros(4000, int), 1000)
+    assert exactly.share_of_sampling == pytest.approx(0, abs=1e-12)
+    assert exactly.whole.interval(0.8) == pytest.approx(exactly.alone.interval(0.8), rel=1e-3)

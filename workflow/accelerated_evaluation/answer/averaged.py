@@ -1,0 +1,275 @@
+"""The whole answer from few simulations: runs sampled under the mean law, reweighted for every draw.
+
+The surrogate-guided sampler asks for runs under the mean of K draws of the law of cut-ins. Its estimate is
+then found for each draw, so that the answer contains the uncertainty in the data, in the choice of law and in
+the sampling, as the answer of a crash map does. More runs make only the last of the three smaller.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+import numpy as np
+import pandas as pd
+from scipy.special import ndtr
+
+from accelerated_evaluation.answer.crossfit import Control, cross_fitted
+from accelerated_evaluation.answer.posterior import LEVELS, budget
+from accelerated_evaluation.answer.reweighting import Reweighting, SampledPosterior
+from accelerated_evaluation.answer.study import event_name
+from accelerated_evaluation.answer.summary import SUMMARY, summarise
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.laws.smooth.mean import MeanLaw
+from accelerated_evaluation.methods.estimate import Estimate, Stopping
+from accelerated_evaluation.methods.surrogate import Surrogate
+from accelerated_evaluation.methods.surrogate.sampler import Sampler
+from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.vehicles.events import CRASH, Event
+from accelerated_evaluation.vehicles.protocol import Outcomes
+
+SHARE = 0.05  # of the width of the interval that the sampling may add
+RIDGE = 1e-2  # of the regression of impact speeds, in units of the variance of its terms
+SMALLEST_DEVIATION = 0.3  # [m/s], of an impact speed from its regression
+FEWEST = 15  # crashes, from which impact speeds are regressed
+
+Shown = Callable[[Estimate, SampledPosterior | None], None]
+
+
+@dataclass(frozen=True)
+class AveragedSurrogate(Surrogate):
+    """The surrogate-guided method under a mean law, whose runs are reweighted for every draw.
+
+    Attributes
+    ----------
+    events
+        Events whose probabilities are found from the same runs, besides the one that is sampled.
+    cut_ins_per_km
+        Distinct closing cut-ins per kilometre [1/km]; None where the distance is not known.
+    share
+        The sampling may add this share to the width of the 80 % interval; 0 for the paper's rule alone.
+    on_answer
+        Called after every batch with the estimate and the posterior, which is None until there is one.
+    """
+
+    tables: ClassVar[tuple[str, ...]] = ("runs", "answer", "budget", "draws")
+
+    events: tuple[Event, ...] = ()
+    cut_ins_per_km: float | None = None
+    share: float = SHARE
+    on_answer: Shown | None = None
+
+    def estimate(self, problem: Problem, stopping: Stopping, generator: np.random.Generator) -> Estimate:
+        """Estimate the probability of the event under the mean law, and under every draw.
+
+        The runs end when `has_enough`, and when nothing is left to exclude; see `Sampler.is_settled`. The
+        tables of the estimate are ``runs`` and, those of `Course.tables`.
+        """
+        sampler = self._sampler(problem, generator)
+        course = Course.of(problem.law, sampler)
+        while sampler.simulations + self.batch_size <= stopping.maximum_simulations:
+            has_enough = self.has_enough(course, stopping)
+            if has_enough and sampler.is_settled():
+                break
+            course.run(problem, sampler.ask(certify=has_enough))
+            if self.on_answer is not None:
+                self.on_answer(sampler.estimate(stopping), course.posterior())
+        return replace(
+            sampler.estimate(stopping),
+            converged=self.has_enough(course, stopping) and sampler.is_settled(),
+            tables={"runs": sampler.estimate(stopping).tables["runs"]}
+            | course.tables(problem.event, self.events, self.cut_ins_per_km),
+        )
+
+    def has_enough(self, course: "Course", stopping: Stopping) -> bool:
+        """Whether more runs would not help: see `share`, or the paper's rule for the sampling alone."""
+        if course.sampler.is_narrow(stopping):
+            return True
+        posterior = course.posterior() if self.share else None
+        return posterior is not None and posterior.share_of_sampling <= self.share
+
+
+@dataclass
+class Course:
+    """Runs of a sampler under a mean law, with their outcomes and their ratios of densities.
+
+    Attributes
+    ----------
+    law
+        The mean law.
+    sampler
+        Chooses the runs.
+    reweighting
+        Of its batches.
+    outcomes
+        Of all batches.
+    """
+
+    law: MeanLaw
+    sampler: Sampler
+    reweighting: Reweighting
+    outcomes: list[Outcomes] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, law: MeanLaw, sampler: Sampler) -> "Course":
+        """Begin without a run."""
+        member = np.unique(law.draws.names, return_inverse=True)[1]
+        return cls(law, sampler, Reweighting(law.log_ratios, law.from_normal_scores, member))
+
+    def run(self, problem: Problem, z: Array) -> None:
+        """Simulate the batch that the sampler has asked for, and report its outcomes to the sampler."""
+        if self.sampler.repeats_next:
+            self.sampler.tell(*problem.repeat(z))
+            return
+        outcomes = problem.simulate(problem.law.from_normal_scores(z))
+        self.sampler.tell(problem.event.happens(outcomes), problem.event.score(outcomes))
+        self.outcomes.append(outcomes)
+
+    def posterior(self) -> SampledPosterior | None:
+        """Return the probability of the sampled event under each draw; None while there is no estimate."""
+        progress = self.sampler.progress
+        return self.reweighting.estimate(progress) if progress.happened.any() else None
+
+    def tables(
+        self, sampled: Event, events: Sequence[Event], cut_ins_per_km: float | None
+    ) -> dict[str, pd.DataFrame]:
+        """Return what the runs say.
+
+        Returns
+        -------
+        dict
+            ``answer``: the columns of the study's table of that name and ``simulations``, one row an event.
+            ``budget``: see `posterior.budget`, for the sampled event. ``draws``: number of the ``draw``, its
+            ``law``, ``probability`` of the sampled event, its relative ``error``, and the number of
+            ``batches`` of which it is made.
+        """
+        controls = self._controls()
+        posteriors = {event: self._of(event, sampled, controls) for event in (sampled, *events)}
+        per_km = np.nan if cut_ins_per_km is None else cut_ins_per_km
+        rows = []
+        for event, posterior in posteriors.items():
+            summary = answer_row(posterior)
+            rows.append({"event": event_name(event)} | summary | {"per_km": summary["probability"] * per_km})
+        answer = pd.DataFrame(rows).assign(simulations=self.sampler.simulations)
+        if (own := posteriors[sampled]) is None:
+            return {"answer": answer, "budget": pd.DataFrame(), "draws": pd.DataFrame()}
+        draws = {
+            "draw": np.arange(own.probabilities.size) + 1,
+            "law": self.law.draws.names,
+            "probability": own.probabilities,
+            "error": own.errors,
+            "batches": own.batches,
+        }
+        return {"answer": answer, "budget": budget(own.alone, own.deviation), "draws": pd.DataFrame(draws)}
+
+    def _controls(self) -> list[Control] | None:
+        """Return the cross-fitted control variates of the batches that count; None where there is none."""
+        counted = len(self.reweighting.counted(self.sampler.progress))
+        return cross_fitted(self.sampler, counted) if counted >= 2 else None
+
+    def _of(self, event: Event, sampled: Event, controls: list[Control] | None) -> SampledPosterior | None:
+        """Return the probability of an event; None where the runs have not met it, or cannot have.
+
+        Only a part of the sampled event is found from its runs: the sampler looks for no other, so that an
+        estimate of a near miss from runs that are made for crashes is too low by factors.
+        """
+        if controls is None or not self.outcomes or not is_part(event, sampled):
+            return None
+        outcomes, progress = joined(self.outcomes), self.sampler.progress
+        happened = event.happens(outcomes)
+        if sampled == CRASH and event.quantity == "impact_speed":
+            share = impact_share(progress.z, outcomes, event.threshold)
+            batches = progress.batches[-len(controls) :]
+            controls = [
+                Control(control.runs * share(batch.z), control.kept * share(batch.kept))
+                for control, batch in zip(controls, batches, strict=True)
+            ]
+        if not happened.any():
+            return None
+        return self.reweighting.estimate(progress, happened.astype(float), controls)
+
+
+def is_part(event: Event, sampled: Event) -> bool:
+    """Whether every encounter that ends in an event also ends in the sampled one."""
+    if event == sampled:
+        return True
+    if event.quantity == sampled.quantity:
+        is_impact = event.quantity == "impact_speed"
+        return (event.threshold > sampled.threshold) == is_impact
+    return event.quantity in ("crash", "impact_speed") and sampled.quantity != "impact_speed"
+
+
+def answer_row(posterior: SampledPosterior | None) -> dict[str, float]:
+    """Return the columns of `summary.summarise`: the mean is that under the mean law; NaN without one."""
+    if posterior is None:
+        return dict.fromkeys(SUMMARY, np.nan)
+    return summarise(posterior.whole) | {"probability": float(posterior.probabilities.mean())}
+
+
+def joined(outcomes: Sequence[Outcomes]) -> Outcomes:
+    """Return the outcomes of several batches as one."""
+    return Outcomes(**{name: np.concatenate([getattr(part, name) for part in outcomes]) for name in NAMES})
+
+
+def posterior_of(draws: pd.DataFrame) -> SampledPosterior:
+    """Return what a table ``draws`` of one replicate holds."""
+    member = np.unique(draws["law"], return_inverse=True)[1]
+    columns = (draws[name].to_numpy(float) for name in ("probability", "error"))
+    return SampledPosterior(*columns, member, int(draws["batches"].iloc[0]))
+
+
+NAMES = ("crash", "min_range", "min_ttc", "impact_speed")
+
+
+def impact_share(z: Array, outcomes: Outcomes, threshold: float) -> Callable[[Array], Array]:
+    """Return the probability that a crash at normal scores is faster than a threshold [m/s].
+
+    Impact speeds of the crashes are regressed on a quadratic function of the normal scores, with normal
+    residuals. The function only serves as a control variate, so that it reduces the variance and need not be
+    exact. It is 1 where there are too few crashes.
+    """
+    if outcomes.crash.sum() < FEWEST:
+        return lambda points: np.ones(len(points))
+    centre, scale = z[outcomes.crash].mean(axis=0), z[outcomes.crash].std(axis=0) + SMALLEST_DEVIATION
+    terms, speeds = _quadratic((z[outcomes.crash] - centre) / scale), outcomes.impact_speed[outcomes.crash]
+    penalty = RIDGE * len(terms) * np.eye(terms.shape[1])
+    coefficients = np.linalg.solve(terms.T @ terms + penalty, terms.T @ speeds)
+    deviation = max(float((speeds - terms @ coefficients).std()), SMALLEST_DEVIATION)
+
+    def share(points: Array) -> Array:
+        if not len(points):
+            return np.empty(0)
+        return ndtr((_quadratic((points - centre) / scale) @ coefficients - threshold) / deviation)
+
+    return share
+
+
+def _quadratic(x: Array) -> Array:
+    """Return a constant, the variables and their products, shape (n, d) to (n, 1 + d + d (d + 1) / 2)."""
+    products = [x[:, i] * x[:, j] for i in range(x.shape[1]) for j in range(i + 1)]
+    return np.column_stack([np.ones(len(x)), x, *products])
+
+
+def answer_in_words(row: Mapping[str, Any]) -> list[str]:
+    """Return a row of the table ``answer`` in lines of text."""
+    if np.isnan(row["median"]):
+        return [f"{row['event']}: not known from these runs"]
+    intervals = (f"{100 * level:.0f}%: {_ends(row, level)}" for level in LEVELS)
+    per_km = "" if np.isnan(row["per_km"]) else f"; mean per kilometre {row['per_km']:.2g}"
+    return [
+        f"{row['event']}: probability in a cut-in {row['median']:.3g} (median), {row['probability']:.3g} "
+        f"(mean){per_km}",
+        f"  intervals with data, laws and sampling: {'; '.join(intervals)}",
+    ]
+
+
+def _ends(row: Mapping[str, Any], level: float) -> str:
+    return f"{row[f'low{100 * level:.0f}']:.3g} to {row[f'high{100 * level:.0f}']:.3g}"
+
+
+def budget_in_words(budget: pd.DataFrame) -> list[str]:
+    """Return where the uncertainty comes from, and what would make it smaller, in a line of text."""
+    shares = budget.set_index("source")["variance_share"]
+    if shares.isna().any():
+        return []
+    parts = ", ".join(f"{source} {shares[source]:.0%}" for source in ("data", "choice of law", "sampling"))
+    return [f"variance of the logarithm: {parts}; only the last becomes smaller with more simulations"]

@@ -1,0 +1,208 @@
+"""The probability of an event under every draw of the law, from runs that were sampled under one law.
+
+The sampler of few simulations estimates the probability of an event under the law that it samples. A batch
+gives an estimate under another law f_k when its runs and its control variate are multiplied by
+f_k / f_sampled; see `methods.surrogate.two_phase` for the estimate of a batch. The importance of a batch
+stays as it was, because it was decided before the batch was drawn.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtrit
+
+from accelerated_evaluation.answer.crossfit import Control
+from accelerated_evaluation.answer.posterior import Posterior
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.laws import CutIns
+from accelerated_evaluation.methods.surrogate.combining import BatchEstimate, that_count
+from accelerated_evaluation.methods.surrogate.state import Progress
+from accelerated_evaluation.methods.surrogate.two_phase import TwoPhaseBatch
+
+LEVEL = 0.8  # of the interval whose width the sampling may add to
+NOISE = 25  # values of the sampling error that stand for its distribution, for each draw
+LEAST = 0.1  # of 1 + t c, where the sampling error is so large that its form is unknown
+SMALLEST = 1e-3  # of the mean: a draw whose estimate is below, or negative, is not known
+
+
+@dataclass(frozen=True)
+class Ratios:
+    """f_k / f_sampled of each draw k at the points of a batch: its runs, (K, n), and kept points, (K, m)."""
+
+    runs: Array
+    kept: Array
+
+
+@dataclass(frozen=True)
+class SampledPosterior:
+    """The probability of an event under each draw of the law, and how well the runs have determined it.
+
+    Attributes
+    ----------
+    probabilities
+        Estimates, shape (K,).
+    errors
+        Their relative standard errors, shape (K,).
+    member
+        The law that each draw is of, as a number, shape (K,).
+    batches
+        Number of batches, one more than the degrees of freedom of the errors.
+    """
+
+    probabilities: Array
+    errors: Array
+    member: NDArray[np.int_]
+    batches: int
+
+    @property
+    def alone(self) -> Posterior:
+        """The posterior without the sampling error: as if every estimate were exact."""
+        return Posterior(self.probabilities, self.member)
+
+    @property
+    def whole(self) -> Posterior:
+        """The posterior with the sampling error.
+
+        Each draw is replaced by `NOISE` equally likely values of the probability, given its estimate Y and
+        its relative error c: Y / (1 + t c) with t from Student's law, see `combining.interval`.
+        """
+        levels = (np.arange(NOISE) + 0.5) / NOISE
+        t = stdtrit(self.batches - 1, levels)
+        values = self.probabilities[:, None] / np.maximum(1 + self.errors[:, None] * t, LEAST)
+        return Posterior(values.ravel(), np.repeat(self.member, NOISE))
+
+    @property
+    def deviation(self) -> float:
+        """Root mean square of the relative errors."""
+        return float(np.sqrt(np.mean(self.errors**2)))
+
+    @property
+    def share_of_sampling(self) -> float:
+        """By which share the sampling error widens the 80 % interval; widths are of the logarithm."""
+        (low, high), (low_alone, high_alone) = (part.interval(LEVEL) for part in (self.whole, self.alone))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return float(np.log(high / low) / np.log(high_alone / low_alone) - 1)
+
+
+class Reweighting:
+    """Keeps the ratios of densities of the batches, which are computed once for each batch.
+
+    Parameters
+    ----------
+    ratios
+        Returns log(f_k / f_sampled) at cut-ins, shape (K, n).
+    cut_ins
+        Maps normal scores, shape (n, d), to cut-ins, by the law that was sampled.
+    member
+        The law that each draw is of, as a number, shape (K,).
+    """
+
+    def __init__(
+        self,
+        ratios: Callable[[CutIns], Array],
+        cut_ins: Callable[[Array], CutIns],
+        member: NDArray[np.int_],
+    ) -> None:
+        self._ratios, self._cut_ins, self.member = ratios, cut_ins, member
+        self._known: dict[int, Ratios] = {}
+        self._estimates: dict[int, tuple[Array, Array]] = {}
+
+    def estimate(
+        self,
+        progress: Progress,
+        happened: Array | None = None,
+        controls: Sequence[Control] | None = None,
+    ) -> SampledPosterior | None:
+        """Return the probability of an event under each draw; None where no batch counts.
+
+        Parameters
+        ----------
+        progress
+            Of the sampler.
+        happened
+            Whether the event happened in each run, shape (runs,); by default the event that was sampled.
+        controls
+            Control variates of the batches that count; by default those with which they were drawn.
+        """
+        counted = self.counted(progress)
+        if len(counted) < 2:
+            return None
+        first = len(progress.batches) - len(counted)
+        batches = progress.batches[first:]
+        importance = np.array([estimate.importance for estimate in counted])
+        importance /= importance.sum()
+        known = progress.happened if happened is None else happened
+        last = np.cumsum([len(batch.z) for batch in batches])
+        flags = np.split(known[len(known) - last[-1] :], last[:-1])
+        estimates, variances = np.zeros(self.member.size), np.zeros(self.member.size)
+        for place, (weight, batch) in enumerate(zip(importance, batches, strict=True)):
+            number = first + place
+            if happened is None and controls is None:
+                estimate, variance = self._sampled(number, batch, flags[place])
+            else:
+                control = Control.own(batch) if controls is None else controls[place]
+                estimate, variance = reweight(batch, self._ratios_of(number, batch), flags[place], control)
+            estimates += weight * estimate
+            variances += weight**2 * variance
+        if not estimates.mean() > 0:
+            return None
+        return self._posterior(estimates, variances, importance, counted)
+
+    @staticmethod
+    def counted(progress: Progress) -> Sequence[BatchEstimate]:
+        """Return the batches that count and are kept."""
+        return that_count(progress.estimates)[-len(progress.batches) :] if progress.batches else []
+
+    def _posterior(
+        self, estimates: Array, variances: Array, importance: Array, counted: Sequence[BatchEstimate]
+    ) -> SampledPosterior:
+        """Return estimates with their relative errors: at least what was predicted, and at most 1 if that is.
+
+        An error of 1 or more says that the runs know nothing of a draw, whose law puts the event elsewhere.
+        """
+        variations = np.array([batch.prediction.variation / batch.runs for batch in counted])
+        predicted = np.sqrt(importance**2 @ variations)
+        known = np.maximum(estimates, SMALLEST * estimates.mean())
+        errors = np.clip(np.sqrt(variances) / known, predicted, max(predicted, 1.0))
+        return SampledPosterior(known, errors, self.member, len(counted))
+
+    def _sampled(self, number: int, batch: TwoPhaseBatch, happened: Array) -> tuple[Array, Array]:
+        """Return the estimate of a batch for the sampled event, and its variance; found once."""
+        if number not in self._estimates:
+            ratios = self._ratios_of(number, batch)
+            self._estimates[number] = reweight(batch, ratios, happened, Control.own(batch))
+        return self._estimates[number]
+
+    def _ratios_of(self, number: int, batch: TwoPhaseBatch) -> Ratios:
+        if number not in self._known:
+            points = np.vstack([batch.z, *([batch.kept] if len(batch.kept) else [])])
+            ratios = np.exp(self._ratios(self._cut_ins(points)))
+            self._known[number] = Ratios(ratios[:, : len(batch.z)], ratios[:, len(batch.z) :])
+        return self._known[number]
+
+
+def reweight(batch: TwoPhaseBatch, ratios: Ratios, happened: Array, control: Control) -> tuple[Array, Array]:
+    """Return the estimate of a batch under each draw, and its variance as observed, both of shape (K,).
+
+    With all ratios 1 and the batch's own control variate both are those of `combining.estimate_batch`, but
+    that the kept points stand for the pool.
+
+    Parameters
+    ----------
+    batch
+        Of the second phase.
+    ratios
+        f_k / f_sampled at its points.
+    happened
+        Whether the event happened, shape (n,).
+    control
+        The control variate.
+    """
+    n, points = len(happened), max(len(batch.kept), 1)
+    terms = ratios.runs * (batch.weight * (happened - control.runs) / batch.inclusion)
+    controlled = ratios.kept * (batch.controlled / points * control.kept)
+    squares = controlled * ratios.kept @ batch.kept_weight + terms * ratios.runs @ batch.weight
+    second_phase = (terms**2 * (1 - batch.inclusion)).sum(axis=1) * n / max(n - 1, 1)
+    return controlled.sum(axis=1) + terms.sum(axis=1), np.maximum(squares, 0.0) + second_phase

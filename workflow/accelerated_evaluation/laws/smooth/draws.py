@@ -1,0 +1,270 @@
+"""Draws of a law of cut-ins from its posterior, evaluated together at many cut-ins.
+
+A draw is one law of the family with parameters of its tail, its body and its ranges. The three kinds of
+parameters are independent in the posterior. The tail decides where crashes happen, so every draw has a tail
+of its own, while a smaller number of bodies and ranges is shared: each body is combined with several tails.
+This saves time, because tables of cumulative hazards are needed for bodies and ranges alone.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw
+from accelerated_evaluation.laws.smooth.family import LawFamily, Member
+from accelerated_evaluation.laws.smooth.shapes import Shape
+from accelerated_evaluation.laws.smooth.smooth_hazard import LOG_HAZARD_MAX, SmoothHazard
+from accelerated_evaluation.laws.smooth.support import Support
+
+SHARED = 50  # most bodies and ranges
+
+
+@dataclass(frozen=True)
+class LawDraws:
+    """Draws of a law of cut-ins.
+
+    Attributes
+    ----------
+    ranges, bodies
+        Draws of the hazard of log(R_max / R) and of the body of the closing speed; as many of one as of the
+        other, a at most `SHARED`.
+    laws
+        The K laws of the closing speed, whose bodies are of ``bodies``.
+    shared
+        Index of the ranges and of the body of each draw, shape (K,).
+    names
+        Name of the member of the family that each draw is of.
+    support
+        Limits of the records.
+    """
+
+    ranges: tuple[SmoothHazard, ...]
+    bodies: tuple[SmoothHazard, ...]
+    laws: tuple[SpeedLaw, ...]
+    shared: NDArray[np.intp]
+    names: tuple[str, ...]
+    support: Support
+
+    @classmethod
+    def of(
+        cls,
+        family: LawFamily,
+        members: Sequence[Member],
+        weights: Array,
+        support: Support,
+        generator: np.random.Generator,
+    ) -> Self:
+        """Draw laws by their weights, and parameters from the posterior of each.
+
+        The uniform numbers that choose the laws are stratified, one in each of K equal intervals, so that
+        every law is drawn nearly as often as its weight says.
+
+        Parameters
+        ----------
+        family
+            Fit to all records.
+        members
+            Its laws.
+        weights
+            Their posterior weights, one row a draw, shape (K, members); rows add up to 1.
+        support
+            Limits of the records.
+        generator
+            Draws everything.
+        """
+        size, ends = len(weights), np.cumsum(weights, axis=1)
+        u = (generator.permutation(size) + generator.random(size)) / size
+        chosen = np.minimum((u[:, None] > ends).sum(axis=1), len(members) - 1)
+        count = min(SHARED, size)
+        ranges = tuple(family.ranges.drawn(generator) for _ in range(count))
+        bodies = tuple(family.body.drawn(generator) for _ in range(count))
+        shared = np.arange(size) % count
+        laws = []
+        for place, body in zip(chosen, shared, strict=True):
+            law = family.law(members[place])
+            tail = None if law.tail is None else law.tail.drawn(generator)
+            laws.append(replace(law, body=bodies[body], tail=tail))
+        names = tuple(members[place].name for place in chosen)
+        return cls(ranges, bodies, tuple(laws), shared, names, support)
+
+    @property
+    def size(self) -> int:
+        """Number K of draws."""
+        return len(self.laws)
+
+    def thinned(self, size: int) -> Self:
+        """Return ``size`` of the draws, spread evenly over all, or all where there are fewer."""
+        chosen = np.unique(np.linspace(0, self.size - 1, min(size, self.size)).round().astype(int))
+        used, shared = np.unique(self.shared[chosen], return_inverse=True)
+        return replace(
+            self,
+            ranges=tuple(self.ranges[place] for place in used),
+            bodies=tuple(self.bodies[place] for place in used),
+            laws=tuple(self.laws[place] for place in chosen),
+            shared=shared,
+            names=tuple(self.names[place] for place in chosen),
+        )
+
+    def ranges_at(self, places: Places) -> "Hazards":
+        """Return the hazards of log(R_max / R) of the a ranges at n lead speeds."""
+        return Hazards.of(self._range_splines, self.ranges[0].grid.edges[2], places.along_speed)
+
+    def speeds_at(self, places: Places) -> "SpeedsAt":
+        """Return the laws of the closing speed of all draws at n places."""
+        body = Hazards.of(self._body_splines, self.bodies[0].grid.edges[2], places.splines)
+        return SpeedsAt(self, places, body)
+
+    @cached_property
+    def _range_splines(self) -> Array:
+        return _along_variable(self.ranges)
+
+    @cached_property
+    def _body_splines(self) -> Array:
+        return _along_variable(self.bodies)
+
+    @cached_property
+    def groups(self) -> list["Group"]:
+        """The draws with a tail, those of one shape together."""
+        shapes = {law.tail.shape.name: law.tail.shape for law in self.laws if law.tail is not None}
+        return [Group.of(self, shape) for shape in shapes.values()]
+
+
+@dataclass(frozen=True)
+class Group:
+    """The k draws whose tails have one shape.
+
+    Attributes
+    ----------
+    shape
+        The shape of the excess.
+    index
+        Which of the draws these are, shape (k,).
+    level
+        Index of the threshold of each among ``thresholds``, shape (k,).
+    thresholds
+        The thresholds of the group.
+    coefficients
+        Of the splines of the log scale, shape (k, p).
+    parameters
+        Of the shape, (q, k, 1).
+    """
+
+    shape: Shape
+    index: NDArray[np.intp]
+    level: NDArray[np.intp]
+    thresholds: tuple
+    coefficients: Array
+    parameters: Array
+
+    @classmethod
+    def of(cls, draws: LawDraws, shape: Shape) -> Self:
+        """Collect the draws of one shape."""
+        index = np.array(
+            [
+                place
+                for place, law in enumerate(draws.laws)
+                if law.tail is not None and law.tail.shape.name == shape.name
+            ]
+        )
+        laws = [draws.laws[place] for place in index]
+        thresholds = {law.threshold.level: law.threshold for law in laws}
+        places = {level: place for place, level in enumerate(thresholds)}
+        parameters = np.array([law.tail.parameters for law in laws])
+        return cls(
+            shape,
+            index,
+            np.array([places[law.threshold.level] for law in laws]),
+            tuple(thresholds.values()),
+            np.array([law.tail.coefficients for law in laws]),
+            parameters.reshape(len(laws), -1).T[:, :, None],
+        )
+
+
+@dataclass(frozen=True)
+class Hazards:
+    """Piecewise constant hazards of a draws at n places of the covariates.
+
+    Attributes
+    ----------
+    edges
+        Edges of the bins of the variable, shape (bins + 1,); the last bin has no end.
+    hazard
+        In each bin, shape (a, n, bins).
+    table
+        Cumulative hazard at the edges, shape (a, n, bins + 1).
+    """
+
+    edges: Array
+    hazard: Array
+    table: Array
+
+    @classmethod
+    def of(cls, along: Array, edges: Array, splines: Array) -> Self:
+        """Evaluate coefficients of the covariates' splines, (a, p, bins), at splines of shape (n, p)."""
+        hazard = np.exp(np.clip(splines @ along, -LOG_HAZARD_MAX, LOG_HAZARD_MAX))
+        table = np.zeros((*hazard.shape[:2], hazard.shape[2] + 1))
+        np.cumsum(hazard * np.diff(edges), axis=2, out=table[:, :, 1:])
+        return cls(edges, hazard, table)
+
+    def at(self, value: Array) -> tuple[Array, Array]:
+        """Return cumulative hazard and hazard at a value for each place, (n,); both have shape (a, n)."""
+        bin_ = np.clip(np.searchsorted(self.edges, value, side="right") - 1, 0, self.edges.size - 2)
+        row = np.arange(value.size)
+        rate = self.hazard[:, row, bin_]
+        return self.table[:, row, bin_] + rate * (value - self.edges[bin_]), rate
+
+
+class SpeedsAt:
+    """Laws of the closing speed of K draws at n places.
+
+    Parameters
+    ----------
+    draws
+        The draws.
+    places
+        Lead speeds and ranges.
+    body
+        Hazards of their bodies there.
+    """
+
+    def __init__(self, draws: LawDraws, places: Places, body: Hazards) -> None:
+        self.draws, self.body, self._tails = draws, body, []
+        for group in draws.groups:
+            surfaces = [threshold(places.lead_speed, places.range_) for threshold in group.thresholds]
+            reached = np.array([body.at(surface)[0] for surface in surfaces])
+            self._tails.append(
+                (
+                    group,
+                    np.array(surfaces)[group.level],
+                    reached[group.level, draws.shared[group.index]],
+                    group.coefficients @ places.splines.T,
+                )
+            )
+
+    def at(self, closing_speed: Array) -> tuple[Array, Array]:
+        """Return -log P(C > c) and the log density at a closing speed for each place, (n,).
+
+        Both have shape (K, n).
+        """
+        cumulative, rate = self.body.at(closing_speed)
+        cumulative, log_rate = cumulative[self.draws.shared], np.log(rate)[self.draws.shared]
+        log_density = log_rate - cumulative
+        for group, threshold, reached, log_scale in self._tails:
+            above = closing_speed > threshold
+            z = np.maximum(closing_speed - threshold, 0) * np.exp(-log_scale)
+            tail = reached + group.shape.cumulative(z, group.parameters)
+            density = group.shape.log_density(z, group.parameters) - log_scale - reached
+            cumulative[group.index] = np.where(above, tail, cumulative[group.index])
+            log_density[group.index] = np.where(above, density, log_density[group.index])
+        return cumulative, log_density
+
+
+def _along_variable(hazards: Sequence[SmoothHazard]) -> Array:
+    """Return the log hazard's coefficients of the covariates' splines in each bin, shape (a, p, bins)."""
+    parts = [np.tensordot(hazard.coefficients, hazard.grid.tensor.matrices[2], (2, 1)) for hazard in hazards]
+    return np.array([part.reshape(-1, part.shape[2]) for part in parts])
