@@ -1,0 +1,140 @@
+"""The whole answer from few simulations, compared with the posterior of a crash map.
+
+``run`` appends a row per seed to a table, so that it can be stopped and continued. ``tabulate`` sums up such
+tables: a row per vehicle.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from accelerated_evaluation.answer.averaged import AveragedSurrogate, posterior_of
+from accelerated_evaluation.answer.chosen_law import ANSWER, choose_sampled_law
+from accelerated_evaluation.answer.estimation import read_records
+from accelerated_evaluation.answer.family_file import fit_or_read
+from accelerated_evaluation.base.files import write_csv
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.crash_map.lines import CrashLines
+from accelerated_evaluation.crash_map.mapping import map_crashes
+from accelerated_evaluation.crash_map.maps import Grid
+from accelerated_evaluation.laws.smooth.family import DistinctRecords
+from accelerated_evaluation.laws.smooth.mean import MeanLaw
+from accelerated_evaluation.laws.smooth.support import Support
+from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.study.configuration import load
+from accelerated_evaluation.study.preflight import compared_sections
+from accelerated_evaluation.vehicles import load_vehicle
+from tqdm import tqdm
+
+ROOT = 2026  # root of all randomness
+LIMITS = ("lead_speed_min", "lead_speed_max", "range_max")
+LEVELS = {"low95": 0.025, "low80": 0.1, "median": 0.5, "high80": 0.9, "high95": 0.975}
+REFERENCE = "cc_human"
+
+
+def mapped(name: str, config: dict, records: DistinctRecords, family: Path) -> tuple[CrashLines, pd.Series]:
+    """Return the crashes of a vehicle on thinned lines, and quantiles of an independent posterior."""
+    parameters = {
+        section["name"]: section["parameters"]
+        for section in (config["vehicle"], *compared_sections(config["compared_vehicles"]).values())
+    }
+    grid = Grid(**{key: config["filters"][key] for key in LIMITS}, **config["answer"]["grid"])
+    crashes = map_crashes(
+        load_vehicle(name, **parameters[name]), grid, [], child_generator(ROOT, "answers", "map", name)
+    )
+    generator = child_generator(ROOT, "answers", "posterior", name)
+    weighted = fit_or_read(family, records).weighted(generator, config["answer"]["draws"])
+    whole = CrashLines.of(crashes, records.lead_speed, support=records.support)
+    lines = weighted.thinned(whole, generator)
+    independent = weighted.draw({"crash": lines}, generator)["crash"].probabilities
+    return lines, pd.Series(np.quantile(independent, list(LEVELS.values())), LEVELS)
+
+
+def exact(lines: CrashLines, law: MeanLaw) -> np.ndarray:
+    """Return the probability on the lines under every draw of the law that is sampled."""
+    draws = law.draws
+    return np.array(
+        [
+            lines.probability(draws.ranges[shared], speeds)
+            for shared, speeds in zip(draws.shared, draws.laws, strict=True)
+        ]
+    )
+
+
+def run(name: str, seeds: int, output: Path) -> None:
+    """Append the rows of the seeds that a table does not have yet."""
+    config = load()
+    encounters, _ = read_records(config)
+    records = DistinctRecords.of(encounters, Support.configured(config))
+    family = Path("results", config["study"], "laws", "family.npz")
+    _, law = choose_sampled_law(ANSWER, encounters, config)
+    lines, independent = mapped(name, config, records, family)
+    known = exact(lines, law)
+    reference = known if name == REFERENCE else exact(mapped(REFERENCE, config, records, family)[0], law)
+    sections = [config["vehicle"], *compared_sections(config["compared_vehicles"]).values()]
+    parameters = next(section["parameters"] for section in sections if section["name"] == name)
+    problem = Problem(law, load_vehicle(name, **parameters))
+    method = AveragedSurrogate.configured(config)
+    rows = pd.read_csv(output).to_dict("records") if output.exists() else []
+    for seed in tqdm(range(len(rows), seeds), desc=name, unit=" seeds"):
+        generator = child_generator(ROOT, "answers", name, seed)
+        found = method.estimate(problem, method.stopping(config), generator)
+        row = {"vehicle": name, "seed": seed, "runs": found.simulations, "converged": found.converged}
+        rows.append(row | compared(found.tables["draws"], known, independent, reference))
+        write_csv(output, pd.DataFrame(rows))
+
+
+def compared(
+    draws: pd.DataFrame, known: np.ndarray, independent: pd.Series, reference: np.ndarray
+) -> dict[str, float]:
+    """Return the logarithms of found over exact quantiles, and what the draws differ by; NaN without any."""
+    if not len(draws):
+        return {}
+    posterior = posterior_of(draws)
+    values = posterior.whole.probabilities
+    row = {}
+    for name, level in LEVELS.items():
+        found = np.quantile(values, level)
+        row[name] = np.log(found / np.quantile(known, level))
+        row[f"{name}_independent"] = np.log(found / independent[name])
+    differences = np.log(posterior.probabilities / known)
+    row |= {"shared": differences.mean(), "between_draws": differences.std(), "error": posterior.deviation}
+    ratio = np.log(np.median(values / np.repeat(reference, values.size // reference.size)))
+    return row | {"ratio": ratio - np.log(np.median(known / reference))}
+
+
+def tabulate(runs: pd.DataFrame) -> pd.DataFrame:
+    """Sum up the seeds of each vehicle: runs, and root mean squares and mean of logarithms."""
+    rows = []
+    for name, of_vehicle in runs.groupby("vehicle", sort=False):
+        row = {"vehicle": name, "seeds": len(of_vehicle), "runs_mean": of_vehicle["runs"].mean()}
+        row |= {"runs_p95": of_vehicle["runs"].quantile(0.95), "converged": of_vehicle["converged"].mean()}
+        for column in (*LEVELS, *(f"{level}_independent" for level in LEVELS), "between_draws", "ratio"):
+            row[column] = np.sqrt((of_vehicle[column] ** 2).mean())
+        row |= {"median_bias": of_vehicle["median"].mean(), "median_bias_se": of_vehicle["median"].sem()}
+        far = of_vehicle["median"].abs() > np.log(2)
+        rows.append(row | {"off_by_2": far.mean(), "silently": (far & of_vehicle["converged"]).mean()})
+    return pd.DataFrame(rows)
+
+
+def main() -> None:
+    """Run or tabulate."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    steps = parser.add_subparsers(dest="step", required=True)
+    one = steps.add_parser("run", help="append rows to a table, one per seed")
+    one.add_argument("vehicle")
+    one.add_argument("--seeds", type=int, required=True)
+    summed = steps.add_parser("tabulate", help="sum up such tables")
+    summed.add_argument("runs", nargs="+")
+    for step in (one, summed):
+        step.add_argument("--output", type=Path, required=True)
+    arguments = parser.parse_args()
+    if arguments.step == "run":
+        run(arguments.vehicle, arguments.seeds, arguments.output)
+    else:
+        write_csv(arguments.output, tabulate(pd.concat(map(pd.read_csv, arguments.runs), ignore_index=True)))
+
+
+if __name__ == "__main__":
+    main()
