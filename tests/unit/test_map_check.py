@@ -1,11 +1,13 @@
 """The check of a crash map by independent simulations: right maps pass, wrong ones are replaced."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from accelerated_evaluation.crash_map.checked import check_map, require_right_map
 from accelerated_evaluation.crash_map.exact import exact_probabilities
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import CrashMap, Grid, Intervals
+from accelerated_evaluation.publishing.tables.exact import contradictions
 from accelerated_evaluation.vehicles import Outcomes, load_vehicle
 from accelerated_evaluation.vehicles.events import CRASH, Event
 from law_folder import LAW
@@ -74,3 +76,12 @@ def test_the_replaced_map_is_unbiased():
     assert abs(replaced.probability - truth) < 4 * np.hypot(error, replaced.standard_error) + 0.01 * truth
     scanned = exact_probabilities(crash_map, LAW)["all"]
     assert abs(scanned.probability - truth) > 4 * np.hypot(error, scanned.standard_error)
+
+
+@pytest.mark.parametrize(("crashes", "contradicted"), [(100, False), (120, False), (190, True), (40, True)])
+def test_crude_monte_carlo_may_contradict_the_map(crashes, contradicted):
+    truth = pd.Series({"probability": 1e-4, "standard_error": 1e-6})
+    crude = pd.DataFrame({"segment": ["all"], "simulations": [1_000_000], "crashes": [crashes]})
+    told = contradictions(truth, crude)
+    assert bool(told) == contradicted
+    assert not contradicted or f"{crashes} crashes in 1,000,000 simulations, where 100.0 are expected" in told

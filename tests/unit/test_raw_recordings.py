@@ -538,3 +538,53 @@ def test_the_account_of_a_study_begins_with_that_of_the_extraction(cut_ins):
     account.enter(1, step="closing", reason="range rate not negative")
     lines = account.table()
     assert lines["rows_in"].tolist()[1:] == lines["rows_kept"].tolist()[:-1]
+
+
+def written(folder, change, kind="*"):
+    """Write recordings of one cut-in, with some tables changed."""
+    write(folder, ["signal 3.1 s before"])
+    for file in folder.glob(f"Data{kind}_1.csv"):
+        change(pd.read_csv(file)).to_csv(file, index=False)
+    return folder
+
+
+@pytest.mark.parametrize("column", ["Device", "Trip"])
+@pytest.mark.parametrize("number", [2**31, 3_000_000_000, 2**53 - 1])
+def test_large_identifiers_lose_no_cut_in(column, number, tmp_path):
+    cut_ins = extract(written(tmp_path / column, lambda table: table.assign(**{column: number})))
+    assert cut_ins[column.lower()].tolist() == [number]
+
+
+@pytest.mark.parametrize(
+    ("column", "value"), [("Device", 2**53), ("Trip", 1e300), ("ObstacleId", 1.5), ("TargetType", 0.5)]
+)
+def test_an_identifier_that_cannot_be_kept_is_an_error(column, value, tmp_path):
+    changed = written(tmp_path / "r", lambda table: table.assign(**{column: value}), "FrontTargets")
+    with pytest.raises(InputError, match=f"column {column}: seen .*whole numbers below 2"):
+        extract(changed)
+
+
+def test_a_text_as_an_identifier_is_an_error(tmp_path):
+    changed = written(tmp_path / "r", lambda table: table.assign(ObstacleId="car 1"), "FrontTargets")
+    with pytest.raises(InputError, match="car 1"):
+        extract(changed)
+
+
+def test_the_host_speed_in_mph_does_not_pass_for_km_h(tmp_path):
+    changed = written(tmp_path / "r", lambda table: table.assign(SpeedWsu=HOST / 0.44704), "Wsu")
+    with pytest.raises(InputError, match="SpeedWsu, as m/s, and GpsSpeedWsu"):
+        extract(changed)
+
+
+def test_missing_speeds_of_the_satellites_are_told(tmp_path):
+    changed = written(tmp_path / "r", lambda table: table.assign(GpsSpeedWsu=0.0), "Wsu")
+    (warning,) = extract(changed).attrs["warnings"]
+    assert "the unit of SpeedWsu (km/h) could not be checked" in warning
+
+
+def test_an_impossible_speed_is_an_error_and_no_traceback(tmp_path):
+    def faster(table):
+        return table.assign(SpeedWsu=np.where(table.index == 3, 1e300, table["SpeedWsu"]), GpsSpeedWsu=0.0)
+
+    with pytest.raises(InputError):
+        extract(written(tmp_path / "r", faster, "Wsu"))

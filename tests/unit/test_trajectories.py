@@ -229,3 +229,27 @@ def test_classes_may_have_any_name(tmp_path):
 def test_a_folder_without_recordings_is_told(tmp_path):
     with pytest.raises(InputError, match=r"no file called \*_tracks\.csv"):
         extract(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({"width": -LENGTH}, "column width: seen .* vehicles with a length of 0 or less"),
+        ({"width": LENGTH / 0.3048}, r"a median length of cars of 13\.1 m"),
+        ({"id": 2.0**53}, "column id"),
+        ({"id": 1.5}, r"column id: seen 1\.5; expected whole numbers"),
+        ({"x": 1e300}, ": seen "),
+    ],
+)
+def test_lengths_and_identifiers_that_cannot_be_are_errors(changed, told, tmp_path):
+    with pytest.raises(InputError, match=told):
+        extract(write(tmp_path / "r", ["cut-in"], **changed))
+
+
+@pytest.mark.parametrize("rate", [np.inf, 0, -25, 1e9])
+def test_a_frame_rate_that_cannot_be_is_an_error(rate, tmp_path):
+    folder = write(tmp_path / "r", ["cut-in"])
+    for file in folder.glob("*_recordingMeta.csv"):
+        pd.read_csv(file).assign(frameRate=rate).to_csv(file, index=False)
+    with pytest.raises(InputError, match="column frameRate: seen"):
+        extract(folder)

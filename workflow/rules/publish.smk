@@ -67,6 +67,7 @@ rule book:
                 "records_report.csv",
                 "laws/answer.csv",
                 "exact.csv",
+                "crude.csv",
             )
         ],
         guides=sorted(map(str, (PROJECT / "docs").glob("*.md"))),

@@ -12,6 +12,7 @@ import yaml
 from accelerated_evaluation.base.digests import file_digest
 from accelerated_evaluation.publishing.archive.provenance import commit_of
 from accelerated_evaluation.publishing.study import Study
+from accelerated_evaluation.publishing.tables.exact import contradictions
 from accelerated_evaluation.publishing.tables.formats import readable, to_markdown
 from accelerated_evaluation.publishing.tables.paper_numbers import PAPER_PROBABILITY
 
@@ -47,6 +48,7 @@ def known_to_pages(study: Study, records: Iterable[str]) -> dict[str, Any]:
         "vehicle": study.config["vehicle"],
         "paper_probability": PAPER_PROBABILITY,
         "claims": to_markdown(claims),
+        "contradicted": contradictions(study.truth, study.crude),
         "commit": commit_of(PROJECT),
         "checksums": {str(path): _checksum(Path(path)) for path in records},
         "versions": {"Python": platform.python_version()} | {name: version(name) for name in PACKAGES},

@@ -2,8 +2,10 @@
 
 import math
 
+import numpy as np
 import pandas as pd
 from scipy.special import ndtri
+from scipy.stats import binomtest
 
 from accelerated_evaluation.methods.importance_sampling import crude_simulations
 from accelerated_evaluation.publishing.published import table
@@ -16,6 +18,8 @@ EVENTS = {
     "min_range": "smallest range < {:g} m",
     "min_ttc": "smallest TTC < {:g} s",
 }
+SURE = 4  # standard errors of the map, within which any value is granted to it
+CONTRADICTED = 1e-4  # p-value of the simulations
 HEAVY = 10  # times the variation without the rarest crashes
 
 
@@ -76,6 +80,30 @@ def severity_digest(severity: pd.DataFrame) -> pd.DataFrame:
     rows = severity[severity["segment"] == "all"]
     events = [EVENTS[row.quantity].format(row.threshold) for row in rows.itertuples()]
     return rows[["probability", "to_crash", "per_million_km"]].assign(event=events)[list(DIGEST)]
+
+
+def contradictions(truth: pd.Series, crude: pd.DataFrame) -> str:
+    """Say whether crude Monte Carlo contradicts the exact probability; empty if it does not.
+
+    Parameters
+    ----------
+    truth
+        ``probability`` and ``standard_error`` over all segments.
+    crude
+        ``crude.csv`` of a study.
+    """
+    found = crude.set_index("segment").loc["all"]
+    crashes, simulations = int(found["crashes"]), int(found["simulations"])
+    reach = SURE * truth["standard_error"]
+    nearest = np.clip(crashes / simulations, truth["probability"] - reach, truth["probability"] + reach)
+    p = binomtest(crashes, simulations, float(np.clip(nearest, 0, 1))).pvalue
+    if p >= CONTRADICTED:
+        return ""
+    return (
+        f"Crude Monte Carlo contradicts the crash map: {crashes:,} crashes in {simulations:,} simulations, "
+        f"where {truth['probability'] * simulations:,.1f} are expected (p = {p:.1g}). Do not take the value "
+        "of the map as exact; refine the map (crash_map.grid)."
+    )
 
 
 @table("exact", digits=4)
