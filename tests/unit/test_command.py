@@ -103,7 +103,6 @@ def test_the_study_s_own_command_is_one_too():
         ("missing", "OUT.csv, row 3, column min_ttc, .*: seen ''; expected a number"),
         ("nan", r"min_range\[1\] of the encounter lead_speed 20, range 10, closing_speed 1: seen nan"),
         ("bytes", "OUT.csv: seen 'utf-8' codec"),
-        ("random", "min_ttc of the encounter .*when simulated again in another batch"),
     ],
 )  # fmt: skip
 def test_commands_that_break_the_contract(program, trouble, message):
