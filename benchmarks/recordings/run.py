@@ -50,8 +50,8 @@ def extract(recordings: Path, space: Path) -> tuple[pd.DataFrame, dict]:
     study.write_text(f"data:\n  source: spmd_raw\n  spmd_raw: {{path: {recordings}}}\n")
     temporary = space / "temporary"
     temporary.mkdir()
-    peak, told = 0, space / "told.txt"
-    with open(told, "wb") as output:  # a pipe that nobody reads would fill, and stop the command
+    peak, reported = 0, space / "reported.txt"
+    with open(reported, "wb") as output:  # a pipe that nobody reads would fill, and stop the command
         process = subprocess.Popen(
             [sys.executable, "-c", EXTRACT, str(study), str(found)],
             stdout=output,
@@ -62,7 +62,7 @@ def extract(recordings: Path, space: Path) -> tuple[pd.DataFrame, dict]:
             time.sleep(1)
     if process.returncode:
         raise SystemExit(process.returncode)
-    taken = json.loads(told.read_text(encoding="utf-8").splitlines()[-1])
+    taken = json.loads(reported.read_text(encoding="utf-8").splitlines()[-1])
     taken["temporary_gb"] = peak / 1e9
     return pd.read_parquet(found), taken
 

@@ -34,7 +34,7 @@ LABELS = {
     "heuristic": "paper, heuristic",
     "crude": "crude Monte Carlo",
 }
-KINDS = {  # look of each kind of method, told apart by shape and grey
+KINDS = {  # look of each kind of method, reported apart by shape and grey
     "this project": (("surrogate",), {"marker": "D", "color": "black", "markersize": 4.5}),
     "public tools": (TOOLS, {"marker": "s", "color": "#08306b"}),
     "learn a surface": (tuple(LEARNERS), {"marker": "v", "color": "#238b45", "markersize": 4.5}),

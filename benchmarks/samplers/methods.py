@@ -32,7 +32,7 @@ CRUDE_RUN = ("weak_aeb", "no_aeb", "near_miss_1e-3")  # elsewhere crude Monte Ca
 
 @dataclass(frozen=True)
 class Target(Stopping):
-    """The stopping rule of the benchmark, with what some methods are told in other terms."""
+    """The stopping rule of the benchmark, with what some methods are reported in other terms."""
 
     maximum_simulations: int = 200_000
 

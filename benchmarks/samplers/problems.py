@@ -59,7 +59,7 @@ INVERSE_TTC = PiecewiseMixture((0.95, 0.05), (TTC_BODY, TTC_TAIL))
 
 @dataclass(frozen=True)
 class Problem:
-    """A rare event, and what some methods must be told about it.
+    """A rare event, and what some methods must be reported about it.
 
     Attributes
     ----------

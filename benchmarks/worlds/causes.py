@@ -40,13 +40,13 @@ def examine(kind: str, number: int, world: World, setting: WorldSettings) -> dic
     true_law = [member == Member(LEVEL, TRUE_LAW[kind]) for member in weighted.members]
     only = np.tile(np.array(true_law, dtype=float), (DRAWS, 1))
     levels = threshold_table(weighted, setting.lines, generator)["probability"]
-    told = {"kind": kind, "world": number, "threshold_ratio": levels.max() / levels.min()}
+    reported = {"kind": kind, "world": number, "threshold_ratio": levels.max() / levels.min()}
     truth = float(world.masses(setting.lines).sum())
     for prefix, weights in (("", None), ("true_law_", only)):
         posterior = weighted.draw({"crash": setting.lines}, generator, weights)["crash"]
         low, high = posterior.interval(0.8)
-        told |= {f"{prefix}held": low <= truth <= high, f"{prefix}width": high / low}
-    return told
+        reported |= {f"{prefix}held": low <= truth <= high, f"{prefix}width": high / low}
+    return reported
 
 
 def tabulate(rows: pd.DataFrame) -> pd.DataFrame:
@@ -57,12 +57,12 @@ def tabulate(rows: pd.DataFrame) -> pd.DataFrame:
     table = []
     for kind, of_kind in rows.groupby("kind", sort=False):
         quantiles = of_kind["threshold_ratio"].quantile([0.1, 0.5, 0.9])
-        told = {"kind": kind, "worlds": len(of_kind)}
-        told |= {f"ratio_{100 * level:.0f}": value for level, value in quantiles.items()}
+        reported = {"kind": kind, "worlds": len(of_kind)}
+        reported |= {f"ratio_{100 * level:.0f}": value for level, value in quantiles.items()}
         for prefix in ("", "true_law_"):
-            told[f"{prefix}coverage80"] = of_kind[f"{prefix}held"].mean()
-            told[f"{prefix}width80"] = of_kind[f"{prefix}width"].median()
-        table.append(told)
+            reported[f"{prefix}coverage80"] = of_kind[f"{prefix}held"].mean()
+            reported[f"{prefix}width80"] = of_kind[f"{prefix}width"].median()
+        table.append(reported)
     return pd.DataFrame(table)
 
 

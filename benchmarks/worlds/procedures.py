@@ -33,10 +33,10 @@ def ours(records: pd.DataFrame, setting: WorldSettings, generator: np.random.Gen
     scores = HeldOut.of_family(fitter, family, BLOCKS).scores({"region": boundary}, THIN)["region"]
     weights = bootstrapped_weights(scores, distinct.closing_speed > boundary, DRAWS, generator)
     posterior = draw_posterior({"crash": setting.lines}, family, MEMBERS, weights, generator)["crash"]
-    told = {"probability": posterior.probability, "mean": float(posterior.probabilities.mean())}
+    reported = {"probability": posterior.probability, "mean": float(posterior.probabilities.mean())}
     for level in COVERAGES:
-        told[f"low{level:g}"], told[f"high{level:g}"] = posterior.interval(level)
-    return told | {
+        reported[f"low{level:g}"], reported[f"high{level:g}"] = posterior.interval(level)
+    return reported | {
         f"weight {member.name}": weight for member, weight in zip(MEMBERS, weights.mean(axis=0), strict=True)
     }
 
@@ -48,11 +48,11 @@ def paper(records: pd.DataFrame, setting: WorldSettings, generator: np.random.Ge
     exact = float(independent_masses(setting.lines, law, cap).sum())
     deviation = ERROR / ndtri(0.9)
     estimate = exact * max(1 + deviation * generator.standard_normal(), 0.0)
-    told = {"probability": estimate, "mean": estimate}
+    reported = {"probability": estimate, "mean": estimate}
     for level in COVERAGES:
         half = deviation * ndtri((1 + level) / 2)
-        told[f"low{level:g}"], told[f"high{level:g}"] = estimate * (1 - half), estimate * (1 + half)
-    return told
+        reported[f"low{level:g}"], reported[f"high{level:g}"] = estimate * (1 - half), estimate * (1 + half)
+    return reported
 
 
 PROCEDURES = {"this project": ours, "paper": paper}

@@ -26,10 +26,11 @@ def main() -> None:
         records = simulate_records(world, setting, child_generator(ROOT, "worlds", kind, number))
         for name, procedure in PROCEDURES.items():
             start = time.process_time()
-            told = procedure(records, setting, child_generator(ROOT, "worlds", kind, number, name))
+            reported = procedure(records, setting, child_generator(ROOT, "worlds", kind, number, name))
             seconds = round(time.process_time() - start, 2)
             rows.append(
-                {"kind": kind, "world": number, "procedure": name, "truth": truth, "seconds": seconds} | told
+                {"kind": kind, "world": number, "procedure": name, "truth": truth, "seconds": seconds}
+                | reported
             )
     write_csv(arguments.output, pd.DataFrame(rows))
 

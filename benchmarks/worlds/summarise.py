@@ -22,7 +22,7 @@ def limits(hits: int, size: int) -> tuple[float, float]:
 def judge(rows: pd.DataFrame) -> dict[str, float]:
     """Sum up the worlds of one kind under one procedure."""
     truth = rows["truth"]
-    told: dict[str, float] = {
+    reported: dict[str, float] = {
         "worlds": len(rows),
         "truth": float(truth.iloc[0]),
         "median_ratio": float(np.median(rows["probability"] / truth)),
@@ -36,9 +36,9 @@ def judge(rows: pd.DataFrame) -> dict[str, float]:
             f"coverage{100 * level:.0f}",
             rows[f"low{level:g}"].le(truth) & truth.le(rows[f"high{level:g}"]),
         )
-        told[name] = float(inside.mean())
-        told[f"{name}_low"], told[f"{name}_high"] = limits(int(inside.sum()), len(rows))
-    return told
+        reported[name] = float(inside.mean())
+        reported[f"{name}_low"], reported[f"{name}_high"] = limits(int(inside.sum()), len(rows))
+    return reported
 
 
 def main() -> None:

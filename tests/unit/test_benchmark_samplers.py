@@ -69,7 +69,7 @@ def test_limit_states_have_their_exact_probabilities(small):
         found, error = reference.reference(problem.event, np.random.default_rng(2))
         assert error < 0.01 * value
         assert found == pytest.approx(value, abs=4 * error)
-        if name == "two_regions":  # who finds the nearer region alone is told apart
+        if name == "two_regions":  # who finds the nearer region alone is reported apart
             assert found - norm.sf(4.2) > 4 * error
 
 

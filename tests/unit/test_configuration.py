@@ -407,7 +407,7 @@ def test_one_column_for_two_quantities_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "reported"),
     [
         (b"study: a\nstudy: b\n", "key 'study' twice"),
         (b"filters:\n  range_max: 70\n  range_max: 75\n", "line 3"),
@@ -418,10 +418,10 @@ def test_one_column_for_two_quantities_is_refused():
         (b"#" * 1_000_001, "1,000,001 bytes, more than 1,000,000"),
     ],
 )
-def test_files_that_are_no_configuration_end_in_one_message(tmp_path, content, told):
+def test_files_that_are_no_configuration_end_in_one_message(tmp_path, content, reported):
     path = tmp_path / "study.yaml"
     path.write_bytes(content)
-    with pytest.raises(InputError, match=told) as error:
+    with pytest.raises(InputError, match=reported) as error:
         load([path])
     assert str(path) in str(error.value)
     assert "\n" not in str(error.value)

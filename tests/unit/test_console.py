@@ -56,12 +56,12 @@ def test_a_finished_job_is_one_line_with_its_time_and_the_time_left(console, cap
     console.ends(1, at=5)
     console.starts(2, "search", at=5)
     console.ends(2, at=25)
-    told = capsys.readouterr().err.splitlines()
-    assert told[0] == "4 jobs to do"
-    assert re.split(r"  +", told[1].strip()) == ["1 of 4", "5.0 s", "Doing fit", "about 15.0 s left"]
+    reported = capsys.readouterr().err.splitlines()
+    assert reported[0] == "4 jobs to do"
+    assert re.split(r"  +", reported[1].strip()) == ["1 of 4", "5.0 s", "Doing fit", "about 15.0 s left"]
     # Two searches are left, which take what the first of them took.
-    assert re.split(r"  +", told[2].strip()) == ["2 of 4", "20.0 s", "Doing search", "about 40.0 s left"]
-    assert len(told) == 3
+    assert re.split(r"  +", reported[2].strip()) == ["2 of 4", "20.0 s", "Doing search", "about 40.0 s left"]
+    assert len(reported) == 3
 
 
 def test_the_message_of_a_failed_job_comes_last(console, capsys, tmp_path):
@@ -76,12 +76,12 @@ def test_the_message_of_a_failed_job_comes_last(console, capsys, tmp_path):
     console.ends(2, at=1)
     console.send("WorkflowError:\nAt least one job did not complete successfully.", logging.ERROR)
     console.handler.close()
-    told = capsys.readouterr().err.splitlines()
-    assert told[-2:] == [
+    reported = capsys.readouterr().err.splitlines()
+    assert reported[-2:] == [
         f"failed: Doing fit (rule fit, log {log})",
         "error: a.csv: seen x; expected y. Mend it.",
     ]
-    assert not any("RuleException" in line or "Shutting" in line for line in told)
+    assert not any("RuleException" in line or "Shutting" in line for line in reported)
 
 
 def test_a_job_that_left_no_message_is_told_with_what_snakemake_knows(console, capsys, tmp_path):
@@ -93,11 +93,11 @@ def test_a_job_that_left_no_message_is_told_with_what_snakemake_knows(console, c
 
 
 def test_an_error_before_any_job_is_told_without_the_code_it_came_from(console, capsys):
-    told = (
+    reported = (
         'WorkflowError in file "/x/common.smk", line 21:\nThe configuration cannot be used:\n  seeds: seen 0'
     )
     console.send(
-        f'{told}\n  File "/x/common.smk", line 21, in <module>', logging.CRITICAL, event=LogEvent.ERROR
+        f'{reported}\n  File "/x/common.smk", line 21, in <module>', logging.CRITICAL, event=LogEvent.ERROR
     )
     console.handler.close()
     assert capsys.readouterr().err.splitlines()[-2:] == [

@@ -147,20 +147,20 @@ def test_verdict_by_hand():
     assert row["coverage80_se"] == pytest.approx(0.25)
 
 
-@pytest.mark.parametrize(("told", "honest"), [(1.0, True), (0.8, False)])
-def test_a_method_that_reports_too_little_is_found(told, honest):
+@pytest.mark.parametrize(("reported", "honest"), [(1.0, True), (0.8, False)])
+def test_a_method_that_reports_too_little_is_found(reported, honest):
     generator, cov = np.random.default_rng(7), 0.15
     probability = 1 + cov * generator.standard_normal(4000)
     z80, z95 = 1.2815515655446004, 1.959963984540054
     rows = pd.DataFrame(
         {"method": "toy", "stopping": "fixed", "converged": True, "simulations": 100}, range(4000)
     )
-    rows = rows.assign(probability=probability, cov_reported=told * cov)
+    rows = rows.assign(probability=probability, cov_reported=reported * cov)
     for level, z in ((80, z80), (95, z95)):
         rows = rows.assign(
             **{
-                f"ci{level}_low": probability - z * told * cov,
-                f"ci{level}_high": probability + z * told * cov,
+                f"ci{level}_low": probability - z * reported * cov,
+                f"ci{level}_high": probability + z * reported * cov,
             }
         )
     (row,) = coverage_table(rows, 1.0).to_dict("records")

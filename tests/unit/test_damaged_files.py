@@ -122,7 +122,7 @@ def test_sites_of_another_shape_are_named(value):
 
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory):
-    """A folder with a campaign of which half a batch is told, and the content of its file."""
+    """A folder with a campaign of which half a batch is reported, and the content of its file."""
     with (
         contextlib.chdir(tmp_path_factory.mktemp("campaign")) as _,
         contextlib.redirect_stdout(io.StringIO()),
@@ -131,8 +131,8 @@ def campaign(tmp_path_factory):
         for part in (10, 10, 10, 4):
             step("ask", "next", "--no-scenarios")
             cli.main(["simulate", "next/runs.csv", "done.csv"])
-            pd.read_csv("done.csv").head(part).to_csv("told.csv", index=False)
-            step("tell", "told.csv")
+            pd.read_csv("done.csv").head(part).to_csv("reported.csv", index=False)
+            step("tell", "reported.csv")
         return Path.cwd(), json.loads(Path("c.json").read_text())
 
 

@@ -43,9 +43,9 @@ def test_a_law_is_refused_with_any_other_table(door, change):
     table = change(read_encounters("encounters.parquet"))
     assert set(NUMBERS) < set(table)
     write_encounters("encounters.parquet", table, "another")
-    status, told = door()
+    status, reported = door()
     assert status != 0
-    assert "the encounter table of this law: seen another table" in told
+    assert "the encounter table of this law: seen another table" in reported
 
 
 def test_a_law_file_of_an_earlier_version_is_compared_by_its_shares(door, tmp_path):
@@ -54,9 +54,9 @@ def test_a_law_file_of_an_earlier_version_is_compared_by_its_shares(door, tmp_pa
     (tmp_path / "law.json").write_text(json.dumps(content))
     table = read_encounters("encounters.parquet")
     write_encounters("encounters.parquet", table.assign(segment=["5-10", "10-15"] * 500), "another")
-    status, told = door()
+    status, reported = door()
     assert status != 0
-    assert "the encounter table of this law" in told or "law file" in told
+    assert "the encounter table of this law" in reported or "law file" in reported
     write_encounters("encounters.parquet", table, "its own")
     assert door()[0] == 0
 
@@ -82,6 +82,6 @@ def test_no_number_of_a_law_may_be_missing(wrong, door, tmp_path):
             inner = inner[key]
         inner[place[-1]] = wrong
         (tmp_path / "law.json").write_text(json.dumps(content))
-        status, told = door()
+        status, reported = door()
         assert status != 0, place
-        assert "law.json: seen" in told, (place, told)
+        assert "law.json: seen" in reported, (place, reported)

@@ -555,19 +555,21 @@ def test_a_sample_of_all_records_is_all_of_them_and_a_larger_one_is_refused(csv_
 
 
 @pytest.mark.parametrize(
-    ("rows", "told"),
+    ("rows", "reported"),
     [
         ("10,50,-2\n10,80,2\n", "1 by closing: range rate not negative; 1 by range: R above 75 m"),
         ("1,50,2\n1,50,3\n1,50,4\n", r"3 by lead_speed: v_L outside \[5, 35\) m/s"),
         ("", "none were dropped"),
     ],
 )
-def test_when_no_row_is_left_the_file_and_the_counts_are_told_and_the_account_is_kept(csv_config, rows, told):
+def test_when_no_row_is_left_the_file_and_the_counts_are_told_and_the_account_is_kept(
+    csv_config, rows, reported
+):
     config = csv_config(rows)
     raw = read_source(config["data"], np.random.default_rng())
     account = Account(len(raw))
     with pytest.raises(
-        InputError, match=rf"events\.csv: seen {len(raw)} rows, of which none is left \({told}"
+        InputError, match=rf"events\.csv: seen {len(raw)} rows, of which none is left \({reported}"
     ):
         ingest(raw, config, account)
     assert account.table()["rows_dropped"].sum() == len(raw)

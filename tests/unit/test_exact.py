@@ -92,9 +92,9 @@ def test_standard_error_is_the_spread_over_generators():
     laws, grid = (RANGE_LAWS["exponential"], TTC_LAWS["exponential"]), replace(GRID, refinement=1)
     found = [probability(WallCar(), *laws, grid, seed) for seed in range(40)]
     spread = np.std([value.probability for value in found], ddof=1)
-    told = np.sqrt(np.mean([value.standard_error**2 for value in found]))
+    reported = np.sqrt(np.mean([value.standard_error**2 for value in found]))
     # The standard deviation of 40 normal values has a relative error of 1 / sqrt(78): 4 of them.
-    assert abs(spread / told - 1) < 4 / np.sqrt(78)
+    assert abs(spread / reported - 1) < 4 / np.sqrt(78)
 
 
 def test_shortest_ranges_do_not_fake_crashes():

@@ -235,7 +235,7 @@ def test_the_order_of_rows_does_not_count(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "old", "new", "told"),
+    ("name", "old", "new", "reported"),
     [
         ("00_tracks.csv", "rearId", "behindId", r"00_tracks\.csv, row 1: seen no column rearId"),
         ("00_tracks.csv", "laneletId", "lanelet", r"00_tracks\.csv, row 1: seen no column laneletId"),
@@ -247,12 +247,12 @@ def test_the_order_of_rows_does_not_count(tmp_path):
         ("00_recordingMeta.csv", ",25", ",5", r"ratio 0\.2;.*frameRate"),
     ],
 )
-def test_damaged_files_are_refused_with_file_and_row(tmp_path, name, old, new, told):
+def test_damaged_files_are_refused_with_file_and_row(tmp_path, name, old, new, reported):
     write(tmp_path, ["cut-in"])
     file = tmp_path / name
     assert old in file.read_text()
     file.write_text(file.read_text().replace(old, new))
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=reported):
         extract(tmp_path)
 
 
@@ -273,10 +273,10 @@ def test_formats_without_lanes_are_told_by_their_columns(tmp_path, source):
     write(tmp_path, ["cut-in"])
     file = tmp_path / "00_tracks.csv"
     pd.read_csv(file).drop(columns=["laneletId", "laneChange"]).to_csv(file, index=False)
-    told = (
+    reported = (
         r"inD, rounD and uniD: trackId and xCenter, but no laneletId or laneChange; .*do not say which lane"
     )
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=reported):
         extract_from(source, tmp_path)
 
 

@@ -167,8 +167,8 @@ def test_a_job_whose_log_cannot_be_written_tells_the_terminal(monkeypatch):
 
 
 def test_a_full_disk_is_told_with_the_file_and_leaves_nothing(tmp_path):
-    told = r"no space left on the disk to write .*table\.csv"
-    with pytest.raises(StudyError, match=told), atomic_path(tmp_path / "table.csv"):
+    reported = r"no space left on the disk to write .*table\.csv"
+    with pytest.raises(StudyError, match=reported), atomic_path(tmp_path / "table.csv"):
         raise OSError(errno.ENOSPC, "No space left on device")
     assert not list(tmp_path.iterdir())
 

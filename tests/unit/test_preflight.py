@@ -22,7 +22,7 @@ def test_the_shipped_configuration_names_what_there_is(config):
 
 
 @pytest.mark.parametrize(
-    ("section", "change", "told"),
+    ("section", "change", "reported"),
     [
         ("data", {"source": "table", "table": {"path": "no.csv"}}, r"data.table.path: seen no.csv, where"),
         ("vehicle", {"name": "acc_abe"}, "vehicle.name .* seen 'acc_abe'.* Did you mean acc_aeb"),
@@ -37,9 +37,9 @@ def test_the_shipped_configuration_names_what_there_is(config):
         ("compared_vehicles", {"mine": {}}, "compared_vehicles.mine, vehicle: seen 'mine'"),
     ],
 )
-def test_what_is_not_there_is_told_with_its_key(config, section, change, told):
+def test_what_is_not_there_is_told_with_its_key(config, section, change, reported):
     config[section] |= change
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=reported):
         require_named(config)
 
 
@@ -50,14 +50,14 @@ def test_braces_in_a_path_are_told_before_snakemake_takes_them_for_a_wildcard():
 
 
 @pytest.mark.parametrize(
-    ("file", "folder", "told"),
+    ("file", "folder", "reported"),
     [
         ("results", None, "results: seen a file"),
         ("results/mine", None, "results/mine: seen a file"),
         (None, "figures/mine/tables/claims.csv", "claims.csv: seen a folder; expected a result"),
     ],
 )
-def test_files_and_folders_in_each_others_place_are_told(tmp_path, monkeypatch, file, folder, told):
+def test_files_and_folders_in_each_others_place_are_told(tmp_path, monkeypatch, file, folder, reported):
     monkeypatch.chdir(tmp_path)
     places = Path("results/mine"), Path("figures/mine")
     require_places(*places)
@@ -68,7 +68,7 @@ def test_files_and_folders_in_each_others_place_are_told(tmp_path, monkeypatch, 
         Path(file).write_text("")
     if folder is not None:
         Path(folder).mkdir(parents=True)
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=reported):
         require_places(*places)
 
 

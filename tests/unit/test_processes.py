@@ -91,17 +91,17 @@ def ended(process, seconds=60):
 
 
 @pytest.mark.parametrize(
-    ("car", "told"),
+    ("car", "reported"),
     [
         ("Segfault", "by SIGSEGV; expected outcomes"),
         ("Ragged", "crash: seen ValueError"),
         ("Raising", "crash: seen ZeroDivisionError: division by zero"),
     ],
 )
-def test_a_vehicle_that_fails_in_any_way_ends_with_a_message(car, told, folder, capsys):
+def test_a_vehicle_that_fails_in_any_way_ends_with_a_message(car, reported, folder, capsys):
     assert cli.main(["simulate", "in.csv", "out.csv", "--vehicle", f"cars.py:{car}"]) != 0
     error = capsys.readouterr().err
-    assert told in error
+    assert reported in error
     assert "Traceback" not in error
     assert not (folder / "out.csv").exists()
 
@@ -160,7 +160,7 @@ def test_results_that_are_told_at_the_same_instant_are_all_kept(tmp_path, monkey
     line = [sys.executable, "-m", "accelerated_evaluation.cli", "campaign", "tell", "c.json"]
     tellers = []
     for row in range(4):
-        runs.iloc[[row]].assign(crash=0).to_csv(f"told{row}.csv", index=False)
-        tellers.append(subprocess.Popen([*line, f"told{row}.csv"], stdout=subprocess.DEVNULL))
+        runs.iloc[[row]].assign(crash=0).to_csv(f"reported{row}.csv", index=False)
+        tellers.append(subprocess.Popen([*line, f"reported{row}.csv"], stdout=subprocess.DEVNULL))
     assert [teller.wait() for teller in tellers] == [0] * 4
     assert sum(run.outcome is not None for run in read_campaign("c.json").runs) == 4

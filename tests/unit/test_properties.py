@@ -129,12 +129,12 @@ def test_any_value_of_any_key_is_taken_or_refused_with_its_key(path, value):
     config = copy.deepcopy(CONFIG)
     *parents, name = path
     reduce(getitem, parents, config)[name] = value
-    told = ""
+    reported = ""
     try:
         validate(config)
     except ConfigurationError as error:
-        told = str(error)
-    assert not told or path[0] in told
+        reported = str(error)
+    assert not reported or path[0] in reported
 
 
 # ---------------------------------------------------------------- distributions and fits

@@ -422,14 +422,14 @@ def test_the_speed_of_the_real_host_is_in_kilometres_an_hour():
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "reported"),
     [
         ({"speed_unit": "m/s"}, "ratio 3.6.*speed_unit"),
         ({"time_unit": 0.001}, "ratio 10.*time_unit"),
     ],
 )
-def test_units_that_contradict_the_recordings_are_refused(recordings, changes, told):
-    with pytest.raises(InputError, match=told):
+def test_units_that_contradict_the_recordings_are_refused(recordings, changes, reported):
+    with pytest.raises(InputError, match=reported):
         extract(recordings, **changes)
 
 
@@ -446,7 +446,7 @@ HEADER = ",".join(FRONT) + "\n"
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "reported"),
     [
         (b"", r"row 1: seen no column .* the file is empty"),
         (HEADER.encode(), "no row that can be used"),
@@ -463,10 +463,10 @@ HEADER = ",".join(FRONT) + "\n"
         (b"\xff\xfe\x00", "UTF-8"),
     ],
 )
-def test_files_that_cannot_be_read_are_refused_with_file_and_row(tmp_path, content, told):
+def test_files_that_cannot_be_read_are_refused_with_file_and_row(tmp_path, content, reported):
     write(tmp_path, ["cut-in"])
     (tmp_path / "DataFrontTargets_1.csv").write_bytes(content)
-    with pytest.raises(InputError, match=told) as error:
+    with pytest.raises(InputError, match=reported) as error:
         extract(tmp_path)
     assert "DataFrontTargets_1.csv" in str(error.value)
     assert "\n" not in str(error.value)
@@ -518,7 +518,7 @@ def test_the_command_writes_a_table_that_the_source_table_reads(
 
 
 @pytest.mark.parametrize(
-    ("content", "target", "told"),
+    ("content", "target", "reported"),
     [
         ("data: {source: spmd}", "found.csv", "expected a source of recordings"),
         ("data: {source: spmd_raw}", "found.csv", "the path of the folder"),
@@ -526,10 +526,10 @@ def test_the_command_writes_a_table_that_the_source_table_reads(
         ("data: {source: spmd_raw, spmd_raw: {path: nowhere}}", "found.xlsx", "expected .parquet or .csv"),
     ],
 )
-def test_the_command_ends_in_one_message_and_leaves_nothing(tmp_path, capsys, content, target, told):
+def test_the_command_ends_in_one_message_and_leaves_nothing(tmp_path, capsys, content, target, reported):
     (tmp_path / "study.yaml").write_text(content)
     assert main(["extract", str(tmp_path / "study.yaml"), str(tmp_path / target)]) == 2
-    assert told in capsys.readouterr().err
+    assert reported in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["study.yaml"]
 
 

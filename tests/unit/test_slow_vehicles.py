@@ -28,7 +28,7 @@ from accelerated_evaluation.vehicles import Outcomes
 
 
 class Car:
-    # Keeps its speed for 8 s, notes what it simulates, and misbehaves where told.
+    # Keeps its speed for 8 s, notes what it simulates, and misbehaves where reported.
     def __init__(self, log, trouble="none", at=0.0, seconds=0.0):
         self.log, self.trouble, self.at, self.seconds = log, trouble, at, seconds
 

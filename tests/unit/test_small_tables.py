@@ -89,12 +89,12 @@ def test_any_sample_of_real_records_is_fitted(recorded, models, size):
     generator = np.random.default_rng(size)
     for _ in range(3):
         rows = np.sort(generator.choice(len(recorded), size, replace=False))
-        with warnings.catch_warnings(record=True) as told:
+        with warnings.catch_warnings(record=True) as reported:
             warnings.simplefilter("always")
             laws = fit_paper_laws(recorded.iloc[rows], models, 75, "sample", 23.49)
         law = laws["two_pieces"]
         assert all(np.isfinite(segment.mean()) for segment in law.inverse_ttc.values())
-        assert {str(warning.message) for warning in told} >= set(simpler_pieces(law, models))
+        assert {str(warning.message) for warning in reported} >= set(simpler_pieces(law, models))
         assert Levels.of(law).tail == EXPONENTIAL
 
 
@@ -103,9 +103,9 @@ def test_simpler_pieces_name_variable_and_segment(recorded, models):
     asked = models | {
         "inverse_ttc": models["inverse_ttc"] | {"body": {"kind": NORMALS.kind, "components": 9}}
     }
-    told = simpler_pieces(fitted, asked)
-    assert len(told) == 3
-    assert all("TTC^-1 in segment" in line and "mixture of 9 bounded normals" in line for line in told)
+    reported = simpler_pieces(fitted, asked)
+    assert len(reported) == 3
+    assert all("TTC^-1 in segment" in line and "mixture of 9 bounded normals" in line for line in reported)
 
 
 def test_errors_of_fits_name_variable_and_segment(recorded, models):

@@ -1,4 +1,4 @@
-"""The sampler asks and is told, is interrupted and goes on, and refuses states that it cannot take up."""
+"""The sampler asks and is reported, is interrupted and goes on, and refuses states that it cannot take up."""
 
 import json
 from dataclasses import replace
@@ -84,13 +84,13 @@ def test_a_batch_is_asked_for_until_it_is_told():
 
 
 @pytest.mark.parametrize(
-    "told", [(np.zeros(9, bool),), (np.zeros((10, 1), bool),), (np.zeros(10, bool), np.zeros(9)), (True,)]
+    "reported", [(np.zeros(9, bool),), (np.zeros((10, 1), bool),), (np.zeros(10, bool), np.zeros(9)), (True,)]
 )
-def test_other_shapes_are_refused(told):
+def test_other_shapes_are_refused(reported):
     sampler = new_sampler()
     asked = sampler.ask()
     with pytest.raises(ValueError, match="asked for 10 simulations"):
-        sampler.tell(*told)
+        sampler.tell(*reported)
     assert sampler.simulations == 0
     np.testing.assert_array_equal(sampler.ask(), asked)
 
@@ -121,19 +121,19 @@ class Crash(Exception):  # noqa: N818
 
 
 def test_nothing_is_simulated_twice(half_planes, tmp_path):
-    simulated, told = [], []
+    simulated, reported = [], []
     event = half_plane()
     counted = replace(event, respond=lambda z: (simulated.append(z), event.respond(z))[1])
     path = tmp_path / "state.json"
 
     def interrupt(result):
-        told.append(result.simulations)
+        reported.append(result.simulations)
         if result.simulations == 60:
             raise Crash
 
     with pytest.raises(Crash):
         estimate(counted, 0, state_file=path, batch_size=10, on_batch=interrupt)
-    assert told == [10, 20, 30, 40, 50, 60]
+    assert reported == [10, 20, 30, 40, 50, 60]
     # The state has its own generator, so that the one given now is of no account.
     result = estimate(counted, 99, state_file=path, batch_size=10)
     assert numbers(result) == numbers(half_planes[0].result)

@@ -196,7 +196,7 @@ def test_a_missing_file_beside_the_tracks_is_told(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "old", "new", "told"),
+    ("name", "old", "new", "reported"),
     [
         ("01_tracks.csv", "laneId", "laneletId", r"01_tracks\.csv, row 1: seen no column laneId"),
         ("01_tracks.csv", "\n1,1,", "\n1,one,", r'01_tracks\.csv, row 2: .*"one"'),
@@ -208,11 +208,11 @@ def test_a_missing_file_beside_the_tracks_is_told(tmp_path):
         ("01_recordingMeta.csv", ",25", ",5", r"ratio 0\.2;.*frameRate"),
     ],
 )
-def test_damaged_files_are_refused_with_file_and_row(tmp_path, name, old, new, told):
+def test_damaged_files_are_refused_with_file_and_row(tmp_path, name, old, new, reported):
     write(tmp_path, ["cut-in"])
     file = tmp_path / name
     file.write_text(file.read_text().replace(old, new))
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=reported):
         extract(tmp_path)
 
 

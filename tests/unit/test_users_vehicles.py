@@ -185,18 +185,18 @@ def test_the_repetition_costs_few_simulations_once(user_file, how):
 
 
 @pytest.mark.parametrize(
-    ("error", "told"),
+    ("error", "reported"),
     [
         ("SystemExit", "SystemExit: 0"),
         ("GeneratorExit", "GeneratorExit: gone"),
         ("os._exit", r"SystemExit: os._exit\(0\)"),
     ],
 )
-def test_users_vehicle_that_exits(user_file, error, told):
+def test_users_vehicle_that_exits(user_file, error, reported):
     vehicle = load_vehicle(f"{user_file}:Exits", error=error)
-    with pytest.raises(InputError, match=f"Exits, simulate: seen {told}; expected outcomes"):
+    with pytest.raises(InputError, match=f"Exits, simulate: seen {reported}; expected outcomes"):
         vehicle.simulate([20], [10], [5])
-    with pytest.raises(InputError, match=f"Exits: seen {told}"):
+    with pytest.raises(InputError, match=f"Exits: seen {reported}"):
         load_vehicle(f"{user_file}:Exits", error=error, where="init")
 
 

@@ -71,9 +71,9 @@ def wrong(tmp_path, monkeypatch):
 
 def test_estimate_asks_the_records_first(wrong, capsys):
     assert cli.main(["estimate", "--config", "study.yaml", "--law", "hazard"]) != 0
-    told = capsys.readouterr().err
-    assert "STOP: speed unit: median" in told
-    assert '--accept "speed unit"' in told
+    reported = capsys.readouterr().err
+    assert "STOP: speed unit: median" in reported
+    assert '--accept "speed unit"' in reported
     assert not (wrong / "results").exists()
 
 
@@ -102,9 +102,9 @@ def test_campaigns_and_exports_ask_the_encounter_table(door, tmp_path, monkeypat
     write_law_folder(tmp_path, closing_unit=KMH)
     line = [*door, "--law", "law.json", "--encounters", "encounters.parquet"]
     assert cli.main(line) != 0
-    told = capsys.readouterr().err
-    assert "STOP: unavoidable crashes: " in told
-    names = [name.replace("_", " ") for name in CHECKS if f"STOP: {name.replace('_', ' ')}:" in told]
+    reported = capsys.readouterr().err
+    assert "STOP: unavoidable crashes: " in reported
+    names = [name.replace("_", " ") for name in CHECKS if f"STOP: {name.replace('_', ' ')}:" in reported]
     assert cli.main([*line, *(word for name in names for word in ("--accept", name))]) == 0
     assert "STOP (accepted by name): unavoidable crashes" in capsys.readouterr().out
 

@@ -73,10 +73,10 @@ def test_an_example_gives_a_crash_probability(clone, capsys, kind):
     require(kind)
     block = next(block for block in COMMANDS if f"estimate --config my_{kind}.yaml" in block)
     words = [*block.split()[1:], "--config", "fewer.yaml"]
-    tables, told = [], []
+    tables, reported = [], []
     for _ in range(2):  # the second time the store is full
         assert cli.main(words) == 0
-        told.append(capsys.readouterr().out)
+        reported.append(capsys.readouterr().out)
         folder = Path("results", f"my_{kind}", "estimate")
         tables.append([(folder / f"{name}.csv").read_bytes() for name in ("estimate", "runs", "account")])
         assert (folder / "law.json").is_file()
@@ -85,10 +85,10 @@ def test_an_example_gives_a_crash_probability(clone, capsys, kind):
     assert estimate.learning + estimate.estimating == len(pd.read_csv(folder / "runs.csv")) == 100
     assert estimate.events > 0
     if kind == "class":
-        assert "store" not in told[0]
+        assert "store" not in reported[0]
     else:
-        assert "simulated: 108; taken from the store: 0; kept: 100 in results/vehicles/" in told[0]
-        assert "simulated: 0; taken from the store: 100; kept: 100" in told[1]
+        assert "simulated: 108; taken from the store: 0; kept: 100 in results/vehicles/" in reported[0]
+        assert "simulated: 0; taken from the store: 100; kept: 100" in reported[1]
 
 
 def test_the_command_can_be_tried_by_hand(clone):

@@ -73,7 +73,7 @@ def test_the_vehicles_of_a_comparison_are_looked_up_before_any_job(project):
 
 
 @pytest.mark.parametrize(
-    ("entry", "told"),
+    ("entry", "reported"),
     [
         ({"cc_human": {"name": "my_vehicle.py:Braking"}}, "the name of a built-in vehicle only where"),
         ({"under_test": {"name": "rss"}}, "labels that are not under_test"),
@@ -82,6 +82,6 @@ def test_the_vehicles_of_a_comparison_are_looked_up_before_any_job(project):
         ({"rss": {"reaction_time": 0.5}}, "compared_vehicles.rss.reaction_time: seen an unknown key"),
     ],
 )
-def test_entries_that_mislead_are_refused(entry, told):
-    with pytest.raises(ConfigurationError, match=re.escape(told)):
+def test_entries_that_mislead_are_refused(entry, reported):
+    with pytest.raises(ConfigurationError, match=re.escape(reported)):
         load(given={"compared_vehicles": entry})

@@ -27,7 +27,7 @@ from snakemake_logger_plugin_study.words import (
 TICK = 1.0  # seconds between two looks at the running jobs
 SILENCE = 30.0  # seconds after which a console that is no terminal says what is running
 MOST = 4  # running jobs that are named; a cluster runs more
-EARLY = 0.1  # share of the jobs before which the time left cannot be told
+EARLY = 0.1  # share of the jobs that must be finished before the remaining time is estimated
 
 
 @dataclass

@@ -55,7 +55,7 @@ def progress_of(logs: Sequence[str]) -> str:
 def plain_error(message: str) -> str:
     """Return an error of Snakemake without the names of its classes and the lines of its code.
 
-    What goes wrong with a file before anything runs is told without a traceback, and all else with it.
+    An error about a file before anything runs is reported without a traceback, and any other error with one.
     """
     if path := re.search(r"\[Errno (?:13|30)\] (?:Permission denied|Read-only file system): '(.+)'", message):
         return f"error: {forbidden(path[1])}"
@@ -72,7 +72,7 @@ def plain_error(message: str) -> str:
 
 
 def fault_of_configuration(arguments: Sequence[str]) -> str:
-    """Say which configuration file cannot be read, and why; Snakemake tells neither file nor line.
+    """Return which configuration file cannot be read, and why; Snakemake reports neither file nor line.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ from accelerated_evaluation.commands import COMMANDS
 
 LICENCE = "https://spdx.org/licenses/MIT"
 DESCRIPTION = """\
-Pack a finished study into one file that tells where every part of it came from: an RO-Crate of the profile
+Pack a finished study into one file that records the origin of every part of it: an RO-Crate of the profile
 Provenance Run Crate 0.5, as a ZIP file.
 
 It holds

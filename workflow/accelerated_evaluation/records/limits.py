@@ -205,7 +205,7 @@ def _possible(raw: pd.DataFrame, config: Mapping[str, Any]) -> pd.DataFrame:
     """Return the closing cut-ins with possible numbers.
 
     If there are none, all rows are made to be such: then the ingest refuses the records, with an account of
-    why, and the report on the records tells the cause.
+    why, and the report on the records shows the cause.
     """
     rows = drop_invalid(raw, Account(len(raw)), policy="drop", where="the records")
     if rows.empty:

@@ -26,7 +26,7 @@ def interval_column(low: pd.Series, high: pd.Series) -> list[str]:
     """Write intervals as text, and a dash if an end is unknown."""
     known = low.notna() & high.notna()
     pairs = zip(low, high, known, strict=True)
-    return [f"{readable(a, DIGITS)} to {readable(b, DIGITS)}" if told else "–" for a, b, told in pairs]
+    return [f"{readable(a, DIGITS)} to {readable(b, DIGITS)}" if known else "–" for a, b, known in pairs]
 
 
 def without_details(laws: pd.DataFrame) -> pd.DataFrame:

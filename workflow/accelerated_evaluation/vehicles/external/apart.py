@@ -1,4 +1,4 @@
-"""Run a user's compiled code in a process of its own, whose end by a signal is told as an error."""
+"""Run a user's compiled code in a separate process, so that a crash of the code becomes an error message."""
 
 import ctypes
 import os
@@ -38,7 +38,7 @@ def run_apart(work: Callable[[], None], what: str) -> None:
     os.close(write)
     try:
         with os.fdopen(read, "rb") as pipe:
-            told = pipe.read()
+            report = pipe.read()
     except KeyboardInterrupt:
         os.kill(child, signal.SIGKILL)
         raise
@@ -51,8 +51,8 @@ def run_apart(work: Callable[[], None], what: str) -> None:
             expected="outcomes",
             change="Correct the vehicle: its compiled code, or a library that it uses, ends the process.",
         )
-    if told:
-        raise pickle.loads(told)
+    if report:
+        raise pickle.loads(report)
 
 
 def _work(work: Callable[[], None], pipe: int, parent: int) -> None:
@@ -62,17 +62,17 @@ def _work(work: Callable[[], None], pipe: int, parent: int) -> None:
         ctypes.CDLL(None).prctl(DIE_WITH_PARENT, signal.SIGKILL)
     if os.getppid() != parent:  # which has ended before
         leave(1)
-    told = b""
+    report = b""
     try:
         work()
     except BaseException as error:
         try:
-            told = pickle.dumps(error)
-            pickle.loads(told)
+            report = pickle.dumps(error)
+            pickle.loads(report)
         except Exception:  # an error of a library that cannot be sent
-            told = pickle.dumps(RuntimeError(f"{type(error).__name__}: {error}"))
+            report = pickle.dumps(RuntimeError(f"{type(error).__name__}: {error}"))
     with os.fdopen(pipe, "wb") as file:
-        file.write(told)
+        file.write(report)
     sys.stdout.flush()
     sys.stderr.flush()
     leave(0)
