@@ -23,6 +23,7 @@ ESTIMATE |= {"estimate_toy_method"}
 JUDGE = {"run_crude_monte_carlo", "study_coverage", "collect_coverage"}
 TRUTH = {"compute_exact", "bootstrap_uncertainty", "study_sensitivity"}
 LAWS = {"fit_family", "study_laws", "compare_laws", "compare_record_variants", "replay_encounters"}
+LAWS |= {"count_crashes"}
 END = {"book", "all"}
 DRIVEN = {"map_crashes_uncapped"}
 STUDY = SEARCH | ESTIMATE | JUDGE | TRUTH | {"collect_estimates", *END}

@@ -4,13 +4,8 @@ import os
 import re
 import signal
 import subprocess
+import sys
 import time
-from pathlib import Path
-
-from accelerated_evaluation.answer.chosen_law import choose_law
-from accelerated_evaluation.answer.estimation import read_records
-from accelerated_evaluation.laws.files import write_law
-from accelerated_evaluation.study.configuration import load, resolved
 
 DATA = "Safety Pilot Model Deployment (real events), a sample of 6,000"
 TABLES = (
@@ -32,6 +27,16 @@ RESUMED = (
     "results/smoke/sensitivity.csv",
     "results/smoke/uncertainty.csv",
 )
+
+ANSWER = """
+import sys
+from accelerated_evaluation.answer.chosen_law import choose_law
+from accelerated_evaluation.answer.estimation import read_records
+from accelerated_evaluation.laws.files import write_law
+from accelerated_evaluation.study.configuration import load, resolved
+config = resolved(load(sys.argv[2:]))
+write_law(sys.argv[1], choose_law("answer", read_records(config)[0], config)[1])
+"""
 
 
 def jobs(output: str) -> set[str]:
@@ -104,12 +109,18 @@ def test_published_tables_say_what_the_data_are(finished):
         assert DATA in "".join(rows) or not rows, path
 
 
-def test_the_estimate_alone_is_under_the_law_of_the_answer(finished, tmp_path, monkeypatch):
-    monkeypatch.chdir(finished.folder)
-    config = resolved(load(finished.configs))
-    _, law = choose_law("answer", read_records(config)[0], config)
-    write_law(tmp_path / "law.json", law)
-    assert (tmp_path / "law.json").read_bytes() == Path("results/smoke/laws/answer.json").read_bytes()
+def test_the_estimate_alone_is_under_the_law_of_the_answer(finished, tmp_path):
+    """In a process of its own, which imports the library of the finished study, with its toys."""
+    law = tmp_path / "law.json"
+    done = subprocess.run(
+        [sys.executable, "-c", ANSWER, str(law), *finished.configs],
+        cwd=finished.folder,
+        env=finished.environment,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    assert law.read_bytes() == (finished.folder / "results/smoke/laws/answer.json").read_bytes()
 
 
 def test_a_second_run_does_nothing(finished):
