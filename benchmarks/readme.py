@@ -8,6 +8,8 @@ from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.publishing.readme import CAUSES, ROOT, WORLDS, Table, markdown, update
 
 CERTIFICATES = ROOT / "benchmarks" / "results" / "certificates.csv"
+CHANCE = ROOT / "benchmarks" / "results" / "chance.csv"
+CHECKS = ROOT / "benchmarks" / "results" / "checks.csv"
 RECORDINGS = ROOT / "benchmarks" / "results" / "recordings.csv"
 SAMPLERS = ROOT / "benchmarks" / "results" / "samplers.csv"
 SUCCESSORS = ROOT / "benchmarks" / "results" / "successors.csv"
@@ -207,6 +209,53 @@ def _best(rows: pd.DataFrame) -> str:
     return f"{best.effective_calls:,.0f} ({best.method})"
 
 
+def chance_table(chance: pd.DataFrame) -> str:
+    """Return what the sampler does for systems that do not repeat themselves, as Markdown."""
+    headings = ("system", "probability", "version", "seeds", "simulations", "converged")
+    headings += ("of these: mean over truth", "80 % intervals cover", "off by a factor of 2")
+    table = []
+    for row in chance.itertuples():
+        some = row.converged > 0
+        cells = (
+            row.problem.replace("_", " "),
+            f"{row.exact:.1e}",
+            row.version,
+            f"{row.seeds}",
+            f"{row.simulations:.0f}",
+            f"{row.converged}",
+            f"{row.ratio:.2g}" if some else "–",
+            f"{row.covered} of {row.converged}" if some else "–",
+            f"{row.off}" if some else "–",
+        )
+        table.append(cells)
+    return markdown(headings, table)
+
+
+def checks_table(checks: pd.DataFrame) -> str:
+    """Return how often intervals that are checked after every batch miss the truth, as Markdown."""
+    headings = (
+        "problem",
+        "interval",
+        "seeds",
+        "simulations",
+        "any check missed the truth",
+        "the last one did",
+    )
+    table = []
+    for row in checks.itertuples():
+        ends = f"{row.missed_at_any_low:.0%} to {row.missed_at_any_high:.0%}"
+        cells = (
+            row.problem.replace("_", " "),
+            row.interval,
+            f"{row.seeds}",
+            f"{row.simulations:.0f}",
+            f"{row.missed_at_any_check:.0%} (95 %: {ends})",
+            f"{row.missed_at_the_end:.0%}",
+        )
+        table.append(cells)
+    return markdown(headings, table)
+
+
 TABLES = {
     "samplers": Table(BENCHMARKS, SAMPLERS, samplers_table, COMMAND),
     "learners": Table(BENCHMARKS, SAMPLERS, learners_table, COMMAND),
@@ -216,6 +265,8 @@ TABLES = {
     "recordings": Table(BENCHMARKS, RECORDINGS, recordings_table, COMMAND),
     "size": Table(YOUR_RECORDS, RECORDINGS, recordings_table, COMMAND),
     "certificates": Table(GUIDE, CERTIFICATES, certificates_table, COMMAND),
+    "chance": Table(GUIDE, CHANCE, chance_table, COMMAND),
+    "checks": Table(GUIDE, CHECKS, checks_table, COMMAND),
     "successors": Table(GUIDE, SUCCESSORS, successors_table, COMMAND),
 }
 

@@ -18,9 +18,11 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from accelerated_evaluation import problem as library
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.laws import CutIns
 from accelerated_evaluation.methods.surrogate import Surrogate
 from accelerated_evaluation.problem import Response, ScoreProblem, SystemProblem
 from accelerated_evaluation.vehicles import AccAeb, Outcomes, Vehicle, load_vehicle
@@ -33,7 +35,8 @@ from scipy.stats import binomtest
 RESULTS = Path(__file__).resolve().parents[1] / "results"
 LIMIT = 1000  # simulations after which the sampler gives up, as in the other tables
 CLOSING = 5.0  # [m/s]
-BEYOND_CLOSING = 1_000_000  # draws that say how many cut-ins close in faster
+SECONDS = 8.0
+DRAWS = 1_000_000  # that say how frequent a kind of cut-in is
 
 
 @dataclass
@@ -52,6 +55,18 @@ class Lapsing:
         lapse = self.generator.random(len(range_)) < self.rate
         own, others = (vars(each) for each in outcomes)
         return Outcomes(**{name: np.where(lapse, others[name], own[name]) for name in own})
+
+
+@dataclass(frozen=True)
+class Unbraked:
+    """A car that keeps its speed for eight seconds."""
+
+    def simulate(self, lead_speed: Array, range_: Array, closing_speed: Array) -> Outcomes:
+        """Simulate n cut-ins; see `Vehicle`."""
+        left = range_ - SECONDS * np.maximum(closing_speed, 0.0)
+        crash = left <= 0
+        nearest = np.divide(left, closing_speed, out=np.full(len(left), np.inf), where=closing_speed > 0)
+        return Outcomes(crash, left, np.where(crash, 1e-3, nearest), np.where(crash, closing_speed, 0.0))
 
 
 @dataclass
@@ -115,7 +130,9 @@ def reference(name: str) -> float:
     return float(table.loc[table["problem"] == name, "reference"].iloc[0])
 
 
-def noisy_plane(distance: float, spread: float, dimension: int, *, graded: bool = True) -> Chance:
+def noisy_plane(
+    distance: float, spread: float, dimension: int, *, graded: bool = True, declared: bool | None = None
+) -> Chance:
     """Return a half-space whose score, and with it the flag, has normal noise."""
 
     def make(generator: np.random.Generator) -> ScoreProblem:
@@ -123,31 +140,59 @@ def noisy_plane(distance: float, spread: float, dimension: int, *, graded: bool 
             score = distance - z.sum(1) / math.sqrt(dimension) + spread * generator.standard_normal(len(z))
             return score <= 0, score if graded else None
 
-        return SystemProblem(respond, dimension, fingerprint="noisy half-space", deterministic=False)
+        name = "noisy half-space"
+        return SystemProblem(respond, dimension, fingerprint=name, deterministic=declared)
 
     return Chance(make, float(ndtr(-distance / math.sqrt(1 + spread**2))))
 
 
-def lapsing(other: str, name: str, rate: float) -> Chance:
-    """Return the study's car that drives like another one in a share of its runs."""
+def lapsing(other: Vehicle, exact: float, rate: float, *, declared: bool | None = False) -> Chance:
+    """Return the study's car that drives like another one in a share of its runs.
+
+    Parameters
+    ----------
+    other, exact
+        The other car, and its probability.
+    rate
+        The share of the runs.
+    declared
+        What the car says of its determinism.
+    """
 
     def make(generator: np.random.Generator) -> ScoreProblem:
-        return segment_problem("5-15", Lapsing(AccAeb(), load_vehicle(other), rate, generator), BENCHMARK)
+        return segment_problem("5-15", Lapsing(AccAeb(), other, rate, generator, declared), BENCHMARK)
 
-    return Chance(make, (1 - rate) * reference("segment_5_15") + rate * reference(name))
+    return Chance(make, (1 - rate) * reference("segment_5_15") + rate * exact)
 
 
-def careless(rate: float) -> Chance:
+def human(rate: float, *, declared: bool | None = False) -> Chance:
+    """Return the study's car that drives like the competent and careful human in a share of its runs."""
+    return lapsing(load_vehicle("cc_human"), reference("driver_cc_human"), rate, declared=declared)
+
+
+def no_brakes(rate: float, *, declared: bool | None = False) -> Chance:
+    """Return the study's car whose braking fails in a share of its runs."""
+    problem = segment_problem("5-15", Unbraked(), BENCHMARK)
+    return lapsing(Unbraked(), share_of(problem, lambda cut_ins, crash: crash), rate, declared=declared)
+
+
+def careless(rate: float, *, declared: bool | None = False) -> Chance:
     """Return the study's car that crashes in a share of all fast cut-ins."""
     own = segment_problem("5-15", AccAeb(), BENCHMARK)
-    z = child_generator(ROOT, "chance", "closing").standard_normal((BEYOND_CLOSING, 3))
-    fast = float((own.law.capped(own.law.from_normal_scores(z).closing_speed) > CLOSING).mean())
+    fast = share_of(own, lambda cut_ins, crash: own.law.capped(cut_ins.closing_speed) > CLOSING)
 
     def make(generator: np.random.Generator) -> ScoreProblem:
-        return replace(own, vehicle=Careless(AccAeb(), rate, generator))
+        return replace(own, vehicle=Careless(AccAeb(), rate, generator, declared))
 
     exact = reference("segment_5_15")
     return Chance(make, exact + rate * (fast - exact))
+
+
+def share_of(problem: library.Problem, kind: Callable[[CutIns, Array], Array]) -> float:
+    """Return the share of a kind of cut-ins, given these and whether each is a crash, by many draws."""
+    z = child_generator(ROOT, "chance", "shares").standard_normal((DRAWS, 3))
+    cut_ins = problem.law.from_normal_scores(z)
+    return float(kind(cut_ins, problem.simulate(cut_ins).crash).mean())
 
 
 def shaken(spread: float) -> Chance:
@@ -163,10 +208,15 @@ def unchanged(name: str) -> Chance:
 
 PROBLEMS: dict[str, Callable[[], Chance]] = {
     "main": lambda: unchanged("segment_5_15"),
-    "lapses_0.001": lambda: lapsing("cc_human", "driver_cc_human", 0.001),
-    "lapses_0.01": lambda: lapsing("cc_human", "driver_cc_human", 0.01),
-    "lapses_0.1": lambda: lapsing("cc_human", "driver_cc_human", 0.1),
-    "no_brakes_0.01": lambda: lapsing("acc_only", "no_aeb", 0.01),
+    "half_space": lambda: noisy_plane(4.5, 0.0, 2, declared=True),
+    "lapses_0.001": lambda: human(0.001),
+    "lapses_0.01": lambda: human(0.01),
+    "lapses_0.1": lambda: human(0.1),
+    "lapses_0.01_undeclared": lambda: human(0.01, declared=None),
+    "lapses_0.1_undeclared": lambda: human(0.1, declared=None),
+    "no_brakes_0.01": lambda: no_brakes(0.01),
+    "no_brakes_0.01_undeclared": lambda: no_brakes(0.01, declared=None),
+    "careless_0.01_undeclared": lambda: careless(0.01, declared=None),
     "careless_0.01": lambda: careless(0.01),
     "shaken_0.1": lambda: shaken(0.1),
     "shaken_0.3": lambda: shaken(0.3),
@@ -179,7 +229,7 @@ PROBLEMS: dict[str, Callable[[], Chance]] = {
 }
 
 
-def repeated(name: str, seeds: range, limit: int = LIMIT) -> pd.DataFrame:
+def repeated(name: str, seeds: range, limit: int = LIMIT, version: str = "present") -> pd.DataFrame:
     """Return what the sampler gave on a problem, a row a seed."""
     chance, rows = PROBLEMS[name](), []
     for seed in seeds:
@@ -194,6 +244,7 @@ def repeated(name: str, seeds: range, limit: int = LIMIT) -> pd.DataFrame:
         rows.append(
             {
                 "problem": name,
+                "version": version,
                 "seed": seed,
                 "exact": chance.exact,
                 **dict(zip(("probability", "low", "high"), numbers, strict=True)),
@@ -209,7 +260,8 @@ def repeated(name: str, seeds: range, limit: int = LIMIT) -> pd.DataFrame:
 def table(runs: pd.DataFrame) -> pd.DataFrame:
     """Sum up the runs, a row a problem."""
     rows = []
-    for (name, exact), own in runs.groupby(["problem", "exact"], sort=False):
+    for (name, version), own in runs.groupby(["problem", "version"], sort=False):
+        exact = float(own["exact"].iloc[0])
         done = own[own["converged"]]
         ratio = done["probability"] / exact
         off = int(((ratio < 0.5) | (ratio > 2)).sum())
@@ -220,6 +272,7 @@ def table(runs: pd.DataFrame) -> pd.DataFrame:
             {
                 "problem": name,
                 "exact": exact,
+                "version": version,
                 "seeds": len(own),
                 "converged": len(done),
                 "simulations": own["simulations"].mean(),
@@ -243,13 +296,16 @@ def main() -> None:
     run.add_argument("problem", choices=PROBLEMS)
     run.add_argument("--seeds", type=int, nargs=2, metavar=("FIRST", "END"), required=True)
     run.add_argument("--limit", type=int, default=LIMIT, help="simulations (default: %(default)s)")
+    run.add_argument("--version", default="present", help="what the table calls the sampler")
     summed = steps.add_parser("table", help="sum up all runs")
     summed.add_argument("runs", nargs="+")
     for step in (run, summed):
         step.add_argument("--output", required=True)
     arguments = parser.parse_args()
     if arguments.step == "run":
-        write_csv(arguments.output, repeated(arguments.problem, range(*arguments.seeds), arguments.limit))
+        seeds = range(*arguments.seeds)
+        runs = repeated(arguments.problem, seeds, arguments.limit, arguments.version)
+        write_csv(arguments.output, runs)
     else:
         write_csv(arguments.output, table(pd.concat(map(pd.read_csv, arguments.runs), ignore_index=True)))
 

@@ -50,5 +50,6 @@ def begin_campaign(folder, *options):
         return cli.main(["campaign", name, "c.json", *map(str, arguments)])
 
     files = ("--law", "law.json", "--encounters", "encounters.parquet")
-    assert step("new", *files, "--half-width", 0.5, "--seed", 4, "--deterministic", "yes", *options) == 0
+    known = ("--half-width", 0.5, "--seed", 4, "--deterministic", "yes", "--interval", "usual")
+    assert step("new", *files, *known, *options) == 0
     return step

@@ -130,8 +130,8 @@ class Problem:
 
     @property
     def deterministic(self) -> bool | None:
-        """Whether the outcomes of the vehicle are deterministic; None if this is unknown."""
-        return repeats_itself(self.vehicle)
+        """Whether the outcomes look deterministic to a sampler; None if this is unknown."""
+        return False if getattr(self.vehicle, "striped", False) else repeats_itself(self.vehicle)
 
     def only(self, stratum: str) -> Self:
         """Return the problem restricted to one stratum of the lead speed."""

@@ -135,6 +135,7 @@ class EstimateAlone:
 def _in_words(found: "Alone", level: float) -> str:
     """Return the estimates, what they took and what they may have missed, in lines of text."""
     from accelerated_evaluation.methods.surrogate.certificate import unseen_in_words
+    from accelerated_evaluation.methods.surrogate.lapses import chance_in_words
 
     lines = [*found.verdict.lines(), *_answers(found), f"law of cut-ins: {found.name}"]
     for row in found.tables["estimate"].to_dict("records"):
@@ -145,7 +146,7 @@ def _in_words(found: "Alone", level: float) -> str:
             f"sampling alone {row['ci_low']:.2g} to {row['ci_high']:.2g}; {verdict} after "
             f"{row['learning'] + row['estimating']:,} encounters, {row['events']:,} of them crashes"
         )
-        lines.append(unseen_in_words(row))
+        lines += [unseen_in_words(row), chance_in_words(row)]
     if (vehicle := found.vehicle) is not None:
         lines.append(
             f"simulated: {vehicle.simulated:,}; taken from the store: {vehicle.found:,}; "

@@ -32,17 +32,21 @@ class Stopping:
         Least number of events, which prevents convergence by chance after few events.
     maximum_simulations
         Number of simulations after which a method ends without convergence.
+    anytime
+        Whether the interval may be checked any number of times; see `surrogate.anytime`. Only the
+        surrogate-guided sampler has such intervals.
     """
 
     alpha: float = 0.2
     beta: float = 0.2
     minimum_events: int = 100
     maximum_simulations: int = 100_000
+    anytime: bool = False
 
     @classmethod
     def configured(cls, section: Mapping[str, Any]) -> Self:
         """Return the rule of the section ``importance_sampling`` of the configuration."""
-        return cls(**{name: section[name] for name in cls.__dataclass_fields__})
+        return cls(**{name: section[name] for name in cls.__dataclass_fields__ if name != "anytime"})
 
 
 @dataclass(frozen=True)

@@ -87,6 +87,7 @@ def write_campaign(path: str | os.PathLike, campaign: Campaign) -> None:
         "description": campaign.description,
         "event": asdict(campaign.event),
         "goal": {"confidence": 1 - campaign.goal.alpha, "relative_half_width": campaign.goal.beta},
+        "interval": "anytime" if campaign.goal.anytime else "usual",
         "limits": asdict(campaign.limits) | {"probability_beyond": campaign.beyond},
         "runs": [_plain(run) for run in campaign.runs],
         "sampler": campaign.sampler.state().to_json(),
@@ -144,7 +145,7 @@ def _campaign(content: Mapping[str, Any], where: str) -> Campaign:
         sampler_state.decode(Source, content["encounters"]),
         sampler_state.decode(str, content["description"]),
         sampler_state.decode(Event, content["event"]),
-        stopping(goal["confidence"], goal["relative_half_width"]),
+        stopping(**goal, anytime=content.get("interval", "usual") == "anytime"),
         _sampler(content["sampler"], where),
         sampler_state.decode(Limits, asdict(UNLIMITED) | limits),
         beyond,
@@ -185,9 +186,9 @@ def _require_whole(campaign: Campaign) -> None:
             raise ValueError(f"without {what}")
 
 
-def stopping(confidence: float, relative_half_width: float) -> Stopping:
+def stopping(confidence: float, relative_half_width: float, *, anytime: bool) -> Stopping:
     """Return the goal of a campaign as a stopping rule without a limit on the number of runs."""
-    return Stopping(round(1 - confidence, 12), relative_half_width, minimum_events=1)
+    return Stopping(round(1 - confidence, 12), relative_half_width, minimum_events=1, anytime=anytime)
 
 
 def _plain(run: Run) -> dict[str, Any]:

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtrit
 
-from accelerated_evaluation.methods.estimate import Estimate, Stopping
+from accelerated_evaluation.methods.estimate import Estimate, Stopping, normal_reach
+from accelerated_evaluation.methods.surrogate.anytime import boundary
 from accelerated_evaluation.methods.surrogate.certificate import unseen_in_words
+from accelerated_evaluation.methods.surrogate.lapses import chance_in_words
 from accelerated_evaluation.track.campaign import Campaign
 from accelerated_evaluation.track.driven import BEYOND
 
@@ -56,7 +58,10 @@ def status_of(campaign: Campaign) -> Status:
     needed: int | None = 0
     if not estimate.converged:
         needed = forecast(estimate, campaign.sampler.batch_size, campaign.goal)
-        needed = None if needed is None else max(needed - (reported - used), 0)
+        sampler = campaign.sampler
+        if needed is not None and sampler.is_narrow(campaign.goal):
+            needed = max(needed, sampler.repeats_wanted(certify=True))
+        needed = None if needed is None or sampler.may_lapse else max(needed - (reported - used), 0)
     return Status(len(to_drive), reported, used, spared, estimate, needed)
 
 
@@ -87,6 +92,8 @@ def forecast(found: Estimate, batch_size: int, goal: Stopping) -> int | None:
     more = np.arange(1, MOST_BATCHES + 1)
     error = max(found.diagnostics["observed_error"], found.diagnostics["predicted_error"])
     reach = stdtrit(batches + more - 1, 1 - goal.alpha / 2) * error * np.sqrt(batches / (batches + more))
+    if goal.anytime:
+        reach *= boundary(goal.alpha) / normal_reach(goal.alpha)
     # The half-width of P / (1 + reach) to P / (1 - reach) is P reach / (1 - reach^2).
     enough = np.flatnonzero(reach <= goal.beta * (1 - reach**2))
     return int(more[enough[0]]) * batch_size if enough.size else None
@@ -102,8 +109,10 @@ def in_words(campaign: Campaign, status: Status) -> str:
         f"{found.events} with the event in the {status.used} runs of whole batches",
         f"estimate    {_estimate(found)}",
         f"unseen      {unseen_in_words(found.diagnostics)}",
+        *(f"{'chance':<12}{line}" for line in chance_in_words(found.diagnostics).splitlines()),
         *_about_limits(campaign, status),
-        f"goal        half-width at most {goal.beta:.0%} of the estimate, confidence {1 - goal.alpha:.0%}",
+        f"goal        half-width at most {goal.beta:.0%} of the estimate, confidence {1 - goal.alpha:.0%}"
+        + (", at all checks together" if goal.anytime else ""),
         f"may stop    {_advice(status)}",
     ]
     return "\n".join(lines)
@@ -136,6 +145,8 @@ def _estimate(found: Estimate) -> str:
 def _advice(status: Status) -> str:
     if status.may_stop:
         return "yes"
+    if "unseen_lapses" in status.estimate.diagnostics:
+        return "no; these runs cannot exclude rare lapses, see the lines above"
     if status.needed is None:
         return "no; the number of runs still needed cannot be predicted before there is an estimate"
     return f"no; about {status.needed} more runs are likely needed"

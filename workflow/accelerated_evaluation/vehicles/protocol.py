@@ -38,7 +38,9 @@ class Vehicle(Protocol):
 
     A vehicle may have an attribute ``deterministic``: True if an encounter always has the same outcomes,
     False if the outcomes are random, and None (or no such attribute) if this is unknown and has to be tested;
-    see `repeats_itself`.
+    see `repeats_itself`. An attribute ``striped`` that is True says that the outcomes change between
+    encounters that nobody could distinguish. Such a vehicle may be deterministic, but a sampler treats it as
+    random.
     """
 
     def simulate(self, lead_speed: Array, range_: Array, closing_speed: Array) -> Outcomes:

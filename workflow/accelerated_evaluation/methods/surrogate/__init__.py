@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from accelerated_evaluation.base.sections import Schema, integer, section
+from accelerated_evaluation.base.sections import Schema, choice, integer, section
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.estimate import Estimate, Method, Stopping
 from accelerated_evaluation.methods.surrogate.certificate import BY_DEFAULT, Certificate
@@ -16,7 +16,7 @@ from accelerated_evaluation.methods.surrogate.constants import ENOUGH_REPEATS, F
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.methods.surrogate.state import read_state, write_state
-from accelerated_evaluation.problem import Problem, ScoreProblem
+from accelerated_evaluation.problem import ScoreProblem, SystemProblem
 
 SETTINGS = section(
     replicates=integer(
@@ -33,6 +33,12 @@ SETTINGS = section(
         100,
         100_000,
         "Simulations after which a replicate stops, learning included, converged or not.",
+    ),
+    interval=choice(
+        "usual",
+        ["usual", "anytime"],
+        "usual for an interval that covers the truth as often as it says if it is computed once; anytime for "
+        "one that does so although it is checked after every batch, for about a quarter more simulations.",
     ),
 )
 
@@ -85,7 +91,9 @@ class Surrogate(Method):
     def stopping(cls, config: Mapping[str, Any]) -> Stopping:
         """Return the paper's rule with this method's limit of simulations, and one event as the minimum."""
         rule = Stopping.configured(config["importance_sampling"])
-        return replace(rule, minimum_events=1, maximum_simulations=config["surrogate"]["maximum_calls"])
+        own = config["surrogate"]
+        anytime = own["interval"] == "anytime"
+        return replace(rule, minimum_events=1, maximum_simulations=own["maximum_calls"], anytime=anytime)
 
     def estimate(self, problem: ScoreProblem, stopping: Stopping, generator: np.random.Generator) -> Estimate:
         """Estimate the probability of the event with as few simulations as possible.
@@ -129,7 +137,7 @@ class Surrogate(Method):
                 certificate=self.certificate,
                 predecessor=self.predecessor,
                 deterministic=getattr(problem, "deterministic", None),
-                enough_repeats=ENOUGH_REPEATS if isinstance(problem, Problem) else FIRST_REPEATS,
+                enough_repeats=FIRST_REPEATS if isinstance(problem, SystemProblem) else ENOUGH_REPEATS,
             )
         state = read_state(self.state_file)
         state.check(**own, batch_size=self.batch_size, where=str(self.state_file))

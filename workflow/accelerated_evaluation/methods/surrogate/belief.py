@@ -14,7 +14,13 @@ import numpy as np
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.methods.surrogate.calibration import Calibration
-from accelerated_evaluation.methods.surrogate.constants import MOST_TRUST, RELEARN
+from accelerated_evaluation.methods.surrogate.constants import (
+    AMPLITUDE,
+    MOST_TRUST,
+    NOISY_AMPLITUDE,
+    NOISY_LOG_ODDS,
+    RELEARN,
+)
 from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurrogate, Predecessor
 from accelerated_evaluation.methods.surrogate.graded import GradedSurrogate, end_of_events, graded
 from accelerated_evaluation.methods.surrogate.kernel import principal_axes
@@ -32,6 +38,9 @@ class Belief:
     predecessor
         Runs of a similar vehicle; None if there is none. The scores of these runs are unknown, so the scores
         are not used if a predecessor is given.
+    chance
+        Whether an outcome is one draw of a probability instead of being the same in every run. The flags then
+        have noise, so that the amplitude of their surrogate may be small, and the noise of the scores counts.
 
     Attributes
     ----------
@@ -41,11 +50,12 @@ class Belief:
         The surrogate of all flags, and the regression of the scores along the same axes.
     """
 
-    def __init__(self, space: Space, predecessor: Predecessor | None) -> None:
+    def __init__(self, space: Space, predecessor: Predecessor | None, *, chance: bool = False) -> None:
+        amplitude = NOISY_AMPLITUDE if chance else AMPLITUDE
         self.space = space
-        self.flags = EventSurrogate(space.dimension, predecessor)
+        self.flags = EventSurrogate(space.dimension, predecessor, amplitude)
         self.scores = GradedSurrogate(space.dimension)
-        self._has_predecessor = predecessor is not None
+        self._has_predecessor, self._has_chance = predecessor is not None, chance
         self._second: Callable[[Array], Array] | None = None
         self._calibration = Calibration()
 
@@ -68,7 +78,9 @@ class Belief:
         self._second = None
         if self._has_predecessor and runs:
             # With the prior's lengths, so that nothing of it must be kept in a state.
-            own_flags = EventSurrogate(z.shape[1])
+            own_flags = EventSurrogate(
+                z.shape[1], amplitude=NOISY_AMPLITUDE if self._has_chance else AMPLITUDE
+            )
             own_flags.fit(z, happened, learn=False)
             self._second = own_flags.probability
         elif not self._has_predecessor and happened.any() and not happened.all():
@@ -77,7 +89,11 @@ class Belief:
             self._second = partial(self._by_scores, below=end_of_events(outcome, happened))
         predicted = len(progress.foreseen)
         least = 1 - MOST_TRUST if self._has_predecessor else 0.0
-        self._calibration = Calibration.learn(progress.foreseen, happened[runs - predicted :], least)
+        # If noise affects most runs, the regression with noise describes how the flags arise.
+        log_odds = NOISY_LOG_ODDS if progress.repeats.vary_often else 0.0
+        self._calibration = Calibration.learn(
+            progress.foreseen, happened[runs - predicted :], least, log_odds
+        )
 
     def probability(self, z: Array) -> Array:
         """Return the calibrated probability of the event at points z, shape (m, d)."""
@@ -95,4 +111,4 @@ class Belief:
         return np.column_stack([by_flags, by_second])
 
     def _by_scores(self, z: Array, below: float) -> Array:
-        return self.scores.probability(z @ self.flags.axes, below)
+        return self.scores.probability(z @ self.flags.axes, below, noisy=self._has_chance)

@@ -79,11 +79,11 @@ class Calibration:
     trust: float = 0.0
 
     @classmethod
-    def learn(cls, foreseen: Array, happened: Flags, least: float = 0.0) -> Self:
+    def learn(cls, foreseen: Array, happened: Flags, least: float = 0.0, log_odds: float = 0.0) -> Self:
         """Return the slopes and the weight that are supported by the outcomes of the runs.
 
         The weight is `MOST_TRUST` times the posterior probability that the second surrogate predicts better,
-        by Bayes' rule with equal prior probabilities. The first surrogate therefore always keeps some weight,
+        by Bayes' rule. The first surrogate therefore always keeps some weight,
         and the second one can lower a probability at most by a factor of 20. A weight below `LEAST_TRUST` is
         set to 0.
 
@@ -95,11 +95,13 @@ class Calibration:
             Whether the event happened, shape (n,).
         least
             Smallest weight of the second surrogate.
+        log_odds
+            Logarithm of the prior odds that the second surrogate predicts better.
         """
         slopes = [Slopes.learn(said, happened) for said in foreseen.T]
         calibrated = [slope(said) for slope, said in zip(slopes, foreseen.T, strict=True)]
         first, second = (np.log(np.where(happened, p, 1 - p)).sum() for p in calibrated)
-        trust = float(MOST_TRUST * expit(second - first))
+        trust = float(MOST_TRUST * expit(second - first + log_odds))
         return cls(*slopes, max(trust if trust >= LEAST_TRUST else 0.0, least))
 
     def __call__(self, foreseen: Array) -> Array:

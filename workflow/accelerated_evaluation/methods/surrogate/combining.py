@@ -71,8 +71,12 @@ class Combined:
         The larger of the two variances is used, because the observed variance does not include parts of the
         event that were not met, and the predicted one does not include errors of the surrogate.
         """
-        error = math.sqrt(max(self.observed_variance, self.predicted_variance)) / self.probability
-        return interval(self.probability, error, self.batches, alpha)
+        return interval(self.probability, self.error, self.batches, alpha)
+
+    @property
+    def error(self) -> float:
+        """Coefficient of variation of the estimate, by the larger of its two variances."""
+        return math.sqrt(max(self.observed_variance, self.predicted_variance)) / self.probability
 
     def half_width(self, alpha: float) -> float:
         """Return half the width of the 100 (1 - alpha) % interval."""
@@ -104,7 +108,11 @@ def interval(probability: float, error: float, batches: int, alpha: float) -> tu
     tuple of float
         Y / (1 + t c) and Y / (1 - t c); the second is infinite if t c is 1 or more.
     """
-    reach = float(stdtrit(batches - 1, 1 - alpha / 2)) * error
+    return ends(probability, float(stdtrit(batches - 1, 1 - alpha / 2)) * error)
+
+
+def ends(probability: float, reach: float) -> tuple[float, float]:
+    """Return the ends of all P whose difference from an estimate is at most ``reach`` times P."""
     return probability / (1 + reach), probability / (1 - reach) if reach < 1 else math.inf
 
 
@@ -128,13 +136,20 @@ def estimate_batch(batch: TwoPhaseBatch, happened: Flags) -> BatchEstimate:
     )
 
 
-def that_count(batches: Sequence[BatchEstimate]) -> Sequence[BatchEstimate]:
+def that_count(batches: Sequence[BatchEstimate], usable: float = USABLE) -> Sequence[BatchEstimate]:
     """Return the batches on which the estimate is based, the last ones with consistent predictions.
 
     The estimate begins with a batch for which the surrogate was usable and agreed with its prediction for the
     previous batch. It restarts if the surrogate no longer agrees with its prediction for the first of the
     batches, or after an unexpected event. In both cases the earlier batches were designed with wrong
     predictions, and averaging over them would conceal the parts of the event that they have missed.
+
+    Parameters
+    ----------
+    batches
+        All batches, in their order.
+    usable
+        Coefficient of variation per run below which a surrogate is usable.
     """
     first, view = None, 0.0
     for i, batch in enumerate(batches):
@@ -142,7 +157,7 @@ def that_count(batches: Sequence[BatchEstimate]) -> Sequence[BatchEstimate]:
         agrees = min(now, view) > 0 and 1 / AGREEMENT < now / view < AGREEMENT
         if not agrees:
             first = None
-        elif first is None and batch.prediction.variation < USABLE**2:
+        elif first is None and batch.prediction.variation < usable**2:
             first = i
         if first is None or first == i:
             view = now

@@ -223,4 +223,21 @@ FIRST_REPEATS = 5
 ENOUGH_REPEATS = 350
 
 # Share of repeats that differ from which on chance has a part in most runs.
-OFTEN = 0.2
+OFTEN = 0.5
+
+# Prior median of the amplitude of the surrogate of the flags where these have noise.
+NOISY_AMPLITUDE = 3.0
+
+# As `FRINGE_WEIGHT`, where an outcome is one draw of a probability: with noise a large part of the events
+# happen where the probability is small and the normal law is large.
+NOISY_FRINGE_WEIGHT = 100.0
+
+# As `FRINGE`, where an outcome is one draw of a probability.
+NOISY_FRINGE = 0.002
+
+# As `USABLE`, where an outcome is one draw of a probability: no surrogate foretells it exactly then.
+NOISY_USABLE = 10.0
+
+# Logarithm of the odds, before any run of the second phase, that the regression of the scores foretells
+# better than the surrogate of the flags, where noise is in most runs.
+NOISY_LOG_ODDS = 4.0

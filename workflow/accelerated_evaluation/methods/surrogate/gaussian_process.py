@@ -142,6 +142,8 @@ class EventSurrogate:
         Number d of normal scores.
     predecessor
         Runs of a similar vehicle; None if there is none.
+    amplitude
+        Prior median of the amplitude, in units of the probit.
 
     Attributes
     ----------
@@ -154,12 +156,14 @@ class EventSurrogate:
         flag, those of the predecessor first, shape (2, m + n).
     """
 
-    def __init__(self, dimension: int, predecessor: Predecessor | None = None) -> None:
+    def __init__(
+        self, dimension: int, predecessor: Predecessor | None = None, amplitude: float = AMPLITUDE
+    ) -> None:
         self._predecessor = predecessor
         lengths = [LENGTH * math.sqrt(dimension)] * dimension
         lengths += [VEHICLE_LENGTH] if predecessor else []
         self.axes = np.eye(dimension)
-        self.theta = np.log([*lengths, AMPLITUDE])
+        self.theta = np.log([*lengths, amplitude])
         self.sites = np.empty((2, 0))
         self._kept = np.arange(0)
         self._centre = self.theta.copy()

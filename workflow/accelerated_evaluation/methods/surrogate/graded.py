@@ -119,7 +119,7 @@ class GradedSurrogate:
         variance = np.maximum(2 * self._variance - np.einsum("ij,ij->j", scaled, scaled), LEAST_VARIANCE)
         return mean, np.sqrt(variance)
 
-    def probability(self, z: Array, below: float | Array) -> Array:
+    def probability(self, z: Array, below: float | Array, *, noisy: bool = False) -> Array:
         """Return the probability that the graded outcome at points z, shape (m, d), is below given values.
 
         Parameters
@@ -128,8 +128,12 @@ class GradedSurrogate:
             The points.
         below
             One value for all points, or one for each.
+        noisy
+            Whether the noise is part of the outcome, as it is for a vehicle that does not repeat itself.
         """
         mean, deviation = self.expect(z)
+        if noisy:
+            deviation = np.hypot(deviation, math.exp(self.theta[-1]))
         return ndtr((below - mean) / deviation)
 
     def _solve(self, covariance: Array, noise_variance: float) -> tuple[Array, Array]:

@@ -73,7 +73,7 @@ class Repeats:
 
         Otherwise only few runs may be random; such lapses are rarely observed.
         """
-        return len(self) > 0 and self.differed.mean() >= OFTEN
+        return len(self) > 0 and bool(self.differed.mean() >= OFTEN)
 
     def largest_share(self, alpha: float) -> float:
         """Return an upper bound, with confidence 1 - alpha, on the share of repetitions that differ.

@@ -2,11 +2,13 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
+from accelerated_evaluation.methods.surrogate.anytime import anytime_interval
 from accelerated_evaluation.methods.surrogate.certificate import Certificate, Unseen, look_beyond
 from accelerated_evaluation.methods.surrogate.combining import (
     BatchEstimate,
@@ -14,9 +16,13 @@ from accelerated_evaluation.methods.surrogate.combining import (
     combine,
     that_count,
 )
+from accelerated_evaluation.methods.surrogate.constants import NOISY_USABLE, USABLE
+from accelerated_evaluation.methods.surrogate.lapses import LapseBounds
 from accelerated_evaluation.methods.surrogate.state import Progress
 from accelerated_evaluation.methods.surrogate.two_phase import reach_of
 from accelerated_evaluation.methods.surrogate.wide_laws import bound_without_event
+
+ROUNDING = 1e-12  # relative
 
 
 def estimate(progress: Progress, batch_size: int, stopping: Stopping, certificate: Certificate) -> Estimate:
@@ -42,12 +48,11 @@ def estimate(progress: Progress, batch_size: int, stopping: Stopping, certificat
         ``events`` counts the events of all simulations; ``tables["runs"]`` is as in `tabulate_runs`. The
         diagnostics contain the bounds ``unseen_mode`` and ``unseen_any`` of `certificate`.
     """
-    events, combined = int(np.count_nonzero(progress.happened)), combined_estimate(progress, stopping.alpha)
+    events, (combined, ends) = int(np.count_nonzero(progress.happened)), combined_estimate(progress, stopping)
     if combined is not None:
         # The mean of unbiased estimates of a probability may lie above 1.
         probability = min(combined.probability, 1.0)
-        low, high = combined.interval(stopping.alpha)
-        interval = min(low, 1.0), min(high, 1.0)
+        interval = min(ends[0], 1.0), min(ends[1], 1.0)
     elif 0 < events < progress.happened.size:
         probability, interval = math.nan, (0.0, 1.0)
     else:
@@ -67,12 +72,29 @@ def estimate(progress: Progress, batch_size: int, stopping: Stopping, certificat
     )
 
 
+def with_lapses(found: Estimate, progress: Progress, stopping: Stopping) -> Estimate:
+    """Return the estimate of a vehicle that may lapse: its interval ends where the bound on lapses says.
+
+    The diagnostics get ``unseen_lapses`` and ``unseen_lapses_monotone``, bounds on what lapses can add, and
+    ``settling_runs``, the draws of the law itself after which they would add less than half of the width; see
+    `lapses`.
+    """
+    bounds = LapseBounds.after(progress.z, progress.happened, found.probability, stopping.beta)
+    own = {
+        "unseen_lapses": bounds.like_hardness,
+        "unseen_lapses_monotone": bounds.monotone,
+        "settling_runs": bounds.runs,
+    }
+    high = min(found.high + bounds.like_hardness, 1.0)
+    return replace(found, high=high, diagnostics={**found.diagnostics, **own})
+
+
 def is_narrow(progress: Progress, stopping: Stopping) -> bool:
     """Whether the interval is as narrow as the stopping rule requires, and enough events were observed."""
-    combined = combined_estimate(progress, stopping.alpha)
+    combined, (low, high) = combined_estimate(progress, stopping)
     if combined is None or np.count_nonzero(progress.happened) < stopping.minimum_events:
         return False
-    return combined.half_width(stopping.alpha) <= stopping.beta * combined.probability
+    return (high - low) / 2 <= stopping.beta * combined.probability * (1 + ROUNDING)
 
 
 def is_certified(progress: Progress, certificate: Certificate) -> bool:
@@ -98,7 +120,8 @@ def _mean(progress: Progress) -> float:
 
 def _that_count(progress: Progress) -> Sequence[BatchEstimate]:
     """Return the batches of which the estimate is made; none from before chance was noticed."""
-    return that_count(progress.estimates[progress.chance_since :])
+    usable = NOISY_USABLE if progress.chance else USABLE
+    return that_count(progress.estimates[progress.chance_since :], usable)
 
 
 def _unseen(progress: Progress, probability: float, certificate: Certificate) -> Unseen:
@@ -107,13 +130,21 @@ def _unseen(progress: Progress, probability: float, certificate: Certificate) ->
     return Unseen.after(progress.looks, progress.z.shape[1], reach, certificate.curvature)
 
 
-def combined_estimate(progress: Progress, alpha: float) -> Combined | None:
-    """Return the estimate of the batches that count; None if there is no reliable estimate yet."""
+def combined_estimate(progress: Progress, stopping: Stopping) -> tuple[Combined | None, tuple[float, float]]:
+    """Return the estimate of the batches that count, and its interval.
+
+    If there is no reliable estimate yet, the estimate is None and the interval is from 0 to 1.
+    """
     batches = _that_count(progress)
     if not progress.happened.any() or len(batches) < 2:
-        return None
-    combined = combine(batches)
-    return combined if combined.probability > 0 and combined.half_width(alpha) > 0 else None
+        return None, (0.0, 1.0)
+    if stopping.anytime:
+        combined, interval = anytime_interval(batches, stopping.alpha, stopping.beta)
+    else:
+        combined = combine(batches)
+        interval = combined.interval(stopping.alpha) if combined.probability > 0 else (0.0, 1.0)
+    usable = combined.probability > 0 and interval[1] > interval[0]
+    return (combined, interval) if usable else (None, (0.0, 1.0))
 
 
 def tabulate_runs(progress: Progress, batch_size: int) -> pd.DataFrame:

@@ -37,9 +37,12 @@ from accelerated_evaluation.methods.surrogate.constants import (
     ENOUGH_REPEATS,
     FEW,
     FIRST_REPEATS,
+    FRINGE,
     FRINGE_WEIGHT,
     KERNELS,
     LARGEST_SCORE,
+    NOISY_FRINGE,
+    NOISY_FRINGE_WEIGHT,
     PATIENCE,
     POOL,
     POOL_PER_RUN,
@@ -133,7 +136,7 @@ class Sampler:
         self.progress.chance = deterministic is False
         self._generator = generator
         self.predecessor = predecessor
-        self._belief = Belief(WholeSpace(dimension), predecessor)
+        self._belief = Belief(WholeSpace(dimension), predecessor, chance=self.progress.chance)
 
     # ---- simulations
 
@@ -206,7 +209,8 @@ class Sampler:
         if differed.any() and not progress.chance:
             # Predictions and estimates so far assumed that every outcome is deterministic.
             progress.chance, progress.chance_since = True, len(progress.estimates)
-            progress.foreseen = np.empty((0, 2))
+            progress.foreseen, progress.learnt_at = np.empty((0, 2)), 0
+            self._belief = Belief(self._belief.space, self.predecessor, chance=True)
 
     @property
     def simulations(self) -> int:
@@ -226,9 +230,9 @@ class Sampler:
         """Whether nothing is left to exclude: the certificate is met, and the vehicle repeats itself."""
         if not results.is_certified(self.progress, self.certificate):
             return False
-        return self._repeats_wanted(certify=True) == 0 and not self.progress.chance
+        return not self.repeats_wanted(certify=True) and not self.may_lapse
 
-    def _repeats_wanted(self, *, certify: bool) -> int:
+    def repeats_wanted(self, *, certify: bool) -> int:
         """Return how many repeats are still wanted: some to notice noise, and many before convergence."""
         if self.deterministic is True or (self.progress.chance and self.deterministic is None):
             return 0
@@ -242,7 +246,13 @@ class Sampler:
     def estimate(self, stopping: Stopping) -> Estimate:
         """Return the estimate from the runs so far; see `results.estimate`."""
         found = results.estimate(self.progress, self.batch_size, stopping, self.certificate)
-        return replace(found, converged=self.has_converged(stopping))
+        found = replace(found, converged=self.has_converged(stopping))
+        return results.with_lapses(found, self.progress, stopping) if self.may_lapse else found
+
+    @property
+    def may_lapse(self) -> bool:
+        """Whether chance has a part in few runs, as far as is known: noise that is in most runs is met."""
+        return self.progress.chance and not self.progress.repeats.vary_often
 
     # ---- saved state
 
@@ -285,7 +295,7 @@ class Sampler:
         )
         sampler.progress = state.progress
         space = space_along(state.progress.directions, state.dimension)
-        sampler._belief = Belief(space, state.predecessor)
+        sampler._belief = Belief(space, state.predecessor, chance=state.progress.chance)
         flags = sampler._belief.flags
         flags.axes, flags.theta, flags.sites = state.axes, state.theta, state.sites
         sampler._belief.scores.theta = state.graded_theta
@@ -304,7 +314,7 @@ class Sampler:
     def _repeats(self, *, certify: bool) -> RepeatBatch | None:
         """Choose runs to repeat; None while there are none, or no more are wanted."""
         progress = self.progress
-        if not (count := min(self._repeats_wanted(certify=certify), self.batch_size)):
+        if not (count := min(self.repeats_wanted(certify=certify), self.batch_size)):
             return None
         if self._is_searching() or (certify and not results.is_certified(progress, self.certificate)):
             return None
@@ -336,7 +346,8 @@ class Sampler:
         if self.dimension <= FEW or (known is not None and runs < RELEARN * progress.learnt_at):
             return
         progress.directions = learn_directions(progress.z, progress.happened, progress.score, known)
-        self._belief = Belief(space_along(progress.directions, self.dimension), None)
+        space = space_along(progress.directions, self.dimension)
+        self._belief = Belief(space, None, chance=progress.chance)
         progress.learnt_at = runs if self._is_searching() else 0  # 0: the surrogates learn again
         events = progress.z[progress.happened]
         progress.rarest = rarity(self._belief.space.coordinates(events)).min(initial=REACH)
@@ -350,6 +361,11 @@ class Sampler:
     def _search_reach(self) -> float:
         """Rarity up to which the search goes: a little beyond the most probable event that it knows."""
         return min(self.progress.rarest + BEYOND, REACH)
+
+    @property
+    def _fringe(self) -> float:
+        """Least probability of the fringe."""
+        return NOISY_FRINGE if self.progress.chance else FRINGE
 
     @property
     def _pool_size(self) -> int:
@@ -376,17 +392,19 @@ class Sampler:
             if not core.any():
                 break
             w = pool.weight
-            fringe_limit = FRINGE_WEIGHT * (w @ (w * core)) / (w * core).sum()
-            share = truncated(w * np.sqrt(core))
+            fringe_limit = (w @ (w * core)) / (w * core).sum()
+            fringe_limit *= NOISY_FRINGE_WEIGHT if self.progress.chance else FRINGE_WEIGHT
+            mattered = expect(pool, fringe_limit, self._fringe).probability if self.progress.chance else core
+            share = truncated(w * np.sqrt(mattered))
             self.progress.centres = pool.z[self._generator.choice(len(w), KERNELS, p=share / share.sum())]
-        expected = expect(pool, fringe_limit)
+        expected = expect(pool, fringe_limit, self._fringe)
         return predict(pool, expected, self.batch_size, self._pool_size, defence), fringe_limit
 
     def _two_phase_batch(self, defence: Defence) -> TwoPhaseBatch:
         """Choose runs from a pool, as the module says in steps 2 and 3."""
         prediction, fringe_limit = self._look_ahead(defence)
         pool = self._pool(self._pool_size)
-        expected = expect(pool, fringe_limit)
+        expected = expect(pool, fringe_limit, self._fringe)
         return draw_batch(
             pool, expected, prediction, self.batch_size, defence, self._belief.foresee, self._generator
         )

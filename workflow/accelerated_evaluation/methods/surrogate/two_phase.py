@@ -191,16 +191,16 @@ def reach_of(probability: float) -> float:
     return min(BEYOND - math.log(probability), REACH) if probability > 0 else REACH
 
 
-def expect(pool: Pool, fringe_limit: float) -> Expectation:
+def expect(pool: Pool, fringe_limit: float, fringe: float = FRINGE) -> Expectation:
     """Return the surrogate's expectations at the points of a pool.
 
     Runs are sampled preferentially from the core, where the predicted probability is at least `CORE`, and
-    from the fringe, where it is at least `FRINGE` and the weight is at most ``fringe_limit``. At all other
+    from the fringe, where it is at least ``fringe`` and the weight is at most ``fringe_limit``. At all other
     points the probability is set to 0. The reason is that a predicted probability is never far below one over
     the number of runs, so the bulk of phi would otherwise outweigh the event.
     """
     p = pool.probability
-    aimed = (p >= CORE) | ((pool.weight <= fringe_limit) & (p >= FRINGE))
+    aimed = (p >= CORE) | ((pool.weight <= fringe_limit) & (p >= fringe))
     p = np.where(aimed, p, 0.0)
     control = np.where(p >= CONTROLLED, p, 0.0)
     return Expectation(p, control, p * (1 - p) + (p - control) ** 2)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 from accelerated_evaluation.vehicles.builtin.driver import ReferenceDriver
 from accelerated_evaluation.vehicles.builtin.driver_numbers import TTC_RULE, Driver
@@ -30,6 +31,9 @@ class Reg157(ReferenceDriver):
         Added to the critical time to collision [s]: one step of 0.1 s (JRC-FSM, where it is not explained;
         without it the steps in time would trigger too late to stop).
     """
+
+    # Its crashes are stripes of a few millimetres of range: from a distance they look like chance.
+    striped: ClassVar[bool] = True
 
     reaction_time: float = zero_or_more(0.35)
     deceleration: float = 6.0

@@ -1,0 +1,186 @@
+"""Vehicles whose outcomes are draws of a probability: every method against closed forms, and its claims."""
+
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation.methods import METHODS, Stopping
+from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMethod
+from accelerated_evaluation.methods.surrogate import Surrogate
+from accelerated_evaluation.methods.surrogate.lapses import LapseBounds, chance_in_words, upper_limit
+from accelerated_evaluation.problem import Problem, SystemProblem
+from accelerated_evaluation.track.weighted_set import draw_weighted_set
+from accelerated_evaluation.vehicles import load_vehicle
+from law_folder import LAW as CUT_INS
+from scipy.special import ndtr
+from scipy.stats import binom
+from test_export import exact as exact_by_map
+from test_export import follow
+from test_methods import LAW, Corner, estimates, exact, fits
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "samplers"))
+
+from chance import Careless, Lapsing, Shaken, Unbraked, table
+
+DRAWN_BY_LAW = [name for name in METHODS if issubclass(METHODS[name], CrossEntropyMethod)]
+STOPPING = Stopping(minimum_events=1, maximum_simulations=1000)
+
+
+class Never(Corner):
+    """A vehicle that never crashes."""
+
+    def simulate(self, lead_speed, range_, closing_speed):
+        return super().simulate(lead_speed, range_ + 1e6, closing_speed)
+
+
+def lapsing(rate, seed=1):
+    """Return the vehicle that crashes in a corner, but for a share of its runs."""
+    return Lapsing(Corner(), Never(), rate, np.random.default_rng(seed))
+
+
+def noisy_half_space(spread, generator, *, deterministic=False, distance=3.5):
+    def respond(z):
+        score = distance - z @ [0.6, 0.8] + spread * generator.standard_normal(len(z))
+        return score <= 0, score
+
+    truth = float(ndtr(-distance / math.sqrt(1 + spread**2)))
+    return SystemProblem(respond, 2, fingerprint="noisy", deterministic=deterministic), truth
+
+
+@pytest.mark.parametrize("name", DRAWN_BY_LAW)
+def test_importance_sampling_estimates_the_mean_over_chance(name):
+    found = estimates(name, Problem(LAW, lapsing(0.6)))
+    assert fits(found, 0.4 * exact())
+    assert not fits(found, exact())  # of the vehicle that never lapses
+
+
+def test_crude_monte_carlo_estimates_the_mean_over_chance():
+    problem, truth = noisy_half_space(1.0, np.random.default_rng(2), distance=1.5)
+    found = [
+        METHODS["crude"]().estimate(problem, Stopping(), np.random.default_rng(seed)) for seed in range(20)
+    ]
+    assert sum(each.covers(truth) for each in found) >= binom.ppf(1e-3, 20, 0.8)
+    assert not any(each.covers(float(ndtr(-1.5))) for each in found)
+
+
+def test_the_recipe_of_an_export_estimates_the_mean_over_chance(tmp_path):
+    sets = [draw_weighted_set(CUT_INS, 300, 1.5, np.random.default_rng(seed)) for seed in range(60)]
+    cars = [load_vehicle(name) for name in ("acc_aeb", "acc_only")]
+    (own, own_error), (other, other_error) = map(exact_by_map, cars)
+    car = Lapsing(*cars, 0.3, np.random.default_rng(3))
+    found = [follow(drawn, car, tmp_path) for drawn in sets]
+    estimates = np.array([one["probability"] for one in found])
+    variance = np.mean([one["variance"] for one in found]) / len(sets)
+    reach = 3.5 * math.sqrt(variance + (0.7 * own_error) ** 2 + (0.3 * other_error) ** 2)
+    assert abs(estimates.mean() - (0.7 * own + 0.3 * other)) < reach
+    assert abs(estimates.mean() - own) > reach  # of the car that never lapses
+
+
+def test_noise_costs_runs_but_is_estimated():
+    """Where p goes from 0 to 1 within a tenth of the range, intervals cover, and none is far off."""
+    found, truths = [], []
+    for seed in range(6):
+        problem, truth = noisy_half_space(0.1, np.random.default_rng((7, seed)))
+        found.append(Surrogate().estimate(problem, STOPPING, np.random.default_rng(seed)))
+        truths.append(truth)
+    assert all(each.converged for each in found)
+    assert sum(each.covers(truth) for each, truth in zip(found, truths, strict=True)) >= 3
+    ratios = [each.probability / truth for each, truth in zip(found, truths, strict=True)]
+    assert 0.5 < min(ratios) < max(ratios) < 2
+
+
+def test_rare_lapses_are_bounded_and_not_estimated():
+    generator = np.random.default_rng(4)
+
+    def respond(z):
+        score = 3.5 - z @ [0.6, 0.8]
+        score = np.where(generator.random(len(z)) < 0.01, score - 1.5, score)
+        return score <= 0, score
+
+    problem = SystemProblem(respond, 2, fingerprint="lapses", deterministic=False)
+    truth = 0.99 * ndtr(-3.5) + 0.01 * ndtr(-2.0)
+    limited = Stopping(minimum_events=1, maximum_simulations=250)
+    found = Surrogate().estimate(problem, limited, np.random.default_rng(5))
+    assert not found.converged
+    assert found.high >= truth
+    assert found.diagnostics["unseen_lapses_monotone"] <= found.diagnostics["unseen_lapses"] <= 1
+    assert "rare lapses can add up to" in chance_in_words(found.diagnostics)
+    believed = SystemProblem(respond, 2, fingerprint="lapses", deterministic=True)
+    wrong = Surrogate().estimate(believed, limited, np.random.default_rng(5))
+    assert wrong.converged
+    assert wrong.high < truth
+
+
+def test_the_bound_on_lapses_holds_for_lapses_that_are_alike():
+    """Of lapses with the same probability everywhere, at most a twentieth exceed the bound."""
+    generator, rate, probability = np.random.default_rng(6), 0.02, 1e-3
+    exceeded = 0
+    for _ in range(40):
+        z = generator.standard_normal((150, 2)) * 2
+        hard = z[:, 0] > 3.1
+        bounds = LapseBounds.after(z, hard | (generator.random(150) < rate), probability, 0.2)
+        exceeded += rate * (1 - 10 * probability) > bounds.monotone
+        assert bounds.monotone <= bounds.like_hardness
+        assert bounds.runs == pytest.approx(-math.log(0.05) / (0.2 * probability))
+    assert exceeded <= 5
+
+
+def test_upper_limits_are_those_of_clopper_and_pearson():
+    limits = upper_limit(np.array([0, 2, 5]), np.array([50, 50, 5]), 0.05)
+    np.testing.assert_allclose(binom.cdf([0, 2], 50, limits[:2]), 0.05)
+    assert limits[2] == 1
+
+
+def test_a_vehicle_that_crashes_in_thin_stripes_gets_no_number_that_claims_to_be_right():
+    """From a distance the stripes look like chance, although the vehicle repeats itself."""
+    vehicle = load_vehicle("reg157")
+    assert vehicle.deterministic
+    problem = Problem(CUT_INS, vehicle)
+    assert problem.deterministic is False
+    limited = Stopping(minimum_events=1, maximum_simulations=150)
+    found = Surrogate().estimate(problem, limited, np.random.default_rng(1))
+    assert not found.converged
+    assert found.diagnostics["differed"] == 0
+    assert found.high > 0.01  # the truth is about 1.2 %
+
+
+def test_the_cars_of_the_benchmark_lapse_as_often_as_they_say():
+    n, rate = 40_000, 0.2
+    cut_ins = np.full(n, 20.0), np.full(n, 30.0), np.full(n, 6.0)
+    error = 4 * math.sqrt(rate * (1 - rate) / n)
+    for car in (
+        Careless(load_vehicle("acc_aeb"), rate, np.random.default_rng(1)),
+        Lapsing(load_vehicle("acc_aeb"), Unbraked(), rate, np.random.default_rng(2)),
+    ):
+        outcomes = car.simulate(*cut_ins)
+        assert abs(outcomes.crash.mean() - rate) < error
+        assert (outcomes.min_range[outcomes.crash] <= 0).all()
+    slow = Careless(load_vehicle("acc_aeb"), rate, np.random.default_rng(1))
+    assert not slow.simulate(*cut_ins[:2], np.full(n, 4.0)).crash.any()
+    event = SystemProblem(lambda z: (z[:, 0] > 1.0, None), 2)
+    happened, _ = Shaken(event, 0.5, np.random.default_rng(3)).evaluate(
+        np.random.default_rng(4).standard_normal((n, 2))
+    )
+    assert happened.mean() == pytest.approx(ndtr(-1.0), abs=4 * math.sqrt(0.16 / n))
+
+
+def test_the_table_of_the_benchmark_by_hand():
+    runs = pd.DataFrame(
+        {
+            "problem": "one",
+            "version": "present",
+            "exact": 1.0,
+            "probability": [1.2, 0.4, 5.0],
+            "low": [1.1, 0.3, 4.0],
+            "high": [1.3, 1.5, 6.0],
+            "simulations": [10, 20, 30],
+            "converged": [True, True, False],
+        }
+    )
+    row = table(runs).iloc[0]
+    assert (row["seeds"], row["converged"], row["covered"], row["off"]) == (3, 2, 1, 1)
+    assert row["ratio"] == pytest.approx(0.8)
+    assert row["simulations"] == 20
