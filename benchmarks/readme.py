@@ -10,6 +10,7 @@ from accelerated_evaluation.publishing.readme import CAUSES, ROOT, WORLDS, Table
 CERTIFICATES = ROOT / "benchmarks" / "results" / "certificates.csv"
 CHANCE = ROOT / "benchmarks" / "results" / "chance.csv"
 CHECKS = ROOT / "benchmarks" / "results" / "checks.csv"
+PUBLIC = ROOT / "benchmarks" / "results" / "public.csv"
 RECORDINGS = ROOT / "benchmarks" / "results" / "recordings.csv"
 SAMPLERS = ROOT / "benchmarks" / "results" / "samplers.csv"
 SUCCESSORS = ROOT / "benchmarks" / "results" / "successors.csv"
@@ -73,6 +74,37 @@ def learners_table(samplers: pd.DataFrame) -> str:
         )
         table.append(cells)
     return markdown(headings, table)
+
+
+def public_table(public: pd.DataFrame) -> str:
+    """Return what this project's sampler and OpenTURNS need for the problems of public collections."""
+    headings = ("problem", "inputs", "reference", "seeds", "simulations", "95 % at most", "error")
+    headings += ("80 % holds", "off by a factor of 2", "no number", "NAIS: simulations", "its error")
+    table = []
+    for name, rows in public.groupby("problem", sort=False):
+        by = rows.set_index("method")
+        ours, others = by.loc[OURS], by.drop(index=OURS)
+        found = others[others["failed"] <= RELIABLE]
+        best = None if found.empty else found.loc[(found["calls_mean"] * found["error"] ** 2).idxmin()]
+        no_number = round(ours["no_number"] * ours["seeds"])
+        uncertain = f" ± {ours['reference_se']:.1g}" if ours["reference_se"] else ""
+        cells = (
+            name.replace("_", " "),
+            f"{ours['dimension']:.0f}",
+            f"{ours['reference']:.3g}{uncertain}",
+            *(f"{ours[column]:,.0f}" for column in ("seeds", "calls_mean", "calls_p95")),
+            "–" if pd.isna(ours["error"]) else f"{ours['error']:.2f}",
+            f"{ours['coverage80']:.0%}",
+            f"{round(ours['failed'] * ours['seeds']) - no_number}",
+            f"{no_number}",
+            *_calls_and_error(best),
+        )
+        table.append(cells)
+    return markdown(headings, table)
+
+
+def _calls_and_error(row: pd.Series | None) -> tuple[str, str]:
+    return ("–", "–") if row is None else (f"{row['calls_mean']:,.0f}", f"{row['error']:.2f}")
 
 
 def vehicles_table(vehicles: pd.DataFrame) -> str:
@@ -259,6 +291,7 @@ def checks_table(checks: pd.DataFrame) -> str:
 TABLES = {
     "samplers": Table(BENCHMARKS, SAMPLERS, samplers_table, COMMAND),
     "learners": Table(BENCHMARKS, SAMPLERS, learners_table, COMMAND),
+    "public": Table(BENCHMARKS, PUBLIC, public_table, COMMAND),
     "vehicles": Table(BENCHMARKS, VEHICLES, vehicles_table, COMMAND),
     "worlds": Table(BENCHMARKS, WORLDS, worlds_table, COMMAND),
     "causes": Table(BENCHMARKS, CAUSES, causes_table, COMMAND),
