@@ -89,7 +89,7 @@ def test_a_law_file_of_a_study_is_taken_and_of_other_records_refused(config, tmp
     name, read = choose_law(str(tmp_path / "law.json"), encounters, config)
     assert name == str(tmp_path / "law.json")
     assert read.content() == law.content()
-    with pytest.raises(InputError, match="expected the segments of these records"):
+    with pytest.raises(InputError, match="expected the table that the law was fitted to"):
         choose_law(str(tmp_path / "law.json"), encounters.iloc[:-1], config)
 
 

@@ -15,6 +15,7 @@ from accelerated_evaluation.base.files import write_csv, write_text
 # because they sum in another order. That changes a number of six digits only if it lies within a thousandth
 # of its last digit of a tie, and six digits are still finer than the error of any published estimate.
 DIGITS = 6
+LARGEST_COUNT = 2**53
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # Only where it would mean something: a tag, an entity, a link, emphasis, the end of a cell, a formula.
 _MARKDOWN = re.compile(r"[|$`*\\]|<(?=[A-Za-z/!?])|&(?=[#A-Za-z])|\](?=[(\[])|(?<!\w)_|_(?!\w)")
@@ -55,14 +56,15 @@ def to_markdown(table: pd.DataFrame) -> str:
 
 
 def reproducible(table: pd.DataFrame) -> pd.DataFrame:
-    """Round numbers to `DIGITS`, which are the same on any processor; whole numbers stay as they are.
+    """Round numbers to `DIGITS`, which are the same on any processor; counts stay as they are.
 
-    A count that stands in a column with missing values is a float, and must not lose its last digits.
+    A count that stands in a column with missing values is a float, and must not lose its last digits. A float
+    above `LARGEST_COUNT` cannot tell neighbouring whole numbers apart, so it is no count.
     """
 
     def rounded(value: Any) -> Any:  # noqa: ANN401
-        is_fraction = isinstance(value, float) and not value.is_integer()
-        return float(f"{value:.{DIGITS}g}") if is_fraction else value
+        is_count = isinstance(value, float) and value.is_integer() and abs(value) < LARGEST_COUNT
+        return value if is_count or not isinstance(value, float) else float(f"{value:.{DIGITS}g}")
 
     columns = {name: column.map(rounded) for name, column in table.items() if column.dtype.kind in "fO"}
     return table.assign(**columns)
