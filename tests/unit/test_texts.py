@@ -54,6 +54,6 @@ def test_published_numbers_have_the_digits_that_reproduce(tmp_path):
         save_table(content, tmp_path, name)
     written = (tmp_path / "here.csv").read_text()
     assert written == (tmp_path / "there.csv").read_text()
-    assert written.splitlines()[1] == f"0.333333333,1.0,0.333333333,12345678901,{2**62 + 1}"
+    assert written.splitlines()[1] == f"0.333333,1.0,0.333333,12345678901,{2**62 + 1}"
     assert written.splitlines()[4] == ",-0.0,,,3"
     assert table["exact"][0] == 1 / 3  # what is shown and kept is not rounded
