@@ -41,7 +41,6 @@ files written to results/STUDY/estimate/:
   budget.csv      where the uncertainty comes from: data, choice of law, sampling
   draws.csv       the crash probability under every draw of the law, with its relative sampling error
   exposure.csv    crashes per kilometre and hour, as far as the exposure of the records is known
-  compared.csv    the ratio to other vehicles, draw by draw (--compare)
   estimate.csv    probability, ci_low, ci_high, simulations under the mean law; one row a replicate
   runs.csv        every simulation: its cut-in, its phase, and whether it crashed
   account.csv     what became of every record

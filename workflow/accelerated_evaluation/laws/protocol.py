@@ -103,6 +103,11 @@ class Stratum(ABC):
     def second(self, lead_speed: ArrayLike, inverse_range: ArrayLike, closing_speed: ArrayLike) -> Array:
         """Return the second coordinate; it increases with the closing speed [m/s] for fixed v_L and R^-1."""
 
+    def second_at(self, lead_speed: Array, inverse_range: Array, closing_speeds: Array) -> Array:
+        """Return the second coordinate of several closing speeds [m/s] at each of n places, shape (n, m)."""
+        columns = [self.second(lead_speed, inverse_range, speed) for speed in closing_speeds.T]
+        return np.column_stack(columns)
+
     def log_first_slope(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
         """Return the log of the derivative of the first coordinate by R^-1.
 

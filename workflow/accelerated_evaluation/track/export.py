@@ -10,7 +10,7 @@ import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import write_csv, write_text
-from accelerated_evaluation.track.recipe import RECIPE
+from accelerated_evaluation.track.recipe import ALL_LAWS, ONE_LAW, RECIPE, WHOLE
 from accelerated_evaluation.track.scenarios import (
     LANE_CHANGE,
     RUN_UP,
@@ -20,7 +20,7 @@ from accelerated_evaluation.track.scenarios import (
 )
 from accelerated_evaluation.track.weighted_set import WeightedSet
 
-TABLE = "scenarios.csv"
+TABLE, WEIGHTS = "scenarios.csv", "weights.csv"
 
 
 def write_set(folder: str | os.PathLike, drawn: WeightedSet, origin: Mapping[str, str]) -> None:
@@ -55,6 +55,8 @@ def write_set(folder: str | os.PathLike, drawn: WeightedSet, origin: Mapping[str
         names = [f"scenario_{number:03d}" for number in drawn.table["scenario"]]
         write_scenarios(temporary, map(_scenario, names, drawn.table.to_dict("records")))
         write_csv(temporary / TABLE, table_of(drawn, names))
+        if drawn.draws is not None:
+            write_csv(temporary / WEIGHTS, drawn.draws)
         write_text(temporary / "README.md", page(drawn, origin))
         temporary.chmod(0o755)
         temporary.replace(folder)
@@ -84,6 +86,8 @@ def page(drawn: WeightedSet, origin: Mapping[str, str]) -> str:
         )
     )
     return RECIPE.format(
+        whole="" if drawn.draws is None else WHOLE.format(draws=drawn.draws.shape[1] - 1),
+        uncertainty=ONE_LAW if drawn.draws is None else ALL_LAWS,
         run_up=RUN_UP,
         begins=RUN_UP - LANE_CHANGE / 2,
         size=len(drawn.table),

@@ -56,7 +56,7 @@ interval = f"{{confidence:.0%}} interval {{low:.3g}} to {{high:.3g}}"
 print(f"crash probability {{probability:.3g}} per cut-in, {{interval}}")
 ```
 
-## Why this is right
+{whole}## Why this is right
 
 Cut-ins are sorted by the constant deceleration that just avoids the crash if it begins at once, a = C^2
 / (2 R) with closing speed C and range R, and cut into shells. Each shell has a known probability under
@@ -76,8 +76,7 @@ deceleration of {least} m/s^2 avoids. The set holds the other {harder}. Whatever
 in the easy cut-ins adds to the number that you get. If it crashes in shell 1, that is a sign that it
 crashes in easier cut-ins too; then ask for a set with a smaller deceleration.
 
-The number is that of the law of cut-ins below. How well the records know that law is another question,
-whose uncertainty is not in the interval.
+{uncertainty}
 
 | shell | deceleration needed [m/s^2] | probability | scenarios |
 | --- | --- | --- | --- |
@@ -86,4 +85,39 @@ whose uncertainty is not in the interval.
 ## Where it comes from
 
 {origin}
+"""
+
+ONE_LAW = """\
+The number is that of the law of cut-ins below. How well the records know that law is another question,
+whose uncertainty is not in the interval."""
+
+ALL_LAWS = """\
+The first interval is that of the drawing alone. The intervals by `weights.csv` also contain the uncertainty
+about the law of cut-ins, which a finite number of records leaves."""
+
+WHOLE = """\
+## The uncertainty of the records
+
+The records do not determine the law of cut-ins exactly. `weights.csv` has the weights of the scenarios under
+{draws} laws that agree with the records, drawn from their posterior: a row for each `scenario`, a column for
+each draw. Add these lines to the script:
+
+```python
+draws = list(csv.DictReader(open("weights.csv")))
+names = [name for name in draws[0] if name.startswith("draw")]
+crashed = [row for row in draws if crash[int(row["scenario"])]]
+sums = [sum(float(row[name]) for row in crashed) for name in names]
+if probability > 0:
+    error = math.sqrt(variance) / probability
+    noise = [statistics.NormalDist().inv_cdf((i + 0.5) / 25) for i in range(25)]
+    values = sorted(total * math.exp(error * z) for total in sums for z in noise)
+    print(f"median with the uncertainty of the records {{values[len(values) // 2]:.3g}}")
+    for level in (0.5, 0.8, 0.95):
+        ends = [values[round((len(values) - 1) * (1 + side * level) / 2)] for side in (-1, 1)]
+        print(f"{{level:.0%}} interval {{ends[0]:.3g}} to {{ends[1]:.3g}}")
+```
+
+Each draw gives its own crash probability. The values are widened by the error of the drawing, which is taken
+to be the same for all draws.
+
 """

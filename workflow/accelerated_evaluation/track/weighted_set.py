@@ -19,7 +19,9 @@ from scipy.special import ndtri
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws import CutIns, Law
+from accelerated_evaluation.laws.smooth.mean import MeanLaw
 
+DRAWS = 100  # of a mean law, under which the cut-ins are weighted
 PLACES = 20_000  # lead speeds and ranges at which the probabilities of the shells are computed
 GOLDEN = (math.sqrt(5) - 1) / 2
 SHELLS = 15
@@ -42,11 +44,15 @@ class WeightedSet:
         Deceleration [m/s^2] at which each shell begins; the last shell has no upper end.
     probabilities
         Probabilities of the shells under the law.
+    draws
+        Under a mean law, the weights of each cut-in under draws of the law: ``scenario``, then ``draw_001``
+        and so on. None under a law of which no draws are known.
     """
 
     table: pd.DataFrame
     edges: Array
     probabilities: Array
+    draws: pd.DataFrame | None = None
 
     @property
     def assumed_safe(self) -> float:
@@ -76,6 +82,8 @@ def draw_weighted_set(
         If the size or the deceleration is out of range, or a shell has no probability under the law.
     """
     _check(size, safe_deceleration)
+    if isinstance(law, MeanLaw):
+        law = law.thinned(DRAWS)
     edges = np.geomspace(safe_deceleration, HARDEST, SHELLS)
     places, stratum = _places(law, generator)
     begin = _tails(law, places, stratum, edges)
@@ -100,7 +108,17 @@ def draw_weighted_set(
             **dict(zip(("lead_speed", "range", "closing_speed"), drawn, strict=True)),
         }
     )
-    return WeightedSet(table, edges, probabilities)
+    draws = _draws(law, table) if isinstance(law, MeanLaw) else None
+    return WeightedSet(table, edges, probabilities, draws)
+
+
+def _draws(law: MeanLaw, table: pd.DataFrame) -> pd.DataFrame:
+    """Return the weight of each cut-in under every draw: its weight under their mean times f_k / f_mean."""
+    lead_speed, range_, speed = (table[name].to_numpy() for name in ("lead_speed", "range", "closing_speed"))
+    ratios = np.exp(law.log_ratios(CutIns(lead_speed, 1 / range_, speed / range_)))
+    weights = (ratios * table["weight"].to_numpy()).T
+    names = [f"draw_{number:03d}" for number in range(1, law.draws.size + 1)]
+    return pd.DataFrame(weights, columns=names).assign(scenario=table["scenario"])[["scenario", *names]]
 
 
 def _check(size: int, safe_deceleration: float) -> None:
@@ -134,10 +152,8 @@ def _tails(law: Law, places: CutIns, stratum: NDArray[np.intp], edges: Array) ->
     for index, part in enumerate(law.strata.values()):
         here = stratum == index
         lead_speed, inverse_range = places.lead_speed[here], places.inverse_range[here]
-        for column, edge in enumerate(edges):
-            closing_speed = np.sqrt(2 * edge / inverse_range)
-            second = part.second(lead_speed, inverse_range, closing_speed)
-            tails[here, column] = part.factors.second.sf(second)
+        closing_speeds = np.sqrt(2 * edges / inverse_range[:, None])
+        tails[here] = part.factors.second.sf(part.second_at(lead_speed, inverse_range, closing_speeds))
     return tails
 
 

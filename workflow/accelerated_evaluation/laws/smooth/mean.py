@@ -165,17 +165,20 @@ class MeanStratum(Stratum):
         """Return the score of the closing speed; infinite where that is."""
         arrays = np.broadcast_arrays(*_floats(lead_speed, inverse_range, closing_speed))
         lead, inverse_range, closing = (array.ravel() for array in arrays)
-        score = np.full(lead.size, math.inf)
-        finite = np.flatnonzero(np.isfinite(closing))
-        for part in _parts(finite.size):
-            at = finite[part]
-            range_ = 1 / inverse_range[at]
-            value = self._logarithm(inverse_range[at])
-            speeds, log_weight = self._speeds(
-                lead[at], range_, self._cell(self._places(lead[at], range_)), value
-            )
-            score[at] = _mixed(*speeds.at(closing[at]), log_weight)[0]
-        return score.reshape(arrays[0].shape)
+        return self.second_at(lead, inverse_range, closing[:, None]).reshape(arrays[0].shape)
+
+    def second_at(self, lead_speed: Array, inverse_range: Array, closing_speeds: Array) -> Array:
+        """Return the scores of several closing speeds at each of n places, shape (n, m)."""
+        score = np.full(closing_speeds.shape, math.inf)
+        for part in _parts(lead_speed.size):
+            lead, range_, closing = lead_speed[part], 1 / inverse_range[part], closing_speeds[part]
+            value, cell = self._logarithm(inverse_range[part]), self._cell(self._places(lead, range_))
+            speeds, log_weight = self._speeds(lead, range_, cell, value)
+            for column, speed in enumerate(closing.T):
+                finite = np.isfinite(speed)
+                found = _mixed(*speeds.at(np.where(finite, speed, 0.0)), log_weight)[0]
+                score[part, column] = np.where(finite, found, math.inf)
+        return score
 
     def log_densities(self, lead_speed: Array, range_: Array, closing_speed: Array) -> Array:
         """Return the log density of log(R_max / R) and closing speed under each draw, shape (K, n)."""
