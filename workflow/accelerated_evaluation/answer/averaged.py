@@ -129,6 +129,13 @@ class Course:
         progress = self.sampler.progress
         return self.reweighting.estimate(progress) if progress.happened.any() else None
 
+    def refined(self) -> SampledPosterior | None:
+        """Return the posterior of the sampled event with cross-fitted control variates."""
+        controls = self._controls()
+        if controls is None or not self.sampler.progress.happened.any():
+            return None
+        return self.reweighting.estimate(self.sampler.progress, controls=controls)
+
     def tables(
         self, sampled: Event, events: Sequence[Event], cut_ins_per_km: float | None
     ) -> dict[str, pd.DataFrame]:

@@ -217,11 +217,18 @@ def _tell(arguments: argparse.Namespace) -> None:
 
 
 def _status(arguments: argparse.Namespace) -> None:
-    from accelerated_evaluation.track.campaign_file import read_campaign
+    from accelerated_evaluation.track.campaign_file import law_of, read_campaign
     from accelerated_evaluation.track.status import in_words, status_of
+    from accelerated_evaluation.track.whole import whole_in_words
 
     campaign = read_campaign(arguments.campaign)
     print(in_words(campaign, status_of(campaign)))
+    try:
+        law = law_of(campaign)
+    except InputError as error:  # the status of the sampling needs no law
+        print(f"laws        the uncertainty of the records is not reported: {error}")
+    else:
+        print(*whole_in_words(campaign, law), sep="\n")
 
 
 def _event(text: str):  # noqa: ANN202
