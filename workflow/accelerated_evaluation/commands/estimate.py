@@ -41,6 +41,7 @@ files written to results/STUDY/estimate/:
   budget.csv      where the uncertainty comes from: data, choice of law, sampling
   draws.csv       the crash probability under every draw of the law, with its relative sampling error
   exposure.csv    crashes per kilometre and hour, as far as the exposure of the records is known
+  compared.csv    ratio to other vehicles, its 80 % interval, and the probability to be safer (--compare)
   estimate.csv    probability, ci_low, ci_high, simulations under the mean law; one row a replicate
   runs.csv        every simulation: its cut-in, its phase, and whether it crashed
   account.csv     what became of every record
@@ -108,6 +109,15 @@ class EstimateAlone:
             help="runs.csv of an earlier estimate, of a vehicle like this one and under the same law; "
             "it saves about two fifths of the simulations",
         )
+        command.add_argument(
+            "--compare",
+            metavar="FOLDER",
+            type=Path,
+            action="append",
+            default=[],
+            help="results/STUDY/estimate of another vehicle, under the same law: the ratio of the crash "
+            "probabilities, draw by draw",
+        )
         add_accept(command)
 
     @staticmethod
@@ -128,6 +138,12 @@ class EstimateAlone:
         for name, table in found.tables.items():
             write_csv(folder / f"{name}.csv", table)
         write_law(folder / "law.json", found.law, found.encounters)
+        if arguments.compare:
+            from accelerated_evaluation.answer.compared import compare_estimates
+
+            compared = compare_estimates(folder, arguments.compare)
+            write_csv(folder / "compared.csv", compared)
+            print(compared.to_string(index=False, float_format="{:.3g}".format))
         print(_in_words(found, 1 - config["importance_sampling"]["alpha"]), f"tables: {folder}", sep="\n")
 
 

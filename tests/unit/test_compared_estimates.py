@@ -1,0 +1,36 @@
+"""Two vehicles under the same draws: their ratio is far better known than the quotient of two intervals."""
+
+import numpy as np
+import pytest
+from accelerated_evaluation.answer.compared import compare, compare_estimates
+from accelerated_evaluation.answer.reweighting import SampledPosterior
+from accelerated_evaluation.base.errors import InputError
+from scipy.stats import norm
+
+SIZE = 3000
+LAW = np.random.default_rng(1).normal(0, 0.6, SIZE)  # the same for both vehicles
+OWN = np.random.default_rng(2).normal(0, 0.1, SIZE)
+
+
+def posterior(logs, error):
+    return SampledPosterior(np.exp(logs), np.full(SIZE, error), np.zeros(SIZE, int), 1000)
+
+
+def test_the_ratio_has_the_error_of_both_samplings_and_not_that_of_the_law():
+    found = compare(posterior(LAW + OWN - 0.2, 0.1), posterior(LAW, 0.05))
+    deviation = np.sqrt(0.1**2 + 0.1**2 + 0.05**2)
+    width = np.log(found["ratio_high80"] / found["ratio_low80"])
+    assert np.log(found["ratio"]) == pytest.approx(-0.2, abs=0.02)
+    assert width == pytest.approx(2 * norm.isf(0.1) * deviation, rel=0.06)
+    assert found["safer"] == pytest.approx(norm.cdf(0.2 / deviation), abs=0.02)
+    unpaired = compare(posterior(LAW + OWN - 0.2, 0.1), posterior(LAW[::-1], 0.05))  # other draws: wrong
+    assert np.log(unpaired["ratio_high80"] / unpaired["ratio_low80"]) > 3 * width
+
+
+def test_an_estimate_under_another_law_is_refused(tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "law.json").write_text(name)
+        (tmp_path / name / "draws.csv").write_text("draw\n")
+    with pytest.raises(InputError, match="draws of another law"):
+        compare_estimates(tmp_path / "a", [tmp_path / "b"])

@@ -1,0 +1,62 @@
+"""Two slow vehicles under the same draws of the law: the ratio of their crash probabilities, draw by draw."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy.special import stdtrit
+
+from accelerated_evaluation.answer.averaged import posterior_of
+from accelerated_evaluation.answer.reweighting import LEAST, NOISE, SampledPosterior
+from accelerated_evaluation.answer.summary import RATIO
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.digests import file_digest
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.tables import require_file
+
+CHANGE = "Name the folder results/STUDY/estimate of an estimate with the same records, seed and --law."
+
+
+def compare(own: SampledPosterior, other: SampledPosterior) -> dict[str, float]:
+    """Return the columns ``ratio`` (median), ``ratio_low80``, ``ratio_high80`` and ``safer``.
+
+    Both posteriors have the same draws. Their sampling errors are independent, so every draw gets all pairs
+    of `NOISE` equally likely errors of each. ``safer`` is the probability that the first crashes less often.
+    """
+    ratios = (own.probabilities / other.probabilities)[:, None, None]
+    ratios = (ratios * _noise(other)[:, None, :] / _noise(own)[:, :, None]).ravel()
+    quantiles = np.quantile(ratios, [0.5, 0.1, 0.9]).tolist()
+    return dict(zip(RATIO, quantiles, strict=True)) | {"safer": float(np.mean(ratios < 1))}
+
+
+def _noise(posterior: SampledPosterior) -> Array:
+    """Return estimate over probability for equally likely errors, shape (K, NOISE)."""
+    t = stdtrit(posterior.batches - 1, (np.arange(NOISE) + 0.5) / NOISE)
+    return np.maximum(1 + posterior.errors[:, None] * t, LEAST)
+
+
+def compare_estimates(own: Path, others: list[Path]) -> pd.DataFrame:
+    """Compare an estimate with others, by the files that `estimate` wrote.
+
+    The columns are ``other``, its folder, and those of `compare`.
+
+    Raises
+    ------
+    InputError
+        If a folder has no draws, or has draws of another law.
+    """
+    rows = []
+    for other in others:
+        for name in ("law.json", "draws.csv"):
+            require_file(other / name, CHANGE)
+        if file_digest(own / "law.json") != file_digest(other / "law.json"):
+            seen, expected = "draws of another law", "the same law.json"
+            raise InputError(str(other), seen=seen, expected=expected, change=CHANGE)
+        first = [posterior_of(_first(folder)) for folder in (own, other)]
+        rows.append({"other": str(other)} | compare(*first))
+    return pd.DataFrame(rows)
+
+
+def _first(folder: Path) -> pd.DataFrame:
+    draws = pd.read_csv(folder / "draws.csv")
+    return draws[draws["replicate"] == 0]
