@@ -45,7 +45,8 @@ files written to results/STUDY/estimate/:
   estimate.csv    probability, ci_low, ci_high, simulations under the mean law; one row a replicate
   runs.csv        every simulation: its cut-in, its phase, and whether it crashed
   account.csv     what became of every record
-  law.json        the law of cut-ins that was sampled, with its draws"""
+  law.json        the law of cut-ins that was sampled, with its draws, for `campaign new` and `export`
+  encounters.parquet  the encounter table that it was fitted to"""
 
 
 def _count(text: str) -> int:
@@ -126,6 +127,8 @@ class EstimateAlone:
         from accelerated_evaluation.answer.estimation import estimate_alone
         from accelerated_evaluation.base.files import write_csv
         from accelerated_evaluation.laws.files import write_law
+        from accelerated_evaluation.records.encounter_table import write_encounters
+        from accelerated_evaluation.records.sources import describe
         from accelerated_evaluation.study.configuration import load, resolved
 
         config = load(arguments.config)
@@ -138,6 +141,7 @@ class EstimateAlone:
         for name, table in found.tables.items():
             write_csv(folder / f"{name}.csv", table)
         write_law(folder / "law.json", found.law, found.encounters)
+        write_encounters(folder / "encounters.parquet", found.encounters, describe(config["data"]))
         if arguments.compare:
             from accelerated_evaluation.answer.compared import compare_estimates
 
