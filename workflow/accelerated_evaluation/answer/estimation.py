@@ -15,7 +15,7 @@ from accelerated_evaluation.answer.exposure import exposure_table
 from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.answer.reweighting import LEVEL, SampledPosterior
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.laws import Law
+from accelerated_evaluation.laws import CutIns, Law
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.mean import MeanLaw
 from accelerated_evaluation.methods import METHODS, Estimate
@@ -29,7 +29,9 @@ from accelerated_evaluation.records.segments import require_rows
 from accelerated_evaluation.records.sources import read_source
 from accelerated_evaluation.records.verdict import Verdict, verdict_on
 from accelerated_evaluation.vehicles.events import events_from
+from accelerated_evaluation.vehicles.external.alone import difference_when_alone
 from accelerated_evaluation.vehicles.external.slow import SlowVehicle, loaded_for
+from accelerated_evaluation.vehicles.protocol import Vehicle
 
 METHOD = "surrogate"
 RATE_DRAWS = 1000  # equally likely values of a probability, of which rates are made
@@ -57,6 +59,9 @@ class Alone:
         What the checks of the records say.
     encounters
         The encounter table.
+    warning
+        What a new copy of the vehicle did otherwise, see `alone.difference_when_alone`; None if nothing. No
+        estimate counts as converged then.
     """
 
     tables: Mapping[str, pd.DataFrame]
@@ -65,6 +70,7 @@ class Alone:
     vehicle: SlowVehicle | None
     verdict: Verdict
     encounters: pd.DataFrame
+    warning: str | None = None
 
 
 def estimate_alone(
@@ -114,7 +120,10 @@ def estimate_alone(
                 [child_generator(config["seed"], *method.stream(ALL, k)) for k in range(replicates)],
                 {"study": config["study"], "scope": ALL, "method": METHOD},
             )
+        warning = _reproduced(config["vehicle"], chosen, tables["runs"], vehicle)
     estimate = verdict.beside(tables.pop("estimates").assign(law=name))
+    if warning is not None:
+        estimate["converged"] = False
     named = tables | {"estimate": estimate, "account": account.table()}
     for name_of in ("answer", "budget", "draws"):  # which are of the crash under all laws, not of a method
         if name_of in named:
@@ -124,7 +133,17 @@ def estimate_alone(
     if len(named.get("draws", ())):
         named["exposure"] = _exposure(named["draws"], cut_ins, exposure)
     slow = vehicle if isinstance(vehicle, SlowVehicle) else None
-    return Alone(named, name, chosen, slow, verdict, encounters)
+    return Alone(named, name, chosen, slow, verdict, encounters, warning)
+
+
+def _reproduced(section: Mapping[str, Any], law: Law, runs: pd.DataFrame, vehicle: Vehicle) -> str | None:
+    """Return what a new copy of the vehicle does otherwise than in the runs of the last replicate."""
+    if getattr(vehicle, "deterministic", None) is False:
+        return None
+    own = runs[(runs["phase"] != "repeat") & (runs["replicate"] == runs["replicate"].max())]
+    cut_ins = CutIns(*(own[name].to_numpy() for name in ("lead_speed", "inverse_range", "inverse_ttc")))
+    encounters = np.array([cut_ins.lead_speed, cut_ins.range_, law.capped(cut_ins.closing_speed)])
+    return difference_when_alone(section, encounters, own["event"].to_numpy(dtype=bool))
 
 
 def _method(

@@ -157,6 +157,8 @@ def _in_words(found: "Alone", level: float) -> str:
     from accelerated_evaluation.methods.surrogate.lapses import chance_in_words
 
     lines = [*found.verdict.lines(), *_answers(found), f"law of cut-ins: {found.name}"]
+    if found.warning is not None:
+        lines.insert(0, f"warning: {found.warning}")
     for row in found.tables["estimate"].to_dict("records"):
         verdict = "converged" if row["converged"] else "not converged"
         probability = "not known yet" if math.isnan(row["probability"]) else f"{row['probability']:.3g}"
