@@ -41,7 +41,7 @@ def test_a_new_source_is_read_and_a_new_law_fitted_and_simulated(finished, tmp_p
     rows = pd.DataFrame(
         {
             "lead_speed": generator.uniform(2, 10, 600),
-            "range": 1 / generator.exponential(0.02, 600).clip(0.015, 1),
+            "range": 1 / (0.015 + generator.exponential(0.02, 600)),
             "closing_speed": generator.exponential(1, 600),
         }
     )

@@ -35,7 +35,8 @@ from accelerated_evaluation.answer.estimation import read_records
 from accelerated_evaluation.laws.files import write_law
 from accelerated_evaluation.study.configuration import load, resolved
 config = resolved(load(sys.argv[2:]))
-write_law(sys.argv[1], choose_law("answer", read_records(config)[0], config)[1])
+encounters, _ = read_records(config)
+write_law(sys.argv[1], choose_law("answer", encounters, config)[1], encounters)
 """
 
 

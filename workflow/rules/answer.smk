@@ -4,15 +4,6 @@
 # where nothing changes any more, the answer with its budget, its law, and as rates per kilometre and hour, the
 # calibration, and what happens in the likeliest crashes and the nearest records.
 
-
-def answered(name: str) -> dict:
-    """All that the map of a vehicle depends on; only that of the vehicle under test has other events than crashes."""
-    events = config["answer"]["events"]
-    if name != "under_test":
-        events = {quantity: [] for quantity in events}
-    return INPUTS.mapped(name, {"grid": config["answer"]["grid"], "events": events})
-
-
 # The folder of the map of each vehicle, which other studies of the same vehicle share, and the vehicle of each folder.
 FOLDERS = {name: map_folder(answered(name)) for name in VEHICLES}
 UNCAPPED = {Path(folder).name: name for name, folder in FOLDERS.items()}

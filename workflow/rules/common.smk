@@ -104,3 +104,22 @@ def log_of(*parts: str) -> str:
 def benchmark_of(*parts: str) -> str:
     """Path of a benchmark of this study: seconds and memory of the jobs of a rule."""
     return str(RESULTS.joinpath("benchmarks", *parts))
+
+
+def estimates_of(table):
+    """Files of a table that the methods give: of all methods, if all have it."""
+    suffix = "" if table == "estimates" else f"_{table}"
+    return [
+        result("estimates", f"{scope}_{method}{suffix}.csv")
+        for scope in SCOPES
+        for method in REPLICATED
+        if table in ("estimates", *METHODS[method].tables)
+    ]
+
+
+def answered(name: str) -> dict:
+    """All that the map of a vehicle depends on; only that of the vehicle under test has other events than crashes."""
+    events = config["answer"]["events"]
+    if name != "under_test":
+        events = {quantity: [] for quantity in events}
+    return INPUTS.mapped(name, {"grid": config["answer"]["grid"], "events": events})

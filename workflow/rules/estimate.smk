@@ -52,17 +52,6 @@ for _method in REPLICATED:
             "../scripts/estimate_probability.py"
 
 
-def estimates_of(table):
-    """Files of a table that the methods give: of all methods, if all have it."""
-    suffix = "" if table == "estimates" else f"_{table}"
-    return [
-        result("estimates", f"{scope}_{method}{suffix}.csv")
-        for scope in SCOPES
-        for method in REPLICATED
-        if table in ("estimates", *METHODS[method].tables)
-    ]
-
-
 rule collect_estimates:
     """Join the estimates of all methods, the courses of those that have one, and the runs of the others."""
     input:

@@ -17,10 +17,7 @@ FACTORS = {"full": 1.0, "half": 0.5, "quarter": 0.25}  # the full map is checked
 
 
 def main(problem: Mapping[str, Any], vehicle: Vehicle, outputs: Mapping[str, str], *, checked: bool) -> None:
-    """Write the map with all events as ``full``, and those of crashes alone as ``half`` and ``quarter``.
-
-    If ``checked``, the full map is compared with independent simulations; see `crash_map.checked`.
-    """
+    """Write the map with all events as ``full``, and those of crashes alone; see `crash_map.checked`."""
     grid = Grid(**problem["limits"], **problem["crash_map"]["grid"])
     is_sampled = False
     for name in (name for name in FACTORS if name in outputs):
