@@ -184,21 +184,28 @@ class Reweighting:
 
 
 def reweight(batch: TwoPhaseBatch, ratios: Ratios, happened: Array, control: Control) -> tuple[Array, Array]:
-    """Return the estimate of a batch under each draw, and its variance as observed, both of shape (K,).
+    """Reweight one batch of simulations, so that it estimates the probability of the event under each draw.
 
-    With all ratios 1 and the batch's own control variate both are those of `combining.estimate_batch`, but
-    that the kept points stand for the pool.
+    If all ratios are 1 and the control variate is that of the batch, the results are those of
+    `combining.estimate_batch`, except that the kept points replace the whole pool.
 
     Parameters
     ----------
     batch
-        Of the second phase.
+        A batch of the second phase.
     ratios
-        f_k / f_sampled at its points.
+        The density ratios f_k / f_sampled of the K draws at the points of the batch.
     happened
-        Whether the event happened, shape (n,).
+        Whether the event happened in each of the n simulations, shape (n,).
     control
-        The control variate.
+        The predicted probabilities of the event, which serve as control variate.
+
+    Returns
+    -------
+    estimate : numpy.ndarray
+        Estimated probability under each draw, shape (K,).
+    variance : numpy.ndarray
+        Observed variance of each estimate, shape (K,).
     """
     n, points = len(happened), max(len(batch.kept), 1)
     terms = ratios.runs * (batch.weight * (happened - control.runs) / batch.inclusion)

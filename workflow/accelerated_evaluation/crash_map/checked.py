@@ -51,7 +51,7 @@ class MapCheck:
 
     @property
     def in_words(self) -> str:
-        """What was found, in one sentence."""
+        """The difference between the map and the simulations, in one sentence."""
         size = f"{self.difference / self.mapped:+.1%}" if self.mapped else "infinitely many percent"
         return (
             f"The crash map is contradicted by simulations at random closing speeds: the crash "

@@ -214,7 +214,7 @@ def decide(state: NDArray, count: int, driver: Driver) -> None:
 
 @compiled
 def move(state: NDArray, count: int, driver: Driver) -> None:
-    """React and move on by one step; an encounter that is over stays where it is."""
+    """Advance ``count`` encounters by one time step; encounters that have ended do not change."""
     for i in range(count):
         wanted, ramp, waited, speed = state[WANTED, i], state[RAMP, i], state[WAITED, i], state[SPEED, i]
         moving, distance, offset = state[MOVING, i], state[DISTANCE, i], state[OFFSET, i]
