@@ -111,7 +111,8 @@ def _job(record: Mapping[str, Any]) -> Job:
         rule=record["rule"],
         script=f"workflow/scripts/{scripts[0]}" if scripts else "",
         logs=tuple(record["log"]),
-        inputs=tuple(record["input"]),
+        # A folder, such as the book, is no file of the crate.
+        inputs=tuple(path for path in record["input"] if not Path(path).is_dir()),
         outputs=[],
         checksums=record["input_checksums"],
         started=datetime.fromtimestamp(record["starttime"], UTC),
