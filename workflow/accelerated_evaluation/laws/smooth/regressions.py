@@ -244,7 +244,10 @@ class _Problem:
     def newton(self, values: Array) -> Array:
         """Return the maximum."""
         objective, score, information = self._at(values)
+        gain = np.inf
         for _ in range(ITERATIONS):
+            if not (np.isfinite(objective) and np.isfinite(score).all() and np.isfinite(information).all()):
+                break  # the parameters overflow, where the records do not determine them
             step = _ascent(information, score)
             gain, size = float(step @ score), 1.0
             trial = self._at(values + step)
