@@ -521,7 +521,7 @@ def test_the_command_writes_a_table_that_the_source_table_reads(
     ("content", "target", "reported"),
     [
         ("data: {source: spmd}", "found.csv", "expected a source of recordings"),
-        ("data: {source: spmd_raw}", "found.csv", "the path of the folder"),
+        ("data: {source: spmd_raw}", "found.csv", "expected a path, as the source is spmd_raw"),
         ("data: {source: spmd_raw, spmd_raw: {path: nowhere}}", "found.csv", "no such folder"),
         ("data: {source: spmd_raw, spmd_raw: {path: nowhere}}", "found.xlsx", "expected .parquet or .csv"),
     ],
