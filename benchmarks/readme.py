@@ -203,7 +203,7 @@ def certificates_table(certificates: pd.DataFrame) -> str:
 
 
 def successors_table(successors: pd.DataFrame) -> str:
-    """Return what the runs of a like vehicle save, as Markdown; the first variant is the vehicle itself."""
+    """Return what runs of a similar vehicle save, as Markdown; the first variant is the vehicle itself."""
     headings = (
         "variant",
         "crash probability",

@@ -64,5 +64,5 @@ def test_the_status_reports_the_answer_under_all_draws(campaign):
 
 def test_one_law_alone_has_no_such_answer(campaign, law):  # noqa: F811
     draws = law.draws
-    one = DependentLaw("", law.events, draws.ranges[0], draws.laws[0], law.lead_speeds, support=SUPPORT)
+    one = DependentLaw("", law.counts, draws.ranges[0], draws.laws[0], law.lead_speeds, support=SUPPORT)
     assert whole_in_words(campaign, one) == [ALONE]

@@ -32,7 +32,7 @@ def exact(few, draw):
     """P(C^2 / (2 R) > CRASH) under one draw, over a lattice of lead speeds and ranges."""
     draws = few.draws
     one = DependentLaw(
-        "", few.events, draws.ranges[draws.shared[draw]], draws.laws[draw], few.lead_speeds, support=SUPPORT
+        "", few.counts, draws.ranges[draws.shared[draw]], draws.laws[draw], few.lead_speeds, support=SUPPORT
     )
     places, _ = _places(one, np.random.default_rng(1))
     speed = np.sqrt(2 * CRASH * places.range_)

@@ -42,7 +42,8 @@ class Control:
     def by(cls, belief: Belief, batch: TwoPhaseBatch) -> "Control":
         """Return the probability by another surrogate, and 0 where the batch's own control variate is 0.
 
-        The kept points stand for the places where the own one is above 0, so nothing is known elsewhere.
+        The kept points cover the places where the batch's own control variate is above 0, so nothing is
+        known elsewhere.
         """
         if not len(batch.kept):
             return cls.own(batch)

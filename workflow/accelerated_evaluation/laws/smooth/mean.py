@@ -225,7 +225,7 @@ class MeanLaw(Law):
     ----------
     description
         The data that it was fitted to, in words.
-    events
+    counts
         Number of lane changes by segment of v_L, by rising speed; the law is the same in all.
     draws
         The draws that it is the mean of.
@@ -240,7 +240,7 @@ class MeanLaw(Law):
     kind: ClassVar[str] = "mean"
 
     description: str
-    events: Mapping[str, int]
+    counts: Mapping[str, int]
     draws: LawDraws = field(compare=False)
     lead_speeds: Mapping[str, Empirical] = field(compare=False)
     closing_speed_max: float = math.inf
@@ -257,18 +257,18 @@ class MeanLaw(Law):
     @property
     def shares(self) -> dict[str, float]:
         """Share of the lane changes that fall into each segment."""
-        total = sum(self.events.values())
-        return {segment: count / total for segment, count in self.events.items()}
+        total = sum(self.counts.values())
+        return {segment: count / total for segment, count in self.counts.items()}
 
     @property
     def strata(self) -> dict[str, MeanStratum]:
         """The law in each segment."""
-        return {segment: MeanStratum(self.lead_speeds[segment], self.draws) for segment in self.events}
+        return {segment: MeanStratum(self.lead_speeds[segment], self.draws) for segment in self.counts}
 
     def only(self, stratum: str) -> Self:
         """Return the law of one segment alone, whose share is then one."""
-        events, lead_speeds = {stratum: self.events[stratum]}, {stratum: self.lead_speeds[stratum]}
-        return replace(self, events=events, lead_speeds=lead_speeds)
+        counts, lead_speeds = {stratum: self.counts[stratum]}, {stratum: self.lead_speeds[stratum]}
+        return replace(self, counts=counts, lead_speeds=lead_speeds)
 
     def thinned(self, size: int) -> Self:
         """Return the mean of fewer draws."""
@@ -287,7 +287,7 @@ class MeanLaw(Law):
             if law.threshold is not None:
                 levels[law.threshold.level] = law.threshold.table.tolist()
         return {
-            "events": dict(self.events),
+            "counts": dict(self.counts),
             "support": draws.support.content(),
             "range": [{"log_hazard": ranges.coefficients.tolist()} for ranges in draws.ranges],
             "closing_speed": [{"log_hazard": body.coefficients.tolist()} for body in draws.bodies],
@@ -319,8 +319,8 @@ class MeanLaw(Law):
         shared = np.array([part["shared"] for part in content["draws"]])
         names = tuple(part["name"] for part in content["draws"])
         draws = LawDraws(ranges, bodies, laws, shared, names, support)
-        events = content["events"]
-        return cls(description, events, draws, recorded_lead_speeds(encounters, events), closing_speed_max)
+        counts = content["counts"]
+        return cls(description, counts, draws, recorded_lead_speeds(encounters, counts), closing_speed_max)
 
 
 def _tail_content(law: SpeedLaw) -> dict[str, Any]:

@@ -178,11 +178,13 @@ class State:
         InputError
             If the content is not the state of a sampler, is of another version, or is damaged.
         """
-        anew = "Name a path where there is no file yet, and the sampler starts from the beginning."
+        restart = "Name a path where there is no file yet, and the sampler starts from the beginning."
         if not isinstance(content, Mapping) or content.get("format") != FORMAT:
-            raise InputError(where, seen="no state of a sampler", expected=f"format {FORMAT!r}", change=anew)
+            raise InputError(
+                where, seen="no state of a sampler", expected=f"format {FORMAT!r}", change=restart
+            )
         if (version := content.get("version")) != VERSION:
-            raise InputError(where, seen=f"version {version}", expected=f"version {VERSION}", change=anew)
+            raise InputError(where, seen=f"version {version}", expected=f"version {VERSION}", change=restart)
         damage = "a checksum that does not belong to the content, so the file is damaged"
         if content.get("checksum") == _checksum(content.get("state")):
             try:
@@ -193,7 +195,7 @@ class State:
             where,
             seen=damage,
             expected="a file as the sampler wrote it",
-            change=f"Restore the file from a copy. {anew}",
+            change=f"Restore the file from a copy. {restart}",
         )
 
     def check(self, *, fingerprint: str, dimension: int, batch_size: int, where: str) -> None:

@@ -22,12 +22,12 @@ def rows_outside_limits(records: Records) -> Finding:
     share = len(rows) / max(len(closing), 1)
     left_out = records.valid.loc[rows]
     impossible = int(((left_out["lead_speed"] > FASTEST_CAR) | (left_out["range"] > FARTHEST)).sum())
-    told = f", {impossible:,} with a lead speed above {FASTEST_CAR:g} m/s or a range above {FARTHEST:g} m"
+    reason = f", {impossible:,} with a lead speed above {FASTEST_CAR:g} m/s or a range above {FARTHEST:g} m"
     is_many = share > 0.5 or impossible > MANY * len(closing)
     return Finding(
         FINE if len(rows) == 0 else STOP if is_many else LOOK,
         "closing rows outside of the limits of lead speed and range (filters)",
-        f"{len(rows):,} of {len(closing):,} rows ({share:.1%}){told if impossible else ''}",
+        f"{len(rows):,} of {len(closing):,} rows ({share:.1%}){reason if impossible else ''}",
         share,
         "Correct the units of impossible rows. Else widen the limits in filters, or set them to auto; the "
         "result is valid inside the limits only.",
