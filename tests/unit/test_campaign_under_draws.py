@@ -44,7 +44,7 @@ def exact(few):
     """P(C^2 / (2 R) > LIMIT) under every draw, over a lattice of lead speeds and ranges."""
     draws, probabilities = few.draws, []
     for shared, speeds in zip(draws.shared, draws.laws, strict=True):
-        one = DependentLaw("", few.events, draws.ranges[shared], speeds, few.lead_speeds, support=SUPPORT)
+        one = DependentLaw("", few.counts, draws.ranges[shared], speeds, few.lead_speeds, support=SUPPORT)
         places, _ = _places(one, np.random.default_rng(1))
         speed = np.sqrt(2 * LIMIT * places.range_)
         second = one.strata["5-15"].second(places.lead_speed, places.inverse_range, speed)
