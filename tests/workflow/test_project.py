@@ -73,6 +73,7 @@ def test_rooms_import_only_rooms_to_their_left():
         "records",
         "distributions",
         "laws",
+        "scenarios",
         "vehicles",
         "problem",
         "crash_map",

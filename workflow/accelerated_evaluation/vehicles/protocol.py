@@ -1,35 +1,11 @@
 """The protocol of a vehicle under test: its inputs and its outcomes."""
 
-from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-import numpy as np
-from numpy.typing import NDArray
-
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.scenarios.cut_in import Outcomes
 
-
-@dataclass(frozen=True)
-class Outcomes:
-    """What a batch of n simulated encounters ended in; every array has shape (n,).
-
-    Attributes
-    ----------
-    crash
-        Whether the range reached zero.
-    min_range
-        Smallest range [m], the start included; not positive where it crashed.
-    min_ttc
-        Smallest positive time to collision seen [s]; +inf if it never closed in.
-    impact_speed
-        Closing speed at the crash [m/s]; 0 where there was none. It is negative only where lateral motion
-        is simulated and the other car moves sideways into a slower host; see `driver.ReferenceDriver`.
-    """
-
-    crash: NDArray[np.bool_]
-    min_range: Array
-    min_ttc: Array
-    impact_speed: Array
+__all__ = ["Outcomes", "Vehicle", "repeats_itself"]
 
 
 @runtime_checkable

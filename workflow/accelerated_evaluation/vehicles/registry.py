@@ -1,8 +1,7 @@
-"""The registry of the built-in vehicles: a new one is one module in this room that registers its class."""
-
-from pathlib import Path
+"""The registry of the vehicles for cut-ins: a new one is one module in this room that registers its class."""
 
 from accelerated_evaluation.base.registry import Registry
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
-VEHICLES: Registry[type[Vehicle]] = Registry("vehicle", __package__, [str(Path(__file__).parent)])
+VEHICLES: Registry[type[Vehicle]] = CUT_IN.vehicles

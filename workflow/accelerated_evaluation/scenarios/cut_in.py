@@ -1,0 +1,108 @@
+"""The scenario cut-in: another vehicle changes into the lane of the vehicle under test, ahead of it.
+
+Only this module, the paper's laws, the records of lane changes and the vehicles themselves know the variables
+lead speed, range and closing speed.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.registry import Registry
+from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.scenarios.protocol import FLAG, Event, Fault, Scenario, Variable, outcome
+
+# The speed of light. Nothing drives as fast, so a larger number is an overflow or another quantity. The limit
+# is no lower, because laws of cut-ins without a cap on the closing speed do draw absurd speeds at very long
+# ranges, which are harmless; below this limit no square of a speed overflows in a vehicle's arithmetic.
+SPEED_LIMIT = 299_792_458.0  # [m/s]
+ROOM = Path(__file__).parents[1] / "vehicles"
+
+
+@dataclass(frozen=True)
+class Outcomes:
+    """What a batch of n simulated encounters ended in; every array has shape (n,).
+
+    Attributes
+    ----------
+    crash
+        Whether the range reached zero.
+    min_range
+        Smallest range [m], the start included; not positive where it crashed.
+    min_ttc
+        Smallest positive time to collision seen [s]; +inf if it never closed in.
+    impact_speed
+        Closing speed at the crash [m/s]; 0 where there was none. It is negative only where lateral motion
+        is simulated and the other car moves sideways into a slower host; see `driver.ReferenceDriver`.
+    """
+
+    crash: NDArray[np.bool_] = outcome(FLAG, "1 if the range reached 0, else 0")
+    min_range: Array = outcome("m", "smallest range; 0 or less after a crash")
+    min_ttc: Array = outcome("s", "smallest time to collision; inf if the host never closed in")
+    impact_speed: Array = outcome("m/s", "closing speed at the crash; 0 without one")
+
+
+def _input_rules(columns: Mapping[str, Array]) -> list[Fault]:
+    lead_speed, range_, closing_speed = columns.values()
+    light = f"at most {SPEED_LIMIT:.0f} m/s, the speed of light"
+    forwards = "at least minus the lead speed: the host drives forwards"
+    return [
+        (lead_speed > SPEED_LIMIT, "lead_speed", light),
+        (np.abs(closing_speed) > SPEED_LIMIT, "closing_speed", light),
+        (lead_speed < 0, "lead_speed", "a speed of 0 m/s or more"),
+        (range_ <= 0, "range", "a range above 0 m"),
+        (lead_speed + closing_speed < 0, "closing_speed", forwards),
+    ]
+
+
+def _outcome_rules(columns: Mapping[str, Array]) -> list[Fault]:
+    range_, crash, min_range, min_ttc, impact_speed = (
+        columns[name] for name in ("range", "crash", "min_range", "min_ttc", "impact_speed")
+    )
+    not_a_speed = ~(np.isfinite(impact_speed) & (impact_speed >= 0))
+    return [
+        (~np.isfinite(min_range), "min_range", "a finite number"),
+        (min_range > range_, "min_range", "at most the initial range"),
+        (crash & (min_range > 0), "min_range", "0 m or less where crash is true"),
+        (~crash & (min_range <= 0), "min_range", "above 0 m where crash is false"),
+        (~(min_ttc > 0), "min_ttc", "above 0 s, infinity if the host never closed in"),
+        (not_a_speed, "impact_speed", "a finite speed of 0 m/s or more"),
+        (~crash & (impact_speed != 0), "impact_speed", "0 m/s where crash is false"),
+    ]
+
+
+CUT_IN = SCENARIOS.add("cut_in")(
+    Scenario(
+        name="cut_in",
+        description="another vehicle changes into the lane of the vehicle under test, ahead of it",
+        variables=(
+            Variable("lead_speed", "m/s", 0, SPEED_LIMIT, "covariate", "speed of the lead vehicle, constant"),
+            Variable("range", "m", 0, np.inf, "modelled", "distance to it at the start"),
+            Variable(
+                "closing_speed",
+                "m/s",
+                -SPEED_LIMIT,
+                SPEED_LIMIT,
+                "modelled",
+                "host speed minus lead speed at the start",
+            ),
+        ),
+        outcome_type=Outcomes,
+        events=(
+            Event("crash", "min_ttc"),
+            Event("impact_speed", "min_ttc", threshold=5.0, is_above=True),
+            Event("min_range", "min_range", threshold=1.0),
+            Event("min_ttc", "min_ttc", threshold=1.0),
+        ),
+        vehicles=Registry("vehicle", "accelerated_evaluation.vehicles", [str(ROOM)]),
+        default_vehicle="acc_aeb",
+        read_records=read_encounters,
+        input_rules=_input_rules,
+        outcome_rules=_outcome_rules,
+    )
+)

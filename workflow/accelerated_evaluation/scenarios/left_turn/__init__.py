@@ -1,0 +1,64 @@
+"""The scenario left turn: a car turns left across the path of the oncoming vehicle under test.
+
+The records were made by instrumented cars in Michigan. They were published by the laboratory of the paper
+(zhao-lab/accelerated-evaluation, MIT licence), with the model of the vehicle that `vehicle` follows.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.registry import Registry
+from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.scenarios.protocol import FLAG, Event, Scenario, Variable, outcome
+
+
+@dataclass(frozen=True)
+class LeftTurnOutcomes:
+    """Outcomes of n simulated left turns; every array has shape (n,)."""
+
+    crash: NDArray[np.bool_] = outcome(FLAG, "1 if the centres of the vehicles came closer than 2.1 m")
+    ended: NDArray[np.bool_] = outcome(FLAG, "0 if the run was stopped at its longest duration")
+    min_distance: Array = outcome("m", "smallest distance of the centres")
+    impact_speed: Array = outcome("m/s", "relative speed at the crash; 0 without one")
+
+
+def _read_records(path: Path) -> pd.DataFrame:
+    from accelerated_evaluation.scenarios.left_turn.records import read_records
+
+    return read_records(path)
+
+
+LEFT_TURN = SCENARIOS.add("left_turn")(
+    Scenario(
+        name="left_turn",
+        description="a car turns left across the path of the oncoming vehicle under test",
+        variables=(
+            Variable(
+                "sdv_speed_mps", "m/s", 0, 35, "modelled", "speed of the vehicle under test at the start"
+            ),
+            Variable("turning_speed_mps", "m/s", 0, 60, "modelled", "speed of the turning car, constant"),
+            Variable(
+                "distance_to_conflict_m",
+                "m",
+                0,
+                150,
+                "modelled",
+                "distance of the vehicle under test to the conflict point when the car begins to turn",
+            ),
+        ),
+        outcome_type=LeftTurnOutcomes,
+        events=(
+            Event("crash", "min_distance"),
+            Event("impact_speed", "min_distance", threshold=5.0, is_above=True),
+        ),
+        vehicles=Registry("vehicle", __name__, __path__),
+        default_vehicle="acc_aeb",
+        read_records=_read_records,
+        records=Path("data/left_turn/records.csv.gz"),
+    )
+)

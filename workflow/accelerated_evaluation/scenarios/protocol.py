@@ -1,0 +1,283 @@
+"""The noun scenario: variables with limits, outcomes, events, records and vehicles of one kind of encounter.
+
+A scenario is one file that defines one `Scenario`. Its records are read by a second file, and each of its
+vehicles is a further file. Problems, methods, stores, commands and figures ask the scenario for the names,
+the units and the limits, and therefore work for every scenario.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import InputError
+
+FLAG = "0 or 1"  # unit of an outcome that is true or false
+CLUSTER, FITTED = "cluster", "fitted"  # columns of every table of records, next to those of the variables
+
+Fault = tuple[NDArray[np.bool_], str, str]
+"""Rows that break a rule, the column to name in the message, and what was expected there."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One variable of an encounter.
+
+    Attributes
+    ----------
+    name
+        Name of its column in tables, such as ``sdv_speed_mps``.
+    unit
+        Its unit.
+    low, high
+        Smallest and largest value that can be simulated, in this unit. Both are possible.
+    role
+        ``covariate`` if its law is the empirical distribution of the records, ``modelled`` if a law is
+        fitted.
+    description
+        What it is, in words.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    role: Literal["covariate", "modelled"]
+    description: str
+
+    @property
+    def in_words(self) -> str:
+        """Return the limits as text for a message, such as ``0 to 30 m/s``."""
+        return f"{self.low:g} to {self.high:g} {self.unit}"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One outcome of a simulated encounter.
+
+    Attributes
+    ----------
+    name
+        Name of its column in tables, and of the attribute of the outcomes.
+    unit
+        Its unit, or `FLAG` if it is true or false.
+    description
+        What it is, in words.
+    """
+
+    name: str
+    unit: str
+    description: str
+
+    @property
+    def is_flag(self) -> bool:
+        """Whether the outcome is true or false."""
+        return self.unit == FLAG
+
+
+def outcome(unit: str, description: str) -> Any:  # noqa: ANN401
+    """Return a dataclass field for one outcome; the class with these fields is a scenario's outcome type."""
+    return field(metadata={"unit": unit, "description": description})
+
+
+@dataclass(frozen=True)
+class Event:
+    """An event of an encounter: the crash, or an outcome above or below a threshold.
+
+    Attributes
+    ----------
+    quantity
+        Name of the outcome; a flag is an event without a threshold.
+    threshold
+        Threshold in the unit of the outcome.
+    is_above
+        Whether the event is a value above the threshold; otherwise it is a value at or below the threshold.
+    scored_by
+        Name of the outcome that becomes smaller the closer an encounter came to the event.
+    """
+
+    quantity: str
+    scored_by: str
+    threshold: float = 0.0
+    is_above: bool = False
+
+    def happens(self, outcomes: Any) -> NDArray[np.bool_]:  # noqa: ANN401
+        """Return whether the event happened in each simulated encounter."""
+        values = getattr(outcomes, self.quantity)
+        if values.dtype == bool:
+            return values
+        return values > self.threshold if self.is_above else values <= self.threshold
+
+    def score(self, outcomes: Any) -> Array:  # noqa: ANN401
+        """Return a score, shape (n,), that becomes smaller the closer an encounter came to the event.
+
+        If the event is a value above a threshold, such as an impact speed, crashes get smaller scores than
+        all other encounters, ordered by this value.
+        """
+        nearness = getattr(outcomes, self.scored_by)
+        return (
+            np.where(outcomes.crash, -getattr(outcomes, self.quantity), nearness)
+            if self.is_above
+            else nearness
+        )
+
+
+def _as_they_are(x: Array) -> Array:
+    return x
+
+
+def _no_rules(columns: Mapping[str, Array]) -> list[Fault]:
+    return []
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One kind of encounter: what varies in it, and what its records, outcomes, events and vehicles are.
+
+    Attributes
+    ----------
+    name
+        Name in the registry, in configurations and on the command line.
+    description
+        What happens in the encounter, in a sentence.
+    variables
+        The variables, in the order in which a vehicle receives them: ``vehicle.simulate(*columns)``.
+    outcome_type
+        Frozen dataclass of the outcomes, one array of shape (n,) for each; its fields are made by `outcome`.
+        The first is ``crash``. If it has a flag ``ended``, a run that was stopped at its longest duration has
+        neither crashed nor ended.
+    events
+        The events, the crash first.
+    vehicles
+        Registry of the built-in vehicles.
+    default_vehicle
+        Name of the vehicle that is simulated if none is named.
+    read_records
+        Function that reads a table of records and checks it. The result has the columns of the variables,
+        `CLUSTER` (driver or device, as text) and `FITTED` (whether laws are fitted to the row).
+    records
+        File of the records that come with the project, relative to its root; None if there are none.
+    to_inputs
+        Function that maps points in the space of the law, shape (n, d), to what a vehicle receives, in the
+        order of the variables, shape (n, d).
+    input_rules
+        Function that returns rules for encounters beyond the limits of the variables; it receives the columns
+        by name.
+    outcome_rules
+        Function that returns rules for the outcomes of a user's vehicle; it receives the columns of the
+        encounters and of the outcomes by name.
+    """
+
+    name: str
+    description: str
+    variables: Sequence[Variable]
+    outcome_type: type
+    events: Sequence[Event]
+    vehicles: Mapping[str, type]
+    default_vehicle: str
+    read_records: Callable[[Path], pd.DataFrame]
+    records: Path | None = None
+    to_inputs: Callable[[Array], Array] = _as_they_are
+    input_rules: Callable[[Mapping[str, Array]], list[Fault]] = _no_rules
+    outcome_rules: Callable[[Mapping[str, Array]], list[Fault]] = _no_rules
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the variables, which are the columns of a table of encounters."""
+        return tuple(variable.name for variable in self.variables)
+
+    @property
+    def dimension(self) -> int:
+        """Number d of variables."""
+        return len(self.variables)
+
+    @property
+    def limits(self) -> Array:
+        """Smallest and largest value of each variable, shape (d, 2)."""
+        return np.array([[variable.low, variable.high] for variable in self.variables])
+
+    @property
+    def outcomes(self) -> tuple[Outcome, ...]:
+        """The outcomes, in the order of the outcome type."""
+        return tuple(Outcome(each.name, **each.metadata) for each in fields(self.outcome_type))
+
+    def outcomes_of(self, columns: Sequence[ArrayLike]) -> Any:  # noqa: ANN401
+        """Return outcomes from their columns, in order, as numbers; flags become booleans."""
+        return self.outcome_type(
+            *(
+                np.asarray(column) > 0 if each.is_flag else np.ascontiguousarray(column, dtype=np.float64)
+                for each, column in zip(self.outcomes, columns, strict=True)
+            )
+        )
+
+    def checked(
+        self, *columns: ArrayLike, source: str = "encounters", rows: Sequence[int] | None = None
+    ) -> Array:
+        """Return the inputs of a simulation as one new array of shape (d, n), after checking them.
+
+        Parameters
+        ----------
+        *columns
+            The variables, in order, each of shape (n,).
+        source, rows
+            Name of the inputs, and number of each of their rows, for messages; by default rows are counted
+            from 0.
+
+        Raises
+        ------
+        InputError
+            If shapes differ, a value is not finite or is outside the limits of its variable, or a rule of the
+            scenario is broken. The message names the first such row.
+        """
+        encounters = self._stacked(columns, source)
+        with np.errstate(over="ignore", invalid="ignore"):
+            faults = self._faults(encounters)
+        first = [(int(np.argmax(wrong)), name, expected) for wrong, name, expected in faults if wrong.any()]
+        if first:
+            row, name, expected = min(first, key=lambda fault: fault[0])
+            raise InputError(
+                f"{source}, row {row if rows is None else rows[row]}, column {name}",
+                seen=repr(encounters[self.names.index(name), row].item()),
+                expected=expected,
+                change="Correct or remove this encounter.",
+            )
+        return encounters
+
+    def _stacked(self, columns: Sequence[ArrayLike], source: str) -> Array:
+        """Return the variables as one array of numbers, shape (d, n)."""
+        arrays = [np.asarray(column) for column in columns]
+        shapes = [array.shape for array in arrays]
+        if len(arrays) != self.dimension or arrays[0].ndim != 1 or len(set(shapes)) > 1:
+            raise InputError(
+                source,
+                seen=f"arrays of shapes {', '.join(map(str, shapes))}",
+                expected=f"{', '.join(self.names)}, arrays of one dimension and of equal length",
+                change="Pass one value of each for every encounter.",
+            )
+        try:
+            return np.array(arrays, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            change = "Pass arrays of floating-point numbers."
+            raise InputError(source, seen=str(error), expected="numbers", change=change) from error
+
+    def _faults(self, encounters: Array) -> list[Fault]:
+        """Return the rows that are not finite, break a rule, or are outside the limits of a variable."""
+        pairs = list(zip(self.variables, encounters, strict=True))
+        return [
+            *((~np.isfinite(values), each.name, "a finite number") for each, values in pairs),
+            *self.input_rules(dict(zip(self.names, encounters, strict=True))),
+            *(
+                ((values < each.low) | (values > each.high), each.name, each.in_words)
+                for each, values in pairs
+            ),
+        ]
+
+    def described(self, encounter: ArrayLike) -> str:
+        """Return a description of one encounter for messages."""
+        numbers = (f"{name} {value:g}" for name, value in zip(self.names, encounter, strict=True))
+        return f"the encounter {', '.join(numbers)}"
