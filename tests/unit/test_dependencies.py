@@ -26,6 +26,8 @@ MODULES = {
     "members/group/other.py": "",
     "members/helper.py": "@decorated(size=3)\ndef help(): ...\n",
     "registry.py": "class Registry: ...\n",
+    "far.py": "from house.registry import Registry\nALL = Registry('x', 'house.guests', ['guests'])\n",
+    "guests/guest.py": "from house import alone\nGUEST = ALL.add('guest')(print('made'))\n",
 }
 ONE = {"members/one.py", "shared.py", "alone.py"}  # what the first member needs
 
@@ -80,6 +82,14 @@ def test_who_looks_up_a_registry_depends_on_the_members_that_it_may_get(house, n
     modules = imported_modules([script], house, {} if named is None else {"members": named})
     found = {str(path.relative_to(house)) for path in modules}
     assert found == members | {"__init__.py", "members/__init__.py", "registry.py"}
+
+
+@pytest.mark.parametrize(("named", "members"), [("guest", {"guests/guest.py", "alone.py"}), ("none", set())])
+def test_a_registry_may_name_another_package_and_a_member_may_be_an_object(house, named, members):
+    script = house.parent / "script.py"
+    script.write_text("from house.far import ALL\n")
+    found = {str(path.relative_to(house)) for path in imported_modules([script], house, {"guests": [named]})}
+    assert found == members | {"__init__.py", "far.py", "registry.py"}
 
 
 def test_code_cells_of_a_notebook_count_and_its_text_does_not(house, tmp_path):

@@ -76,7 +76,8 @@ def modules_of(script: str, *notebooks: str, members=None):
 
     def modules(wildcards):
         looked_up = members(wildcards) if callable(members) else members
-        return [str(path) for path in imported_modules(sources, library, looked_up)]
+        all_looked_up = {"scenarios": ["cut_in"]} | (looked_up or {})
+        return [str(path) for path in imported_modules(sources, library, all_looked_up)]
 
     return modules
 

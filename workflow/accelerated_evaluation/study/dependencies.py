@@ -47,7 +47,7 @@ def imported_modules(
         module = waiting.pop()
         if module not in found:
             found.add(module)
-            waiting += [*_imports(module, package), *_registered(module, members or {})]
+            waiting += [*_imports(module, package), *_registered(module, package, members or {})]
     return sorted(found)
 
 
@@ -87,34 +87,43 @@ def _imports(source: Path, package: Path) -> frozenset[Path]:
     return frozenset(modules - {source})
 
 
-def _registered(module: Path, members: Mapping[str, Iterable[str]]) -> list[Path]:
+def _registered(module: Path, package: Path, members: Mapping[str, Iterable[str]]) -> list[Path]:
     """Return the modules that register the members of a registry.
 
     These are all modules of its package, or those that register one of the named members.
     """
-    if not _has_registry(module):
-        return []
-    room = module.parent
-    named = set(members[room.name]) if room.name in members else None
-    beside = room.rglob("*.py")
-    return [path for path in beside if (names := _names(path)) and (named is None or names & named)]
+    return [
+        path
+        for room in _rooms_of_registries(module, package)
+        for path in room.rglob("*.py")
+        if (names := _names(path)) and (room.name not in members or names & set(members[room.name]))
+    ]
 
 
 @cache
-def _has_registry(module: Path) -> bool:
-    return any(_makes_registry(node) for node in ast.walk(ast.parse(_code(module))))
+def _rooms_of_registries(module: Path, package: Path) -> frozenset[Path]:
+    """Return the folders of the registries that a module creates: its own, or the package that it names."""
+    calls = [node for node in ast.walk(ast.parse(_code(module))) if _makes_registry(node)]
+    named = [getattr(call.args[1], "value", None) if len(call.args) > 1 else None for call in calls]
+    return frozenset(
+        package.parent.joinpath(*name.split(".")) if isinstance(name, str) else module.parent
+        for name in named
+    )
 
 
 @cache
 def _names(module: Path) -> frozenset[str]:
-    """Return the names under which a module registers members: the texts that its decorators are given."""
-    decorators = [
-        decorator
+    """Return the names under which a module registers members.
+
+    They are the texts that its decorators are given, and those of calls such as ``SCENARIOS.add("cut_in")``.
+    """
+    calls = [
+        call
         for node in ast.walk(ast.parse(_code(module)))
-        for decorator in getattr(node, "decorator_list", [])
-        if isinstance(decorator, ast.Call) and decorator.args
+        for call in (*getattr(node, "decorator_list", []), getattr(node, "func", None))
+        if isinstance(call, ast.Call) and call.args
     ]
-    values = [getattr(decorator.args[0], "value", None) for decorator in decorators]
+    values = [getattr(call.args[0], "value", None) for call in calls]
     return frozenset(value for value in values if isinstance(value, str))
 
 

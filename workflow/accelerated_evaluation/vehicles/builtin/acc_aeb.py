@@ -8,8 +8,9 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.scenarios.compiled import available_threads, simulate_in_slices
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles.builtin.kernel import STEP, Car, simulate_slice
-from accelerated_evaluation.vehicles.builtin.threads import available_threads, simulate_in_slices
 from accelerated_evaluation.vehicles.builtin.traces import trace_car
 from accelerated_evaluation.vehicles.checks import checked_encounters
 from accelerated_evaluation.vehicles.parameters import check_number, parameter_error
@@ -165,4 +166,4 @@ class AccOnly(AccAeb):
 
 def simulate_encounters(car: AccAeb, encounters: Array, *, threads: int) -> Outcomes:
     """Simulate checked ``encounters`` of shape (3, n) on at most ``threads`` threads, fewer if n is small."""
-    return simulate_in_slices(simulate_slice, car.compiled(), encounters, threads=threads)
+    return simulate_in_slices(CUT_IN, simulate_slice, car.compiled(), encounters, threads=threads)

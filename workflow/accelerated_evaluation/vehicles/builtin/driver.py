@@ -7,9 +7,10 @@ from typing import Any, ClassVar
 import pandas as pd
 from numpy.typing import ArrayLike
 
+from accelerated_evaluation.scenarios.compiled import available_threads, simulate_in_slices
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles.builtin.driver_kernel import STEP, follow_slice
 from accelerated_evaluation.vehicles.builtin.driver_numbers import Driver
-from accelerated_evaluation.vehicles.builtin.threads import available_threads, simulate_in_slices
 from accelerated_evaluation.vehicles.builtin.traces import trace_driver
 from accelerated_evaluation.vehicles.checks import checked_encounters
 from accelerated_evaluation.vehicles.parameters import check_number, parameter_error, zero_or_more
@@ -102,7 +103,9 @@ class ReferenceDriver:
             If shapes differ or a value is out of its range; names the first such row, counted from 0.
         """
         encounters = checked_encounters(lead_speed, range_, closing_speed)
-        return simulate_in_slices(follow_slice, self.compiled(), encounters, threads=available_threads())
+        return simulate_in_slices(
+            CUT_IN, follow_slice, self.compiled(), encounters, threads=available_threads()
+        )
 
     def trace(self, lead_speed: float, range_: float, closing_speed: float) -> pd.DataFrame:
         """Return every state of one encounter, as described in `traces`.

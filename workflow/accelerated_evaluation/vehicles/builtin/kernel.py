@@ -8,12 +8,12 @@ masked store, which is slow. A step is three loops: in a single one the chain of
 the processor to overlap.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from accelerated_evaluation.scenarios.compiled import compiled
 
 STEP = 0.1  # [s], part of the model: sub-stepping changes verdicts
 STEPS = 80  # 8 s
@@ -44,15 +44,6 @@ class Car(NamedTuple):
     aeb_jerk: float
     friction_limit: float
     acceleration_step: float
-
-
-def compiled(function: Callable) -> Callable:
-    """Compile ``function``, and keep the result on disk where numba finds a place that can be written."""
-    options = {"error_model": "numpy", "nogil": True}
-    try:
-        return njit(cache=True, **options)(function)
-    except RuntimeError:  # no such place
-        return njit(**options)(function)
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""Compiled simulations on several threads."""
+"""Compiled simulations: how a function is compiled, and how a batch is divided among threads."""
 
 import os
 from collections.abc import Callable
@@ -8,32 +8,54 @@ from typing import Any
 
 import numba
 import numpy as np
+from numba import njit
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.vehicles.protocol import Outcomes
+from accelerated_evaluation.scenarios.protocol import Scenario
 
 SLICE_FOR_A_THREAD = 16_384  # encounters, some 5 ms: below that a second thread costs more than it gains
 
 
+def compiled(function: Callable) -> Callable:
+    """Compile ``function``, and keep the result on disk where numba finds a place that can be written."""
+    options = {"error_model": "numpy", "nogil": True}
+    try:
+        return njit(cache=True, **options)(function)
+    except RuntimeError:  # no such place
+        return njit(**options)(function)
+
+
 def simulate_in_slices(
-    simulate_slice: Callable, numbers: tuple[Any, ...], encounters: Array, *, threads: int
-) -> Outcomes:
+    scenario: Scenario,
+    simulate_slice: Callable,
+    numbers: tuple[Any, ...],
+    encounters: Array,
+    *,
+    threads: int,
+) -> Any:  # noqa: ANN401
     """Simulate a batch in equal slices, one for each thread; a small batch takes fewer threads.
 
     Parameters
     ----------
+    scenario
+        The scenario, which names the outcomes.
     simulate_slice
         Compiled function of (encounters, begin, end, numbers, outcomes) that releases Python's global lock
-        and writes crash, min_range, min_ttc and impact_speed to the columns of outcomes, shape (4, n).
+        and writes the outcomes of the encounters from ``begin`` to ``end`` to the columns of outcomes.
     numbers
         What it needs to know of the vehicle.
     encounters
-        Checked lead speed [m/s], range [m] and closing speed [m/s], shape (3, n).
+        Checked encounters, shape (d, n).
     threads
         The largest number of threads.
+
+    Returns
+    -------
+    object
+        The outcomes, of the scenario's type.
     """
     n = encounters.shape[1]
-    outcomes = np.empty((4, n))
+    outcomes = np.empty((len(scenario.outcomes), n))
     parts = max(1, min(threads, n // SLICE_FOR_A_THREAD))
     cuts = np.linspace(0, n, parts + 1, dtype=int).tolist()
     if parts == 1:
@@ -41,7 +63,7 @@ def simulate_in_slices(
     else:
         with ThreadPoolExecutor(parts) as pool:
             list(pool.map(lambda cut: simulate_slice(encounters, *cut, numbers, outcomes), pairwise(cuts)))
-    return Outcomes(outcomes[0] > 0, *outcomes[1:])
+    return scenario.outcomes_of(outcomes)
 
 
 def available_threads() -> int:
