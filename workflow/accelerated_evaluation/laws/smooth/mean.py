@@ -78,7 +78,9 @@ def _mixed(cumulative: Array, log_density: Array, log_weight: Array) -> tuple[Ar
     return score, hazard
 
 
-def solve(score: Callable[[Array], tuple[Array, Array]], level: Array, start: Array) -> Array:
+def solve(
+    score: Callable[[Array], tuple[Array, Array]], level: Array, start: Array, largest: float = math.inf
+) -> Array:
     """Return where an increasing function of n values, 0 at 0, reaches a level.
 
     Newton's method, with bisection where a step leaves the bracket that is known so far.
@@ -91,8 +93,10 @@ def solve(score: Callable[[Array], tuple[Array, Array]], level: Array, start: Ar
         Not negative, shape (n,).
     start
         Where to begin, above 0, shape (n,).
+    largest
+        Value at which the function is known to have reached every level.
     """
-    low, high, value = np.zeros(level.size), np.full(level.size, np.inf), start
+    low, high, value = np.zeros(level.size), np.full(level.size, largest), start
     has_settled = np.zeros(level.size, dtype=bool)
     for _ in range(STEPS):
         reached, slope = score(value)

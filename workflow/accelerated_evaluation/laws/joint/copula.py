@@ -1,0 +1,162 @@
+"""Laws with smooth margins: a Gaussian copula, and independent variables.
+
+Each margin is a mixture of truncated normal distributions of one variable. The copula is that of a normal
+distribution: the normal scores of the variables, each by its own margin, have a correlation matrix.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.laws.joint import JOINT_LAWS
+from accelerated_evaluation.laws.joint.protocol import Box, JointLaw, normalised
+from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
+
+MARGIN_COMPONENTS = (1, 2, 3, 4)  # of which the margin with the smallest BIC is taken
+STRONGEST = 0.999  # correlation
+
+
+@JOINT_LAWS.add("gaussian_copula")
+@dataclass(frozen=True, eq=False)
+class GaussianCopula(JointLaw):
+    """Smooth margins with a Gaussian copula.
+
+    Attributes
+    ----------
+    box
+        The variables and their limits.
+    margins
+        The distribution of each variable.
+    correlation
+        Correlation matrix of the normal scores, shape (d, d).
+    """
+
+    kind: ClassVar[str] = "gaussian_copula"
+
+    box: Box
+    margins: Sequence[TruncatedNormalMixture]
+    correlation: Array
+
+    @classmethod
+    def fit(
+        cls,
+        x: Array,
+        box: Box,
+        generator: np.random.Generator,
+        *,
+        weights: Array | None = None,
+        start: Self | None = None,
+    ) -> Self:
+        """Fit the margins, and then the correlations of the normal scores; see `JointLaw.fit`."""
+        box.require(x, "the records")
+        margins = tuple(
+            _margin(values, side(box, j), generator, weights, None if start is None else start.margins[j])
+            for j, values in enumerate(x.T)
+        )
+        z = _scores(margins, x)
+        second = z.T @ (normalised(weights, len(x))[:, None] * z) / len(x)
+        deviation = np.sqrt(np.diag(second))
+        correlation = np.clip(second / np.outer(deviation, deviation), -STRONGEST, STRONGEST)
+        np.fill_diagonal(correlation, 1.0)
+        return cls(box, margins, cls._correlation(correlation))
+
+    @classmethod
+    def _correlation(cls, estimated: Array) -> Array:
+        """Return the correlation matrix of this kind of law, given the estimated one."""
+        return estimated
+
+    @property
+    def n_parameters(self) -> int:
+        """Number of fitted parameters of the margins and of the copula."""
+        return (
+            sum(margin.n_parameters for margin in self.margins) + self.dimension * (self.dimension - 1) // 2
+        )
+
+    @cached_property
+    def _factor(self) -> Array:
+        return np.linalg.cholesky(self.correlation)
+
+    def log_density(self, x: Array) -> Array:
+        """Return the log density at points, shape (n, d); it is -inf outside the box."""
+        logs, inside = np.full(len(x), -np.inf), self.box.contains(x)
+        z = _scores(self.margins, x[inside])
+        e = np.linalg.solve(self._factor, z.T)
+        copula = 0.5 * ((z**2).sum(axis=1) - (e**2).sum(axis=0)) - np.log(np.diag(self._factor)).sum()
+        parts = (margin.log_density(x[inside, [j], None]) for j, margin in enumerate(self.margins))
+        logs[inside] = copula + sum(parts)
+        return logs
+
+    def sample(self, n: int, generator: np.random.Generator) -> Array:
+        """Draw n independent points, shape (n, d)."""
+        return self.from_normal_scores(generator.standard_normal((n, self.dimension)))
+
+    def from_normal_scores(self, z: Array) -> Array:
+        """Map normal scores to points, shape (n, d); see `JointLaw.from_normal_scores`."""
+        dependent = z @ self._factor.T
+        values = [margin.from_normal_scores(dependent[:, [j]]) for j, margin in enumerate(self.margins)]
+        return np.hstack(values)
+
+    def content(self) -> dict[str, Any]:
+        """Return the parameters for JSON."""
+        return {
+            "margins": [margin.content() for margin in self.margins],
+            "correlation": self.correlation.tolist(),
+        }
+
+    @classmethod
+    def from_content(cls, content: Mapping[str, Any], box: Box) -> Self:
+        """Build the law that `content` described."""
+        margins = tuple(
+            TruncatedNormalMixture.from_content(part, side(box, j))
+            for j, part in enumerate(content["margins"])
+        )
+        return cls(box, margins, np.array(content["correlation"], float))
+
+
+@JOINT_LAWS.add("independent_variables")
+@dataclass(frozen=True, eq=False)
+class IndependentVariables(GaussianCopula):
+    """Smooth margins without dependence."""
+
+    kind: ClassVar[str] = "independent_variables"
+
+    @classmethod
+    def _correlation(cls, estimated: Array) -> Array:
+        return np.eye(len(estimated))
+
+    @property
+    def n_parameters(self) -> int:
+        """Number of fitted parameters of the margins."""
+        return sum(margin.n_parameters for margin in self.margins)
+
+
+def side(box: Box, j: int) -> Box:
+    """Return the limits of one variable of a box."""
+    return Box((box.names[j],), (box.lower[j],), (box.upper[j],))
+
+
+def _margin(
+    values: Array,
+    box: Box,
+    generator: np.random.Generator,
+    weights: Array | None,
+    start: TruncatedNormalMixture | None,
+) -> TruncatedNormalMixture:
+    """Return the distribution of one variable, with as many components as the start or BIC say."""
+    x = values[:, None]
+    if start is not None:
+        return TruncatedNormalMixture.fit(x, box, generator, weights=weights, start=start)
+    fits = (
+        TruncatedNormalMixture.fit(x, box, generator, weights=weights, components=components)
+        for components in MARGIN_COMPONENTS
+    )
+    return min(fits, key=lambda law: law.fitted.bic)
+
+
+def _scores(margins: Sequence[TruncatedNormalMixture], x: Array) -> Array:
+    """Return the normal score of each variable by its own margin, shape (n, d)."""
+    return np.column_stack([margin.normal_scores(x[:, j]) for j, margin in enumerate(margins)])

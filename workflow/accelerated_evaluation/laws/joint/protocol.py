@@ -1,0 +1,163 @@
+"""Interface of a joint law: a probability distribution of the variables of a scenario within a box."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import InputError
+
+
+@dataclass(frozen=True)
+class Box:
+    """The limits of d named variables.
+
+    Attributes
+    ----------
+    names
+        Names of the variables, with their units at the end, as in column names.
+    lower, upper
+        Limits of each variable; both belong to the box.
+    """
+
+    names: tuple[str, ...]
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        ends = np.array([self.lower, self.upper], dtype=float)
+        if ends.shape != (2, len(self.names)) or not np.isfinite(ends).all() or not (ends[0] < ends[1]).all():
+            raise ValueError(f"each variable needs a lower limit below a finite upper limit, got {self}")
+
+    @property
+    def dimension(self) -> int:
+        """Number d of variables."""
+        return len(self.names)
+
+    @property
+    def volume(self) -> float:
+        """Product of the lengths of the sides."""
+        return float(np.prod(np.subtract(self.upper, self.lower)))
+
+    def contains(self, x: Array) -> NDArray[np.bool_]:
+        """Return whether points, shape (n, d), are in the box, shape (n,)."""
+        return ((x >= self.lower) & (x <= self.upper)).all(axis=1)
+
+    def require(self, x: Array, where: str) -> None:
+        """Raise InputError if a point, shape (n, d), is outside the box."""
+        outside = np.flatnonzero(~self.contains(x))
+        if outside.size:
+            row = outside[0]
+            limits = zip(self.names, self.lower, self.upper, strict=True)
+            raise InputError(
+                f"{where}, row {row + 1}",
+                seen=", ".join(f"{name} = {v:g}" for name, v in zip(self.names, x[row], strict=True))
+                + f" ({outside.size} rows are outside)",
+                expected=", ".join(f"{low:g} <= {name} <= {high:g}" for name, low, high in limits),
+                change="Correct the row, leave it out, or change the limits.",
+            )
+
+    def content(self) -> list[dict[str, Any]]:
+        """Return the variables with their limits, for JSON."""
+        parts = zip(self.names, self.lower, self.upper, strict=True)
+        return [{"name": name, "lower": low, "upper": high} for name, low, high in parts]
+
+    @classmethod
+    def from_content(cls, content: list[Mapping[str, Any]]) -> Self:
+        """Build the box that `content` described."""
+        names = tuple(str(part["name"]) for part in content)
+        return cls(names, *(tuple(float(part[end]) for part in content) for end in ("lower", "upper")))
+
+
+class JointLaw(ABC):
+    """A probability distribution of d variables within a box.
+
+    Attributes
+    ----------
+    kind
+        Name of this kind of law in the registry and in files.
+    box
+        The variables and their limits. The density is 0 outside.
+    """
+
+    kind: ClassVar[str]
+    box: Box
+
+    @property
+    def dimension(self) -> int:
+        """Number d of variables."""
+        return self.box.dimension
+
+    @classmethod
+    @abstractmethod
+    def fit(
+        cls,
+        x: Array,
+        box: Box,
+        generator: np.random.Generator,
+        *,
+        weights: Array | None = None,
+        start: Self | None = None,
+        **settings: int,
+    ) -> Self:
+        """Fit the law to records.
+
+        Parameters
+        ----------
+        x
+            Records within the box, shape (n, d).
+        box
+            The variables and their limits.
+        generator
+            Source of the random starting points.
+        weights
+            Weight of each record, shape (n,), as in a bootstrap sample; by default all are equal.
+        start
+            An earlier fit to similar records, from which the iterations begin.
+        settings
+            Settings of a kind of law, such as the number of components.
+
+        Raises
+        ------
+        InputError
+            If a record is outside the box.
+        """
+
+    @property
+    @abstractmethod
+    def n_parameters(self) -> int:
+        """Number of fitted parameters."""
+
+    @abstractmethod
+    def log_density(self, x: Array) -> Array:
+        """Return the log density at points, shape (n, d); it is -inf outside the box."""
+
+    @abstractmethod
+    def sample(self, n: int, generator: np.random.Generator) -> Array:
+        """Draw n independent points, shape (n, d)."""
+
+    @abstractmethod
+    def from_normal_scores(self, z: Array) -> Array:
+        """Map independent standard normal variables to points of the law, both of shape (n, d).
+
+        The map is that of Rosenblatt (1952): the first variable follows its marginal distribution, and every
+        further one its conditional distribution, given the variables before it.
+        """
+
+    @abstractmethod
+    def content(self) -> dict[str, Any]:
+        """Return the parameters for JSON."""
+
+    @classmethod
+    @abstractmethod
+    def from_content(cls, content: Mapping[str, Any], box: Box) -> Self:
+        """Build the law that `content` described."""
+
+
+def normalised(weights: Array | None, n: int) -> Array:
+    """Return weights of n records with the sum n; they are 1 by default."""
+    return np.ones(n) if weights is None else weights * (n / weights.sum())
