@@ -193,3 +193,50 @@ def test_help_is_complete(capsys):
         assert stop.value.code == 0
         text = capsys.readouterr().out
         assert all(word in text for word in words)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--scenario", "left_turn", "--vehicle", "cc_human"], "a vehicle of the scenario cut_in; expected"),
+        (
+            ["--scenario=left_turn", "--vehicle=command", "--parameter=command=ls"],
+            "seen no column sdv_speed_mps among",
+        ),
+        (["--scenario", "left_trun"], "Did you mean left_turn"),
+        (["--scenario", "pedestrian", "--closing-speed-max", "3"], "seen the scenario pedestrian; expected"),
+    ],
+)
+def test_what_does_not_belong_to_a_scenario_is_named(table, capsys, options, message):
+    assert table("lead_speed,range,closing_speed\n10,20,1\n", *options)[0] == 2
+    assert message in capsys.readouterr().err
+
+
+def test_encounters_of_any_scenario_are_simulated_by_a_user_s_class(table, tmp_path, capfd, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("car.py").write_text(TURNING)
+    text = "distance_to_conflict_m,sdv_speed_mps,turning_speed_mps,crash,note\n50,10,6,1,a\n70,20,6,0,b\n"
+    status, target = table(text, "--scenario", "left_turn", "--vehicle", "car.py:Turning")
+    assert status == 0
+    out = pd.read_csv(target)
+    assert out["note"].tolist() == ["a", "b"]
+    assert out["crash"].tolist() == [0, 1]
+    assert out["ended"].tolist() == [0, 1]
+    assert out["min_distance"].tolist() == [40, 50]
+    assert "1 runs did not end" in capfd.readouterr().err
+    outside = text.replace("50,10", "50,99")
+    assert table(outside, "--scenario", "left_turn", "--vehicle", "car.py:Turning")[0] == 2
+    assert "row 2, column sdv_speed_mps: seen 99.0; expected 0 to 35 m/s" in capfd.readouterr().err
+
+
+TURNING = """
+from types import SimpleNamespace
+import numpy as np
+class Turning:
+    def simulate(self, speed, turning_speed, distance):
+        far = distance - speed
+        names = [each for each in SCENARIO.outcome_names if each not in ("crash", "ended")]
+        numbers = dict.fromkeys(names, far)
+        return SimpleNamespace(crash=speed > 15, ended=speed > 15, **numbers)
+from accelerated_evaluation.scenarios.left_turn import LEFT_TURN as SCENARIO
+"""

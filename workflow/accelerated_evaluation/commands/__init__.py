@@ -49,6 +49,27 @@ def add_law(command: argparse.ArgumentParser) -> None:
     )
 
 
+def add_scenario(command: argparse.ArgumentParser) -> None:
+    """Add the arguments for the scenario and the vehicle."""
+    from accelerated_evaluation.scenarios import SCENARIOS
+    from accelerated_evaluation.vehicles.loading import vehicles_of
+
+    command.add_argument(
+        "--scenario",
+        metavar="NAME",
+        default="cut_in",
+        help=f"kind of encounter: {', '.join(SCENARIOS)} (default: %(default)s)",
+    )
+    names = "; ".join(f"{name}: {', '.join(vehicles_of(each))}" for name, each in SCENARIOS.items())
+    defaults = dict.fromkeys(each.default_vehicle for each in SCENARIOS.values())
+    command.add_argument(
+        "--vehicle",
+        metavar="NAME",
+        help=f"vehicle of the scenario ({names}), or path/to/file.py:ClassName for your own (default: "
+        f"{' or '.join(defaults)})",
+    )
+
+
 def add_seed(command: argparse.ArgumentParser) -> None:
     """Add the argument for the root seed of all randomness."""
     command.add_argument("--seed", type=int, default=1, help="root of all randomness (default: 1)")

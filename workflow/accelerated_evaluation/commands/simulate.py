@@ -2,11 +2,14 @@
 
 import argparse
 import csv
+import gzip
 import math
 import os
-from collections.abc import Iterable, Iterator
+import sys
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import islice
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple, TextIO
 
 import numpy as np
@@ -15,29 +18,35 @@ from tqdm import tqdm
 
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import atomic_path
-from accelerated_evaluation.commands import COMMANDS
-from accelerated_evaluation.vehicles.checks import INPUTS, OUTCOMES, checked_encounters
+from accelerated_evaluation.commands import COMMANDS, add_scenario
+from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios.protocol import ENDED, Scenario
 from accelerated_evaluation.vehicles.external.apart import run_apart
 from accelerated_evaluation.vehicles.loading import load_vehicle
-from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
-from accelerated_evaluation.vehicles.registry import VEHICLES
+from accelerated_evaluation.vehicles.protocol import Vehicle
 
 CHUNK = 100_000  # rows in memory at a time
-DESCRIPTION = """\
-Simulate cut-ins, one a row of IN.csv, and write the table with their outcomes.
+INTRODUCTION = "Simulate encounters, one a row of IN.csv, and write the table with their outcomes."
+RULES = """\
+The added columns are at the end, and replace columns of the same name. All other columns are carried through
+unchanged. Runs that were stopped at their longest duration have 0 in the column ended, and are counted in a
+warning."""
 
-columns read:
-  lead_speed      speed of the lead vehicle, constant [m/s], 0 or more
-  range           distance to it at the start [m], above 0
-  closing_speed   host speed minus lead speed at the start [m/s]
 
-columns added at the end (replacing any of the same name):
-  crash           1 if the range reached 0, else 0
-  min_range       smallest range [m]; 0 or less after a crash
-  min_ttc         smallest time to collision [s]; inf if the host never closed in
-  impact_speed    closing speed at the crash [m/s]; 0 without one
-
-All other columns are carried through unchanged."""
+def _description() -> str:
+    """Return the description of the command, with the columns of every scenario."""
+    parts = [INTRODUCTION]
+    for scenario in SCENARIOS.values():
+        width = max(map(len, (*scenario.names, *scenario.outcome_names))) + 2
+        lines = [f"columns read for the scenario {scenario.name} ({scenario.description}):"]
+        lines += [
+            f"  {each.name:<{width}}{each.description} [{each.in_words}]" for each in scenario.variables
+        ]
+        lines += ["columns added:"]
+        lines += [f"  {each.name:<{width}}{each.description} [{each.unit}]" for each in scenario.outcomes]
+        parts.append("\n".join(lines))
+    return "\n\n".join([*parts, RULES])
 
 
 class Row(NamedTuple):
@@ -59,24 +68,19 @@ _speed.__name__ = "positive speed"  # argparse names the type in its message
 
 @COMMANDS.add("simulate")
 class Simulate:
-    """Simulate the cut-ins of a table."""
+    """Simulate the encounters of a table."""
 
-    help = "simulate the cut-ins of a table"
-    description = DESCRIPTION
+    help = "simulate the encounters of a table"
+    description = _description()
 
     @staticmethod
     def add_arguments(command: argparse.ArgumentParser) -> None:
-        """Add the files, the vehicle and its cap."""
-        command.add_argument("source", metavar="IN.csv", type=Path, help="table of cut-ins, with a header")
+        """Add the files, the scenario, the vehicle and its cap."""
+        command.add_argument("source", metavar="IN.csv", type=Path, help="table of encounters, with a header")
         command.add_argument(
             "target", metavar="OUT.csv", type=Path, help="table to write, whole or not at all"
         )
-        command.add_argument(
-            "--vehicle",
-            metavar="NAME",
-            default="acc_aeb",
-            help=f"{', '.join(VEHICLES)}, or path/to/file.py:ClassName for your own (default: %(default)s)",
-        )
+        add_scenario(command)
         command.add_argument(
             "--parameter",
             metavar="NAME=VALUE",
@@ -88,21 +92,29 @@ class Simulate:
             "--closing-speed-max",
             metavar="SPEED",
             type=_speed,
-            help="simulate larger closing speeds as this one [m/s]; the study uses 23.49 (default: no limit)",
+            help="of cut-ins, simulate larger closing speeds as this one [m/s]; the study uses 23.49 "
+            "(default: no limit)",
         )
 
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
         """Simulate the table."""
         parameters = _parameters(arguments.parameter)
-        limit = math.inf if arguments.closing_speed_max is None else arguments.closing_speed_max
+        scenario = SCENARIOS[arguments.scenario]
+        name = arguments.vehicle or scenario.default_vehicle
+        caps = {} if arguments.closing_speed_max is None else {"closing_speed": arguments.closing_speed_max}
+        if caps and scenario is not CUT_IN:
+            change = "Leave it out; it caps the closing speeds of cut-ins."
+            raise InputError(
+                "--closing-speed-max", seen=f"the scenario {scenario.name}", expected="cut_in", change=change
+            )
 
         def simulate() -> None:
-            vehicle = load_vehicle(arguments.vehicle, **parameters)
-            simulate_table(arguments.source, arguments.target, vehicle, closing_speed_max=limit)
+            vehicle = load_vehicle(name, scenario, **parameters)
+            simulate_table(arguments.source, arguments.target, vehicle, scenario, caps)
 
-        if ":" in arguments.vehicle or arguments.vehicle == "fmu":
-            run_apart(simulate, f"vehicle {arguments.vehicle}")
+        if ":" in name or name == "fmu":
+            run_apart(simulate, f"vehicle {name}")
         else:
             simulate()
 
@@ -132,23 +144,28 @@ def _parameters(texts: Iterable[str]) -> dict[str, Any]:
 
 
 def simulate_table(
-    source: Path, target: Path, vehicle: Vehicle, *, closing_speed_max: float = math.inf
+    source: Path,
+    target: Path,
+    vehicle: Vehicle,
+    scenario: Scenario = CUT_IN,
+    caps: Mapping[str, float] = MappingProxyType({}),
 ) -> None:
-    """Simulate the cut-ins of a CSV file, and write them with their outcomes to another one.
+    """Simulate the encounters of a CSV file, and write them with their outcomes to another one.
 
     The files are processed in chunks.
 
     Parameters
     ----------
     source
-        CSV file with a header and the columns lead_speed [m/s], range [m] and closing_speed [m/s].
+        CSV file with a header and the columns of the scenario's variables; it may be compressed (.gz).
     target
-        CSV file to write; the columns crash (0 or 1), min_range [m], min_ttc [s] and impact_speed [m/s] are
-        added.
+        CSV file to write; the columns of the scenario's outcomes are added.
     vehicle
         The car under test.
-    closing_speed_max
-        Larger closing speeds are simulated as this one [m/s]; the table keeps the original values.
+    scenario
+        The scenario.
+    caps
+        Variables of which larger values are simulated as this one; the table keeps the original values.
 
     Raises
     ------
@@ -158,25 +175,30 @@ def simulate_table(
     with _opened(source) as file:
         rows = _rows(file, source)
         header = [name.strip() for name in next(rows, Row(0, [])).fields]
-        inputs = [_position(header, name, source) for name in INPUTS]
-        carried = [column for column, name in enumerate(header) if name not in OUTCOMES]
+        inputs = [_position(header, name, source, scenario) for name in scenario.names]
+        carried = [column for column, name in enumerate(header) if name not in scenario.outcome_names]
+        highest = np.array([[caps.get(name, math.inf)] for name in scenario.names])
+        not_ended = 0
         with atomic_path(target) as temporary, temporary.open("w", encoding="utf-8", newline="") as out:
             writer = csv.writer(out, lineterminator="\n")
-            writer.writerow([header[column] for column in carried] + list(OUTCOMES))
+            writer.writerow([header[column] for column in carried] + list(scenario.outcome_names))
             while chunk := list(islice(rows, CHUNK)):
                 columns = [_numbers(chunk, column, header, source) for column in inputs]
                 numbers = [row.number for row in chunk]
-                lead_speed, range_, closing_speed = checked_encounters(
-                    *columns, source=str(source), rows=numbers
-                )
-                outcomes = vehicle.simulate(lead_speed, range_, np.minimum(closing_speed, closing_speed_max))
+                encounters = scenario.checked(*columns, source=str(source), rows=numbers)
+                outcomes = vehicle.simulate(*np.minimum(encounters, highest))
+                not_ended += np.count_nonzero(~getattr(outcomes, ENDED, np.array([], bool)))
                 kept = ([row.fields[column] for column in carried] for row in chunk)
-                writer.writerows(old + list(new) for old, new in zip(kept, _records(outcomes), strict=True))
+                added = _records(outcomes, scenario)
+                writer.writerows(old + list(new) for old, new in zip(kept, added, strict=True))
+    if not_ended:
+        print(f"warning: {not_ended:,} runs did not end; see the column {ENDED} of {target}", file=sys.stderr)
 
 
 def _opened(source: Path) -> TextIO:
+    opened = gzip.open if source.suffix == ".gz" else open
     try:
-        return source.open(encoding="utf-8-sig", newline="")
+        return opened(source, "rt", encoding="utf-8-sig", newline="")
     except OSError as error:
         seen = (error.strerror or str(error)).lower()
         raise InputError(str(source), seen=seen, expected="a CSV file", change="Correct its path.") from error
@@ -209,13 +231,14 @@ def _rows(file: TextIO, source: Path) -> Iterator[Row]:
 def _with_progress(file: TextIO) -> Iterator[str]:
     """Yield the lines of a file; a bar on a terminal shows how much is read, from one second on."""
     size = os.fstat(file.fileno()).st_size or None
+    size = None if isinstance(getattr(file, "buffer", None), gzip.GzipFile) else size
     with tqdm(desc="simulate", total=size, unit="B", unit_scale=True, delay=1, disable=None) as progress:
         for line in file:
             progress.update(len(line))
             yield line
 
 
-def _position(header: list[str], name: str, source: Path) -> int:
+def _position(header: list[str], name: str, source: Path, scenario: Scenario) -> int:
     """Return where the header has the column ``name``, which must be there once."""
     if header.count(name) != 1:
         from accelerated_evaluation.base.tables import listed
@@ -224,7 +247,7 @@ def _position(header: list[str], name: str, source: Path) -> int:
         raise InputError(
             f"{source}, row 1",
             seen=f"{times} column {name} among: {listed(header, name) if header else 'none'}",
-            expected=f"a header with {', '.join(INPUTS)}",
+            expected=f"a header with {', '.join(scenario.names)}",
             change="Correct the header.",
         )
     return header.index(name)
@@ -248,8 +271,8 @@ def _numbers(chunk: list[Row], column: int, header: list[str], source: Path) -> 
     return numbers
 
 
-def _records(outcomes: Outcomes) -> Iterator[tuple[int, float, float, float]]:
-    """Iterate over the encounters' outcomes, in the order of OUTCOMES."""
-    crash = outcomes.crash.astype(int)
-    columns = (crash, outcomes.min_range, outcomes.min_ttc, outcomes.impact_speed)
+def _records(outcomes: Any, scenario: Scenario) -> Iterator[tuple[float, ...]]:  # noqa: ANN401
+    """Iterate over the encounters' outcomes, in the order of the scenario; a flag is 0 or 1."""
+    pairs = ((getattr(outcomes, each.name), each.is_flag) for each in scenario.outcomes)
+    columns = (values.astype(int) if is_flag else values for values, is_flag in pairs)
     return zip(*(column.tolist() for column in columns), strict=True)

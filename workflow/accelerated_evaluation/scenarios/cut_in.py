@@ -81,8 +81,15 @@ CUT_IN = SCENARIOS.add("cut_in")(
         name="cut_in",
         description="another vehicle changes into the lane of the vehicle under test, ahead of it",
         variables=(
-            Variable("lead_speed", "m/s", 0, SPEED_LIMIT, "covariate", "speed of the lead vehicle, constant"),
-            Variable("range", "m", 0, np.inf, "modelled", "distance to it at the start"),
+            Variable(
+                "lead_speed",
+                "m/s",
+                0,
+                SPEED_LIMIT,
+                "covariate",
+                "speed of the lead vehicle, constant, 0 or more",
+            ),
+            Variable("range", "m", 0, np.inf, "modelled", "distance to it at the start, above 0"),
             Variable(
                 "closing_speed",
                 "m/s",

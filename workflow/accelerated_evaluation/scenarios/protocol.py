@@ -18,6 +18,8 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 
 FLAG = "0 or 1"  # unit of an outcome that is true or false
+ENDED = "ended"  # name of the flag that is false for a run that was stopped at its longest duration
+UNLIMITED = 1e6  # limits this large are not worth mentioning
 CLUSTER, FITTED = "cluster", "fitted"  # columns of every table of records, next to those of the variables
 
 Fault = tuple[NDArray[np.bool_], str, str]
@@ -52,8 +54,9 @@ class Variable:
 
     @property
     def in_words(self) -> str:
-        """Return the limits as text for a message, such as ``0 to 30 m/s``."""
-        return f"{self.low:g} to {self.high:g} {self.unit}"
+        """Return the limits as text, such as ``0 to 30 m/s``; only the unit if they exclude nothing."""
+        is_limited = max(abs(self.low), abs(self.high)) < UNLIMITED
+        return f"{self.low:g} to {self.high:g} {self.unit}" if is_limited else self.unit
 
 
 @dataclass(frozen=True)
@@ -149,7 +152,7 @@ class Scenario:
         The variables, in the order in which a vehicle receives them: ``vehicle.simulate(*columns)``.
     outcome_type
         Frozen dataclass of the outcomes, one array of shape (n,) for each; its fields are made by `outcome`.
-        The first is ``crash``. If it has a flag ``ended``, a run that was stopped at its longest duration has
+        The first is ``crash``. If it has the flag `ENDED`, a run that was stopped at its longest duration has
         neither crashed nor ended.
     events
         The events, the crash first.
@@ -205,6 +208,11 @@ class Scenario:
     def outcomes(self) -> tuple[Outcome, ...]:
         """The outcomes, in the order of the outcome type."""
         return tuple(Outcome(each.name, **each.metadata) for each in fields(self.outcome_type))
+
+    @property
+    def outcome_names(self) -> tuple[str, ...]:
+        """Names of the outcomes, which are columns of a table of simulated encounters."""
+        return tuple(each.name for each in fields(self.outcome_type))
 
     def outcomes_of(self, columns: Sequence[ArrayLike]) -> Any:  # noqa: ANN401
         """Return outcomes from their columns, in order, as numbers; flags become booleans."""
@@ -281,3 +289,11 @@ class Scenario:
         """Return a description of one encounter for messages."""
         numbers = (f"{name} {value:g}" for name, value in zip(self.names, encounter, strict=True))
         return f"the encounter {', '.join(numbers)}"
+
+    def described_batch(self, encounters: Array) -> str:
+        """Return a description of the encounters of a batch, shape (d, n); at most three are named."""
+        count = encounters.shape[1]
+        if count == 1:
+            return self.described(encounters[:, 0])
+        first = [self.described(encounter).removeprefix("the encounter ") for encounter in encounters.T[:3]]
+        return f"a batch of {count} encounters ({'; '.join(first)}{'; ...' if count > 3 else ''})"

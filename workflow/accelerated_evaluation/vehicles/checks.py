@@ -1,57 +1,23 @@
 """Checks of the inputs and the outcomes of vehicles."""
 
-from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
-from accelerated_evaluation.vehicles.protocol import Outcomes
+from accelerated_evaluation.scenarios.protocol import Outcome, Scenario
 
 INPUTS = CUT_IN.names
-OUTCOMES = tuple(each.name for each in CUT_IN.outcomes)
-described = CUT_IN.described
+OUTCOMES = CUT_IN.outcome_names
+checked_encounters = CUT_IN.checked
 
 
-def checked_encounters(
-    lead_speed: ArrayLike,
-    range_: ArrayLike,
-    closing_speed: ArrayLike,
-    *,
-    source: str = "encounters",
-    rows: Sequence[int] | None = None,
-) -> Array:
-    """Return the inputs of a simulation as one new array of shape (3, n), after checking them.
-
-    Parameters
-    ----------
-    lead_speed, range_, closing_speed
-        Lead speed [m/s], range [m], closing speed [m/s], each of shape (n,).
-    source, rows
-        Name of the inputs, and number of each of their rows, for messages; by default rows are counted from
-        0.
-
-    Raises
-    ------
-    InputError
-        If shapes differ, a value is not finite, a range is not positive, a speed is above that of light, or a
-        vehicle would start with a negative speed. The message names the first such row.
-    """
-    return CUT_IN.checked(lead_speed, range_, closing_speed, source=source, rows=rows)
-
-
-def described_batch(encounters: Array) -> str:
-    """Return a description of the encounters of a batch for messages; at most the first three are named."""
-    count = encounters.shape[1]
-    if count == 1:
-        return described(encounters[:, 0])
-    first = [described(encounter).removeprefix("the encounter ") for encounter in encounters.T[:3]]
-    return f"a batch of {count} encounters ({'; '.join(first)}{'; ...' if count > 3 else ''})"
-
-
-def checked_outcomes(outcomes: object, encounters: Array, *, vehicle: str) -> Outcomes:
+def checked_outcomes(
+    outcomes: object, encounters: Array, *, vehicle: str, scenario: Scenario = CUT_IN
+) -> Any:  # noqa: ANN401
     """Return the outcomes of a user's vehicle for n encounters with the types of the protocol, after checks.
 
     Parameters
@@ -59,9 +25,11 @@ def checked_outcomes(outcomes: object, encounters: Array, *, vehicle: str) -> Ou
     outcomes
         The result of ``simulate``.
     encounters
-        Lead speed [m/s], range [m] and closing speed [m/s], shape (3, n).
+        The encounters, shape (d, n).
     vehicle
         The vehicle's name for messages.
+    scenario
+        The scenario, whose outcome type is returned.
 
     Raises
     ------
@@ -69,14 +37,18 @@ def checked_outcomes(outcomes: object, encounters: Array, *, vehicle: str) -> Ou
         If an outcome is missing, has another shape or type, or contradicts itself. The message names the
         first such row.
     """
-    columns = {name: _checked_column(outcomes, name, encounters.shape[1], vehicle) for name in OUTCOMES}
-    encountered = dict(zip(INPUTS, encounters, strict=True))
-    for wrong, name, expected in CUT_IN.outcome_rules(encountered | columns):
+    columns = {
+        each.name: _checked_column(outcomes, each, encounters.shape[1], vehicle, scenario)
+        for each in scenario.outcomes
+    }
+    rules = scenario.outcome_rules(dict(zip(scenario.names, encounters, strict=True)) | columns)
+    rules += [(np.isnan(column), name, "a number") for name, column in columns.items()]
+    for wrong, name, expected in rules:
         if wrong.any():
             row = int(np.argmax(wrong))
-            what = f"{name}[{row}] of {described(encounters[:, row])}"
+            what = f"{name}[{row}] of {scenario.described(encounters[:, row])}"
             raise outcome_error(vehicle, what, repr(columns[name][row].item()), expected)
-    return Outcomes(**columns)
+    return scenario.outcome_type(**columns)
 
 
 def outcome_error(
@@ -95,20 +67,24 @@ def outcome_error(
     return InputError(f"vehicle {vehicle}, {what}", seen=seen, expected=expected, change=advice)
 
 
-def _checked_column(outcomes: object, name: str, count: int, vehicle: str) -> NDArray:
+def _checked_column(
+    outcomes: object, outcome: Outcome, count: int, vehicle: str, scenario: Scenario
+) -> NDArray:
     """Return one attribute of a user's outcomes as an array of the protocol's type."""
+    name = outcome.name
     try:
         column = np.asarray(getattr(outcomes, name))
     except AttributeError as error:
         seen = type(outcomes).__name__
-        raise outcome_error(vehicle, "simulate", seen, f"Outcomes with {', '.join(OUTCOMES)}") from error
+        expected = f"Outcomes with {', '.join(scenario.outcome_names)}"
+        raise outcome_error(vehicle, "simulate", seen, expected) from error
     except Exception as error:  # a property of the user's that raises, or lists of unequal lengths
         seen = f"{type(error).__name__}: {' '.join(str(error).split())}"
         raise outcome_error(vehicle, name, seen, f"an array of shape ({count},)") from error
     if column.shape != (count,):
         raise outcome_error(vehicle, name, f"shape {column.shape}", f"shape ({count},)")
-    kinds, meaning = ("b", "booleans") if name == "crash" else ("fiu", "real numbers")
+    kinds, meaning = ("b", "booleans") if outcome.is_flag else ("fiu", "real numbers")
     if column.dtype.kind not in kinds:
         raise outcome_error(vehicle, name, f"an array of {column.dtype}", f"an array of {meaning}")
     # A copy, because a vehicle may use the same arrays for its next batch.
-    return np.array(column, dtype=bool if name == "crash" else np.float64)
+    return np.array(column, dtype=bool if outcome.is_flag else np.float64)

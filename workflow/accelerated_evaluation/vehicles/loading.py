@@ -11,21 +11,33 @@ from typing import Any
 
 from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.base.tables import require_file
+from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.external.checked import CheckedVehicle, error_in_words, kept_alive
 from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
 from accelerated_evaluation.vehicles.parameters import parameter_names, required_names
 from accelerated_evaluation.vehicles.protocol import Vehicle
 from accelerated_evaluation.vehicles.registry import VEHICLES
 
+ANY_SCENARIO = ("command",)  # vehicles that simulate the encounters of every scenario
 
-def load_vehicle(name: str, **parameters: Any) -> Vehicle:  # noqa: ANN401
+
+def vehicles_of(scenario: Scenario) -> Mapping[str, type[Vehicle]]:
+    """Return the classes of the vehicles for a scenario by name, the user's command among them."""
+    return dict(sorted({**scenario.vehicles, **{name: VEHICLES[name] for name in ANY_SCENARIO}}.items()))
+
+
+def load_vehicle(name: str, scenario: Scenario = CUT_IN, /, **parameters: Any) -> Vehicle:  # noqa: ANN401
     """Return the vehicle called ``name``.
 
     Parameters
     ----------
     name
-        One of `VEHICLES`: a built-in one, or ``command`` or ``fmu`` for a program of your own; or
+        One of `vehicles_of`: a built-in one, or ``command`` or ``fmu`` for a program of your own; or
         ``path/to/file.py:ClassName``, a class of your own with a method ``simulate`` as in `Vehicle`.
+    scenario
+        The scenario whose encounters it simulates.
     **parameters
         Passed to the class: for the built-in ones the attributes that their classes document.
 
@@ -35,15 +47,17 @@ def load_vehicle(name: str, **parameters: Any) -> Vehicle:  # noqa: ANN401
         If there is no such vehicle, file, class or parameter, or the class cannot be used.
     """
     if ":" in name or name.endswith(".py"):
-        return _load_user_vehicle(name, parameters)
-    if name not in VEHICLES:
+        return _load_user_vehicle(name, scenario, parameters)
+    vehicles = vehicles_of(scenario)
+    if name not in vehicles:
+        others = [each.name for each in SCENARIOS.values() if name in each.vehicles]
         raise InputError(
             "vehicle",
-            seen=repr(name),
-            expected=f"{', '.join(VEHICLES)} or path/to/file.py:ClassName",
-            change=_nearest(name, VEHICLES) or "Name one of these.",
+            seen=f"{name!r}{', a vehicle of the scenario ' + others[0] if others else ''}",
+            expected=f"{', '.join(vehicles)} or path/to/file.py:ClassName",
+            change=_nearest(name, vehicles) or "Name one of these.",
         )
-    known = parameter_names(VEHICLES[name])
+    known = parameter_names(vehicles[name])
     for parameter in parameters:
         if parameter not in known:
             raise InputError(
@@ -52,7 +66,7 @@ def load_vehicle(name: str, **parameters: Any) -> Vehicle:  # noqa: ANN401
                 expected=f"one of {', '.join(known)}",
                 change=_nearest(parameter, known) or "Remove it.",
             )
-    missing = [parameter for parameter in required_names(VEHICLES[name]) if parameter not in parameters]
+    missing = [parameter for parameter in required_names(vehicles[name]) if parameter not in parameters]
     if missing:
         raise InputError(
             f"vehicle {name}",
@@ -60,11 +74,14 @@ def load_vehicle(name: str, **parameters: Any) -> Vehicle:  # noqa: ANN401
             expected=f"its parameters {', '.join(missing)}",
             change="State them in vehicle.parameters; docs/your_vehicle.md has examples.",
         )
-    vehicle = VEHICLES[name](**parameters)
-    return CheckedVehicle(vehicle, vehicle.name) if isinstance(vehicle, ForeignVehicle) else vehicle
+    vehicle = vehicles[name](**parameters)
+    if not isinstance(vehicle, ForeignVehicle):
+        return vehicle
+    vehicle.scenario = scenario
+    return CheckedVehicle(vehicle, vehicle.name, scenario)
 
 
-def vehicle_files(name: str, parameters: Mapping[str, Any]) -> list[str]:
+def vehicle_files(name: str, parameters: Mapping[str, Any], scenario: Scenario = CUT_IN) -> list[str]:
     """Return the user's files that define a vehicle; none for a built-in vehicle.
 
     These are the file of a class, an FMU, or the files that a command names. Files that these load in turn
@@ -72,11 +89,11 @@ def vehicle_files(name: str, parameters: Mapping[str, Any]) -> list[str]:
     """
     if ":" in name or name.endswith(".py"):
         return [name.rpartition(":")[0] or name]
-    vehicle = load_vehicle(name, **parameters)
+    vehicle = load_vehicle(name, scenario, **parameters)
     return [str(file) for file in vehicle.vehicle.files] if isinstance(vehicle, CheckedVehicle) else []
 
 
-def section_files(vehicle: Mapping[str, Any]) -> list[str]:
+def section_files(vehicle: Mapping[str, Any], scenario: Scenario = CUT_IN) -> list[str]:
     """Return all files of a vehicle in the configuration.
 
     These are the files that define the vehicle, and those that the user states.
@@ -85,13 +102,15 @@ def section_files(vehicle: Mapping[str, Any]) -> list[str]:
     ----------
     vehicle
         The section ``vehicle``, or a section of the same form.
+    scenario
+        The scenario whose encounters it simulates.
     """
     for file in vehicle["files"]:
         require_file(file, "Correct vehicle.files.")
-    return [*vehicle_files(vehicle["name"], vehicle["parameters"]), *vehicle["files"]]
+    return [*vehicle_files(vehicle["name"], vehicle["parameters"], scenario), *vehicle["files"]]
 
 
-def _load_user_vehicle(name: str, parameters: dict[str, Any]) -> CheckedVehicle:
+def _load_user_vehicle(name: str, scenario: Scenario, parameters: dict[str, Any]) -> CheckedVehicle:
     path, _, class_name = name.rpartition(":")
     if not path:
         raise _load_error(name, "no class", "path/to/file.py:ClassName", f"Write {name}:ClassName.")
@@ -107,11 +126,12 @@ def _load_user_vehicle(name: str, parameters: dict[str, Any]) -> CheckedVehicle:
         change = _nearest(class_name, own) or "Correct the name after the colon."
         raise _load_error(name, seen, f"one of its classes: {', '.join(own) or 'it has none'}", change)
     if not callable(getattr(vehicle_class, "simulate", None)):
-        signature = "a method simulate(lead_speed, range_, closing_speed)"
+        names = ", ".join("range_" if each == "range" else each for each in scenario.names)
+        signature = f"a method simulate({names})"
         raise _load_error(name, "no method simulate", signature, "Add it to the class.")
     try:
         with kept_alive():
-            return CheckedVehicle(vehicle_class(**parameters), name)
+            return CheckedVehicle(vehicle_class(**parameters), name, scenario)
     except (StudyError, KeyboardInterrupt):
         raise
     except BaseException as error:  # a vehicle that calls sys.exit must not end the study without a word

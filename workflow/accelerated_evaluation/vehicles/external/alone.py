@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.vehicles.checks import described
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.external.checked import CheckedVehicle
 from accelerated_evaluation.vehicles.loading import load_vehicle
 
@@ -19,7 +20,10 @@ COMPARED = 4  # crashes, and as many other encounters, that the new copy simulat
 
 
 def difference_when_alone(
-    vehicle: Mapping[str, Any], encounters: Array, crashed: NDArray[np.bool_]
+    vehicle: Mapping[str, Any],
+    encounters: Array,
+    crashed: NDArray[np.bool_],
+    scenario: Scenario = CUT_IN,
 ) -> str | None:
     """Return a description of the first outcome that a new copy of a vehicle does not reproduce.
 
@@ -31,17 +35,18 @@ def difference_when_alone(
     vehicle
         Section ``vehicle`` of the configuration.
     encounters
-        Lead speed [m/s], range [m] and closing speed [m/s] of the encounters in the order in which they were
-        simulated, shape (3, n).
+        The encounters in the order in which they were simulated, shape (d, n).
     crashed
         Whether each ended in a crash, shape (n,).
+    scenario
+        The scenario of the encounters.
 
     Returns
     -------
     str or None
         None if all are reproduced, for a vehicle of this project, and for one that is stated to be random.
     """
-    copy = load_vehicle(vehicle["name"], **vehicle["parameters"])
+    copy = load_vehicle(vehicle["name"], scenario, **vehicle["parameters"])
     if not isinstance(copy, CheckedVehicle) or False in (copy.deterministic, vehicle.get("deterministic")):
         return None
     copy.was_repeated = True  # by this comparison
@@ -50,8 +55,9 @@ def difference_when_alone(
         again = bool(copy.simulate(*encounters[:, [row]]).crash[0])
         if again != crashed[row]:
             first, second = ("crash" if flag else "no crash" for flag in (crashed[row], again))
+            where = f"vehicle {copy.name}, {scenario.described(encounters[:, row])}"
             return (
-                f"vehicle {copy.name}, {described(encounters[:, row])}: seen {first} in the estimate, and "
+                f"{where}: seen {first} in the estimate, and "
                 f"{second} in a new copy of the vehicle that simulated this encounter alone; expected the "
                 "same outcome in every call and in every batch. The estimate cannot be trusted. Keep no "
                 "state between calls, and let no encounter depend on the others in its batch; if chance is a "

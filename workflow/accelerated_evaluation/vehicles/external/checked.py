@@ -5,20 +5,17 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError, StudyError
-from accelerated_evaluation.vehicles.checks import (
-    OUTCOMES,
-    checked_encounters,
-    checked_outcomes,
-    described,
-    outcome_error,
-)
-from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle, repeats_itself
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios.protocol import Scenario
+from accelerated_evaluation.vehicles.checks import checked_outcomes, outcome_error
+from accelerated_evaluation.vehicles.protocol import Vehicle, repeats_itself
 
 REPEATED = 4  # encounters of the first batch that are simulated twice again
 TOLERANCE = 1e-5  # relative, for outcomes of the same encounter: rounding may depend on the batch
@@ -42,6 +39,8 @@ class CheckedVehicle:
         The user's vehicle.
     name
         Its name in messages, such as ``path/to/file.py:ClassName``.
+    scenario
+        The scenario whose encounters it simulates.
     deterministic
         Whether the outcomes are deterministic, as stated by the user; by default the attribute of this name
         of the user's class. None means that it has to be tested. It becomes False when an encounter has other
@@ -52,6 +51,7 @@ class CheckedVehicle:
 
     vehicle: Vehicle
     name: str
+    scenario: Scenario = field(default=CUT_IN, repr=False)
     deterministic: bool | None = field(default=None, repr=False, compare=False)
     was_repeated: bool = field(default=False, init=False, repr=False, compare=False)
 
@@ -62,8 +62,8 @@ class CheckedVehicle:
             seen, expected = repr(self.deterministic), "True, False or None"
             raise outcome_error(self.name, "its attribute deterministic", seen, expected)
 
-    def simulate(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
-        """Simulate n cut-ins; see `Vehicle`.
+    def simulate(self, *columns: ArrayLike) -> Any:  # noqa: ANN401
+        """Simulate n encounters; see `Vehicle`.
 
         Raises
         ------
@@ -71,17 +71,22 @@ class CheckedVehicle:
             If the encounters are not valid, the user's code raises or exits, its outcomes break the protocol,
             or it gives other outcomes for the same encounters although it is said to be deterministic.
         """
-        encounters = checked_encounters(lead_speed, range_, closing_speed)
+        encounters = self.scenario.checked(*columns)
         outcomes = self._outcomes(encounters)
         if not self.was_repeated and encounters.shape[1] > 0:
             self.was_repeated = True
             self.deterministic = after_repetition(
-                self._outcomes, encounters, outcomes, self.name, declared=self.deterministic
+                self._outcomes,
+                encounters,
+                outcomes,
+                self.name,
+                declared=self.deterministic,
+                scenario=self.scenario,
             )
         return outcomes
 
-    def _outcomes(self, encounters: Array) -> Outcomes:
-        """Run the user's code on checked encounters, shape (3, n)."""
+    def _outcomes(self, encounters: Array) -> Any:  # noqa: ANN401
+        """Run the user's code on checked encounters, shape (d, n)."""
         try:
             with kept_alive():
                 outcomes = self.vehicle.simulate(*encounters.copy())
@@ -89,22 +94,23 @@ class CheckedVehicle:
             raise
         except BaseException as error:  # a vehicle that calls sys.exit must not end the study without a word
             raise outcome_error(self.name, "simulate", error_in_words(error), "outcomes") from error
-        return checked_outcomes(outcomes, encounters, vehicle=self.name)
+        return checked_outcomes(outcomes, encounters, vehicle=self.name, scenario=self.scenario)
 
 
 def after_repetition(
-    simulate: Callable[[Array], Outcomes],
+    simulate: Callable[[Array], Any],
     encounters: Array,
-    first: Outcomes,
+    first: Any,  # noqa: ANN401
     vehicle: str,
     *,
     declared: bool | None,
+    scenario: Scenario,
 ) -> bool | None:
     """Return whether a vehicle is deterministic, after simulating some encounters again.
 
     Parameters
     ----------
-    simulate, encounters, first, vehicle
+    simulate, encounters, first, vehicle, scenario
         As for `found_difference`.
     declared
         Whether the vehicle is stated to be deterministic. If it is stated to be random, nothing is simulated.
@@ -121,7 +127,7 @@ def after_repetition(
     """
     if declared is False:
         return False
-    difference = found_difference(simulate, encounters, first, vehicle)
+    difference = found_difference(simulate, encounters, first, vehicle, scenario)
     if difference is not None and declared:
         raise difference
     if difference is not None:
@@ -131,7 +137,11 @@ def after_repetition(
 
 
 def found_difference(
-    simulate: Callable[[Array], Outcomes], encounters: Array, first: Outcomes, vehicle: str
+    simulate: Callable[[Array], Any],
+    encounters: Array,
+    first: Any,  # noqa: ANN401
+    vehicle: str,
+    scenario: Scenario,
 ) -> InputError | None:
     """Simulate some encounters again, and describe the first outcome that differs; None if there is none.
 
@@ -142,26 +152,28 @@ def found_difference(
     Parameters
     ----------
     simulate
-        Function that simulates encounters, shape (3, k).
+        Function that simulates encounters, shape (d, k).
     encounters
-        Encounters that were simulated before, shape (3, n).
+        Encounters that were simulated before, shape (d, n).
     first
         Their outcomes.
     vehicle
         The vehicle's name in messages.
+    scenario
+        The scenario, which names the outcomes.
     """
     count = encounters.shape[1]
     chosen = np.unique(np.linspace(0, count - 1, min(count, REPEATED)).astype(int))
     rows = np.concatenate([chosen, chosen[::-1]])
     again = simulate(encounters[:, rows])
-    for name in OUTCOMES:
+    for name in scenario.outcome_names:
         before, after = getattr(first, name)[rows] * 1.0, getattr(again, name) * 1.0
         differs = ~np.isclose(after, before, rtol=TOLERANCE, atol=TOLERANCE)
         if differs.any():
             row = int(np.argmax(differs))
             return outcome_error(
                 vehicle,
-                f"{name} of {described(encounters[:, rows[row]])}",
+                f"{name} of {scenario.described(encounters[:, rows[row]])}",
                 f"{before[row]:g} at first, and {after[row]:g} when simulated again in another batch",
                 "the same outcomes of an encounter in every call and in every batch",
                 change="If chance is a part of this vehicle, say so with vehicle.deterministic: false. "

@@ -13,23 +13,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Thread
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.vehicles.checks import (
-    INPUTS,
-    OUTCOMES,
-    checked_encounters,
-    described,
-    described_batch,
-)
+from accelerated_evaluation.scenarios.protocol import FLAG, Scenario
 from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
 from accelerated_evaluation.vehicles.parameters import parameter_error
-from accelerated_evaluation.vehicles.protocol import Outcomes
 from accelerated_evaluation.vehicles.registry import VEHICLES
 
 REMEMBERED = 2000  # bytes of what a command prints, its last ones, of which a message has the last line
@@ -46,9 +39,10 @@ RUNNING: set[tuple[int, str]] = set()
 class Command(ForeignVehicle):
     """A vehicle that is run as ``COMMAND IN.csv OUT.csv``, once for each batch.
 
-    IN.csv has the columns lead_speed [m/s], range [m] and closing_speed [m/s]. The command writes OUT.csv
-    with the columns crash (0 or 1), min_range [m], min_ttc [s] and impact_speed [m/s], one row for each row
-    of IN.csv and in the same order. Further columns and the printed output are ignored.
+    IN.csv has the columns of the scenario's variables; those of a cut-in are lead_speed [m/s], range [m] and
+    closing_speed [m/s]. The command writes OUT.csv with the columns of the outcomes; those of a cut-in are
+    crash (0 or 1), min_range [m], min_ttc [s] and impact_speed [m/s]. OUT.csv has one row for each row of
+    IN.csv, in the same order. Further columns and the printed output are ignored.
 
     Attributes
     ----------
@@ -86,7 +80,7 @@ class Command(ForeignVehicle):
         """The words of the command that are names of files."""
         return [Path(word) for word in self.words if Path(word).is_file()]
 
-    def simulate(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
+    def simulate(self, *columns: ArrayLike) -> Any:  # noqa: ANN401
         """Run the command on n encounters; see `Vehicle`.
 
         Raises
@@ -94,15 +88,15 @@ class Command(ForeignVehicle):
         InputError
             If the command cannot be started, takes too long, fails, is killed, or writes no outcomes.
         """
-        encounters = checked_encounters(lead_speed, range_, closing_speed)
+        encounters = self.scenario.checked(*columns)
         if not encounters.shape[1]:
-            return Outcomes(np.empty(0, bool), np.empty(0), np.empty(0), np.empty(0))
+            return self.scenario.outcomes_of(np.empty((len(self.scenario.outcomes), 0)))
         with TemporaryDirectory(prefix="accelerated_evaluation_") as folder:
             source, target = Path(folder, "encounters.csv"), Path(folder, "outcomes.csv")
-            _write_encounters(source, encounters)
+            _write_encounters(source, encounters, self.scenario)
             self._run([*self.words, str(source), str(target)], encounters)
-            columns = _read_outcomes(target, encounters, self._error)
-        return Outcomes(columns[0] > 0, *columns[1:])
+            outcomes = _read_outcomes(target, encounters, self.scenario, self._error)
+        return self.scenario.outcomes_of(outcomes)
 
     def _run(self, words: Sequence[str], encounters: Array) -> None:
         """Run the command in a group of processes of its own, and end the whole group after it."""
@@ -126,7 +120,7 @@ class Command(ForeignVehicle):
             status = process.wait(self.time_limit)
         except subprocess.TimeoutExpired as error:
             raise self._error(
-                described_batch(encounters),
+                self.scenario.described_batch(encounters),
                 f"no end after {self.time_limit:g} s{printed.last_line()}",
                 "outcomes within this time limit of a batch",
                 "Let it end sooner, raise simulations.time_limit, or lower simulations.batch_size.",
@@ -138,7 +132,8 @@ class Command(ForeignVehicle):
             printed.stop()
         if status:
             how = f"exit status {status}" if status > 0 else f"killed by {signal.Signals(-status).name}"
-            raise self._error(described_batch(encounters), f"{how}{printed.last_line()}", "exit status 0")
+            batch = self.scenario.described_batch(encounters)
+            raise self._error(batch, f"{how}{printed.last_line()}", "exit status 0")
 
     def _error(self, what: str, seen: str, expected: str, change: str = "Correct the command.") -> InputError:
         advice = f"{change} docs/your_vehicle.md says what a command is given and has to give."
@@ -200,46 +195,48 @@ def _marked(mark: str) -> list[int]:
     return found
 
 
-def _write_encounters(path: Path, encounters: Array) -> None:
+def _write_encounters(path: Path, encounters: Array, scenario: Scenario) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(INPUTS)
+        writer.writerow(scenario.names)
         writer.writerows(encounters.T.tolist())
 
 
-def _read_outcomes(path: Path, encounters: Array, refuse: Callable[..., InputError]) -> Array:
-    """Return the outcomes of a CSV file, shape (4, n); raise what ``refuse`` makes of a fault."""
-    count = encounters.shape[1]
+def _read_outcomes(
+    path: Path, encounters: Array, scenario: Scenario, refuse: Callable[..., InputError]
+) -> Array:
+    """Return the m outcomes of a CSV file, shape (m, n); raise what ``refuse`` makes of a fault."""
+    count, expected = encounters.shape[1], scenario.outcome_names
     if path.exists() and not path.is_file():  # to open a pipe would wait for ever
         raise refuse("OUT.csv", "a folder, a device or a pipe", "a file with the outcomes")
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = [row for row in csv.reader(file) if row]
     except FileNotFoundError as error:
-        raise refuse(described_batch(encounters), "no file OUT.csv", "the outcomes in it") from error
+        raise refuse(scenario.described_batch(encounters), "no file OUT.csv", "the outcomes in it") from error
     except (csv.Error, UnicodeDecodeError, OSError) as error:
         raise refuse("OUT.csv", str(error), "CSV text in UTF-8") from error
     header = [name.strip() for name in rows[0]] if rows else []
-    if any(header.count(name) != 1 for name in OUTCOMES):
-        raise refuse("OUT.csv, row 1", ", ".join(header) or "no header", f"the columns {', '.join(OUTCOMES)}")
+    if any(header.count(name) != 1 for name in expected):
+        raise refuse("OUT.csv, row 1", ", ".join(header) or "no header", f"the columns {', '.join(expected)}")
     if len(rows) - 1 != count:
         raise refuse("OUT.csv", f"{len(rows) - 1} rows", f"{count}, one for each row of IN.csv")
-    columns = [header.index(name) for name in OUTCOMES]
-    outcomes = np.empty((len(OUTCOMES), count))
+    columns = [header.index(name) for name in expected]
+    outcomes = np.empty((len(expected), count))
     for k, row in enumerate(rows[1:]):
-        outcomes[:, k] = list(_numbers(row, columns, k, encounters, refuse))
+        where = f"OUT.csv, row {k + 2}, column {{}}, {scenario.described(encounters[:, k])}"
+        outcomes[:, k] = list(_numbers(row, columns, scenario, where, refuse))
     return outcomes
 
 
 def _numbers(
-    row: list[str], columns: list[int], k: int, encounters: Array, refuse: Callable[..., InputError]
+    row: list[str], columns: list[int], scenario: Scenario, where: str, refuse: Callable[..., InputError]
 ) -> Iterator[float]:
-    """Yield the outcomes of row k; NaN and contradictions are left to `checked_outcomes`."""
-    for name, column in zip(OUTCOMES, columns, strict=True):
+    """Yield the outcomes of a row; NaN and contradictions are left to `checked_outcomes`."""
+    for outcome, column in zip(scenario.outcomes, columns, strict=True):
         text = row[column].strip() if column < len(row) else ""
         try:
-            yield FLAGS[text.lower()] if name == "crash" else float(text)
+            yield FLAGS[text.lower()] if outcome.is_flag else float(text)
         except (KeyError, ValueError) as error:
-            expected = "0 or 1" if name == "crash" else "a number"
-            what = f"OUT.csv, row {k + 2}, column {name}, {described(encounters[:, k])}"
-            raise refuse(what, repr(text), expected) from error
+            expected = FLAG if outcome.is_flag else "a number"
+            raise refuse(where.format(outcome.name), repr(text), expected) from error

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from accelerated_evaluation.base.errors import located
-from accelerated_evaluation.vehicles.checks import OUTCOMES, checked_encounters, described
+from accelerated_evaluation.scenarios.cut_in import CUT_IN, Outcomes
 from accelerated_evaluation.vehicles.external.fmi import Model, State
 from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
 from accelerated_evaluation.vehicles.parameters import check_number, parameter_error
-from accelerated_evaluation.vehicles.protocol import Outcomes
 from accelerated_evaluation.vehicles.registry import VEHICLES
 
 INPUTS = ("range", "range_rate", "host_speed")
@@ -91,12 +90,12 @@ class Fmu(ForeignVehicle):
         InputError
             If the FMU cannot be instantiated, refuses a step, or gives an acceleration that is no number.
         """
-        encounters = checked_encounters(lead_speed, range_, closing_speed)
-        outcomes = np.empty((len(OUTCOMES), encounters.shape[1]))
+        encounters = CUT_IN.checked(lead_speed, range_, closing_speed)
+        outcomes = np.empty((len(CUT_IN.outcomes), encounters.shape[1]))
         for k, encounter in enumerate(encounters.T):
-            with located(f"vehicle {self.name}, {described(encounter)}"):
+            with located(f"vehicle {self.name}, {CUT_IN.described(encounter)}"):
                 outcomes[:, k] = self._follow(*encounter.tolist())
-        return Outcomes(outcomes[0] > 0, *outcomes[1:])
+        return CUT_IN.outcomes_of(outcomes)
 
     def _follow(self, lead_speed: float, range_: float, closing_speed: float) -> tuple[float, ...]:
         """Return the outcomes of one encounter."""

@@ -2,10 +2,12 @@
 
 from abc import ABC, abstractmethod
 from pathlib import Path
+from typing import Any
 
 from numpy.typing import ArrayLike
 
-from accelerated_evaluation.vehicles.protocol import Outcomes
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios.protocol import Scenario
 
 TIME_LIMIT = 600.0  # [s]
 
@@ -17,9 +19,12 @@ class ForeignVehicle(ABC):
     ----------
     time_limit
         Longest time for a batch [s].
+    scenario
+        The scenario whose encounters it simulates.
     """
 
     time_limit: float = TIME_LIMIT
+    scenario: Scenario = CUT_IN
 
     @property
     @abstractmethod
@@ -32,5 +37,5 @@ class ForeignVehicle(ABC):
         """The files that define it; if their contents change, it counts as another vehicle."""
 
     @abstractmethod
-    def simulate(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
-        """Simulate n cut-ins; see `Vehicle`."""
+    def simulate(self, *columns: ArrayLike) -> Any:  # noqa: ANN401
+        """Simulate n encounters; see `Vehicle`."""

@@ -15,7 +15,9 @@ from tqdm import tqdm
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.vehicles.checks import checked_encounters, described_batch, outcome_error
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios.protocol import Scenario
+from accelerated_evaluation.vehicles.checks import outcome_error
 from accelerated_evaluation.vehicles.external.checked import (
     CheckedVehicle,
     after_repetition,
@@ -24,9 +26,8 @@ from accelerated_evaluation.vehicles.external.checked import (
 from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
 from accelerated_evaluation.vehicles.external.store import Encounter, Request, Store, store_of
 from accelerated_evaluation.vehicles.external.workers import Workers, simulate_batch, workers_of
-from accelerated_evaluation.vehicles.loading import load_vehicle, section_files
-from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
-from accelerated_evaluation.vehicles.registry import VEHICLES
+from accelerated_evaluation.vehicles.loading import load_vehicle, section_files, vehicles_of
+from accelerated_evaluation.vehicles.protocol import Vehicle
 
 AT_ONCE = 50_000  # encounters that are looked up together, which bounds the memory
 
@@ -52,6 +53,8 @@ class SlowVehicle:
         the batches smaller.
     time_limit
         Longest time for a batch [s].
+    scenario
+        The scenario whose encounters it simulates.
     deterministic
         Whether the outcomes are deterministic; see `CheckedVehicle`.
     simulated, found
@@ -66,6 +69,7 @@ class SlowVehicle:
     workers: Workers = field(repr=False)
     batch_size: int = field(default=100, repr=False)
     time_limit: float = field(default=600.0, repr=False)
+    scenario: Scenario = field(default=CUT_IN, repr=False)
     deterministic: bool | None = field(default=None, repr=False)
     simulated: int = field(default=0, repr=False)
     found: int = field(default=0, repr=False)
@@ -75,8 +79,8 @@ class SlowVehicle:
         if self.deterministic is None and self.store.verdict is False:
             self.deterministic = False
 
-    def simulate(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
-        """Simulate those of n cut-ins that are not in the store; see `Vehicle`.
+    def simulate(self, *columns: ArrayLike) -> Any:  # noqa: ANN401
+        """Simulate those of n encounters that are not in the store; see `Vehicle`.
 
         Raises
         ------
@@ -85,32 +89,36 @@ class SlowVehicle:
             protocol, or has other outcomes for the same encounters although it is stated to be deterministic.
             The outcomes of other batches are kept.
         """
-        encounters = checked_encounters(lead_speed, range_, closing_speed)
+        encounters = self.scenario.checked(*columns)
         starts = range(0, max(encounters.shape[1], 1), AT_ONCE)
         parts = [self._checked(encounters[:, start : start + AT_ONCE]) for start in starts]
-        return Outcomes(
-            *(np.concatenate(column) for column in zip(*(vars(part).values() for part in parts), strict=True))
-        )
+        pairs = zip(*(vars(part).values() for part in parts), strict=True)
+        return self.scenario.outcome_type(*(np.concatenate(column) for column in pairs))
 
-    def repeat(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
-        """Simulate n cut-ins again, even if they are in the store; see `simulate`."""
-        return self._again(checked_encounters(lead_speed, range_, closing_speed))
+    def repeat(self, *columns: ArrayLike) -> Any:  # noqa: ANN401
+        """Simulate n encounters again, even if they are in the store; see `simulate`."""
+        return self._again(self.scenario.checked(*columns))
 
-    def _checked(self, encounters: Array) -> Outcomes:
-        """Return the outcomes of encounters, shape (3, n), and find out once whether the vehicle varies."""
+    def _checked(self, encounters: Array) -> Any:  # noqa: ANN401
+        """Return the outcomes of encounters, shape (d, n), and find out once whether the vehicle varies."""
         outcomes = self._looked_up(encounters, again=self.deterministic is False)
         if encounters.shape[1] and self.deterministic is not False and self.store.verdict is None:
             self.deterministic = after_repetition(
-                self._again, encounters, outcomes, self.title, declared=self.deterministic
+                self._again,
+                encounters,
+                outcomes,
+                self.title,
+                declared=self.deterministic,
+                scenario=self.scenario,
             )
             self.store.set_verdict(deterministic=self.deterministic is not False)
         return outcomes
 
-    def _again(self, encounters: Array) -> Outcomes:
+    def _again(self, encounters: Array) -> Any:  # noqa: ANN401
         return self._looked_up(encounters, again=True)
 
-    def _looked_up(self, encounters: Array, *, again: bool) -> Outcomes:
-        """Return the outcomes of encounters, shape (3, n); the store is asked first.
+    def _looked_up(self, encounters: Array, *, again: bool) -> Any:  # noqa: ANN401
+        """Return the outcomes of encounters, shape (d, n); the store is asked first.
 
         With ``again``, every encounter has an outcome for each time that this object was asked for it.
         """
@@ -126,7 +134,8 @@ class SlowVehicle:
             batch = missing[first : first + len(rows)]
             self.store.add(batch, rows)
             known |= zip(batch, rows, strict=True)
-        return _outcomes(np.array([known[request] for request in requests]).reshape(-1, 4).T)
+        rows = np.array([known[request] for request in requests])
+        return self.scenario.outcomes_of(rows.reshape(-1, len(self.scenario.outcomes)).T)
 
     def _next_number(self, encounter: Encounter) -> int:
         """Return how often this object was asked for an encounter before."""
@@ -134,7 +143,7 @@ class SlowVehicle:
         return self._handed_out[encounter] - 1
 
     def _simulated(self, encounters: Sequence[Encounter]) -> Iterator[tuple[int, Array]]:
-        """Yield, as they end, where batches begin, and their outcomes, shape (4, n).
+        """Yield, as they end, where batches begin, and their outcomes, shape (m, n).
 
         After a fault nothing new is begun, but the batches under way are waited for, so that they are kept.
         """
@@ -164,12 +173,17 @@ class SlowVehicle:
 
     def _submit(self, batch: Sequence[Encounter]) -> Future:
         return self.workers.executor.submit(
-            simulate_batch, self.name, dict(self.parameters), np.array(batch).T, self.time_limit
+            simulate_batch,
+            self.name,
+            dict(self.parameters),
+            np.array(batch).T,
+            self.time_limit,
+            self.scenario.name,
         )
 
     def _batch_error(self, error: Exception, batch: Sequence[Encounter], seconds: float) -> InputError:
         """Return what became of a batch as one message."""
-        shown = described_batch(np.array(batch).T)
+        shown = self.scenario.described_batch(np.array(batch).T)
         if isinstance(error, InputError):
             where = error.where if shown in error.where else f"{error.where}, {shown}"
             return InputError(where, seen=error.seen, expected=error.expected, change=error.change)
@@ -195,35 +209,42 @@ class SlowVehicle:
         return InputError(fault.where, seen=fault.seen, expected=fault.expected, change=kept)
 
 
-def is_slow(name: str, simulations: Mapping[str, Any]) -> bool:
+def is_slow(name: str, simulations: Mapping[str, Any], scenario: Scenario = CUT_IN) -> bool:
     """Return whether outcomes of a vehicle are stored: commands and FMUs, and classes if so configured."""
     if ":" in name:
         return simulations["keep_class"]
-    return issubclass(VEHICLES[name], ForeignVehicle)
+    return issubclass(vehicles_of(scenario)[name], ForeignVehicle)
 
 
 @contextmanager
-def loaded_for(vehicle: Mapping[str, Any], simulations: Mapping[str, Any]) -> Iterator[Vehicle]:
+def loaded_for(
+    vehicle: Mapping[str, Any], simulations: Mapping[str, Any], scenario: Scenario = CUT_IN
+) -> Iterator[Vehicle]:
     """Yield the vehicle of a configuration, as a `SlowVehicle` if its outcomes are stored.
 
     Parameters
     ----------
     vehicle, simulations
         Sections of these names of the configuration.
+    scenario
+        The scenario whose encounters it simulates.
     """
     name, parameters = vehicle["name"], vehicle["parameters"]
-    car = load_vehicle(name, **parameters)  # also to refuse what cannot be loaded before any worker starts
+    # Also to refuse what cannot be loaded before any worker starts.
+    car = load_vehicle(name, scenario, **parameters)
     if isinstance(car, CheckedVehicle) and vehicle.get("deterministic") is not None:
         car.deterministic = vehicle["deterministic"]
-    files = section_files(vehicle)  # also to refuse what does not exist
-    if not is_slow(name, simulations):
+    files = section_files(vehicle, scenario)  # also to refuse what does not exist
+    if not is_slow(name, simulations, scenario):
         yield car
         return
-    store = store_of(name, parameters, files)
+    store = store_of(name, parameters, files, scenario)
     declared = car.deterministic if isinstance(car, CheckedVehicle) else None
     with workers_of(simulations) as workers:
         limits = {key: simulations[key] for key in ("batch_size", "time_limit")}
-        yield SlowVehicle(name, parameters, car.name, store, workers, **limits, deterministic=declared)
+        yield SlowVehicle(
+            name, parameters, car.name, store, workers, **limits, scenario=scenario, deterministic=declared
+        )
 
 
 @contextmanager
@@ -243,8 +264,3 @@ def all_loaded(
         yield {
             name: stack.enter_context(loaded_for(vehicle, simulations)) for name, vehicle in vehicles.items()
         }
-
-
-def _outcomes(columns: Array) -> Outcomes:
-    """Return outcomes of shape (4, n) with the protocol's types."""
-    return Outcomes(columns[0] > 0, *(np.ascontiguousarray(column) for column in columns[1:]))

@@ -15,39 +15,52 @@ from typing import Any
 from accelerated_evaluation.base.digests import content_digest, value_digest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import write_json
-from accelerated_evaluation.vehicles.checks import INPUTS, OUTCOMES
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios.protocol import Scenario
 
 VEHICLES_FOLDER = Path("results/vehicles")
 PATIENCE = 600.0  # [s] to wait while another process writes
 
-Encounter = tuple[float, float, float]
-Outcome = tuple[float, float, float, float]
+Encounter = tuple[float, ...]
+Outcome = tuple[float, ...]
 Request = tuple[Encounter, int]  # an encounter, and the number of the simulation
 
-TABLES = f"""
-CREATE TABLE IF NOT EXISTS outcomes ({", ".join(f'"{name}" REAL NOT NULL' for name in (*INPUTS, *OUTCOMES))},
-    PRIMARY KEY ({", ".join(f'"{name}"' for name in INPUTS)})) WITHOUT ROWID;
-CREATE TABLE IF NOT EXISTS repeats (number INTEGER NOT NULL,
-    {", ".join(f'"{name}" REAL NOT NULL' for name in (*INPUTS, *OUTCOMES))},
-    PRIMARY KEY ({", ".join(f'"{name}"' for name in INPUTS)}, number)) WITHOUT ROWID;
-CREATE TABLE IF NOT EXISTS verdicts (verdict TEXT PRIMARY KEY) WITHOUT ROWID;
-"""
-CONDITION = " AND ".join(f'"{name}" = ?' for name in INPUTS)
-LOOK_UP = f"SELECT {', '.join(OUTCOMES)} FROM outcomes WHERE {CONDITION}"
-LOOK_UP_REPEAT = f"SELECT {', '.join(OUTCOMES)} FROM repeats WHERE {CONDITION} AND number = ?"
 DETERMINISTIC, VARIES = "deterministic", "varies"
+
+
+class _Statements:
+    """The statements of SQL for the tables of a scenario; in the tables, names of columns are quoted."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        inputs = [f'"{name}"' for name in scenario.names]
+        outcomes = [f'"{name}"' for name in scenario.outcome_names]
+        numbers = ", ".join(f"{name} REAL NOT NULL" for name in (*inputs, *outcomes))
+        condition = " AND ".join(f"{name} = ?" for name in inputs)
+        marks = ", ".join("?" for _ in (*inputs, *outcomes))
+        self.tables = f"""
+            CREATE TABLE IF NOT EXISTS outcomes ({numbers}, PRIMARY KEY ({", ".join(inputs)})) WITHOUT ROWID;
+            CREATE TABLE IF NOT EXISTS repeats (number INTEGER NOT NULL, {numbers},
+                PRIMARY KEY ({", ".join(inputs)}, number)) WITHOUT ROWID;
+            CREATE TABLE IF NOT EXISTS verdicts (verdict TEXT PRIMARY KEY) WITHOUT ROWID;
+        """
+        self.look_up = f"SELECT {', '.join(outcomes)} FROM outcomes WHERE {condition}"
+        self.look_up_repeat = f"SELECT {', '.join(outcomes)} FROM repeats WHERE {condition} AND number = ?"
+        self.add = f"INSERT OR IGNORE INTO outcomes VALUES ({marks})"
+        self.add_repeat = f"INSERT OR IGNORE INTO repeats VALUES (?, {marks})"
 
 
 class Store:
     """Outcomes of one vehicle by encounter, in an SQLite file that several processes may use at once.
 
-    Numbers are stored exactly: an encounter is found if all three of its numbers are equal, and the outcomes
+    Numbers are stored exactly: an encounter is found if all of its numbers are equal, and the outcomes
     are returned unchanged. When `add` returns, the outcomes are on the disk.
 
     Parameters
     ----------
     path
         The file; it is created with its folder if necessary.
+    scenario
+        The scenario, which names the columns.
 
     Raises
     ------
@@ -55,20 +68,20 @@ class Store:
         If the file is not a store, or is damaged.
     """
 
-    def __init__(self, path: str | os.PathLike) -> None:
-        self.path = Path(path)
+    def __init__(self, path: str | os.PathLike, scenario: Scenario = CUT_IN) -> None:
+        self.path, self._sql = Path(path), _Statements(scenario)
         self.path.parent.mkdir(parents=True, exist_ok=True)
         with self._connected() as connection:
-            connection.executescript(TABLES)
+            connection.executescript(self._sql.tables)
 
     def known(self, requests: Iterable[Request]) -> dict[Request, Outcome]:
         """Return the stored outcomes of those requests that were added before."""
         found = {}
         with self._connected() as connection:
             for encounter, number in requests:
-                first = connection.execute(LOOK_UP, encounter)
-                asked = connection.execute(LOOK_UP_REPEAT, (*encounter, number)) if number else first
-                found[encounter, number] = asked.fetchone()
+                look_up = self._sql.look_up_repeat if number else self._sql.look_up
+                asked = (*encounter, number) if number else encounter
+                found[encounter, number] = connection.execute(look_up, asked).fetchone()
         return {request: outcome for request, outcome in found.items() if outcome is not None}
 
     def add(self, requests: Sequence[Request], outcomes: Sequence[Outcome]) -> None:
@@ -79,8 +92,8 @@ class Store:
         ]
         first, repeats = [row[1:] for row in rows if not row[0]], [row for row in rows if row[0]]
         with self._connected() as connection:
-            connection.executemany("INSERT OR IGNORE INTO outcomes VALUES (?, ?, ?, ?, ?, ?, ?)", first)
-            connection.executemany("INSERT OR IGNORE INTO repeats VALUES (?, ?, ?, ?, ?, ?, ?, ?)", repeats)
+            connection.executemany(self._sql.add, first)
+            connection.executemany(self._sql.add_repeat, repeats)
 
     @property
     def verdict(self) -> bool | None:
@@ -116,7 +129,9 @@ class Store:
             ) from error
 
 
-def store_of(name: str, parameters: Mapping[str, Any], files: Sequence[str]) -> Store:
+def store_of(
+    name: str, parameters: Mapping[str, Any], files: Sequence[str], scenario: Scenario = CUT_IN
+) -> Store:
     """Open the store of a vehicle, in a folder named by a digest of everything that defines the vehicle.
 
     The file ``vehicle.json`` in the same folder describes the vehicle. A vehicle with another parameter or
@@ -128,9 +143,13 @@ def store_of(name: str, parameters: Mapping[str, Any], files: Sequence[str]) -> 
         As in the configuration.
     files
         The files that define the vehicle.
+    scenario
+        The scenario whose encounters it simulates.
     """
     described = {"vehicle": name, "parameters": dict(parameters), "content": content_digest(files)}
+    if scenario is not CUT_IN:  # without which the stores of version 0.2 remain valid
+        described["scenario"] = scenario.name
     folder = VEHICLES_FOLDER / f"{Path(name.replace(':', '/')).name}-{value_digest(described)[:10]}"
-    store = Store(folder / "outcomes.sqlite")
+    store = Store(folder / "outcomes.sqlite", scenario)
     write_json(folder / "vehicle.json", described)
     return store

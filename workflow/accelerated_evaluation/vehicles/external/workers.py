@@ -22,7 +22,7 @@ import numpy as np
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.vehicles.checks import OUTCOMES
+from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.vehicles.external.checked import CheckedVehicle, error_in_words
 from accelerated_evaluation.vehicles.external.command import RUNNING, end_group
 from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
@@ -44,7 +44,9 @@ class Workers:
     count: int
 
 
-def simulate_batch(name: str, parameters: Mapping[str, Any], encounters: Array, time_limit: float) -> Array:
+def simulate_batch(
+    name: str, parameters: Mapping[str, Any], encounters: Array, time_limit: float, scenario: str = "cut_in"
+) -> Array:
     """Simulate a batch; this function runs in a worker.
 
     The printed output of the vehicle is discarded. If the vehicle takes too long, the worker process ends,
@@ -55,25 +57,28 @@ def simulate_batch(name: str, parameters: Mapping[str, Any], encounters: Array, 
     name, parameters
         As in `load_vehicle`.
     encounters
-        Lead speed [m/s], range [m] and closing speed [m/s], shape (3, n).
+        The encounters, shape (d, n).
     time_limit
         Longest time for the batch [s].
+    scenario
+        Name of the scenario.
 
     Returns
     -------
     numpy.ndarray
-        crash, min_range [m], min_ttc [s] and impact_speed [m/s], shape (4, n).
+        The m outcomes of the scenario, shape (m, n).
     """
     with ONE_AT_A_TIME, open(os.devnull, "w") as nowhere, _silenced(nowhere):
         faulthandler.dump_traceback_later(time_limit + GRACE, exit=True, file=nowhere)
         try:
-            vehicle = _loaded(json.dumps([name, parameters]))
+            vehicle = _loaded(json.dumps([name, scenario, parameters]))
             if isinstance(vehicle.vehicle, ForeignVehicle):
                 vehicle.vehicle.time_limit = time_limit
             outcomes = vehicle.simulate(*encounters)
         finally:
             faulthandler.cancel_dump_traceback_later()
-    return np.array([getattr(outcomes, name) + 0.0 for name in OUTCOMES])  # SQLite has no -0.0
+    names = vehicle.scenario.outcome_names
+    return np.array([getattr(outcomes, name) + 0.0 for name in names])  # SQLite has no -0.0
 
 
 @contextmanager
@@ -200,9 +205,12 @@ def _error(where: str, seen: str, expected: str, change: str) -> InputError:
 
 @cache
 def _loaded(description: str) -> CheckedVehicle:
-    """Return the vehicle of a name and parameters, once for each worker; whoever asks checks repetitions."""
-    name, parameters = json.loads(description)
-    vehicle = load_vehicle(name, **parameters)
+    """Return the vehicle of a name, a scenario and parameters, once for each worker.
+
+    Whoever asks for the vehicle checks repetitions.
+    """
+    name, scenario, parameters = json.loads(description)
+    vehicle = load_vehicle(name, SCENARIOS[scenario], **parameters)
     vehicle.was_repeated = True
     return vehicle
 
