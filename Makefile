@@ -12,7 +12,7 @@ VEHICLES := snakemake --snakefile benchmarks/samplers/vehicles.smk --cores $(COR
 WORLDS := snakemake --snakefile benchmarks/worlds/Snakefile --cores $(CORES)
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
-.PHONY: study book test test-slurm test-studies crate paper-figures lint format report smoke bench benchmark-samplers \
+.PHONY: study book article test test-slurm test-studies crate paper-figures lint format report smoke bench benchmark-samplers \
   benchmark-recordings benchmark-vehicles worlds lock clean help
 .DEFAULT_GOAL := help
 
@@ -32,6 +32,9 @@ study: $(ENVIRONMENT) ## run the study: make study [CONFIG=my_study.yaml] [CORES
 
 book: $(ENVIRONMENT) ## the book alone, and what it needs: results/<study>/book/index.html
 	$(SNAKEMAKE) -- book
+
+article: $(ENVIRONMENT) ## an article of the study, every number and figure of it made by the run: results/<study>/article.pdf
+	$(SNAKEMAKE) -- article
 
 report: study ## run the study, then write its self-contained HTML report to results/report.html
 	$(SNAKEMAKE) --report results/report.html

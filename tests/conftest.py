@@ -24,7 +24,8 @@ os.environ.pop("PYTHONUNBUFFERED", None)
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 PARTS = ("Snakefile", "workflow", "notebooks", "docs", "config", "data", "profiles", "environment.txt")
-PARTS += ("benchmarks/results/worlds.csv", "benchmarks/results/worlds_causes.csv")
+PARTS += ("benchmarks/results/worlds.csv", "benchmarks/results/worlds_causes.csv", "article")
+PARTS += tuple(f"benchmarks/results/{name}.csv" for name in ("samplers", "successors", "answers"))
 WITH_TOYS = ("config/smoke.yaml", "config/toys.yaml")
 
 

@@ -1,5 +1,6 @@
 """The whole study in miniature: complete, repeatable, resumable."""
 
+import json
 import os
 import re
 import signal
@@ -136,6 +137,16 @@ def test_the_report_holds_figures_and_tables(finished):
     html = (finished.folder / "report.html").read_text()
     for name in ("fig01_concept", "fig13_relative_half_width", "claims"):
         assert name in html
+
+
+def test_a_miniature_with_a_vehicle_of_its_own_gets_an_article(finished):
+    run = finished.run("--", "article")
+    assert run.returncode == 0, run.stderr[-3000:]
+    results = finished.folder / "results" / "smoke"
+    assert (results / "article.pdf").read_bytes().startswith(b"%PDF-")
+    numbers = json.loads((results / "article.json").read_text())
+    assert numbers["study"]["departure"]  # the text is that of a study of its own, and no reproduction
+    assert numbers["study"]["source"] == DATA
 
 
 def test_lint_asks_only_for_a_container(project):

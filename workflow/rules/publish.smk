@@ -2,7 +2,12 @@
 # book of them all.
 #
 # In: everything under results/<study>/. Out: figures/<study>/*.{pdf,svg,png,csv}, figures/<study>/tables/*, the
-# executed notebooks and the book. What each notebook reads and makes is found out from its code.
+# executed notebooks and the book. What each notebook reads and makes is found out from its code. The article is made
+# from the published tables and figures, and only if it is asked for: make article.
+
+from accelerated_evaluation.publishing.article.text import BENCHMARKS, shown_figures
+
+ARTICLE = PROJECT / "article"
 
 
 rule record_configuration:
@@ -91,6 +96,36 @@ rule book:
         "Making the book"
     script:
         "../scripts/build_book.py"
+
+
+rule article:
+    """Make an article of the study: a PDF whose numbers and figures are all published results."""
+    input:
+        text=sorted(map(str, ARTICLE.iterdir())),
+        figures=[str(FIGURES / f"{name}.pdf") for name in shown_figures(ARTICLE)],
+        captions=[str(CAPTIONS / f"{name}.rst") for name in shown_figures(ARTICLE)],
+        tables=[file for name in NOTEBOOKS for file in tables_of(name)],
+        benchmarks=[
+            str(PROJECT / "benchmarks/results" / f"{name}.csv") for name in BENCHMARKS
+        ],
+        config=result("config.json"),
+        library=modules_of("write_article.py"),
+    output:
+        pdf=result("article.pdf"),
+        numbers=result("article.json"),
+    log:
+        log_of("article.log"),
+    benchmark:
+        benchmark_of("article.tsv")
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        study={"results": str(RESULTS), "figures": str(FIGURES)},
+    message:
+        "Writing the article"
+    script:
+        "../scripts/write_article.py"
 
 
 rule accept_records:

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import SimpleNamespace
 from typing import Any
 
 import nbformat
@@ -23,7 +22,7 @@ from sphinx.application import Sphinx
 from sphinx.util.console import nocolor
 
 from accelerated_evaluation.base.errors import StudyError
-from accelerated_evaluation.publishing.book.texts import fill
+from accelerated_evaluation.publishing.book.texts import caption, fill
 from accelerated_evaluation.publishing.study import Study
 
 FIGURE_FILES = {"PDF": "pdf", "SVG": "svg", "PNG": "png", "data": "csv"}
@@ -63,9 +62,8 @@ class Parts:
 
     def caption(self, name: str) -> list[str]:
         """Return the paragraphs of the caption of a figure or table, as Markdown."""
-        text = (self.captions / f"{name}.rst").read_text(encoding="utf-8")
-        text = fill(text, {"snakemake": SimpleNamespace(config=self.study.config)})
-        return text.replace("*", r"\*").strip().split("\n\n")
+        paragraphs = caption(self.captions, name, self.study.config)
+        return [paragraph.replace("*", r"\*") for paragraph in paragraphs]
 
     def figure(self, name: str, label: str | None = None) -> str:
         """Return a figure as MyST: picture, number, caption, alternative text and files.
@@ -78,22 +76,22 @@ class Parts:
             Target of links, the name of the figure by default; the same figure on a second page needs another
             label.
         """
-        caption, *rest = self.caption(name)
-        sentence = " ".join(re.split(r"(?<=[.:]) ", " ".join(caption.split()), maxsplit=1)[0].split())
+        first, *rest = self.caption(name)
+        sentence = " ".join(re.split(r"(?<=[.:]) ", " ".join(first.split()), maxsplit=1)[0].split())
         number = int(re.search(r"\d+", name)[0])
         width = int.from_bytes((self.study.figures / f"{name}.png").read_bytes()[16:20], "big") // PIXELS
         # A click on the picture opens it alone, where a browser can enlarge it.
         return (
             f"````{{figure}} figures/{name}.png\n:name: {label or name}\n:alt: {_plain(sentence)}\n"
             f":width: {width}px\n"
-            f":target: _images/{name}.png\n\n**Figure {number}.** {' '.join(caption.split())}\n\n"
+            f":target: _images/{name}.png\n\n**Figure {number}.** {' '.join(first.split())}\n\n"
             f"{' '.join(' '.join(rest).split())}\n\n{_links('figures', name, FIGURE_FILES)}\n````\n"
         )
 
     def table(self, name: str) -> str:
         """Return the caption of a published table and links to its files, as an item of a Markdown list."""
-        caption = " ".join(self.caption(name)[0].split())
-        return f"- **{name}**: {caption} {_links('figures/tables', name, TABLE_FILES)}"
+        first = " ".join(self.caption(name)[0].split())
+        return f"- **{name}**: {first} {_links('figures/tables', name, TABLE_FILES)}"
 
 
 def build_book(parts: Parts, site: Path, names: dict[str, Any]) -> None:

@@ -12,6 +12,8 @@ is shown as it is. The filter ``safe`` is for text that is Markdown already.
 
 import math
 from collections.abc import Iterator, Mapping
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from jinja2 import Environment, StrictUndefined, TemplateSyntaxError, nodes
@@ -58,6 +60,23 @@ def fill(text: str, names: Mapping[str, Any]) -> str:
     except Exception as error:
         # The message of a missing key is that key alone, so the kind of error is needed as well.
         raise StudyError(f"{type(error).__name__}: {error}") from error
+
+
+def caption(folder: Path, name: str, config: Mapping[str, Any]) -> list[str]:
+    """Return the paragraphs of the caption of a figure or table, with its placeholders filled in.
+
+    Parameters
+    ----------
+    folder
+        Folder with the captions, ``<name>.rst``. The Snakemake report reads the same files, so that their
+        placeholders call the configuration ``snakemake.config``.
+    name
+        Name of the figure or table.
+    config
+        Resolved configuration of the study.
+    """
+    text = (folder / f"{name}.rst").read_text(encoding="utf-8")
+    return fill(text, {"snakemake": SimpleNamespace(config=config)}).strip().split("\n\n")
 
 
 def attributes(text: str, owner: str) -> Iterator[str]:

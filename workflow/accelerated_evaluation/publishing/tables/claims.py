@@ -75,12 +75,11 @@ def claims_table(
         A row for each claim. The verdict is ``agrees`` or ``differs`` by the rule of `verdict`, or ``not
         comparable`` if the study departs from the paper's assumptions or has no similar quantity.
     """
-    source = describe(config["data"])
     ours = _counts({"single": single, "piecewise": piecewise}, trace) | _searches(trace)
     ours |= _samples(estimates, course, exact, config["importance_sampling"])
-    departure, obstacles = _departure(config, source), _obstacles(estimates)
+    departed, obstacles = departure(config), _obstacles(estimates)
     rows = [
-        _row(claim, ours[key], (departure if claim.rests_on_study else "") or obstacles.get(key, ""))
+        _row(claim, ours[key], (departed if claim.rests_on_study else "") or obstacles.get(key, ""))
         for key, claim in CLAIMS.items()
     ]
     return pd.DataFrame(rows)
@@ -113,12 +112,13 @@ def _why(judged: str, ours: Spread, claim: Claim) -> str:
     return f"{away}: {claim.reason}"
 
 
-def _departure(config: Mapping[str, Any], source: str) -> str:
-    """Name the first premise of the paper that a study does not share, or nothing."""
+def departure(config: Mapping[str, Any]) -> str:
+    """Name the first premise of the paper that a study does not share; empty if it shares all."""
     for key, expected in PREMISES.items():
         seen = reduce(getitem, key.split("."), config)
         if seen != expected:
-            return f"{key} is {json.dumps(seen)}, the paper's is {json.dumps(expected)}; data: {source}"
+            premise = f"{key} is {json.dumps(seen)}, the paper's is {json.dumps(expected)}"
+            return f"{premise}; data: {describe(config['data'])}"
     return ""
 
 

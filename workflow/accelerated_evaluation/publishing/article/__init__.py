@@ -1,0 +1,1 @@
+"""The article of a study: its numbers, collected from the published tables, and the PDF."""

@@ -1,0 +1,186 @@
+"""The numbers of the article that go beyond the paper: laws, answer, coverage, sampler, vehicles, counts."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import pandas as pd
+from scipy.stats import poisson
+
+from accelerated_evaluation.publishing.article.tables import Tables, typeset
+
+LEVELS = (50, 80, 95)  # [%], of the intervals of the answer
+INTERVAL = tuple(f"{end}{level}" for level in LEVELS for end in ("low", "high"))
+MAIN_PROBLEM, SURROGATE = "segment_5_15", "surrogate"
+PUBLIC = ("nais", "nais_25", "cross_entropy", "subset", "form", "enkf")  # methods of public tools
+OWN, THEIRS = "this project", "paper"  # procedures in the benchmark of worlds
+TOGETHER, PAPER_LAW = "all laws, weighed", "paper: independent"
+HUMAN, TESTED = "cc_human", "under test"
+CRASH = "crash: cut-in in front of the subject"
+NEAR_CRASH = "near-crash: cut-in in front of the subject, rear-end conflict"
+
+
+def collect(tables: Tables, benchmarks: Tables, config: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the numbers that go beyond the paper, nested by subject; parameters as for `numbers.collect`."""
+    return {
+        "laws": _laws(tables),
+        "answer": _answer(tables),
+        "worlds": _worlds(benchmarks),
+        "sampler": _sampler(benchmarks),
+        "own_sampler": _own_sampler(tables, config),
+        "vehicles": _vehicles(tables),
+        "counted": _counted(tables),
+    }
+
+
+def _laws(tables: Tables) -> dict[str, Any]:
+    laws = tables["laws"].set_index("law")
+    cells = tables["calibration"]
+    cells = {law: cells[cells["law"] == law] for law in cells["law"].unique()}
+    weighted = next(iter(cells.values()))
+    paper = next(rows for law, rows in cells.items() if law.startswith(PAPER_LAW))
+    members = laws.drop(TOGETHER)
+    refused = members.index[members["refused"]].tolist()
+    kept = members[~members["refused"]]
+    return {
+        "scored": len(members),
+        "kept": len(kept),
+        "refused": [typeset(name) for name in refused],
+        "paper_refused": any(name.startswith(PAPER_LAW) for name in refused),
+        "gain": laws.loc[TOGETHER, "gain_inverse_ttc_0.25"],
+        "gain_far": laws.loc[TOGETHER, "gain_inverse_ttc_0.45"],
+        "least": kept["probability"].min(),
+        "most": kept["probability"].max(),
+        "cells": len(weighted),
+        "outside": int((~weighted["within"]).sum()),
+        "paper_outside": int((~paper["within"]).sum()),
+        "paper_cells": len(paper),
+    }
+
+
+def _answer(tables: Tables) -> dict[str, Any]:
+    answer = tables["answer"]
+    crash = answer[answer["event"] == "crash"].iloc[0]
+    budget = tables["answer_budget"].set_index("source")["variance_share"]
+    thresholds = tables["answer_thresholds"]["probability"]
+    quality = tables["data_quality"].set_index("reading")["probability"]
+    changes = quality.iloc[1:] / quality.iloc[0] - 1
+    return {
+        "crash": crash.to_dict(),
+        "levels": dict(zip(("narrow", "middle", "wide"), LEVELS, strict=True)),
+        "factor80": crash["high80"] / crash["low80"],
+        "events": answer[["event", "median", *INTERVAL]].to_dict("records"),
+        "data": budget["data"],
+        "choice": budget["choice of law"],
+        "sampling": budget["sampling"],
+        "thresholds": thresholds.max() / thresholds.min(),
+        "quality_low": changes.min(),
+        "quality_high": changes.max(),
+        "again": _second_set(answer, int(tables["data_quality"]["events"].iloc[0])),
+        "rate": crash["per_km"],
+        "million_km": 1 / (1e6 * crash["per_km"]) if crash["per_km"] else None,
+    }
+
+
+def _second_set(answer: pd.DataFrame, size: int) -> dict[str, Any]:
+    """Return between which counts of the most frequent near miss a second set of records should lie.
+
+    The counts are 95 % limits of a Poisson number whose mean is anywhere in the 95 % interval of the answer.
+    """
+    nearest = answer[answer["event"] != "crash"].nlargest(1, "probability").iloc[0]
+    low, high = size * nearest["low95"], size * nearest["high95"]
+    return {
+        "event": nearest["event"],
+        "size": size,
+        "low": int(poisson.ppf(0.025, low)) if low > 0 else 0,
+        "high": int(poisson.ppf(0.975, high)) if high > 0 else 0,
+    }
+
+
+def _worlds(benchmarks: Tables) -> dict[str, Any]:
+    worlds = benchmarks["worlds"].set_index(["procedure", "kind"])
+    own, theirs = worlds.loc[OWN], worlds.loc[THEIRS]
+    return {
+        "kinds": len(own),
+        "worlds": own["worlds"].iloc[0],
+        "least": own["coverage80"].min(),
+        "most": own["coverage80"].max(),
+        "paper_least": theirs["coverage80"].min(),
+        "paper_most": theirs["coverage80"].max(),
+    }
+
+
+def _sampler(benchmarks: Tables) -> dict[str, Any]:
+    samplers = benchmarks["samplers"]
+    ours = samplers[samplers["method"] == SURROGATE]
+    main = samplers[samplers["problem"] == MAIN_PROBLEM].set_index("method")
+    own = main.loc[SURROGATE]
+    public = main.loc[[name for name in PUBLIC if name in main.index]]
+    reached = public[public["failed"] == 0].nsmallest(1, "effective_calls").iloc[0]
+    successors, whole = benchmarks["successors"], benchmarks["answers"].set_index("vehicle").loc["acc_aeb"]
+    return {
+        "calls": own["calls_mean"],
+        "p95": own["calls_p95"],
+        "seeds": own["seeds"],
+        "failed": round(own["failed"] * own["seeds"]),
+        "error": own["error"],
+        "coverage": own["coverage80"],
+        "piecewise": main.loc["piecewise", "calls_mean"],
+        "public": reached["calls_mean"],
+        "crude": main.loc["crude", "calls_mean"],
+        "problems": len(ours),
+        "saved": 1 - successors["simulations"].mean() / successors["simulations_alone"].mean(),
+        "answer_runs": whole["runs_mean"],
+        "answer_seeds": whole["seeds"],
+    }
+
+
+def _own_sampler(tables: Tables, config: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the sampler needed in this study, over all segments."""
+    methods = tables["surrogate"].query("scope == 'all'").set_index("method")
+    ours, piecewise = methods.loc[SURROGATE], methods.loc["piecewise"]
+    return {
+        "calls": ours["together"],
+        "piecewise": piecewise["together"],
+        "replicates": config["surrogate"]["replicates"],
+        "to_exact": ours["to_exact"],
+        "unseen": ours["unseen_mode"],
+    }
+
+
+def _vehicles(tables: Tables) -> dict[str, Any]:
+    columns = [
+        "vehicle",
+        "median",
+        "low80",
+        "high80",
+        "low95",
+        "high95",
+        "ratio",
+        "ratio_low80",
+        "ratio_high80",
+    ]
+    vehicles = tables["vehicles"]
+    labelled = vehicles.set_index("vehicle")
+    return {
+        "rows": vehicles[[*columns, "safer", "resolved"]].to_dict("records"),
+        "human": HUMAN in labelled.index,
+        "tested": labelled.loc[TESTED].to_dict(),
+    }
+
+
+def _counted(tables: Tables) -> dict[str, Any]:
+    rates = tables["counted_crashes"]
+    predicted = rates[rates["kind"] == "predicted"]
+    counted = rates[rates["who"] == "100-Car"].set_index("what")
+    by = predicted.set_index("who")["in_hundred_car"]
+    too_many = predicted.loc[predicted["verdict"] == "more than were counted", "who"]
+    return {
+        "million_miles": counted.loc[CRASH, "million_miles"],
+        "crashes": counted.loc[CRASH, "count"],
+        "near_crashes": counted.loc[NEAR_CRASH, "count"],
+        "known": not predicted.empty,
+        "tested": by.get(TESTED),
+        "human": by.get(HUMAN),
+        "too_many": too_many.tolist(),
+        "compatible": [who for who in predicted["who"] if who not in set(too_many)],
+    }

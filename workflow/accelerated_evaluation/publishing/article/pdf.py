@@ -1,0 +1,100 @@
+"""The PDF of the article, which Typst makes of the text, the numbers and the figures of a study."""
+
+import shutil
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import typst
+
+from accelerated_evaluation.base.errors import StudyError
+from accelerated_evaluation.base.files import atomic_path, write_json
+from accelerated_evaluation.publishing.archive.provenance import origin_of
+from accelerated_evaluation.publishing.article.numbers import collect
+from accelerated_evaluation.publishing.article.tables import Tables, typeset
+from accelerated_evaluation.publishing.article.text import TEXT, shown_figures
+from accelerated_evaluation.publishing.book.texts import caption
+from accelerated_evaluation.publishing.study import Study
+
+NUMBERS = "numbers.json"
+
+
+@dataclass(frozen=True)
+class Sources:
+    """The files from which an article is made, apart from the results of the study.
+
+    Parameters
+    ----------
+    text
+        Folder with ``article.typ``, its style and its bibliography.
+    benchmarks
+        Folder with the tables of the benchmarks.
+    captions
+        Folder with the captions of the figures, ``<name>.rst``.
+    """
+
+    text: Path
+    benchmarks: Path
+    captions: Path
+
+
+def numbers_of(study: Study, sources: Sources) -> dict[str, Any]:
+    """Return all that the text of the article reads: numbers, captions of its figures, and provenance."""
+    figures = shown_figures(sources.text)
+    numbers = collect(Tables(study.figures / "tables"), Tables(sources.benchmarks), study.config)
+    captions = {name: _first_paragraph(sources.captions, name, study.config) for name in figures}
+    origin = {"version": version("accelerated-evaluation"), **origin_of(study)}
+    return numbers | {"captions": captions, "provenance": origin}
+
+
+def write_article(study: Study, sources: Sources, pdf: Path, numbers: Path) -> None:
+    """Write the article of a finished study, and the numbers that it uses as JSON.
+
+    Parameters
+    ----------
+    study
+        The finished results.
+    sources
+        Text, benchmarks and captions.
+    pdf, numbers
+        Files to write.
+
+    Raises
+    ------
+    StudyError
+        If Typst cannot compile the text.
+    """
+    known = numbers_of(study, sources)
+    with TemporaryDirectory(prefix=".article.") as folder:
+        for path in sources.text.iterdir():
+            shutil.copy(path, folder)
+        (Path(folder) / "figures").mkdir()
+        for name in known["captions"]:
+            shutil.copy(study.figures / f"{name}.pdf", Path(folder) / "figures")
+        write_json(Path(folder) / NUMBERS, known)
+        compile_text(Path(folder), pdf)
+    write_json(numbers, known)
+
+
+def compile_text(folder: Path, pdf: Path) -> None:
+    """Compile the text in a folder, with the fonts that Typst brings along and without a date.
+
+    Raises
+    ------
+    StudyError
+        With the message of Typst.
+    """
+    with atomic_path(pdf) as temporary:
+        try:
+            typst.compile(
+                folder / TEXT, output=temporary, root=folder, format="pdf", ignore_system_fonts=True
+            )
+        except typst.TypstError as error:
+            raise StudyError(f"Typst cannot compile {TEXT}: {error.message}") from error
+
+
+def _first_paragraph(captions: Path, name: str, config: dict[str, Any]) -> str:
+    """Return the first paragraph of a caption as plain text."""
+    return typeset(" ".join(caption(captions, name, config)[0].split()).replace("`", ""))

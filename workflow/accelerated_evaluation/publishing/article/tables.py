@@ -1,0 +1,74 @@
+"""The published tables of a study and the tables of the benchmarks, as the article reads them."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from accelerated_evaluation.base.errors import InputError
+
+DIGITS = 6  # significant, as in all published tables
+
+
+class Tables:
+    """Tables in some folders; each is read when it is first used.
+
+    Parameters
+    ----------
+    folders
+        Folders with CSV files. A table is taken from the first folder that has it.
+    """
+
+    def __init__(self, *folders: Path) -> None:
+        self.folders = folders
+
+    def __getitem__(self, name: str) -> pd.DataFrame:
+        """Return the table of a name, without the column that names the data.
+
+        Raises
+        ------
+        InputError
+            If no folder has it.
+        """
+        for folder in self.folders:
+            path = folder / f"{name}.csv"
+            if path.is_file():
+                return pd.read_csv(path).drop(columns="data", errors="ignore")
+        raise InputError(
+            f"{self.folders[0] / name}.csv",
+            seen="no such file",
+            expected="a published table of a finished study",
+            change="Run the study first: make study.",
+        )
+
+    def row(self, name: str, key: str, value: str) -> dict[str, Any]:
+        """Return the row of a table whose column ``key`` has a value, as plain numbers."""
+        table = self[name]
+        return plain(table[table[key] == value].iloc[0].to_dict())
+
+    def rows(self, name: str, columns: Mapping[str, str]) -> list[dict[str, Any]]:
+        """Return the rows of a table as plain numbers; ``columns`` maps its columns to shorter names."""
+        return plain(self[name][list(columns)].rename(columns=columns).to_dict("records"))
+
+
+def plain(value: Any) -> Any:  # noqa: ANN401
+    """Return a value as JSON holds it: missing and infinite numbers as None, floats with `DIGITS` digits."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(part) for key, part in value.items()}
+    if isinstance(value, list | tuple | np.ndarray | pd.Series):
+        return [plain(part) for part in value]
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    if isinstance(value, int | np.integer):
+        return int(value)
+    if isinstance(value, float | np.floating):
+        return float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None
+    return value
+
+
+def typeset(text: str) -> str:
+    """Return a text in which the inverses of variables are typeset: R⁻¹ in place of R^-1."""
+    return text.replace("^-1", "\N{SUPERSCRIPT MINUS}\N{SUPERSCRIPT ONE}")

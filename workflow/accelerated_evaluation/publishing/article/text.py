@@ -1,0 +1,16 @@
+"""The text of the article: which published figures it shows, and which benchmarks it quotes.
+
+The workflow asks for them before anything runs, so that this module imports nothing that is slow to load.
+"""
+
+import re
+from pathlib import Path
+
+TEXT = "article.typ"
+BENCHMARKS = ("worlds", "samplers", "successors", "answers")  # tables in benchmarks/results that it quotes
+_SHOWN = re.compile(r'plot\("(\w+)"')
+
+
+def shown_figures(folder: Path) -> tuple[str, ...]:
+    """Return the names of the figures that the text in a folder shows, in order."""
+    return tuple(dict.fromkeys(_SHOWN.findall((folder / TEXT).read_text(encoding="utf-8"))))
