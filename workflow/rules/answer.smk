@@ -65,6 +65,11 @@ rule study_laws:
         answer_thresholds=result("laws", "answer_thresholds.csv"),
         calibration=result("laws", "calibration.csv"),
         crash_places=result("laws", "crash_places.csv"),
+        injuries=result("laws", "injuries.csv"),
+        injuries_by_curve=result("laws", "injuries_by_curve.csv"),
+        injury_budget=result("laws", "injury_budget.csv"),
+        injury_curves=result("laws", "injury_curves.csv"),
+        risk_balance=result("laws", "risk_balance.csv"),
         law=result("laws", "answer.json"),
     log:
         log_of("study_laws.log"),

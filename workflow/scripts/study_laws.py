@@ -12,6 +12,17 @@ from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.study.jobs import job
 from accelerated_evaluation.vehicles.external.slow import all_loaded
 
+# The name of the random stream: the tables for which it was first used, so that their numbers stay the same.
+STREAM = (
+    "answer",
+    "vehicles",
+    "answer_budget",
+    "answer_draws",
+    "answer_thresholds",
+    "calibration",
+    "crash_places",
+)
+
 if __name__ == "__main__":
     with job(snakemake.log[0]):
         files, params, outputs = snakemake.input, snakemake.params, dict(snakemake.output.items())
@@ -23,10 +34,7 @@ if __name__ == "__main__":
         with all_loaded(params.vehicles, params.simulations | {"workers": snakemake.threads}) as vehicles:
             study = LawStudy.of(encounters, vehicles, maps, scored, params.draws, weigh)
             study.resolve(maps, resolve)
-            # The stream is named by the tables that need it; rates per kilometre are computed without draws.
-            generator = child_generator(
-                params.seed, "laws", *(name for name in outputs if name != "exposure")
-            )
+            generator = child_generator(params.seed, "laws", *STREAM)
             tables = study.answers(read_json(files.exposure), params.half_width, generator)
         write_law(law, study.representative(), encounters)
         for name, path in outputs.items():

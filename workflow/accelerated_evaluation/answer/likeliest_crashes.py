@@ -14,6 +14,7 @@ from accelerated_evaluation.vehicles.events import CRASH
 from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
 
 WAYS = 12
+LIKE_RANGE = 5.0  # [m], how far the range of a record may differ to be like that of a crash
 DRAWN = 4000  # crashes that are put into groups
 PLACE = ("lead_speed", "range", "closing_speed")
 SHOWN = ("kind", "number", "probability", *PLACE, "crash", "min_range", "min_ttc", "impact_speed")
@@ -115,3 +116,12 @@ def _tabulated(table: pd.DataFrame, kind: str, vehicle: Vehicle) -> pd.DataFrame
     outcomes: Outcomes = vehicle.simulate(*(table[name].to_numpy() for name in PLACE))
     table = table.assign(kind=kind, number=np.arange(len(table)) + 1, **vars(outcomes))
     return table[list(SHOWN)]
+
+
+def largest_near(records: DistinctRecords, ranges: Array) -> Array:
+    """Return the largest closing speed [m/s] recorded within `LIKE_RANGE` of each range [m], or 0."""
+    order = np.argsort(records.range_)
+    recorded, speeds = records.range_[order], records.closing_speed[order]
+    first = np.searchsorted(recorded, ranges - LIKE_RANGE, side="right")
+    end = np.searchsorted(recorded, ranges + LIKE_RANGE, side="left")
+    return np.array([speeds[i:k].max(initial=0.0) for i, k in zip(first, end, strict=True)])

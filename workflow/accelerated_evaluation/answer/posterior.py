@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 import pandas as pd
@@ -24,10 +25,13 @@ class Posterior:
         The draws, shape (draws,).
     member
         Index of the law among the members, shape (draws,).
+    expected
+        Expected value of each risk in an encounter, shape (draws, risks); None if no risks were given.
     """
 
     probabilities: Array
     member: NDArray[np.int_]
+    expected: Array | None = None
 
     @property
     def probability(self) -> float:
@@ -46,6 +50,7 @@ def draw_posterior(
     members: tuple[Member, ...],
     weights: Array,
     generator: np.random.Generator,
+    risks: Mapping[str, Array] = MappingProxyType({}),
 ) -> dict[str, Posterior]:
     """Draw laws with their weights and parameters from their posteriors, and compute event probabilities.
 
@@ -61,16 +66,22 @@ def draw_posterior(
         Draws of the weights, shape (draws, members), with rows that sum to 1.
     generator
         Source of all randomness.
+    risks
+        Risks in each interval of some events, shape (risks, intervals), such as the risk of an injury.
     """
     ends = np.cumsum(weights, axis=1)
     chosen = np.minimum((generator.random((len(weights), 1)) > ends).sum(axis=1), len(members) - 1)
     probabilities = {event: np.empty(len(weights)) for event in lines}
+    expected = {event: np.empty((len(weights), len(of_event))) for event, of_event in risks.items()}
     for draw, place in enumerate(chosen):
         ranges = family.ranges.drawn(generator)
         law = family.law(members[place]).drawn(generator)
         for event, of_event in lines.items():
-            probabilities[event][draw] = of_event.probability(ranges, law)
-    return {event: Posterior(values, chosen) for event, values in probabilities.items()}
+            masses = of_event.masses(ranges, law)
+            probabilities[event][draw] = masses.sum()
+            if event in risks:
+                expected[event][draw] = risks[event] @ masses
+    return {event: Posterior(values, chosen, expected.get(event)) for event, values in probabilities.items()}
 
 
 def budget(posterior: Posterior, sampling_deviation: float) -> pd.DataFrame:
@@ -90,20 +101,35 @@ def budget(posterior: Posterior, sampling_deviation: float) -> pd.DataFrame:
         is the mean variance of the draws within a law, ``choice of law`` the variance between the means of
         the laws.
     """
+    variances = log_variances(posterior) | {"sampling": float(np.log1p(sampling_deviation**2))}
+    return shares(variances)
+
+
+def log_variances(posterior: Posterior) -> dict[str, float]:
+    """Return the variance of the logarithm of a probability from the data and from the choice of the law.
+
+    Both are NaN if a draw of the probability is zero.
+    """
     with np.errstate(divide="ignore"):
         logs = pd.Series(np.log(posterior.probabilities))
-    if not np.isfinite(logs).all():  # the event never happens, so nothing is uncertain
-        names = ["data", "choice of law", "sampling", "together"]
-        return pd.DataFrame({"source": names, "factor": 1.0, "variance_share": np.nan})
+    if not np.isfinite(logs).all():
+        return {"data": np.nan, "choice of law": np.nan}
     groups = logs.groupby(posterior.member)
     means, counts = groups.transform("mean"), groups.transform("size")
     within = float((logs - means).pow(2).mean() * counts.mean() / max(counts.mean() - 1, 1))
-    variances = {
-        "data": within,
-        "choice of law": max(float(logs.var()) - within, 0.0),
-        "sampling": float(np.log1p(sampling_deviation**2)),
-    }
+    return {"data": within, "choice of law": max(float(logs.var()) - within, 0.0)}
+
+
+def shares(variances: Mapping[str, float]) -> pd.DataFrame:
+    """Tabulate independent variances of a logarithm by source, as `budget` does.
+
+    If one of them is NaN, the event never happens and nothing is uncertain. All factors are then 1, and no
+    share is known.
+    """
     total = sum(variances.values())
+    if np.isnan(total):
+        names = [*variances, "together"]
+        return pd.DataFrame({"source": names, "factor": 1.0, "variance_share": np.nan})
     rows = [(name, float(np.exp(np.sqrt(value))), value / total) for name, value in variances.items()]
     rows.append(("together", float(np.exp(np.sqrt(total))), 1.0))
     return pd.DataFrame(rows, columns=["source", "factor", "variance_share"])

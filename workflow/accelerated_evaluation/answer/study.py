@@ -10,7 +10,10 @@ from scipy.stats import norm
 
 from accelerated_evaluation.answer.calibration import cell_counts, near_miss_counts, with_limits
 from accelerated_evaluation.answer.exposure import exposure_table
+from accelerated_evaluation.answer.injuries.impacts import ImpactSpeeds, Key, tabulated_risks
+from accelerated_evaluation.answer.injuries.tables import injury_tables
 from accelerated_evaluation.answer.law_table import KNOT, PAPER, TOGETHER
+from accelerated_evaluation.answer.likeliest_crashes import largest_near
 from accelerated_evaluation.answer.posterior import Posterior, budget
 from accelerated_evaluation.answer.scores import GivenLaw
 from accelerated_evaluation.answer.summary import (
@@ -26,7 +29,7 @@ from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.crash_map.sampled import sample_crashes
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw
-from accelerated_evaluation.laws.smooth.family import DistinctRecords, LawFamily, Member
+from accelerated_evaluation.laws.smooth.family import LawFamily, Member
 from accelerated_evaluation.laws.smooth.rivals import IndependentTail
 from accelerated_evaluation.laws.smooth.shapes import Exponential
 from accelerated_evaluation.vehicles.events import Event
@@ -42,7 +45,6 @@ UNDER_TEST = "under test"
 REFERENCE = "cc_human"  # the competent and careful human of UN R157
 SHOWN = (Member(), *(Member(KNOT, shape) for shape in ("exponential", "generalised", "two kinds")))
 DRAWN = 2000  # number of crashes that are drawn from each law
-LIKE_RANGE = 5.0  # [m], how far the range of a record may differ to be like that of a crash
 
 
 @dataclass(frozen=True)
@@ -127,7 +129,7 @@ class LawStudy:
         """
         records, family = self.weighted.records, self.family
         for name, vehicle in self.vehicles.items():
-            crash = "crash" if vehicle is self.vehicle else f"crash of {name}"
+            crash = self.crash_of(name)
             lines = self.thinned[crash]
             of_laws = {m: lines.probability(family.ranges, family.law(m)) for m in self.weighted.members}
             recorded = int(self.replayed[name].crash.sum())
@@ -141,6 +143,10 @@ class LawStudy:
     def vehicle(self) -> Vehicle:
         """The car under test."""
         return next(iter(self.vehicles.values()))
+
+    def crash_of(self, name: str) -> str:
+        """Return the name of the crashes of a vehicle among the events."""
+        return "crash" if self.vehicles[name] is self.vehicle else f"crash of {name}"
 
     @property
     def family(self) -> LawFamily:
@@ -218,6 +224,17 @@ class LawStudy:
         weighted = self.weighted
         return DependentLaw.fitted(self.family, weighted.heaviest, self.encounters, weighted.records.support)
 
+    def draws(self, tabulated: Mapping[Key, Array], generator: np.random.Generator) -> dict[str, Posterior]:
+        """Draw the probability of every event, and the expected value of tabulated risks in a crash."""
+        law = self.family.law(self.weighted.heaviest)
+        crashing = {self.crash_of(name): vehicle for name, vehicle in self.vehicles.items()}
+        impacts = {
+            crash: ImpactSpeeds.of(self.thinned[crash], vehicle, law) for crash, vehicle in crashing.items()
+        }
+        lines = self.thinned | {crash: found.lines for crash, found in impacts.items()}
+        risks = {crash: found.risks(tabulated) for crash, found in impacts.items()}
+        return self.weighted.draw(lines, generator, risks=risks)
+
     def answers(
         self, exposure: Mapping[str, float | None], half_width: float, generator: np.random.Generator
     ) -> dict[str, pd.DataFrame]:
@@ -236,23 +253,27 @@ class LawStudy:
         -------
         dict
             ``answer`` by event, ``exposure`` (rates per kilometre and hour), ``vehicles`` (comparison),
-            ``answer_draws``, ``answer_budget``, ``answer_thresholds``, ``calibration`` and ``crash_places``.
+            ``answer_draws``, ``answer_budget``, ``answer_thresholds``, ``calibration`` and ``crash_places``,
+            and those of `injuries.tables.injury_tables`.
         """
-        posteriors = self.weighted.draw(self.thinned, generator)
+        tabulated = tabulated_risks()
+        posteriors = self.draws(tabulated, generator)
         cut_ins, kilometres = self.weighted.records.size, exposure["kilometres"]
         per_km = None if kilometres is None else cut_ins / kilometres
         own = {name: posteriors[name] for name in self.events}
         crashes = {
-            name.removeprefix("crash of "): posterior
-            for name, posterior in posteriors.items()
-            if name not in self.events
+            UNDER_TEST if vehicle is self.vehicle else name: posteriors[self.crash_of(name)]
+            for name, vehicle in self.vehicles.items()
         }
+        vehicles, sampling = self.compared(crashes), half_width / norm.isf(0.1)
+        resolved = {name: crashes[name] for name in vehicles.loc[vehicles["resolved"], "vehicle"]}
         return {
             "answer": answer_table(own, per_km),
             "exposure": exposure_table(own, cut_ins, exposure),
-            "vehicles": self.compared({UNDER_TEST: own["crash"]} | crashes),
+            "vehicles": vehicles,
+            **injury_tables(resolved, UNDER_TEST, list(tabulated), cut_ins, exposure, sampling),
             "answer_draws": answer_draws(own["crash"], self.weighted),
-            "answer_budget": budget(own["crash"], half_width / norm.isf(0.1)),
+            "answer_budget": budget(own["crash"], sampling),
             "answer_thresholds": threshold_table(self.weighted, self.thinned["crash"], generator),
             "calibration": self.calibration(),
             "crash_places": self.crash_places(generator),
@@ -276,12 +297,3 @@ def answer_draws(posterior: Posterior, weighted: WeightedLaws) -> pd.DataFrame:
     """Tabulate the draws of the posterior: ``probability`` and the ``law`` from which it was drawn."""
     names: Array = np.array([member.name for member in weighted.members])
     return pd.DataFrame({"probability": posterior.probabilities, "law": names[posterior.member]})
-
-
-def largest_near(records: DistinctRecords, ranges: Array) -> Array:
-    """Return the largest closing speed [m/s] recorded within `LIKE_RANGE` of each range [m], or 0."""
-    order = np.argsort(records.range_)
-    recorded, speeds = records.range_[order], records.closing_speed[order]
-    first = np.searchsorted(recorded, ranges - LIKE_RANGE, side="right")
-    end = np.searchsorted(recorded, ranges + LIKE_RANGE, side="left")
-    return np.array([speeds[i:k].max(initial=0.0) for i, k in zip(first, end, strict=True)])

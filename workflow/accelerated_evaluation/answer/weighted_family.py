@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
@@ -96,11 +97,18 @@ class WeightedLaws(ScoredFamily):
         return lines.thinned(np.mean(shares, axis=0), size, generator)
 
     def draw(
-        self, lines: Mapping[str, CrashLines], generator: np.random.Generator, weights: Array | None = None
+        self,
+        lines: Mapping[str, CrashLines],
+        generator: np.random.Generator,
+        weights: Array | None = None,
+        risks: Mapping[str, Array] = MappingProxyType({}),
     ) -> dict[str, Posterior]:
-        """Draw probabilities of events from the posterior, optionally with other ``weights``."""
+        """Draw probabilities of events from the posterior, optionally with other ``weights`` and with risks.
+
+        `posterior.draw_posterior` describes the risks.
+        """
         chosen = self.weights if weights is None else weights
-        return draw_posterior(lines, self.family, self.members, chosen, generator)
+        return draw_posterior(lines, self.family, self.members, chosen, generator, risks)
 
 
 def region(records: DistinctRecords) -> float:

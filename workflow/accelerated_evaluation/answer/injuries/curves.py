@@ -1,0 +1,116 @@
+"""Curves of the risk of injury: the probability that an occupant is injured, given the delta-v of the car.
+
+The delta-v is the change of a car's velocity in a crash. The injury of an occupant is described by the
+largest value on the Abbreviated Injury Scale over all body regions (MAIS): 2 is moderate, 3 is serious.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy.special import expit
+
+from accelerated_evaluation.base.arrays import Array
+
+LEVELS = ("MAIS2+", "MAIS3+", "fatal")  # at least moderate, at least serious, fatal
+FRONTAL, REAR = "frontal", "rear"
+KILOMETRES_PER_HOUR = 1 / 3.6  # [m/s]
+MILES_PER_HOUR = 0.44704  # [m/s]
+
+
+class RiskCurve(Protocol):
+    """The probability of an injury as a function of the delta-v."""
+
+    def __call__(self, delta_v: Array) -> Array:
+        """Return the probability of an injury at each delta-v [m/s]."""
+
+    @property
+    def formula(self) -> str:
+        """The curve with its coefficients, in the units of the publication."""
+
+
+@dataclass(frozen=True)
+class Logistic:
+    """A logistic regression, logit P = intercept + slope * delta-v.
+
+    Attributes
+    ----------
+    intercept, slope
+        Coefficients as they are published.
+    unit
+        Unit of the delta-v in the publication [m/s].
+    """
+
+    intercept: float
+    slope: float
+    unit: float
+
+    def __call__(self, delta_v: Array) -> Array:
+        """Return the probability of an injury at each delta-v [m/s]."""
+        return expit(self.intercept + self.slope / self.unit * np.asarray(delta_v))
+
+    @property
+    def formula(self) -> str:
+        """The logit of the probability."""
+        return f"logit P = {self.intercept:g} + {self.slope:g} delta-v [{unit_name(self.unit)}]"
+
+
+@dataclass(frozen=True)
+class Power:
+    """A power of the delta-v, P = (delta-v / reference)^exponent, at most 1.
+
+    Attributes
+    ----------
+    reference, exponent
+        Delta-v at which the curve reaches 1, and exponent, as they are published.
+    unit
+        Unit of the delta-v in the publication [m/s].
+    """
+
+    reference: float
+    exponent: float
+    unit: float
+
+    def __call__(self, delta_v: Array) -> Array:
+        """Return the probability of an injury at each delta-v [m/s]."""
+        return np.minimum(np.asarray(delta_v) / (self.unit * self.reference), 1.0) ** self.exponent
+
+    @property
+    def formula(self) -> str:
+        """The probability."""
+        return f"P = (delta-v [{unit_name(self.unit)}] / {self.reference:g})^{self.exponent:g}"
+
+
+@dataclass(frozen=True)
+class Source:
+    """The curves of one publication, with all that a reader needs to check them.
+
+    Attributes
+    ----------
+    name
+        Authors and year.
+    reference, doi
+        Publication; the number of a report if it has no DOI.
+    table
+        Where the coefficients are in the publication.
+    population
+        The crashes and occupants to which the curves were fitted.
+    checked
+        How the coefficients were checked, and what was not checked.
+    curves
+        The curves by level of injury (`LEVELS`) and by the end of the car that is struck (`FRONTAL`, `REAR`).
+    """
+
+    name: str
+    reference: str
+    doi: str
+    table: str
+    population: str
+    checked: str
+    curves: Mapping[tuple[str, str], RiskCurve]
+
+
+def unit_name(unit: float) -> str:
+    """Return the name of a unit of the delta-v."""
+    return {KILOMETRES_PER_HOUR: "km/h", MILES_PER_HOUR: "mph"}[unit]

@@ -1,0 +1,249 @@
+"""Tables of injuries: how many drivers are injured, compared with the reference drivers, and how certain.
+
+The injuries of a cut-in are the expected number of injured drivers, at most one in each of the two cars. For
+each level of injury, every curve for frontal impacts is combined with every curve for impacts from behind.
+All combinations have the same weight, because nothing in the records favours one of the publications.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from accelerated_evaluation.answer.exposure import UNITS, Rate
+from accelerated_evaluation.answer.injuries.curves import FRONTAL, LEVELS, REAR
+from accelerated_evaluation.answer.injuries.impacts import Key, gentle
+from accelerated_evaluation.answer.injuries.sources import SOURCES
+from accelerated_evaluation.answer.posterior import Posterior, log_variances, shares
+from accelerated_evaluation.answer.summary import RATIO, SUMMARY, summarise
+from accelerated_evaluation.base.arrays import Array
+
+CUT_IN = "cut-in"
+DISTANCES = 1e6  # rates are for a million kilometres or hours
+COLUMNS = ["vehicle", "level", "per", "mean", *SUMMARY[1:], "per_crash", "in_own_car", "gentle"]
+
+
+@dataclass(frozen=True)
+class Injured:
+    """Draws of the expected number of injured drivers in a cut-in, at one level of injury.
+
+    Attributes
+    ----------
+    own, other
+        The driver of the car under test and the driver of the car that cuts in, for each curve, shape
+        (draws, curves).
+    crash
+        Draws of the crash probability, shape (draws,).
+    member
+        Index of the law of each draw, shape (draws,).
+    sources
+        Sources of the curves of ``own`` and of ``other``.
+    gentle
+        Mean number of drivers who are injured in impacts below `impacts.GENTLE`.
+    """
+
+    own: Array
+    other: Array
+    crash: Array
+    member: NDArray[np.int_]
+    sources: tuple[Sequence[str], Sequence[str]]
+    gentle: float = 0.0
+
+    @classmethod
+    def of(cls, posterior: Posterior, keys: Sequence[Key], level: str) -> "Injured":
+        """Collect the draws of a level from a posterior whose risks are those of some curves."""
+
+        def drawn(level: str, impact: str) -> tuple[Array, list[str]]:
+            chosen = [i for i, (of, end, _) in enumerate(keys) if (of, end) == (level, impact)]
+            return posterior.expected[:, chosen], [keys[i][2] for i in chosen]
+
+        (own, first), (other, second) = (drawn(level, impact) for impact in (FRONTAL, REAR))
+        slow = sum(float(drawn(gentle(level), impact)[0].mean()) for impact in (FRONTAL, REAR))
+        return cls(own, other, posterior.probabilities, posterior.member, (first, second), slow)
+
+    @cached_property
+    def numbers(self) -> Array:
+        """The number of injured drivers, shape (draws, combinations of curves)."""
+        return (self.own[:, :, None] + self.other[:, None, :]).reshape(len(self.own), -1)
+
+    @property
+    def combinations(self) -> list[tuple[str, str]]:
+        """Sources of the two curves of each combination."""
+        own, other = self.sources
+        return [(first, second) for first in own for second in other]
+
+    @property
+    def pooled(self) -> Posterior:
+        """All draws of all combinations."""
+        return Posterior(self.numbers.ravel(), np.repeat(self.member, self.numbers.shape[1]))
+
+    def variances(self) -> dict[str, float]:
+        """Return the variance of the logarithm from the data, the choice of law and the choice of curve."""
+        columns = [Posterior(column, self.member) for column in self.numbers.T]
+        parts = pd.DataFrame([log_variances(column) for column in columns]).mean(skipna=False).to_dict()
+        known = not np.isnan(list(parts.values())).any()
+        between = float(np.log(self.numbers).mean(axis=0).var()) if known else np.nan
+        return parts | {"choice of curve": between}
+
+
+def injuries_table(
+    injured: Mapping[str, Mapping[str, Injured]], cut_ins: int, exposure: Mapping[str, float | None]
+) -> pd.DataFrame:
+    """Tabulate the injured drivers per cut-in, and per million kilometres and hours if these are known.
+
+    Parameters
+    ----------
+    injured
+        Draws by vehicle and level.
+    cut_ins
+        Number of distinct closing cut-ins within the limits.
+    exposure
+        ``kilometres`` and ``hours`` in which they were recorded; None if unknown.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``vehicle``, ``level`` and ``per``; ``mean``, ``median`` and the interval ends ``low50`` to
+        ``high95``, with the uncertainty of the data, the choice of law and the choice of curve;
+        ``per_crash``, injured drivers in a crash; ``in_own_car``, the share of them in the vehicle; and
+        ``gentle``, the share in impacts below `impacts.GENTLE`, where the curves are extrapolated.
+    """
+    rates = {f"million {key}": Rate(cut_ins, size) for key in UNITS if (size := exposure[key]) is not None}
+    rows = []
+    for vehicle, levels in injured.items():
+        for level, found in levels.items():
+            mean, crash = found.numbers.mean(), found.crash.mean()
+            row = {"vehicle": vehicle, "level": level}
+            row["per_crash"] = mean / crash if crash > 0 else np.nan
+            row["in_own_car"] = found.own.mean() / mean if mean > 0 else np.nan
+            row["gentle"] = found.gentle / mean if mean > 0 else np.nan
+            summary = summarise(found.pooled)
+            rows.append(row | summary | {"per": CUT_IN, "mean": summary["probability"]})
+            for per, rate in rates.items():
+                summary = rate.summary(found.pooled.probabilities)
+                rows.append(row | {name: DISTANCES * value for name, value in summary.items()} | {"per": per})
+    return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def balance_table(injured: Mapping[str, Mapping[str, Injured]], tested: str) -> pd.DataFrame:
+    """Compare the injured drivers of the vehicle under test with those of each other vehicle.
+
+    Both vehicles have the same draws of the law and the same curves, so that most of the uncertainty cancels.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``vehicle``, ``reference``, ``level``; ``ratio``, ``ratio_low80`` and ``ratio_high80`` (median
+        and 80 % interval); and ``fewer_injured``, the probability that the vehicle injures fewer drivers. A
+        reference that never crashes has no row.
+    """
+    rows = []
+    for reference in injured:
+        if reference == tested or tested not in injured:
+            continue
+        for level, own in injured[tested].items():
+            base = injured[reference][level].numbers
+            if not (base > 0).all():
+                continue
+            ratio = own.numbers / base
+            row = {"vehicle": tested, "reference": reference, "level": level}
+            row |= dict(zip(RATIO, np.quantile(ratio, [0.5, 0.1, 0.9]).tolist(), strict=True))
+            rows.append(row | {"fewer_injured": float(np.mean(ratio < 1))})
+    return pd.DataFrame(rows, columns=["vehicle", "reference", "level", *RATIO, "fewer_injured"])
+
+
+def injury_budget(injured: Mapping[str, Injured], sampling_deviation: float) -> pd.DataFrame:
+    """Divide the variance of the logarithm of the injured drivers among its sources, for each level.
+
+    The columns are ``level`` and those of `posterior.budget`, with the choice of curve as a further source.
+    """
+    sampling = float(np.log1p(sampling_deviation**2))
+    parts = [
+        shares(found.variances() | {"sampling": sampling}).assign(level=level)
+        for level, found in injured.items()
+    ]
+    columns = ["level", "source", "factor", "variance_share"]
+    return pd.concat(parts, ignore_index=True)[columns] if parts else pd.DataFrame(columns=columns)
+
+
+def injuries_by_curve(injured: Mapping[str, Mapping[str, Injured]]) -> pd.DataFrame:
+    """Tabulate the injured drivers per cut-in for each combination of two curves.
+
+    The columns are ``vehicle``, ``level``, ``frontal`` and ``rear`` (the sources of the curves of the two
+    drivers) and those of `summary.summarise`.
+    """
+    rows = [
+        {"vehicle": vehicle, "level": level, FRONTAL: names[0], REAR: names[1]}
+        | summarise(Posterior(column, found.member))
+        for vehicle, levels in injured.items()
+        for level, found in levels.items()
+        for names, column in zip(found.combinations, found.numbers.T, strict=True)
+    ]
+    return pd.DataFrame(rows, columns=["vehicle", "level", FRONTAL, REAR, *SUMMARY])
+
+
+def curves_table() -> pd.DataFrame:
+    """Tabulate all published curves with coefficients, populations, and how they were checked."""
+    rows = [
+        {
+            "level": level,
+            "impact": impact,
+            "source": source.name,
+            "curve": source.curves[level, impact].formula,
+            "table": source.table,
+            "population": source.population,
+            "reference": source.reference,
+            "doi": source.doi,
+            "checked": source.checked,
+        }
+        for level in LEVELS
+        for impact in (FRONTAL, REAR)
+        for source in (SOURCES[name]() for name in SOURCES)
+        if (level, impact) in source.curves
+    ]
+    return pd.DataFrame(rows)
+
+
+def injury_tables(
+    posteriors: Mapping[str, Posterior],
+    tested: str,
+    keys: Sequence[Key],
+    cut_ins: int,
+    exposure: Mapping[str, float | None],
+    sampling_deviation: float,
+) -> dict[str, pd.DataFrame]:
+    """Return all tables of injuries.
+
+    Parameters
+    ----------
+    posteriors
+        Posterior of the crashes of each vehicle with its risks, without the vehicles whose crash map was
+        rejected.
+    tested
+        Name of the vehicle under test.
+    keys
+        Level, impact and source of each risk.
+    cut_ins, exposure
+        As in `injuries_table`.
+    sampling_deviation
+        As in `posterior.budget`.
+
+    Returns
+    -------
+    dict
+        ``injuries``, ``injuries_by_curve``, ``risk_balance``, ``injury_budget`` and ``injury_curves``.
+    """
+    injured = {
+        name: {level: Injured.of(posterior, keys, level) for level in LEVELS}
+        for name, posterior in posteriors.items()
+    }
+    return {
+        "injuries": injuries_table(injured, cut_ins, exposure),
+        "injuries_by_curve": injuries_by_curve(injured),
+        "risk_balance": balance_table(injured, tested),
+        "injury_budget": injury_budget(injured.get(tested, {}), sampling_deviation),
+        "injury_curves": curves_table(),
+    }
