@@ -28,11 +28,11 @@ from accelerated_evaluation.vehicles.protocol import Vehicle
 # Evaluation and update of MASH test vehicles, University of Nebraska-Lincoln).
 MASSES = (2800, 5850)
 NODES = 15  # of the integral over the masses
-PARTS = 6  # of a wide interval of a crash map
+PARTS = 8  # of a wide interval of a crash map
 POINTS = 4  # that are simulated in a part
 INSIDE = (np.arange(POINTS) + 0.5) / POINTS  # where they are
 NARROW = 0.5  # [m/s], width up to which an interval is not divided
-TAIL = 3  # exponent that makes the parts smaller in probability where the closing speed is large
+TAIL = 4  # exponent that makes the parts smaller in probability where the closing speed is large
 FAR = 50.0  # cumulative hazard beyond any crash, in place of an infinite one
 SPEEDS = np.linspace(0, 80, 1601)  # [m/s], at which risks are tabulated
 GENTLE = 3.0  # [m/s], impact speed below which hardly any car is towed, so that no curve was fitted there
