@@ -9,7 +9,7 @@ import pytest
 from accelerated_evaluation import cli
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import write_csv
-from accelerated_evaluation.methods.study import with_cut_ins
+from accelerated_evaluation.methods.study import with_encounters
 from accelerated_evaluation.methods.surrogate import Surrogate
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.methods.surrogate.predecessor import read_predecessor
@@ -175,7 +175,7 @@ def table():
     """Some simulations as `estimate` writes them."""
     z = np.random.default_rng(5).normal(size=(30, 3))
     runs = pd.DataFrame({f"z_{k + 1}": z[:, k] for k in range(3)}).assign(event=np.arange(30) > 25)
-    return with_cut_ins(runs, Problem(LAW, load_vehicle("acc_aeb")))
+    return with_encounters(runs, Problem(LAW, load_vehicle("acc_aeb")))
 
 
 def test_a_table_of_simulations_is_read(table, tmp_path):

@@ -76,7 +76,7 @@ def modules_of(script: str, *notebooks: str, members=None):
 
     def modules(wildcards):
         looked_up = members(wildcards) if callable(members) else members
-        all_looked_up = {"scenarios": ["cut_in"]} | (looked_up or {})
+        all_looked_up = {"scenarios": ["cut_in"], "joint": []} | (looked_up or {})
         return [str(path) for path in imported_modules(sources, library, all_looked_up)]
 
     return modules

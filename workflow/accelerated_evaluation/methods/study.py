@@ -9,14 +9,14 @@ from tqdm import trange
 
 from accelerated_evaluation.methods.cross_entropy.proposals import Proposals
 from accelerated_evaluation.methods.estimate import Method, Stopping
-from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.problem import Problem, ScenarioProblem
 
 ALL = "all"
 
 
 def study_method(
     method: Method,
-    problem: Problem,
+    problem: Problem | ScenarioProblem,
     stopping: Stopping,
     generators: Sequence[np.random.Generator],
     labels: Mapping[str, str],
@@ -53,34 +53,39 @@ def study_method(
         numbered = {**labels, "replicate": replicate}
         rows.append(numbered | estimate.row())
         for name, parts in tables.items():
-            part = estimate.tables[name] if name != "runs" else with_cut_ins(estimate.tables[name], problem)
+            part = (
+                estimate.tables[name] if name != "runs" else with_encounters(estimate.tables[name], problem)
+            )
             parts.append(part.assign(**numbered)[[*numbered, *part.columns]])
     joined = {name: pd.concat(parts, ignore_index=True) for name, parts in tables.items()}
     return {"estimates": pd.DataFrame(rows)} | joined
 
 
-def with_cut_ins(runs: pd.DataFrame, problem: Problem) -> pd.DataFrame:
-    """Rename the normal scores of simulations by their variables, and add the corresponding cut-ins.
+def with_encounters(runs: pd.DataFrame, problem: Problem | ScenarioProblem) -> pd.DataFrame:
+    """Rename the normal scores of simulations by the coordinates of the law, and add these coordinates.
 
     Parameters
     ----------
     runs
-        One row for each simulation, with the normal scores ``z_1``, ``z_2`` and ``z_3``.
+        One row for each simulation, with the normal scores ``z_1``, ``z_2`` and so on.
     problem
-        The problem, whose law maps the scores to cut-ins.
+        The problem, whose law maps the scores to encounters.
 
     Returns
     -------
     pandas.DataFrame
-        The scores are called ``z_lead_speed``, ``z_inverse_range`` and ``z_inverse_ttc``. New columns are
-        ``lead_speed`` [m/s], ``inverse_range`` [1/m], ``inverse_ttc`` [1/s] and ``segment``.
+        For a cut-in, the scores are called ``z_lead_speed``, ``z_inverse_range`` and ``z_inverse_ttc``, and
+        the new columns are ``lead_speed`` [m/s], ``inverse_range`` [1/m], ``inverse_ttc`` [1/s] and
+        ``segment``. For other scenarios, the names are those of their variables.
     """
-    scores = [f"z_{k}" for k in (1, 2, 3)]
+    scores = [f"z_{k + 1}" for k in range(problem.dimension)]
     z = runs[scores].to_numpy()
-    cut_ins = vars(problem.law.from_normal_scores(z))
+    coordinates = problem.coordinates(z)
+    renamed = runs.rename(columns={z: f"z_{name}" for z, name in zip(scores, coordinates, strict=True)})
+    if isinstance(problem, ScenarioProblem):
+        return renamed.assign(**coordinates)
     names = np.array([*problem.law.shares])[problem.law.stratum_of_normal_scores(z)]
-    renamed = runs.rename(columns={z: f"z_{name}" for z, name in zip(scores, cut_ins, strict=True)})
-    return renamed.assign(**cut_ins, segment=names)
+    return renamed.assign(**coordinates, segment=names)
 
 
 def in_scope(

@@ -1,61 +1,22 @@
-"""The problem: the probability of an event, for a law of cut-ins and a vehicle."""
+"""The problem of cut-ins: the probability of an event, for a law of cut-ins and a vehicle."""
 
 import os
-import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.distributions import Distribution
-from accelerated_evaluation.distributions.tails import normal_score_quantile
 from accelerated_evaluation.laws import CutIns, Factors, Law
 from accelerated_evaluation.laws.files import read_law
+from accelerated_evaluation.problem.protocol import Response, without_addresses
 from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.vehicles.events import CRASH, Event
 from accelerated_evaluation.vehicles.external.slow import loaded_for
 from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle, repeats_itself
-
-Response = tuple[NDArray[np.bool_], Array | None]
-
-
-class ScoreProblem(Protocol):
-    """The interface of a problem for samplers in the space of normal scores.
-
-    Attributes
-    ----------
-    dimension
-        Number d of normal scores.
-    fingerprint
-        A text that identifies the problem, so that a saved state is resumed only for the same problem.
-    deterministic
-        Whether the same normal scores always give the same outcome; None if this is unknown.
-    """
-
-    dimension: int
-    fingerprint: str
-    deterministic: bool | None
-
-    def evaluate(self, z: Array) -> Response:
-        """Run the system at normal scores z.
-
-        Parameters
-        ----------
-        z
-            Normal scores, shape (n, d).
-
-        Returns
-        -------
-        happened : numpy.ndarray
-            Whether the event happened, shape (n,).
-        score : numpy.ndarray or None
-            A number that becomes smaller the closer the run came to the event, shape (n,); None if it is
-            unknown.
-        """
 
 
 @dataclass(frozen=True)
@@ -125,8 +86,7 @@ class Problem:
 
         An object without a description of its own is represented by its class.
         """
-        # The default representation of an object contains its memory address, which differs in every process.
-        return re.sub(r"<\S*?(\w+) object at 0x\w+>", r"\1", repr(self))
+        return without_addresses(repr(self))
 
     @property
     def deterministic(self) -> bool | None:
@@ -153,6 +113,10 @@ class Problem:
         again = getattr(self.vehicle, "repeat", self.vehicle.simulate)
         closing_speed = self.law.capped(cut_ins.closing_speed)
         return self._response(again(cut_ins.lead_speed, cut_ins.range_, closing_speed))
+
+    def coordinates(self, z: Array) -> dict[str, Array]:
+        """Return the coordinates of the law at normal scores by name, each of shape (n,)."""
+        return vars(self.law.from_normal_scores(z))
 
     def _response(self, outcomes: Outcomes) -> Response:
         return self.event.happens(outcomes), self.event.score(outcomes) if self.graded else None
@@ -198,40 +162,3 @@ def loaded_problem(
     """
     with loaded_for(vehicle, simulations) as car:
         yield Problem(read_law(law, read_encounters(encounters)), car)
-
-
-@dataclass(frozen=True)
-class SystemProblem:
-    """An event of any system with independent inputs, which need not be a vehicle in a cut-in.
-
-    Attributes
-    ----------
-    respond
-        Function that runs the system on inputs, shape (n, d); it returns the same as `ScoreProblem.evaluate`.
-    dimension
-        Number d of inputs.
-    marginals
-        Distributions of the d inputs; None if the inputs are the normal scores themselves.
-    fingerprint
-        A text that identifies the problem.
-    deterministic
-        Whether the system gives the same response to the same inputs. By default, a handful of repeated runs
-        are used to find out. They detect noise, but not a system that fails once in a hundred runs.
-    """
-
-    respond: Callable[[Array], Response]
-    dimension: int
-    marginals: Sequence[Distribution] | None = None
-    fingerprint: str = "a system with independent inputs"
-    deterministic: bool | None = None
-
-    def inputs(self, z: Array) -> Array:
-        """Map normal scores to inputs, both of shape (n, d)."""
-        if self.marginals is None:
-            return z
-        columns = (normal_score_quantile(law, z[:, k]) for k, law in enumerate(self.marginals))
-        return np.column_stack(list(columns))
-
-    def evaluate(self, z: Array) -> Response:
-        """Run the system at normal scores, shape (n, d)."""
-        return self.respond(self.inputs(z))

@@ -1,0 +1,115 @@
+"""Problems of any scenario: against an exact probability, by every method that needs only normal scores."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.laws.joint import Box
+from accelerated_evaluation.laws.joint.truncated import Normals
+from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
+from accelerated_evaluation.methods import METHODS, Stopping
+from accelerated_evaluation.methods.normal_mixture import DEFENSIVE, NormalMixture
+from accelerated_evaluation.methods.study import study_method
+from accelerated_evaluation.problem import ScenarioProblem
+from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
+from accelerated_evaluation.study.configuration import load
+from scipy.stats import binom, truncnorm
+
+MEAN, DEVIATION = np.array([14.0, 7.0, 60.0]), np.array([5.0, 3.0, 25.0])
+LIMIT = 15.5  # m/s, the turning speed from which on the toy crashes
+
+
+def law_within(upper=LEFT_TURN.limits[:, 1]):
+    box = Box(LEFT_TURN.names, (0.0, 0.0, 0.0), tuple(map(float, upper)))
+    return TruncatedNormalMixture(np.ones(1), Normals(MEAN[None], np.diag(DEVIATION**2)[None], box))
+
+
+class Fast:
+    """Crashes where the turning car is faster than LIMIT."""
+
+    deterministic = True
+
+    def simulate(self, speed, turning_speed, distance):
+        columns = {name: np.maximum(LIMIT - turning_speed, 0) for name in LEFT_TURN.outcome_names}
+        flags = {"crash": turning_speed >= LIMIT, "ended": np.ones(len(speed), bool)}
+        return LEFT_TURN.outcome_type(**columns | flags)
+
+
+PROBLEM = ScenarioProblem(LEFT_TURN, law_within(), Fast(), LEFT_TURN.events[0])
+EXACT = truncnorm(-MEAN[1] / DEVIATION[1], (60 - MEAN[1]) / DEVIATION[1], MEAN[1], DEVIATION[1]).sf(LIMIT)
+METHODS_OF_SCORES = ("crude", "normal_mixture", "surrogate")
+
+
+def intervals(name, problem=PROBLEM, runs=8):
+    method, stopping = (
+        METHODS[name].configured(load()),
+        Stopping(minimum_events=1, maximum_simulations=100_000),
+    )
+    return [method.estimate(problem, stopping, np.random.default_rng((7, k))) for k in range(runs)]
+
+
+@pytest.mark.parametrize("name", METHODS_OF_SCORES)
+def test_methods_of_normal_scores_cover_the_exact_probability(name):
+    found = intervals(name)
+    assert all(estimate.converged for estimate in found)
+    needed = binom.ppf(1e-3, len(found), 0.8)
+    assert sum(estimate.covers(EXACT) for estimate in found) >= needed
+    assert sum(estimate.covers(2 * EXACT) for estimate in found) < needed
+
+
+def test_a_mixture_without_the_right_ratio_misses_the_probability(monkeypatch):
+    def wrong(self, z):
+        return right(self, z) + np.log(2)
+
+    right = NormalMixture.log_ratio
+    monkeypatch.setattr(NormalMixture, "log_ratio", wrong)
+    found = intervals("normal_mixture")
+    assert sum(estimate.covers(EXACT) for estimate in found) < binom.ppf(1e-3, len(found), 0.8)
+
+
+def test_the_ratios_of_a_mixture_have_a_bound_and_the_mean_one():
+    generator = np.random.default_rng(3)
+    points = generator.normal((1, 2), 0.3, (200, 2))
+    mixture = NormalMixture.fitted(points, np.ones(200), generator)
+    ratio = np.exp(mixture.log_ratio(mixture.sample(100_000, generator)))
+    assert ratio.max() <= (1 + 1e-12) / DEFENSIVE
+    assert abs(ratio.mean() - 1) < 4 * ratio.std() / np.sqrt(len(ratio))
+
+
+def test_the_mixture_needs_fewer_simulations_than_crude_monte_carlo():
+    stopping = Stopping(minimum_events=1, maximum_simulations=1_000_000)
+    needed = {
+        name: METHODS[name]().estimate(PROBLEM, stopping, np.random.default_rng(1)).simulations
+        for name in ("crude", "normal_mixture")
+    }
+    assert needed["normal_mixture"] < needed["crude"] / 3
+
+
+def test_runs_are_listed_by_the_variables_of_the_scenario():
+    method = METHODS["surrogate"].configured(load())
+    found = study_method(
+        method, PROBLEM, Stopping(minimum_events=1), [np.random.default_rng(1)], {"study": "toy"}
+    )
+    runs = found["runs"]
+    z = runs[[f"z_{name}" for name in LEFT_TURN.names]].to_numpy()
+    assert runs[list(LEFT_TURN.names)].to_numpy() == pytest.approx(PROBLEM.law.from_normal_scores(z))
+    assert ((runs["turning_speed_mps"] >= LIMIT) == runs["event"]).all()
+
+
+def test_a_law_beyond_the_limits_or_of_other_variables_is_refused():
+    with pytest.raises(InputError, match=r"sdv_speed_mps from 0 to 99, .*expected limits within"):
+        replace(PROBLEM, law=law_within([99, 60, 150]))
+    other = Normals(MEAN[None], np.eye(3)[None], Box(("a", "b", "c"), (0, 0, 0), (30, 60, 150)))
+    with pytest.raises(InputError, match="a from 0 to 30"):
+        replace(PROBLEM, law=TruncatedNormalMixture(np.ones(1), other))
+
+
+def test_the_fingerprint_names_every_part():
+    others = [
+        replace(PROBLEM, law=law_within([30, 60, 150])),
+        replace(PROBLEM, event=LEFT_TURN.events[-1]),
+        replace(PROBLEM, graded=False),
+    ]
+    assert len({problem.fingerprint for problem in [PROBLEM, replace(PROBLEM), *others]}) == 4
+    assert "0x" not in PROBLEM.fingerprint

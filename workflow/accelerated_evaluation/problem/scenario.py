@@ -1,0 +1,105 @@
+"""The problem of a scenario: the probability of an event, for a joint law of the variables and a vehicle."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.digests import value_digest
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.laws.joint import JointLaw
+from accelerated_evaluation.problem.protocol import Response, without_addresses
+from accelerated_evaluation.scenarios.protocol import Event, Scenario
+from accelerated_evaluation.vehicles.protocol import Vehicle, repeats_itself
+
+
+@dataclass(frozen=True)
+class ScenarioProblem:
+    """The question how often an event happens to a vehicle if encounters follow a joint law.
+
+    Attributes
+    ----------
+    scenario
+        The scenario.
+    law
+        The joint law f of the variables.
+    vehicle
+        The vehicle under test.
+    event
+        The event.
+    graded
+        Whether a sampler receives the score of an encounter, or only whether the event happened.
+
+    Raises
+    ------
+    InputError
+        If the law has other variables than the scenario, or exceeds the limits of the scenario.
+    """
+
+    scenario: Scenario
+    law: JointLaw
+    vehicle: Vehicle
+    event: Event
+    graded: bool = True
+
+    def __post_init__(self) -> None:
+        box, limits = self.law.box, self.scenario.limits
+        own = np.column_stack([box.lower, box.upper])
+        if box.names != self.scenario.names or not _within(own, limits):
+            raise InputError(
+                f"the law for the scenario {self.scenario.name}",
+                seen=_in_words(box.names, own),
+                expected=f"limits within {_in_words(self.scenario.names, limits)}",
+                change="Name a law of this scenario, or fit the law again within these limits.",
+            )
+
+    @property
+    def dimension(self) -> int:
+        """Number d of variables, and of normal scores."""
+        return self.law.dimension
+
+    @property
+    def fingerprint(self) -> str:
+        """A text that describes all parts; the law is represented by a digest of its parameters."""
+        law = value_digest([self.law.kind, self.law.box.content(), self.law.content()])
+        parts = (self.scenario.name, law, self.vehicle, self.event, self.graded)
+        return without_addresses(repr(parts))
+
+    @property
+    def deterministic(self) -> bool | None:
+        """Whether the outcomes look deterministic to a sampler; None if this is unknown."""
+        return False if getattr(self.vehicle, "striped", False) else repeats_itself(self.vehicle)
+
+    def simulate(self, x: Array) -> Any:  # noqa: ANN401
+        """Simulate points of the law, shape (n, d); return the outcomes of the scenario."""
+        return self.vehicle.simulate(*self.scenario.to_inputs(x).T)
+
+    def evaluate(self, z: Array) -> Response:
+        """Simulate the encounters at normal scores, shape (n, d); see `ScoreProblem.evaluate`."""
+        return self.response(self.simulate(self.law.from_normal_scores(z)))
+
+    def repeat(self, z: Array) -> Response:
+        """Simulate the encounters at normal scores again, even if their outcomes are in a store."""
+        again = getattr(self.vehicle, "repeat", self.vehicle.simulate)
+        return self.response(again(*self.scenario.to_inputs(self.law.from_normal_scores(z)).T))
+
+    def coordinates(self, z: Array) -> dict[str, Array]:
+        """Return the variables at normal scores by name, each of shape (n,)."""
+        return dict(zip(self.scenario.names, self.law.from_normal_scores(z).T, strict=True))
+
+    def response(self, outcomes: Any) -> Response:  # noqa: ANN401
+        """Return whether the event happened, and the score unless it is hidden from the sampler."""
+        return self.event.happens(outcomes), self.event.score(outcomes) if self.graded else None
+
+
+def _within(limits: Array, others: Array) -> bool:
+    """Return whether limits, shape (d, 2), are within others."""
+    return bool((limits[:, 0] >= others[:, 0]).all() and (limits[:, 1] <= others[:, 1]).all())
+
+
+def _in_words(names: Sequence[str], limits: Array) -> str:
+    """Return the limits of variables, shape (d, 2), as text."""
+    rows = zip(names, limits.tolist(), strict=True)
+    return ", ".join(f"{name} from {low:g} to {high:g}" for name, (low, high) in rows)
