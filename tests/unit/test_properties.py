@@ -22,9 +22,9 @@ from accelerated_evaluation.records.filters import Account
 from accelerated_evaluation.records.ingest import ingest
 from accelerated_evaluation.records.segments import require_rows
 from accelerated_evaluation.records.sources import read_source
+from accelerated_evaluation.scenarios.parameters import required_names
 from accelerated_evaluation.study.configuration import ConfigurationError, load, read_yaml, validate
 from accelerated_evaluation.vehicles.external.checked import CheckedVehicle
-from accelerated_evaluation.vehicles.parameters import required_names
 from accelerated_evaluation.vehicles.protocol import Outcomes
 from accelerated_evaluation.vehicles.registry import VEHICLES
 from hypothesis import HealthCheck, assume, given, settings

@@ -13,11 +13,11 @@ import pytest
 from accelerated_evaluation import vehicles
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.scenarios.compiled import available_threads
+from accelerated_evaluation.scenarios.parameters import required_names
 from accelerated_evaluation.vehicles import VEHICLES, AccAeb, Vehicle, load_vehicle
 from accelerated_evaluation.vehicles.builtin import kernel, reference
 from accelerated_evaluation.vehicles.builtin.acc_aeb import simulate_encounters
 from accelerated_evaluation.vehicles.checks import INPUTS, OUTCOMES
-from accelerated_evaluation.vehicles.parameters import required_names
 
 CARS = {
     "acc_aeb": AccAeb(),

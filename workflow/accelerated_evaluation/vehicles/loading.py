@@ -13,10 +13,10 @@ from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios.parameters import parameter_names, required_names
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.external.checked import CheckedVehicle, error_in_words, kept_alive
 from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
-from accelerated_evaluation.vehicles.parameters import parameter_names, required_names
 from accelerated_evaluation.vehicles.protocol import Vehicle
 from accelerated_evaluation.vehicles.registry import VEHICLES
 

@@ -4,27 +4,14 @@ The records were made by instrumented cars in Michigan. They were published by t
 (zhao-lab/accelerated-evaluation, MIT licence), with the model of the vehicle that `vehicle` follows.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.scenarios import SCENARIOS
-from accelerated_evaluation.scenarios.protocol import FLAG, Event, Scenario, Variable, outcome
-
-
-@dataclass(frozen=True)
-class LeftTurnOutcomes:
-    """Outcomes of n simulated left turns; every array has shape (n,)."""
-
-    crash: NDArray[np.bool_] = outcome(FLAG, "1 if the centres of the vehicles came closer than 2.1 m")
-    ended: NDArray[np.bool_] = outcome(FLAG, "0 if the run was stopped at its longest duration")
-    min_distance: Array = outcome("m", "smallest distance of the centres")
-    impact_speed: Array = outcome("m/s", "relative speed at the crash; 0 without one")
+from accelerated_evaluation.scenarios.crossing import CrossingOutcomes
+from accelerated_evaluation.scenarios.protocol import Event, Scenario, Variable
 
 
 def _read_records(path: Path) -> pd.DataFrame:
@@ -51,10 +38,10 @@ LEFT_TURN = SCENARIOS.add("left_turn")(
                 "distance of the vehicle under test to the conflict point when the car begins to turn",
             ),
         ),
-        outcome_type=LeftTurnOutcomes,
+        outcome_type=CrossingOutcomes,
         events=(
-            Event("crash", "min_distance"),
-            Event("impact_speed", "min_distance", threshold=5.0, is_above=True),
+            Event("crash", "clearance"),
+            Event("impact_speed", "clearance", threshold=5.0, is_above=True),
         ),
         vehicles=Registry("vehicle", __name__, __path__),
         default_vehicle="acc_aeb",

@@ -5,29 +5,14 @@ laboratory of the paper (zhao-lab/accelerated-evaluation, MIT licence), with the
 `vehicle` follows.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.scenarios import SCENARIOS
-from accelerated_evaluation.scenarios.protocol import FLAG, Event, Scenario, Variable, outcome
-
-
-@dataclass(frozen=True)
-class PedestrianOutcomes:
-    """Outcomes of n simulated crossings; every array has shape (n,)."""
-
-    crash: NDArray[np.bool_] = outcome(
-        FLAG, "1 if the pedestrian came within 1 m, or 2 m in the sector of the model"
-    )
-    ended: NDArray[np.bool_] = outcome(FLAG, "0 if the run was stopped at its longest duration")
-    min_distance: Array = outcome("m", "smallest distance of vehicle and pedestrian")
-    impact_speed: Array = outcome("m/s", "speed of the vehicle at the crash; 0 without one")
+from accelerated_evaluation.scenarios.crossing import CrossingOutcomes
+from accelerated_evaluation.scenarios.protocol import Event, Scenario, Variable
 
 
 def _read_records(path: Path) -> pd.DataFrame:
@@ -61,8 +46,8 @@ PEDESTRIAN = SCENARIOS.add("pedestrian")(
                 "distance to the pedestrian's path when the pedestrian is in the middle of the lane",
             ),
         ),
-        outcome_type=PedestrianOutcomes,
-        events=(Event("crash", "min_distance"),),
+        outcome_type=CrossingOutcomes,
+        events=(Event("crash", "clearance"),),
         vehicles=Registry("vehicle", __name__, __path__),
         default_vehicle="acc_aeb",
         read_records=_read_records,

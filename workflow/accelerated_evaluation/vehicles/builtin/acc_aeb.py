@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.scenarios.compiled import available_threads, simulate_in_slices
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios.parameters import check_number, parameter_error
 from accelerated_evaluation.vehicles.builtin.kernel import STEP, Car, simulate_slice
 from accelerated_evaluation.vehicles.builtin.traces import trace_car
 from accelerated_evaluation.vehicles.checks import checked_encounters
-from accelerated_evaluation.vehicles.parameters import check_number, parameter_error
 from accelerated_evaluation.vehicles.protocol import Outcomes
 from accelerated_evaluation.vehicles.registry import VEHICLES
 

@@ -3,10 +3,10 @@
 import math
 from dataclasses import dataclass
 
+from accelerated_evaluation.scenarios.parameters import zero_or_more
 from accelerated_evaluation.vehicles.builtin.driver import G, ReferenceDriver
 from accelerated_evaluation.vehicles.builtin.driver_kernel import STEP
 from accelerated_evaluation.vehicles.builtin.driver_numbers import TTC_RULE, Driver
-from accelerated_evaluation.vehicles.parameters import zero_or_more
 from accelerated_evaluation.vehicles.registry import VEHICLES
 
 

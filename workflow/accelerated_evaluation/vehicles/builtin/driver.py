@@ -9,11 +9,11 @@ from numpy.typing import ArrayLike
 
 from accelerated_evaluation.scenarios.compiled import available_threads, simulate_in_slices
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios.parameters import check_number, parameter_error, zero_or_more
 from accelerated_evaluation.vehicles.builtin.driver_kernel import STEP, follow_slice
 from accelerated_evaluation.vehicles.builtin.driver_numbers import Driver
 from accelerated_evaluation.vehicles.builtin.traces import trace_driver
 from accelerated_evaluation.vehicles.checks import checked_encounters
-from accelerated_evaluation.vehicles.parameters import check_number, parameter_error, zero_or_more
 from accelerated_evaluation.vehicles.protocol import Outcomes
 
 G = 9.81  # [m/s^2], as JRC-FSM has it

@@ -4,9 +4,9 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
+from accelerated_evaluation.scenarios.parameters import zero_or_more
 from accelerated_evaluation.vehicles.builtin.driver import ReferenceDriver
 from accelerated_evaluation.vehicles.builtin.driver_numbers import TTC_RULE, Driver
-from accelerated_evaluation.vehicles.parameters import zero_or_more
 from accelerated_evaluation.vehicles.registry import VEHICLES
 
 

@@ -20,9 +20,9 @@ from numpy.typing import ArrayLike
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.scenarios.parameters import parameter_error
 from accelerated_evaluation.scenarios.protocol import FLAG, Scenario
 from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
-from accelerated_evaluation.vehicles.parameters import parameter_error
 from accelerated_evaluation.vehicles.registry import VEHICLES
 
 REMEMBERED = 2000  # bytes of what a command prints, its last ones, of which a message has the last line

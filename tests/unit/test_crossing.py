@@ -1,0 +1,234 @@
+"""The car in the left turn and the pedestrian crossing, against stored verdicts and plain integration."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import plain_crossing
+import pytest
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.scenarios.crossing import kernel
+from accelerated_evaluation.scenarios.left_turn.vehicle import LeftTurnCar
+from accelerated_evaluation.scenarios.pedestrian.vehicle import PedestrianCar
+
+DATA = Path(__file__).parents[1] / "data"
+CARS = {"left_turn": LeftTurnCar, "pedestrian": PedestrianCar}
+# Slower targets make the host creep for minutes, where the last bits of the arithmetic decide.
+SLOW = 0.2  # [m/s]
+
+
+def verdicts(name):
+    """Return the columns of the stored encounters, their verdicts, and which of their targets are slow."""
+    table = pd.read_parquet(DATA / f"{name}_verdicts.parquet")
+    columns = table[list(SCENARIOS[name].names)].to_numpy().T
+    return columns, table["crash"].to_numpy(), np.abs(columns[1]) < SLOW
+
+
+@pytest.mark.parametrize("solver", ["exact", "ode45"])
+@pytest.mark.parametrize("name", CARS)
+def test_the_car_agrees_with_the_stored_verdicts(name, solver):
+    columns, crash, slow = verdicts(name)
+    outcomes = CARS[name](solver=solver).simulate(*columns)
+    assert outcomes.ended.all()
+    assert (outcomes.crash == crash)[~slow].all()
+    assert (outcomes.crash == crash)[slow].mean() > 0.95
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("left_turn", {"headway": 2.0}),
+        ("left_turn", {"acc_limit": 5.0}),
+        ("left_turn", {"actuator_jerk": 1e6}),
+        ("left_turn", {"aeb": False}),
+        ("pedestrian", {"headway": 2.0}),
+        ("pedestrian", {"acc_limit": 5.0}),
+        ("pedestrian", {"actuator_jerk": 1e6}),
+        ("pedestrian", {"ki": 0.0}),
+        ("pedestrian", {"aeb_ttc": 0.955}),
+        ("pedestrian", {"aeb_deceleration": 10.0}),
+    ],
+)
+def test_another_car_does_not_agree(name, change):
+    columns, crash, _ = verdicts(name)
+    ours = (CARS[name]().simulate(*columns).crash != crash).sum()
+    assert (CARS[name](**change).simulate(*columns).crash != crash).sum() > ours
+
+
+def sample(name, generator):
+    """Return some encounters with fast targets: crashes, and encounters of all kinds."""
+    columns, crash, slow = verdicts(name)
+    fast = [np.flatnonzero(~slow & (np.abs(columns[1]) > 0.8) & (crash == kind)) for kind in (True, False)]
+    return columns[:, np.concatenate([generator.choice(rows, min(12, rows.size), False) for rows in fast])]
+
+
+@pytest.mark.parametrize("name", CARS)
+def test_outcomes_agree_with_plain_integration(name):
+    columns = sample(name, np.random.default_rng(1))
+    outcomes = CARS[name]().simulate(*columns)
+    plain = np.array([getattr(plain_crossing, name)(*column) for column in columns.T])
+    crash = plain[:, 1] > 0
+    assert 8 < crash.sum() < 16
+    assert outcomes.crash.tolist() == crash.tolist()
+    # Points of the plain run are 0.0005 s apart, at speeds to 45 m/s, and up to 70 m/s^2 in the turn.
+    assert outcomes.min_distance == pytest.approx(plain[:, 0], abs=0.02)
+    assert outcomes.impact_speed == pytest.approx(plain[:, 1], abs=0.04)
+
+
+def test_the_wrong_sign_of_the_turning_car_belongs_to_the_model():
+    columns, crash, slow = verdicts("left_turn")
+    rows = np.flatnonzero(crash & ~slow)[::25]
+    found = [plain_crossing.left_turn(*column, true_sign=True)[1] > 0 for column in columns[:, rows].T]
+    assert not all(found)
+
+
+@pytest.mark.parametrize("name", CARS)
+def test_runs_repeat_to_the_bit_in_any_batch(name):
+    columns = verdicts(name)[0][:, :200]
+    batch = CARS[name]().simulate(*columns)
+    alone = CARS[name]().simulate(*columns[:, 150:151])
+    for column in ("crash", "ended", "min_distance", "clearance", "impact_speed", "run_time"):
+        assert getattr(alone, column)[0] == getattr(batch, column)[150]
+
+
+def test_ode45_misses_only_contacts_that_are_short():
+    generator = np.random.default_rng(2)
+    columns = generator.uniform([5, 2, 0], [30, 30, 60], (100_000, 3)).T
+    clearance = LeftTurnCar().simulate(*columns).clearance
+    near = np.abs(clearance) < 0.1
+    seen = LeftTurnCar(solver="ode45").simulate(*columns[:, near]).crash
+    clearance = clearance[near]
+    assert not seen[clearance > 0].any()
+    assert seen[clearance < -0.03].all()
+    assert 0 < (~seen[clearance < 0]).sum() < 0.3 * (clearance < 0).sum()
+
+
+CAR = LeftTurnCar().compiled()
+
+
+def control(range_, rate, speed, command=0.0, error=0.0, timer=0.0, onset=0.0, car=CAR):
+    return kernel.control(car, range_, rate, speed, (command, error, timer, onset))
+
+
+def test_the_acc_follows_the_headway_error():
+    # e = 1 - 20.05 / 20 = -0.0025, from 0: u = Kp e + Ki 0.05 e
+    command, error, timer, _ = control(20.05, -1.0, 20.0)
+    assert (error, timer) == (pytest.approx(-0.0025), 0)
+    assert command == pytest.approx((-38.6252446973784 - 0.05 * 1.35416845633818) * -0.0025)
+    # from e = -0.01 and u = 1: u + Kp (e_new - e) + Ki 0.05 (e_new + e)
+    command = control(20.05, -1.0, 20.0, command=1.0, error=-0.01)[0]
+    assert command == pytest.approx(1 - 38.6252446973784 * 0.0075 + 1.35416845633818 * 0.05 * 0.0125)
+    assert control(100.0, -1.0, 20.0)[0] == 3.5
+    assert control(4.0, -0.1, 20.0)[0] == -3.5
+
+
+def test_the_acc_does_not_accelerate_at_the_top_speed():
+    top = 90 / 2.236
+    assert control(100.0, -1.0, top)[0] == 0
+    assert control(100.0, -1.0, top - 1e-9)[0] == 3.5
+    assert control(20.0, -1.0, top)[0] == -3.5
+
+
+@pytest.mark.parametrize(
+    ("speed", "threshold"),
+    [(30, 0.955), (11.2, 0.955), (11.0, 0.726159), (4.16667, 0.49), (2.0, 0.415117)],
+)
+def test_the_aeb_brakes_below_its_threshold(speed, threshold):
+    for factor, brakes in ((0.999, True), (1.001, False)):
+        timer = control(threshold * factor * 5, -5.0, speed)[2]
+        assert (timer > 0) == brakes
+    assert control(1.0, 1.0, speed)[2] == 0  # opening
+
+
+def test_the_aeb_has_hysteresis_and_a_ramp_from_the_command_at_its_onset():
+    command, _, timer, onset = control(4.5, -5.0, 20.0, command=-1.0)
+    assert (command, timer, onset) == (pytest.approx(-1 - 12 * 0.1), 0.1, -1.0)
+    command, _, timer, onset = control(4.9, -5.0, 20.0, command, 0.0, timer, onset)  # TTC 0.98 s: stays on
+    assert (command, timer, onset) == (pytest.approx(-1 - 12 * 0.2), 0.2, -1.0)
+    assert control(4.9, -5.0, 20.0)[2] == 0  # and does not switch on
+    assert control(4.5, -5.0, 20.0, -5.0, 0.0, 0.4, -1.0)[0] == -5.8
+    assert control(5.1, -5.0, 20.0, -5.0, 0.0, 0.4, -1.0)[2] == 0  # TTC 1.02 s: off
+    assert control(4.5, 5.0, 20.0, -5.0, 0.0, 0.4, -1.0)[2] == 0  # opening: off
+
+
+def test_the_release_of_the_aeb_forgets_the_last_error():
+    # e = 1 - 20.05 / 20; with the last error of 0.5 forgotten
+    command = control(20.05, -1.0, 20.0, command=-2.0, error=0.5, timer=0.3)[0]
+    assert command == pytest.approx(-2 + (38.6252446973784 + 0.05 * 1.35416845633818) * 0.0025)
+
+
+def test_the_actuator_is_limited_in_rate_and_friction():
+    assert kernel.actuate(CAR, 3.5, 0.0) == 2
+    assert kernel.actuate(CAR, -5.8, 1.0) == -1
+    assert kernel.actuate(CAR, 0.5, 1.0) == 0.5
+    assert kernel.actuate(CAR, -9.0, -7.0) == pytest.approx(-7.84)
+
+
+def test_the_smallest_distance_is_exact():
+    generator = np.random.default_rng(3)
+    times = np.linspace(0, 0.1, 2001)
+    for numbers in generator.normal(0, [1, 30, 300, 1, 30, 300], (300, 6)):
+        path = kernel.Path(*numbers)
+        t = kernel.closest(path, 0.0, 0.1)
+        ahead, aside = (np.polynomial.Polynomial(numbers[k : k + 3]) for k in (0, 3))
+        square = ahead**2 + aside**2
+        roots = square.deriv().roots()
+        inside = roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0) & (roots.real < 0.1)]
+        best = min(square(np.concatenate([[0, 0.1], inside])))
+        assert np.sqrt(kernel.squared(path, t)) == pytest.approx(np.sqrt(best), rel=1e-7, abs=1e-7)
+        assert kernel.squared(path, t) <= square(times).min() + 1e-12
+
+
+def test_contact_in_the_sector_to_the_side_is_exact():
+    generator = np.random.default_rng(4)
+    car, times = PedestrianCar().compiled(), np.linspace(0, 0.1, 4001)
+    found = 0
+    for numbers in generator.normal([0, 0, 0, -1.5, 0, 0], [0.5, 10, 100, 0.5, 10, 100], (400, 6)):
+        t = kernel.closest_to_the_side(car, kernel.Path(*numbers), 0.1)
+        ahead, aside = (np.polynomial.Polynomial(numbers[k : k + 3])(times) for k in (0, 3))
+        inside = np.abs(np.arctan2(ahead, -aside)) < np.pi / 8
+        if inside.any():
+            found += 1
+            best = np.hypot(ahead, aside)[inside].min()
+            assert np.sqrt(kernel.squared(kernel.Path(*numbers), t)) == pytest.approx(best, abs=0.02)
+            assert np.sqrt(kernel.squared(kernel.Path(*numbers), t)) <= best + 1e-9
+    assert found > 100
+
+
+def test_a_run_that_does_not_end_has_no_verdict():
+    car = PedestrianCar(longest_run=5.0)
+    outcomes = car.simulate([10.0, 10.0, 0.0, 10.0], [0.3, -3.0, 1.0, 0.0], [20.0, 6.0, 20.0, 20.0])
+    assert outcomes.ended.tolist() == [False, True, True, False]
+    assert not outcomes.crash.any()
+    assert outcomes.run_time[0] == pytest.approx(5)
+    still = LeftTurnCar(longest_run=5.0).simulate([10.0, 0.0], [0.0, 0.0], [50.0, 50.0])
+    assert still.ended.tolist() == [False, True]
+    assert not still.crash.any()
+
+
+@pytest.mark.parametrize("name", CARS)
+def test_a_trace_ends_as_the_simulation_does(name):
+    for column in sample(name, np.random.default_rng(5)).T:
+        outcomes, trace = CARS[name]().simulate(*column[:, None]), CARS[name]().trace(*column)
+        assert trace["time_s"].to_numpy()[-1] == outcomes.run_time[0]
+        assert trace["time_s"].diff().iloc[1:-1].to_numpy() == pytest.approx(0.1)
+        speed = trace["host_speed_m_per_s"].to_numpy()
+        assert speed[0] == column[0]
+        steps = trace["host_acceleration_m_per_s2"].to_numpy()[1:] * np.diff(trace["time_s"])
+        assert np.diff(speed) == pytest.approx(steps, abs=1e-9)
+        assert np.hypot(trace["ahead_m"], trace["aside_m"]).min() >= outcomes.min_distance[0] - 1e-9
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"solver": "euler"}, "vehicle parameter solver: seen 'euler'; expected exact or ode45"),
+        ({"headway": -1}, "vehicle parameter headway: seen -1; expected a positive number"),
+        ({"aeb": 1}, "vehicle parameter aeb: seen 1; expected true or false"),
+    ],
+)
+def test_a_parameter_out_of_its_range_is_named(change, message):
+    with pytest.raises(InputError, match=message):
+        replace(LeftTurnCar(), **change)

@@ -1,0 +1,184 @@
+"""The car under test in the left turn and the pedestrian crossing: ACC with AEB, and how it is simulated."""
+
+import math
+from dataclasses import dataclass, fields
+from typing import ClassVar, Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.scenarios.compiled import available_threads, simulate_in_slices
+from accelerated_evaluation.scenarios.crossing import CrossingOutcomes
+from accelerated_evaluation.scenarios.crossing.kernel import (
+    TICK,
+    TRACED,
+    Car,
+    simulate_slice,
+    trace_run,
+)
+from accelerated_evaluation.scenarios.parameters import check_number, parameter_error
+from accelerated_evaluation.scenarios.protocol import Scenario
+
+KMH = 0.2777777777778  # [m/s], rounded as in the authors' model
+# Time to collision at which the AEB brakes: linear in the speed, but constant from 40 km/h up.
+THRESHOLD_SPEED, THRESHOLD_BASE, THRESHOLD_SLOPE = 4.16667, 0.49, 0.03456  # [m/s], [s], [s^2/m]
+TOP_SPEED, TOP_THRESHOLD = 40 * KMH, 0.955  # [m/s], [s]
+TRACE = ("time_s", "ahead_m", "aside_m", "host_speed_m_per_s", "host_acceleration_m_per_s2", "emergency")
+
+
+@dataclass(frozen=True)
+class CrossingCar:
+    """A car with ACC, and with AEB unless ``aeb`` is false; the defaults are the authors' published car.
+
+    A proportional-integral ACC on the time headway, an AEB triggered by the time to collision (TTC), and an
+    actuator limited in friction and jerk, all at the ticks of a clock of 0.1 s. The structure is that of the
+    car in the cut-in, the numbers are others. Subclasses add where an encounter starts.
+
+    Attributes
+    ----------
+    aeb
+        Whether the car has AEB.
+    aeb_deceleration
+        Largest deceleration that the AEB commands [m/s^2].
+    aeb_jerk
+        Rate at which its command grows [m/s^3].
+    aeb_ttc
+        TTC at which it switches on [s]; None for the published threshold, 0.955 s from 40 km/h up.
+    aeb_release_ttc
+        TTC above which it switches off again [s].
+    headway
+        Time headway that the ACC keeps [s].
+    kp, ki
+        Gains of the ACC on the headway error, [m/s^3] and [m/s^4].
+    acc_limit
+        Largest acceleration and deceleration that the ACC commands [m/s^2].
+    acc_top_speed
+        Speed from which the ACC does not accelerate [m/s].
+    friction_limit
+        Largest acceleration and deceleration on the road [m/s^2].
+    actuator_jerk
+        Rate at which the acceleration follows the command [m/s^3].
+    solver
+        ``exact`` if every contact is a crash, also between ticks. ``ode45`` if a contact counts only if the
+        solver of the authors' simulation sees it; short contacts between its stages are missed.
+    longest_run
+        Time after which a run is stopped that has not ended [s].
+
+    Raises
+    ------
+    InputError
+        If a parameter is not a finite number in its range.
+    """
+
+    scenario: ClassVar[Scenario]
+    contact: ClassVar[float]  # [m], distance of the centres at contact
+    side_contact: ClassVar[float] = 0.0  # [m], the same in a sector to the side; 0 without a sector
+    deterministic: ClassVar[bool] = True
+
+    aeb: bool = True
+    aeb_deceleration: float = 5.8
+    aeb_jerk: float = 12.0
+    aeb_ttc: float | None = None
+    aeb_release_ttc: float = 1.0
+    headway: float = 1.0
+    kp: float = -38.6252446973784
+    ki: float = -1.35416845633818
+    acc_limit: float = 3.5
+    acc_top_speed: float = 90 / 2.236
+    friction_limit: float = 0.8 * 9.8
+    actuator_jerk: float = 20.0
+    solver: Literal["exact", "ode45"] = "exact"
+    longest_run: float = 200_000.0
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.aeb, bool):
+            raise parameter_error("aeb", self.aeb, "true or false")
+        if self.solver not in ("exact", "ode45"):
+            raise parameter_error("solver", self.solver, "exact or ode45")
+        for name in {each.name for each in fields(self)} - {"aeb", "aeb_ttc", "solver"}:
+            check_number(name, getattr(self, name), least=-math.inf if name in ("kp", "ki") else None)
+        if self.aeb_ttc is not None:
+            check_number("aeb_ttc", self.aeb_ttc)
+
+    def start(self, encounters: Array) -> Array:
+        """Return where each encounter starts, shape (7, n), as listed in `kernel`.
+
+        Parameters
+        ----------
+        encounters
+            Checked encounters, shape (3, n).
+        """
+        raise NotImplementedError
+
+    def simulate(self, *columns: ArrayLike) -> CrossingOutcomes:
+        """Simulate n encounters.
+
+        Parameters
+        ----------
+        *columns
+            The variables of the scenario, in order, each of shape (n,).
+
+        Returns
+        -------
+        CrossingOutcomes
+            Of shape (n,). Each depends on its own encounter alone, to the bit, in any batch, on any threads.
+
+        Raises
+        ------
+        InputError
+            If shapes differ or a value is out of its limits; names the first such row, counted from 0.
+        """
+        starts = self.start(self.scenario.checked(*columns))
+        threads = available_threads()
+        return simulate_in_slices(self.scenario, simulate_slice, self.compiled(), starts, threads=threads)
+
+    def trace(self, *encounter: float) -> pd.DataFrame:
+        """Return every state of one encounter.
+
+        Parameters
+        ----------
+        *encounter
+            The variables of the scenario, in order.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row for each tick and the end of the run, columns as in TRACE. ``ahead_m`` and ``aside_m`` are
+            the position of the target relative to the host, along the path of the host and across it. The
+            acceleration is that until the next row. ``emergency`` is 1 while the AEB is on.
+        """
+        start = self.start(self.scenario.checked(*([value] for value in encounter)))
+        run_time = self.simulate(*([value] for value in encounter)).run_time[0]
+        states = np.empty((math.ceil(run_time / TICK - 1e-9) + 1, TRACED))
+        trace_run(start[:, 0].copy(), self.compiled(), states)
+        return pd.DataFrame(states, columns=TRACE).astype({"emergency": int})
+
+    def compiled(self) -> Car:
+        """Return the numbers that the compiled code needs."""
+        scaled = self.aeb and self.aeb_ttc is None
+        constant = (self.aeb_ttc or 0.0) if self.aeb else 0.0  # no positive TTC is below 0
+        numbers = Car(
+            headway=self.headway,
+            kp=self.kp,
+            ki_half_step=self.ki * TICK / 2,
+            acc_limit=self.acc_limit,
+            acc_top_speed=self.acc_top_speed,
+            threshold_base=THRESHOLD_BASE if scaled else constant,
+            threshold_slope=THRESHOLD_SLOPE if scaled else 0.0,
+            threshold_speed=THRESHOLD_SPEED,
+            threshold_top=TOP_THRESHOLD if scaled else constant,
+            threshold_top_speed=TOP_SPEED,
+            release_ttc=self.aeb_release_ttc,
+            aeb_deceleration=self.aeb_deceleration,
+            aeb_jerk=self.aeb_jerk,
+            friction_limit=self.friction_limit,
+            acceleration_step=self.actuator_jerk * TICK,
+            contact=self.contact,
+            side_contact=self.side_contact,
+            side_slope=math.tan(math.pi / 8),
+            most_ticks=math.ceil(self.longest_run / TICK),
+            emulates=self.solver == "ode45",
+        )
+        return Car._make(map(float, numbers))

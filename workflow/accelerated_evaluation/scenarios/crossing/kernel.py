@@ -1,0 +1,423 @@
+"""The compiled ACC + AEB car that meets something which crosses its path: a turning car, or a pedestrian.
+
+The host drives straight ahead. The target first turns, or not, and then crosses the path of the host at a
+right angle, at constant speed throughout. Positions of the target are relative to the host: ``ahead`` along
+the path of the host, and ``aside``, which falls while the target crosses.
+
+Controller and actuator act at the ticks of a clock, every 0.1 s. In between, the acceleration of the host is
+constant and the velocity of the target is linear in time. Both coordinates are then polynomials of the second
+degree, and the squared distance is one of the fourth degree, whose minimum is found exactly.
+
+Behind a very slow target, the host creeps for minutes, and rounding errors decide whether it stops in time.
+Speed and range are therefore summed in the steps and in the order of the authors' solver, ode45. If ode45 is
+emulated, its error control sets the steps as well, and a contact counts only if a stage of the solver sees
+it, so that short contacts between two stages are missed.
+
+Every function of the compiled code is in this file, because numba's cache on disk only notices an edit of the
+file itself.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from accelerated_evaluation.scenarios.compiled import compiled
+
+TICK = 0.1  # [s], the clock of the controller, and the distance of the points of the target's velocity
+
+# Rows of the encounters: speed of the host, position of the target at the start, speed of the target, first
+# point of its velocity, number of points in which it turns, number of ticks of a run.
+SPEED, AHEAD, ASIDE, TARGET, FIRST, TURNING, TICKS = range(7)
+# Rows of the outcomes, in the order of `CrossingOutcomes`.
+CRASH, ENDED, MIN_DISTANCE, CLEARANCE, IMPACT_SPEED, RUN_TIME = range(6)
+TRACED = 6  # columns of a trace: time, ahead, aside, speed, acceleration, whether the AEB is on
+# What the solver integrates: speed, the controller's range, whether the two touch; its step and its longest.
+V, RANGE, CONTACT, STEP, LONGEST = range(5)
+
+# The formulas of Dormand and Prince, as in ode45: nodes, stages, and weights of the error.
+NODES = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
+STAGES = np.array(
+    [
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [1 / 5, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [3 / 40, 9 / 40, 0.0, 0.0, 0.0, 0.0],
+        [44 / 45, -56 / 15, 32 / 9, 0.0, 0.0, 0.0],
+        [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0.0, 0.0],
+        [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0.0],
+        [35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
+    ]
+)
+ERRORS = np.array([71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
+TOLERANCE, SMALL = 1e-3, 1e-3  # relative tolerance, and the size below which a state counts as this large
+STEPS_OF_A_RUN = 50  # at least
+
+
+class Car(NamedTuple):
+    """The numbers of controller and actuator, and the rule of contact: floats, in SI units."""
+
+    headway: float
+    kp: float
+    ki_half_step: float
+    acc_limit: float
+    acc_top_speed: float
+    threshold_base: float
+    threshold_slope: float
+    threshold_speed: float
+    threshold_top: float
+    threshold_top_speed: float
+    release_ttc: float
+    aeb_deceleration: float
+    aeb_jerk: float
+    friction_limit: float
+    acceleration_step: float
+    contact: float  # distance of the centres below which the two touch, in any direction
+    side_contact: float  # the same in a sector to the side that the target walks to; 0 without a sector
+    side_slope: float  # tangent of half the sector's angle
+    most_ticks: float
+    emulates: float  # 1 if ode45 is emulated, otherwise 0
+
+
+class Path(NamedTuple):
+    """Position of the target relative to the host over a tick: ahead + ahead_1 t + ahead_2 t^2, and aside."""
+
+    ahead: float
+    ahead_1: float
+    ahead_2: float
+    aside: float
+    aside_1: float
+    aside_2: float
+
+
+@compiled
+def control(car: Car, range_: float, rate: float, speed: float, memory: tuple) -> tuple:
+    """Return command, headway error, AEB timer and command at the AEB's onset after a tick.
+
+    ``memory`` has the same four of the last tick. A timer above 0 says that the AEB is on.
+    """
+    command, error, timer, onset = memory
+    ttc = -range_ / rate
+    threshold = car.threshold_base + car.threshold_slope * (speed - car.threshold_speed)
+    threshold = car.threshold_top if speed >= car.threshold_top_speed else threshold
+    was_on = timer > 0.0
+    new_error = car.headway - range_ / speed
+    if 0.0 < ttc <= threshold or (was_on and not (ttc > car.release_ttc or ttc < 0.0)):
+        onset = onset if was_on else command
+        timer += TICK
+        return max(-car.aeb_deceleration, onset - car.aeb_jerk * timer), new_error, timer, onset
+    error = 0.0 if was_on else error
+    acc = command + car.kp * (new_error - error) + car.ki_half_step * (new_error + error)
+    acc = min(max(acc, -car.acc_limit), 0.0 if speed >= car.acc_top_speed else car.acc_limit)
+    return acc, new_error, 0.0, onset
+
+
+@compiled
+def actuate(car: Car, command: float, acceleration: float) -> float:
+    """Return the acceleration that follows the command within the limits of friction and rate."""
+    wanted = min(max(command, -car.friction_limit), car.friction_limit)
+    return min(max(wanted, acceleration - car.acceleration_step), acceleration + car.acceleration_step)
+
+
+@compiled
+def velocity(encounter: NDArray, tick: float) -> tuple[float, float]:
+    """Return the speeds of the target towards the host and across its path at a tick."""
+    point, turning, speed = encounter[FIRST] + tick, encounter[TURNING], encounter[TARGET]
+    if point >= turning:
+        return 0.0, speed
+    angle = point * (np.pi / 2) / (turning - 1.0) if turning > 1.0 else np.pi / 2
+    return speed * np.cos(angle), speed * np.sin(angle)
+
+
+@compiled
+def position(path: Path, t: float) -> tuple[float, float]:
+    """Return ahead and aside at time t of the tick."""
+    ahead = path.ahead + t * (path.ahead_1 + t * path.ahead_2)
+    return ahead, path.aside + t * (path.aside_1 + t * path.aside_2)
+
+
+@compiled
+def squared(path: Path, t: float) -> float:
+    """Return the squared distance at time t."""
+    ahead, aside = position(path, t)
+    return ahead * ahead + aside * aside
+
+
+@compiled
+def parting(path: Path, t: float) -> float:
+    """Return half the derivative of the squared distance at time t."""
+    ahead, aside = position(path, t)
+    return ahead * (path.ahead_1 + 2.0 * t * path.ahead_2) + aside * (path.aside_1 + 2.0 * t * path.aside_2)
+
+
+@compiled
+def curvature(path: Path) -> tuple[float, float, float]:
+    """Return the coefficients of the derivative of `parting`: square t^2 + 2 half t + constant."""
+    _, b, c, _, e, f = path
+    constant = b * b + e * e + 2.0 * (path.ahead * c + path.aside * f)
+    return 6.0 * (c * c + f * f), 3.0 * (b * c + e * f), constant
+
+
+@compiled
+def roots(square: float, half: float, constant: float, begin: float, end: float) -> tuple[float, float]:
+    """Return the roots of square t^2 + 2 half t + constant in order, each moved into [begin, end].
+
+    Both are ``end`` if there is no change of sign. The formula does not subtract nearly equal numbers.
+    """
+    discriminant = half * half - square * constant
+    if discriminant <= 0.0:
+        return end, end
+    larger = -half - np.sqrt(discriminant) if half > 0.0 else -half + np.sqrt(discriminant)
+    one = larger / square if square != 0.0 else end
+    one, two = min(max(one, begin), end), min(max(constant / larger, begin), end)
+    return min(one, two), max(one, two)
+
+
+@compiled
+def closest(path: Path, begin: float, end: float) -> float:
+    """Return the time of the smallest distance between ``begin`` and ``end``.
+
+    The derivative of the squared distance is a cubic. It is monotone between the roots of its own derivative,
+    a quadratic. Each monotone piece in which the cubic changes from negative to positive has one local
+    minimum, which bisection finds. The result is the best of these minima and of the two ends.
+    """
+    best = begin if squared(path, begin) <= squared(path, end) else end
+    square, half, constant = curvature(path)
+    low, high = roots(square, half, constant, begin, end)
+    left, falls = begin, parting(path, begin) < 0.0
+    for right in (low, high, end):
+        fell, falls = falls, parting(path, right) < 0.0
+        if left < right and fell and not falls:
+            t = minimum(path, left, right)
+            best = t if squared(path, t) < squared(path, best) else best
+        left = right
+    return best
+
+
+@compiled
+def minimum(path: Path, left: float, right: float) -> float:
+    """Return the time between two times at which the distance stops to fall.
+
+    After 30 bisections, the error of the time is below 1e-10 s; that of the distance is its square.
+    """
+    for _ in range(30):
+        middle = (left + right) / 2
+        falls = parting(path, middle) < 0.0
+        left, right = middle if falls else left, right if falls else middle
+    return left
+
+
+@compiled
+def adds_nothing(path: Path, end: float, reach: float, nearest: float) -> bool:
+    """Return whether a tick can be skipped: the two stay out of reach, and come nearest before or after it.
+
+    The squared distance is convex, and falls until the end, or rises from a distance above ``nearest``.
+    """
+    _, half, constant = curvature(path)
+    first = squared(path, 0.0)
+    if constant < 2.0 * abs(half) * end or min(first, squared(path, end)) <= reach * reach:
+        return False
+    return parting(path, end) < 0.0 or (parting(path, 0.0) > 0.0 and first >= nearest * nearest)
+
+
+@compiled
+def in_sector(car: Car, path: Path, t: float) -> bool:
+    """Return whether the target is in the sector to the side at time t."""
+    ahead, aside = position(path, t)
+    return abs(ahead) < -car.side_slope * aside
+
+
+@compiled
+def touches(car: Car, path: Path, t: float) -> bool:
+    """Return whether host and target touch at time t."""
+    square = squared(path, t)
+    side = square < car.side_contact * car.side_contact and in_sector(car, path, t)
+    return side or square < car.contact * car.contact
+
+
+@compiled
+def closest_to_the_side(car: Car, path: Path, end: float) -> float:
+    """Return the time of the smallest distance within the sector to the side; -1 if it is never there.
+
+    The target enters and leaves the sector across one of its two edges, at roots of quadratics.
+    """
+    cuts = np.array([0.0, end, end, end, end, end])
+    for i, edge in enumerate((-car.side_slope, car.side_slope)):
+        constant, linear = path.ahead + edge * path.aside, path.ahead_1 + edge * path.aside_1
+        square = path.ahead_2 + edge * path.aside_2
+        cuts[2 * i + 1], cuts[2 * i + 2] = roots(square, linear / 2, constant, 0.0, end)
+    cuts.sort()
+    best = -1.0
+    for i in range(5):
+        if in_sector(car, path, (cuts[i] + cuts[i + 1]) / 2):
+            t = closest(path, cuts[i], cuts[i + 1])
+            best = t if best < 0.0 or squared(path, t) < squared(path, best) else best
+    return best
+
+
+@compiled
+def observe(car: Car, path: Path, end: float, outcome: NDArray) -> None:
+    """Update the smallest distances over a tick, and the impact speed at the first contact."""
+    reach = max(car.contact, car.side_contact)
+    if adds_nothing(path, end, reach, outcome[MIN_DISTANCE]):
+        return
+    t = closest(path, 0.0, end)
+    distance = np.sqrt(squared(path, t))
+    clearance = distance - car.contact
+    if distance < car.side_contact:
+        side = closest_to_the_side(car, path, end)
+        if side >= 0.0 and np.sqrt(squared(path, side)) - car.side_contact < clearance:
+            t, clearance = side, np.sqrt(squared(path, side)) - car.side_contact
+    if clearance < 0.0 <= outcome[CLEARANCE]:
+        t = first_contact(car, path, t)
+        ahead_speed, aside_speed = (
+            path.ahead_1 + 2.0 * t * path.ahead_2,
+            path.aside_1 + 2.0 * t * path.aside_2,
+        )
+        outcome[IMPACT_SPEED] = np.hypot(ahead_speed, aside_speed)
+    outcome[MIN_DISTANCE] = min(outcome[MIN_DISTANCE], distance)
+    outcome[CLEARANCE] = min(outcome[CLEARANCE], clearance)
+
+
+@compiled
+def first_contact(car: Car, path: Path, within: float) -> float:
+    """Return the time at which the contact at time ``within`` began, at the earliest 0."""
+    before = 0.0
+    for _ in range(40):
+        middle = (before + within) / 2
+        contact = touches(car, path, middle)
+        before, within = before if contact else middle, middle if contact else within
+    return within
+
+
+@compiled
+def summed(speed: float, acceleration: float, rate: float, growth: float, h: float) -> tuple[float, float]:
+    """Return the increments of speed and range over a step, in the order in which ode45 sums its stages.
+
+    ``rate`` is the speed of the target in the controller's range at the start, ``growth`` its increase.
+    """
+    gain, change = 0.0, 0.0
+    for stage in range(7):
+        gain = 0.0
+        for j in range(stage):
+            gain += acceleration * (h * STAGES[stage, j])
+        if stage < 6:
+            change += (rate + growth * NODES[stage] - (speed + gain)) * (h * STAGES[6, stage])
+    return gain, change
+
+
+@compiled
+def first_step(car: Car, path: Path, speed: float, acceleration: float, rate: float) -> float:
+    """Return the first step that ode45 tries: at rest are the paths of both, and the integral of contact."""
+    fastest = max(speed, abs(rate), abs(path.aside_1), 1.0 if touches(car, path, 0.0) else 0.0) / SMALL
+    fastest = max(fastest, abs(acceleration) / max(speed, SMALL), abs(rate - speed) / max(path.ahead, SMALL))
+    return 1.0 / (fastest * (1.25 / TOLERANCE**0.2))
+
+
+@compiled
+def seen(car: Car, path: Path, t: float, h: float, integral: float) -> tuple[float, float]:
+    """Return the increment of the integral of contact over a step of ode45, and its relative error."""
+    gain, error = 0.0, 0.0
+    for stage in range(7):
+        if stage != 1 and touches(car, path, t + h * NODES[stage]):  # the weights of stage 1 are 0
+            gain += h * STAGES[6, stage] if stage < 6 else 0.0
+            error += ERRORS[stage]
+    return gain, h * abs(error) / max(abs(integral), abs(integral + gain), SMALL)
+
+
+@compiled
+def integrate(
+    car: Car, path: Path, acceleration: float, rate: float, growth: float, tick: float, state: NDArray
+) -> float:
+    """Integrate the state over a tick, and return the time until its end, or until the host stops.
+
+    ``rate`` is the speed of the target in the controller's range at the start of the tick, ``growth`` its
+    increase. A step of ode45 never passes a tick, and its length is kept across ticks.
+    """
+    begin, end = tick * TICK, (tick + 1.0) * TICK
+    t, stops = begin, False
+    while t < end and not stops:
+        step, gain, error, failed = min(state[STEP], state[LONGEST]), 0.0, 0.0, False
+        last = 1.1 * step >= end - t
+        step = end - t if last else step
+        if car.emulates > 0.0:
+            gain, error = seen(car, path, t - begin, step, state[CONTACT])
+            while error > TOLERANCE:
+                step *= 0.5 if failed else max(0.1, 0.8 * (TOLERANCE / error) ** 0.2)
+                failed, last = True, False
+                gain, error = seen(car, path, t - begin, step, state[CONTACT])
+        new_t = end if last else t + step
+        h, now = new_t - t, rate + growth * ((t - begin) / TICK)
+        rise, change = summed(state[V], acceleration, now, growth * (h / TICK), h)
+        stops = state[V] + rise <= 0.0
+        if stops:
+            h = -state[V] / acceleration
+            rise, change = summed(state[V], acceleration, now, growth * (h / TICK), h)
+            gain = seen(car, path, t - begin, h, state[CONTACT])[0] if car.emulates > 0.0 else 0.0
+            new_t = t + h
+        state[V] = 0.0 if stops else state[V] + rise
+        state[RANGE] += change
+        state[CONTACT] += gain
+        state[STEP] = step if failed else step / max(1.25 * (error / TOLERANCE) ** 0.2, 0.2)
+        t = new_t
+    return t - begin if stops else TICK
+
+
+@compiled
+def run(encounter: NDArray, car: Car, state: NDArray, outcome: NDArray, trace: NDArray) -> None:
+    """Simulate one encounter, and write its outcomes, and as many states as ``trace`` has rows.
+
+    A run ends when the host stops, when its time is over, or when the two can come no closer.
+    """
+    memory, acceleration, tick, end, passed = (0.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0, False
+    ahead, aside, ticks = encounter[AHEAD], encounter[ASIDE], encounter[TICKS]
+    state[V], state[RANGE], state[CONTACT] = encounter[SPEED], ahead, 0.0
+    state[LONGEST] = ticks * TICK / STEPS_OF_A_RUN if car.emulates > 0.0 else TICK
+    outcome[:], outcome[MIN_DISTANCE], outcome[CLEARANCE] = 0.0, np.inf, np.inf
+    towards, across = velocity(encounter, 0.0)
+    while True:
+        over = passed or state[V] <= 0.0 or tick >= ticks
+        outcome[RUN_TIME] = max(tick - 1.0, 0.0) * TICK + end
+        if tick < len(trace):
+            row = trace[int(tick)]
+            row[0], row[1], row[2], row[3] = outcome[RUN_TIME], ahead, aside, state[V]
+            row[4], row[5] = acceleration, memory[2] > 0.0
+        if over or tick >= car.most_ticks or ahead == np.inf:
+            break
+        rate = towards - state[V]  # the sign of the target's speed is wrong, as in the authors' model
+        memory = control(car, state[RANGE], rate, state[V], memory)
+        acceleration = actuate(car, memory[0], acceleration)
+        new_towards, new_across = velocity(encounter, tick + 1.0)
+        growth, turn = new_towards - towards, (new_across - across) / TICK / 2
+        ahead_2 = -(growth / TICK + acceleration) / 2
+        path = Path(ahead, -(towards + state[V]), ahead_2, aside, -across, -turn)
+        if tick == 0.0:
+            state[STEP] = first_step(car, path, state[V], acceleration, towards)
+        end = integrate(car, path, acceleration, towards, growth, tick, state)
+        observe(car, path, end, outcome)
+        ahead, aside = position(path, end)
+        towards, across = new_towards, new_across
+        reach = max(outcome[MIN_DISTANCE], car.contact, car.side_contact)
+        passed = -ahead > reach or -aside > reach
+        tick += 1.0
+    outcome[MIN_DISTANCE] = min(outcome[MIN_DISTANCE], np.hypot(ahead, aside))
+    outcome[CLEARANCE] = min(outcome[CLEARANCE], outcome[MIN_DISTANCE] - car.contact)
+    outcome[CRASH] = state[CONTACT] > 0.0 if car.emulates > 0.0 else outcome[CLEARANCE] < 0.0
+    outcome[ENDED] = over
+
+
+@compiled
+def simulate_slice(encounters: NDArray, begin: int, end: int, car: Car, outcomes: NDArray) -> None:
+    """Simulate the columns ``begin`` to ``end`` of ``encounters``, shape (7, n), independently of each other.
+
+    ``outcomes``, shape (6, n), receives the outcomes. The module lists the rows of both.
+    """
+    state, outcome, trace = np.empty(5), np.empty(6), np.empty((0, TRACED))
+    for i in range(begin, end):
+        run(encounters[:, i].copy(), car, state, outcome, trace)
+        outcomes[:, i] = outcome
+
+
+@compiled
+def trace_run(encounter: NDArray, car: Car, trace: NDArray) -> None:
+    """Simulate one encounter, shape (7,), and write its first n states to ``trace``, shape (n, 6)."""
+    run(encounter, car, np.empty(5), np.empty(6), trace)

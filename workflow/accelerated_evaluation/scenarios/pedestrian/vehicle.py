@@ -1,0 +1,43 @@
+"""The car under test in the pedestrian crossing, and where car and pedestrian start."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.scenarios.crossing.car import CrossingCar
+from accelerated_evaluation.scenarios.crossing.kernel import TICK
+from accelerated_evaluation.scenarios.pedestrian import PEDESTRIAN
+from accelerated_evaluation.scenarios.protocol import Scenario
+
+LANE = 3.9  # [m], width of the lane that the pedestrian crosses
+
+
+@PEDESTRIAN.vehicles.add("acc_aeb")
+@dataclass(frozen=True)
+class PedestrianCar(CrossingCar):
+    """The authors' car, which meets a pedestrian who crosses its lane.
+
+    The authors' test of contact measures an angle from the wrong axis: the sector in which 2 m count as
+    contact is to the side that the pedestrian walks to, and not ahead of the car.
+    """
+
+    scenario: ClassVar[Scenario] = PEDESTRIAN
+    contact: ClassVar[float] = 1.0
+    side_contact: ClassVar[float] = 2.0
+
+    def start(self, encounters: Array) -> Array:
+        """Return where each encounter starts, as `CrossingCar.start`.
+
+        The pedestrian walks from one edge of the lane to the other; the direction makes no difference. The
+        car starts where it would be at the given distance when the pedestrian is in the middle of the lane,
+        if it kept its speed.
+        """
+        speed, walking_speed, distance = np.abs(encounters)
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+            duration = LANE / walking_speed
+            ahead = distance + np.where(speed > 0, speed * duration / 2, 0)
+        aside = np.full_like(speed, LANE / 2)
+        none = np.zeros_like(speed)
+        return np.stack([speed, ahead, aside, walking_speed, none, none, np.floor(duration / TICK)])
