@@ -27,6 +27,7 @@ from accelerated_evaluation.laws.smooth.mean import solve
 COMPONENTS = 4
 TABLE_STEP = 0.25  # distance of the nodes of a table of the first variable, in its standard deviations
 TABLE_REACH = 6.0  # standard deviations within which a component needs its nodes
+FARTHEST = 8.0  # normal score
 PAIRS_AT_ONCE = 1_000_000  # points times components, which bounds the memory of densities
 MAPPED_AT_ONCE = 800  # points times components, so that the arrays stay in the processor's cache
 
@@ -199,14 +200,17 @@ class TruncatedNormalMixture(JointLaw):
         return np.array(nodes)
 
     def normal_scores(self, x: Array) -> Array:
-        """Return the normal scores of values of a law of one variable, shape (n,)."""
+        """Return the normal scores of values of a law of one variable, shape (n,).
+
+        Those of the limits themselves are infinite, and are replaced by `FARTHEST`.
+        """
         nothing, weight = np.empty((self.components, x.size, 0)), np.exp(self.log_scale)
         (low,), (high,) = self.box.lower, self.box.upper
         below, above = (
             weight @ self.normals.between(nothing, *ends)
             for ends in ((np.full(x.size, low), x), (x, np.full(x.size, high)))
         )
-        return np.where(below < above, ndtri(below), -ndtri(above))
+        return np.clip(np.where(below < above, ndtri(below), -ndtri(above)), -FARTHEST, FARTHEST)
 
     def content(self) -> dict[str, Any]:
         """Return the parameters for JSON."""

@@ -1,0 +1,147 @@
+"""The answer under joint laws: blocks, scores and weights, and posteriors from many runs and from few."""
+
+import numpy as np
+import pytest
+from accelerated_evaluation.answer.joint.posterior import (
+    DrawnLaws,
+    answer_tables,
+    simulated_posterior,
+    surrogate_posterior,
+)
+from accelerated_evaluation.answer.joint.scores import NEAR, Candidate, ClusteredRecords, score_laws
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.laws.joint import Box
+from accelerated_evaluation.laws.joint.truncated import Normals
+from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
+from scipy.stats import truncnorm
+
+BOX = Box(("a_mps", "b_m"), (0.0, 0.0), (10.0, 10.0))
+CANDIDATES = (
+    Candidate("one normal", "truncated_normals", {"components": 1}),
+    Candidate("independent", "independent_variables", {}),
+)
+LIMIT = 7.5  # of a, above which the toy crashes
+
+
+def normal_law(mean=(4.0, 5.0), correlation=0.0, box=BOX):
+    covariance = np.array([[4.0, 4 * correlation], [4 * correlation, 4.0]])
+    return TruncatedNormalMixture(np.ones(1), Normals(np.array([mean]), covariance[None], box))
+
+
+def respond(x):
+    """Crash above LIMIT of a; the score is the distance to it."""
+    return x[:, 0] > LIMIT, LIMIT - x[:, 0]
+
+
+def exact(law):
+    """Return the probability of the toy's crash under an uncorrelated law of one component."""
+    mean = law.normals.mean[0, 0]
+    return truncnorm((0 - mean) / 2, (10 - mean) / 2, mean, 2).sf(LIMIT)
+
+
+def records(generator, clusters=60, each=5, law=None):
+    law = normal_law(correlation=0.8) if law is None else law
+    x = law.sample(clusters * each, generator)
+    return ClusteredRecords.of(x, np.repeat(np.arange(clusters), each), BOX)
+
+
+def test_blocks_hold_whole_clusters_of_about_equal_size():
+    generator = np.random.default_rng(1)
+    cluster = generator.choice(12, p=np.arange(1, 13) / 78, size=600)
+    own = ClusteredRecords.of(np.full((600, 2), 5.0), cluster, BOX)
+    block = own.blocks(4)
+    assert all(len(np.unique(block[own.cluster == k])) == 1 for k in range(own.clusters))
+    sizes = np.bincount(own.cluster)
+    assert np.ptp(np.bincount(block)) < sizes.max() / 3
+    assert own.effective_clusters < own.clusters
+
+
+def test_weights_of_a_bootstrap_are_equal_within_a_cluster():
+    own = records(np.random.default_rng(2))
+    weights = own.resampled(np.random.default_rng(3)).reshape(60, 5)
+    assert np.all(weights == weights[:, :1])
+    assert len(np.unique(weights[:, 0])) == 60
+
+
+@pytest.fixture(scope="module")
+def scored():
+    return score_laws(records(np.random.default_rng(4)), respond, np.random.default_rng(5), CANDIDATES)
+
+
+def test_the_law_that_is_true_has_the_better_held_out_scores(scored):
+    weights = scored.weights(200, np.random.default_rng(6))
+    table = scored.table(weights).set_index("law")
+    assert weights.sum(axis=1) == pytest.approx(1)
+    assert table.loc["one normal", "gain"] > 4 * table.loc["one normal", "gain_error"]
+    assert table.loc["one normal", "weight"] > 0.95
+    assert table.loc["one normal", "parameters"] == 5
+
+
+def test_scores_near_the_event_are_censored(scored):
+    own = scored.records
+    assert np.mean(scored.near) == pytest.approx(NEAR, abs=2 / len(own.x))
+    assert np.array_equal(scored.near, own.x[:, 0] >= np.sort(own.x[:, 0])[-scored.near.sum()])
+    assert np.array_equal(scored.near_scores[:, scored.near], scored.log_scores[:, scored.near])
+    # Elsewhere, the score is the log probability outside of the region, here by many draws of each law.
+    block, limit = own.blocks(), np.quantile(own.x[:, 0], 1 - NEAR)
+    out = (block == 0) & ~scored.near
+    held = CANDIDATES[0].fit(own.only(block != 0), np.random.default_rng(7), start=scored.laws[0])
+    share = np.mean(held.sample(400_000, np.random.default_rng(8))[:, 0] < limit)
+    assert scored.near_scores[0, out] == pytest.approx(np.log(share), abs=0.01)
+
+
+def test_both_ways_find_the_probability_under_each_draw():
+    means = [(3.5, 5.0), (4.0, 4.0), (4.5, 6.0)]
+    drawn = DrawnLaws([normal_law(mean) for mean in means], np.zeros(3, int), ["toy"])
+    truth = np.array([exact(law) for law in drawn.laws])
+    many = simulated_posterior(drawn, respond, np.random.default_rng(9), 60_000)
+    few, sampler = surrogate_posterior(drawn, respond, np.random.default_rng(10), share=0.1)
+    assert sampler.simulations <= 150
+    for posterior in (many, few):
+        deviation = np.abs(posterior.probabilities / truth - 1) / posterior.errors
+        assert np.all(deviation < 4)
+        # Without the ratios of densities, all draws would have the probability of their mean.
+        assert np.any(np.abs(truth.mean() / truth - 1) > 4 * posterior.errors)
+    assert many.deviation < 0.05
+
+
+def test_the_interval_is_that_of_the_clusters():
+    """Repeating each record within its cluster adds no information, and must not narrow the interval."""
+    generator = np.random.default_rng(11)
+    x = normal_law().sample(60, generator)
+    once = ClusteredRecords.of(x, np.arange(60), BOX)
+    repeated = ClusteredRecords.of(np.repeat(x, 8, axis=0), np.repeat(np.arange(60), 8), BOX)
+    ignored = ClusteredRecords.of(repeated.x, np.arange(480), BOX)
+    widths = []
+    for own in (once, repeated, ignored):
+        scored = score_laws(own, respond, np.random.default_rng(12), CANDIDATES[:1])
+        drawn = DrawnLaws.of(scored, np.random.default_rng(13), 60)
+        posterior = simulated_posterior(drawn, respond, np.random.default_rng(14), 20_000)
+        widths.append(np.log(posterior.probabilities).std())
+    assert widths[1] == pytest.approx(widths[0], rel=0.35)
+    assert widths[2] < 0.55 * widths[0]  # the clusters ignored: narrower by about the root of 8
+
+
+def test_the_answer_has_intervals_and_a_budget(scored):
+    drawn = DrawnLaws.of(scored, np.random.default_rng(15), 40)
+    posterior = simulated_posterior(drawn, respond, np.random.default_rng(16), 20_000)
+    tables = answer_tables(posterior, drawn)
+    row = tables["answer"].iloc[0]
+    ends = ["low95", "low80", "low50", "median", "high50", "high80", "high95"]
+    assert row[ends].is_monotonic_increasing
+    truth = np.mean(normal_law(correlation=0.8).sample(400_000, np.random.default_rng(17))[:, 0] > LIMIT)
+    assert row["low95"] < truth < row["high95"]
+    assert tables["budget"].set_index("source")["variance_share"]["together"] == 1
+    assert len(tables["draws"]) == 40
+
+
+def test_a_law_without_mass_at_the_event_ends_with_one_message():
+    box = Box(BOX.names, (0.0, 0.0), (7.0, 10.0))
+    drawn = DrawnLaws([normal_law(box=box)], np.zeros(1, int), ["bounded too low"])
+    with pytest.raises(InputError, match=r"bounded too low.*no event in 5,000 encounters.*limits"):
+        simulated_posterior(drawn, respond, np.random.default_rng(18), 5_000)
+
+
+def test_records_of_one_cluster_are_refused():
+    with pytest.raises(InputError, match="at least 2 clusters"):
+        ClusteredRecords.of(np.full((5, 2), 5.0), np.zeros(5), BOX)

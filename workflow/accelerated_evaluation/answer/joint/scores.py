@@ -1,0 +1,244 @@
+"""Joint laws fitted to the records of a scenario, with scores on held-out records near the event.
+
+The records come in clusters, such as those of one driver. A block that is held out consists of whole
+clusters, because the records of a driver resemble each other.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from accelerated_evaluation.answer.scores import BLOCKS
+from accelerated_evaluation.answer.weights import bootstrapped_weights
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.laws.joint import JOINT_LAWS, Box, JointLaw
+from accelerated_evaluation.problem import Response
+
+NEAR = 0.1  # share of the records that are near the event: those with the smallest scores
+POOL = 20_000  # points at which the probability of the region near the event is found
+SMALLEST = 1e-9  # probability of a region, so that its logarithm is finite
+
+Respond = Callable[[Array], Response]
+"""Runs the vehicle at points, shape (n, d), and returns whether the event happened, and the score."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A kind of joint law with its settings.
+
+    Attributes
+    ----------
+    name
+        Name in tables.
+    kind
+        Name in the registry `JOINT_LAWS`.
+    settings
+        Settings of the fit.
+    """
+
+    name: str
+    kind: str
+    settings: Mapping[str, Any]
+
+    def fit(
+        self,
+        records: "ClusteredRecords",
+        generator: np.random.Generator,
+        **known: Any,  # noqa: ANN401
+    ) -> JointLaw:
+        """Fit the law to records; ``known`` may hold weights and a start."""
+        return JOINT_LAWS[self.kind].fit(records.x, records.box, generator, **known, **self.settings)
+
+
+CANDIDATES = (
+    *(
+        Candidate(f"truncated normals, K = {k}", "truncated_normals", {"components": k})
+        for k in (2, 3, 4, 6, 8)
+    ),
+    Candidate("Gaussian copula", "gaussian_copula", {}),
+    Candidate("kernel", "kernel", {}),
+    Candidate("independent", "independent_variables", {}),
+)
+
+
+@dataclass(frozen=True)
+class ClusteredRecords:
+    """Records in clusters.
+
+    Attributes
+    ----------
+    x
+        The records, shape (n, d).
+    cluster
+        Number of the cluster of each record, from 0, shape (n,).
+    box
+        The variables and their limits.
+    """
+
+    x: Array
+    cluster: NDArray[np.int_]
+    box: Box
+
+    @classmethod
+    def of(cls, x: Array, cluster: ArrayLike, box: Box, where: str = "the records") -> "ClusteredRecords":
+        """Return the records with numbered clusters; they must be in the box, and in two clusters or more."""
+        box.require(x, where)
+        names, number = np.unique(np.asarray(cluster), return_inverse=True)
+        if len(names) < 2:
+            raise InputError(
+                f"{where}, the clusters",
+                seen=f"{len(names)} cluster of {len(x)} records",
+                expected="at least 2 clusters, such as drivers or devices",
+                change="Name the column that says which records depend on each other.",
+            )
+        return cls(x, number, box)
+
+    @property
+    def clusters(self) -> int:
+        """Number of clusters."""
+        return int(self.cluster.max()) + 1
+
+    @property
+    def effective_clusters(self) -> float:
+        """Number of equally large clusters that would be as informative (Kish 1965)."""
+        sizes = np.bincount(self.cluster)
+        return float(sizes.sum() ** 2 / (sizes**2).sum())
+
+    def blocks(self, blocks: int = BLOCKS) -> NDArray[np.int_]:
+        """Return the block of each record: whole clusters, the largest first into the smallest block."""
+        sizes = np.bincount(self.cluster)
+        totals, block = np.zeros(min(blocks, self.clusters)), np.empty(self.clusters, dtype=int)
+        for cluster in np.argsort(-sizes, kind="stable"):
+            block[cluster] = totals.argmin()
+            totals[block[cluster]] += sizes[cluster]
+        return block[self.cluster]
+
+    def only(self, kept: NDArray[np.bool_]) -> "ClusteredRecords":
+        """Return some of the records."""
+        return ClusteredRecords(self.x[kept], self.cluster[kept], self.box)
+
+    def resampled(self, generator: np.random.Generator) -> Array:
+        """Return weights of the records by the Bayesian bootstrap over the clusters (Rubin 1981)."""
+        return generator.standard_exponential(self.clusters)[self.cluster]
+
+
+@dataclass(frozen=True)
+class ScoredLaws:
+    """Joint laws fitted to all records, with their scores on held-out records.
+
+    Attributes
+    ----------
+    records
+        The records.
+    candidates
+        The kinds of laws.
+    laws
+        Their fits to all records.
+    log_scores
+        Held-out log density of each record, shape (laws, records).
+    near_scores
+        The same, censored to the region near the event.
+    near
+        Whether each record is in this region, shape (records,).
+    """
+
+    records: ClusteredRecords
+    candidates: Sequence[Candidate]
+    laws: Sequence[JointLaw]
+    log_scores: Array
+    near_scores: Array
+    near: NDArray[np.bool_]
+
+    def weights(self, draws: int, generator: np.random.Generator) -> Array:
+        """Return draws of the weights of the laws, shape (draws, laws), by their scores near the event.
+
+        The weights are those of `bootstrapped_weights`, with clusters in place of records.
+        """
+        scores = self.by_cluster(self.near_scores)
+        return bootstrapped_weights(scores, np.ones(scores.shape[1], bool), draws, generator)
+
+    def by_cluster(self, scores: Array) -> Array:
+        """Return sums of scores over each cluster, shape (laws, records) to (laws, clusters)."""
+        return np.array([np.bincount(self.records.cluster, weights=row) for row in scores])
+
+    def table(self, weights: Array) -> pd.DataFrame:
+        """Tabulate the laws.
+
+        Parameters
+        ----------
+        weights
+            Draws of the weights, shape (draws, laws).
+
+        Returns
+        -------
+        pandas.DataFrame
+            Columns ``law``, ``parameters``, ``log_likelihood``, ``aic``, ``bic``; ``gain`` and ``gain_near``,
+            the held-out log scores minus those of the last law [nats], with their standard errors over the
+            clusters ``gain_error`` and ``gain_near_error``; and ``weight``.
+        """
+        rows = []
+        gains = [self.by_cluster(part - part[-1]) for part in (self.log_scores, self.near_scores)]
+        for k, (candidate, law) in enumerate(zip(self.candidates, self.laws, strict=True)):
+            likelihood, count = float(law.log_density(self.records.x).sum()), law.n_parameters
+            rows.append(
+                {
+                    "law": candidate.name,
+                    "parameters": count,
+                    "log_likelihood": likelihood,
+                    "aic": 2 * count - 2 * likelihood,
+                    "bic": count * float(np.log(len(self.records.x))) - 2 * likelihood,
+                    "gain": gains[0][k].sum(),
+                    "gain_error": gains[0][k].std() * np.sqrt(self.records.clusters),
+                    "gain_near": gains[1][k].sum(),
+                    "gain_near_error": gains[1][k].std() * np.sqrt(self.records.clusters),
+                    "weight": float(weights[:, k].mean()),
+                }
+            )
+        return pd.DataFrame(rows)
+
+
+def score_laws(
+    records: ClusteredRecords,
+    respond: Respond,
+    generator: np.random.Generator,
+    candidates: Sequence[Candidate] = CANDIDATES,
+) -> ScoredLaws:
+    """Fit joint laws to the records, and score them on each block of clusters by fits to the other blocks.
+
+    The region near the event holds the share `NEAR` of the records, those with the smallest scores. Its
+    probability under a law is found from one pool of simulated points, which all laws share. The pool is
+    drawn from the mean of the laws, and reweighted.
+
+    Parameters
+    ----------
+    records
+        The records.
+    respond
+        Runs the vehicle.
+    generator
+        Source of all randomness.
+    candidates
+        The kinds of laws; gains are differences to the last one.
+    """
+    laws = [candidate.fit(records, generator) for candidate in candidates]
+    own = respond(records.x)[1]
+    limit = np.quantile(own, NEAR)
+    pool = np.concatenate([law.sample(POOL // len(laws), generator) for law in laws])
+    reached = pool[respond(pool)[1] <= limit]
+    log_pool = np.logaddexp.reduce([law.log_density(reached) for law in laws]) + np.log(len(pool) / len(laws))
+    block, near = records.blocks(), own <= limit
+    log_scores, near_scores = np.empty((2, len(laws), len(records.x)))
+    for number in range(block.max() + 1):
+        out, rest = block == number, records.only(block != number)
+        for k, (candidate, law) in enumerate(zip(candidates, laws, strict=True)):
+            held = candidate.fit(rest, generator, start=law)
+            log_scores[k, out] = held.log_density(records.x[out])
+            inside = np.exp(held.log_density(reached) - log_pool).sum()
+            outside = np.log1p(-min(inside, 1 - SMALLEST))
+            near_scores[k, out] = np.where(near[out], log_scores[k, out], outside)
+    return ScoredLaws(records, candidates, laws, log_scores, near_scores, near)
