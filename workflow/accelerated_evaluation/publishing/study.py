@@ -64,6 +64,16 @@ TABLES = {
     "exposure": "laws/exposure.csv",
     # Crash probabilities of vehicles, and their ratios to the careful human's.
     "vehicles": "laws/vehicles.csv",
+    # Drivers who are injured: per cut-in, and per million kilometres and hours as far as these are known.
+    "injuries": "laws/injuries.csv",
+    # The same per cut-in, for each pair of published curves.
+    "injuries_by_curve": "laws/injuries_by_curve.csv",
+    # Where the uncertainty of the injured drivers comes from.
+    "injury_budget": "laws/injury_budget.csv",
+    # The published curves of the risk of injury.
+    "injury_curves": "laws/injury_curves.csv",
+    # Ratios of the injured drivers of the vehicle under test to those of the other vehicles.
+    "risk_balance": "laws/risk_balance.csv",
     # Draws of the crash probability, and the law of each.
     "answer_draws": "laws/answer_draws.csv",
     # Where the uncertainty of the answer comes from.

@@ -1,0 +1,82 @@
+"""Beyond the paper: tables of the injuries of the two drivers, and of the curves of the risk of injury."""
+
+import pandas as pd
+
+from accelerated_evaluation.publishing.published import table
+from accelerated_evaluation.publishing.tables.formats import readable
+from accelerated_evaluation.publishing.tables.laws import DIGITS, interval_column
+
+DISTANCE = "million kilometres"
+CUT_IN = "cut-in"
+
+
+def best_known(injuries: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of the injuries per million kilometres, or per cut-in if the distance is not known."""
+    per = DISTANCE if (injuries["per"] == DISTANCE).any() else CUT_IN
+    return injuries[injuries["per"] == per]
+
+
+def injuries_digest(injuries: pd.DataFrame) -> pd.DataFrame:
+    """Return the columns for a reader: a row for each vehicle and level."""
+    rows = best_known(injuries)
+    per_cut_in = injuries[injuries["per"] == CUT_IN].set_index(["vehicle", "level"])["mean"]
+    keys = pd.MultiIndex.from_frame(rows[["vehicle", "level"]])
+    return pd.DataFrame(
+        {
+            "vehicle": rows["vehicle"],
+            "injury": rows["level"],
+            "mean per cut-in": per_cut_in.reindex(keys).to_numpy(),
+            "per": rows["per"],
+            "median": rows["median"],
+            "80 %": interval_column(rows["low80"], rows["high80"]),
+            "per crash": rows["per_crash"],
+            "gentle": rows["gentle"],
+        }
+    )
+
+
+@table("injuries", digits=DIGITS, digest=injuries_digest)
+def injuries_table(injuries: pd.DataFrame) -> pd.DataFrame:
+    """Return the injured drivers of all vehicles in the published form."""
+    return injuries
+
+
+def balance_digest(risk_balance: pd.DataFrame) -> pd.DataFrame:
+    """Return the columns for a reader, both ends of the interval in one."""
+    interval = interval_column(risk_balance["ratio_low80"], risk_balance["ratio_high80"])
+    shown = risk_balance[["vehicle", "reference", "level", "ratio"]].assign(**{"80 %": interval})
+    return shown.assign(fewer_injured=risk_balance["fewer_injured"])
+
+
+@table("risk_balance", digits=DIGITS, digest=balance_digest)
+def risk_balance_table(risk_balance: pd.DataFrame) -> pd.DataFrame:
+    """Return the ratios of injured drivers to those of the other vehicles in the published form."""
+    return risk_balance
+
+
+@table("injury_budget", digits=3)
+def injury_budget_table(injury_budget: pd.DataFrame) -> pd.DataFrame:
+    """Return the sources of the uncertainty of the injured drivers in the published form."""
+    return injury_budget
+
+
+def curves_digest(injury_curves: pd.DataFrame) -> pd.DataFrame:
+    """Return the columns that fit on a page."""
+    return injury_curves[["level", "impact", "source", "curve", "population"]]
+
+
+@table("injury_curves", digest=curves_digest)
+def injury_curves_table(injury_curves: pd.DataFrame) -> pd.DataFrame:
+    """Return the published curves in the published form."""
+    return injury_curves
+
+
+def injuries_in_words(injuries: pd.DataFrame, level: str) -> str:
+    """Return the injured drivers of the vehicle under test at a level as text, with an 80 % interval."""
+    rows = best_known(injuries)
+    found = rows[(rows["vehicle"] == "under test") & (rows["level"] == level)]
+    if found.empty:
+        return "not known"
+    row = found.iloc[0]
+    low, median, high = (readable(row[name], DIGITS) for name in ("low80", "median", "high80"))
+    return f"{median} ({low} to {high}) per {row['per']}"
