@@ -46,6 +46,6 @@ LEFT_TURN = SCENARIOS.add("left_turn")(
         vehicles=Registry("vehicle", __name__, __path__),
         default_vehicle="acc_aeb",
         read_records=_read_records,
-        records=Path("data/left_turn/records.csv.gz"),
+        records=Path("data/left_turn/records.parquet"),
     )
 )

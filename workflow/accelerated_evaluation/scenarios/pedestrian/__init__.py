@@ -51,6 +51,6 @@ PEDESTRIAN = SCENARIOS.add("pedestrian")(
         vehicles=Registry("vehicle", __name__, __path__),
         default_vehicle="acc_aeb",
         read_records=_read_records,
-        records=Path("data/pedestrian/records.csv.gz"),
+        records=Path("data/pedestrian/records.parquet"),
     )
 )

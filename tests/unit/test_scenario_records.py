@@ -1,0 +1,98 @@
+"""Records of left turns and pedestrians: every row has a verdict, and series give the stored records."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.scenarios.pedestrian.records import records_of_series
+from accelerated_evaluation.scenarios.protocol import CLUSTER, FITTED
+from accelerated_evaluation.scenarios.record_table import OUTSIDE, REPEATED, account
+
+ROOT = Path(__file__).parents[2]
+NAMES = ("left_turn", "pedestrian")
+
+
+def records(name):
+    return SCENARIOS[name].read_records(ROOT / SCENARIOS[name].records)
+
+
+@pytest.mark.parametrize(
+    ("name", "count", "repeated", "clusters"), [(NAMES[0], 1055, 27, 115), (NAMES[1], 983, 0, 27)]
+)
+def test_every_record_is_fitted_or_left_out_for_a_reason(name, count, repeated, clusters):
+    table = records(name)
+    counts = account(table)
+    assert counts["records"] == len(table) == count
+    assert counts[[FITTED, REPEATED, OUTSIDE]].sum() == count
+    assert counts[REPEATED] == repeated
+    assert counts[OUTSIDE] == 0
+    assert table[CLUSTER].nunique() == clusters
+    assert all(isinstance(each, str) for each in table[CLUSTER])
+    assert table[FITTED].sum() == count - repeated
+
+
+def test_the_authors_fitted_the_first_1000_left_turns():
+    assert np.flatnonzero(records("left_turn")["in_fit"]).tolist() == list(range(1000))
+
+
+@pytest.mark.parametrize(("name", "crashes", "not_ended"), [("left_turn", 20, 0), ("pedestrian", 3, 1)])
+def test_the_car_crashes_in_as_many_records_as_published(name, crashes, not_ended):
+    scenario = SCENARIOS[name]
+    table = records(name)
+    car = scenario.vehicles[scenario.default_vehicle]()
+    outcomes = car.simulate(*(table[each] for each in scenario.names))
+    assert outcomes.crash.sum() == crashes
+    assert (~outcomes.ended & ~outcomes.crash).sum() == not_ended
+
+
+def test_series_give_all_stored_records_of_pedestrians():
+    series = pd.read_parquet(ROOT / "data/pedestrian/series.parquet")
+    stored, computed = records("pedestrian"), records_of_series(series)
+    assert computed["record"].tolist() == stored["record"].tolist()
+    assert series.groupby("record").size().tolist() == stored["n_samples"].tolist()
+    for name in SCENARIOS["pedestrian"].names:
+        assert computed[name].to_numpy() == pytest.approx(stored[name].to_numpy(), abs=1e-5)  # 6 digits
+    assert computed["is_last"].mean() == pytest.approx(0.86, abs=0.01)
+
+
+def test_a_user_may_bring_a_table_of_text(tmp_path):
+    path = tmp_path / "mine.csv"
+    path.write_text(
+        "driver,sdv_speed_mps,turning_speed_mps,distance_to_conflict_m\n"
+        "a,10.123456789012345,5,40\n"
+        "a,10.123456789012345,5,40\n"
+        "b,10.123456789012345,5,40\n"
+        "b,36,5,40\n"
+    )
+    table = SCENARIOS["left_turn"].read_records(path)
+    assert table["sdv_speed_mps"][0] == 10.123456789012345
+    assert table[FITTED].tolist() == [True, False, True, False]
+    assert table[REPEATED].tolist() == [False, True, False, False]
+    assert account(table).tolist() == [4, 2, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "driver,sdv_speed_mps,turning_speed_mps\n1,2,3\n",
+            "column 'distance_to_conflict_m': seen only the columns",
+        ),
+        (
+            "driver,sdv_speed_mps,turning_speed_mps,distance_to_conflict_m\n1,2,3,4\n1,2,fast,4\n",
+            "row 3, column turning_speed_mps: seen 'fast'; expected a finite number",
+        ),
+        (
+            "driver,sdv_speed_mps,turning_speed_mps,distance_to_conflict_m\n1,2,3,\n",
+            "row 2, column distance_to_conflict_m: seen nan",
+        ),
+    ],
+)
+def test_a_faulty_table_is_one_error(tmp_path, text, message):
+    path = tmp_path / "mine.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        SCENARIOS["left_turn"].read_records(path)
