@@ -57,7 +57,8 @@ def draw_posterior(
     Parameters
     ----------
     lines
-        Thinned crash map of a vehicle, by event. All events use the same draws.
+        Thinned crash map of a vehicle, by event. All events use the same draws. If the lines have weights, a
+        draw of the law goes with a draw of what is not known of the vehicle.
     family
         The family fitted to all records.
     members
@@ -77,7 +78,7 @@ def draw_posterior(
         ranges = family.ranges.drawn(generator)
         law = family.law(members[place]).drawn(generator)
         for event, of_event in lines.items():
-            masses = of_event.masses(ranges, law)
+            masses = of_event.of_draw(draw).masses(ranges, law)
             probabilities[event][draw] = masses.sum()
             if event in risks:
                 expected[event][draw] = risks[event] @ masses

@@ -1,7 +1,8 @@
 """The study of laws: weights of the laws, crash probabilities, and all tables of the answer."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -33,7 +34,7 @@ from accelerated_evaluation.laws.smooth.family import LawFamily, Member
 from accelerated_evaluation.laws.smooth.rivals import IndependentTail
 from accelerated_evaluation.laws.smooth.shapes import Exponential
 from accelerated_evaluation.vehicles.events import Event
-from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
+from accelerated_evaluation.vehicles.protocol import Outcomes, RandomVehicle, Vehicle
 
 QUANTITIES = {
     "crash": "crash",
@@ -42,7 +43,8 @@ QUANTITIES = {
     "min_range": "range at most {:g} m",
 }
 UNDER_TEST = "under test"
-REFERENCE = "cc_human"  # the competent and careful human of UN R157
+# The competent and careful human of UN R157, and the human driver from data; by the prefix of their columns.
+REFERENCES = {"": "cc_human", "human_": "human"}
 SHOWN = (Member(), *(Member(KNOT, shape) for shape in ("exponential", "generalised", "two kinds")))
 DRAWN = 2000  # number of crashes that are drawn from each law
 
@@ -115,6 +117,10 @@ class LawStudy:
         }
         weighted = scored.weighted(generator, draws)
         thinned = {name: weighted.thinned(part, generator) for name, part in lines.items()}
+        random = dict(zip(vehicles, generator.spawn(len(vehicles)), strict=True))
+        for name, part in thinned.items():
+            whose = name.removeprefix("crash of ") if name not in named else next(iter(vehicles))
+            thinned[name] = with_draws(part, vehicles[whose], draws, random[whose])
         return cls(encounters, vehicles, weighted, lines, thinned, named)
 
     def resolve(self, maps: Mapping[str, CrashMap], generator: np.random.Generator) -> None:
@@ -283,9 +289,19 @@ class LawStudy:
         """Return the table of vehicles, with a check of each crash map by replayed records."""
         replays = zip(posteriors, self.replayed.values(), strict=True)
         recorded = {name: int(outcomes.crash.sum()) for name, outcomes in replays}
-        table = vehicle_table(posteriors, recorded, self.weighted.records.size, REFERENCE)
+        table = vehicle_table(posteriors, recorded, self.weighted.records.size, REFERENCES)
         crashes = ["crash" if name == UNDER_TEST else f"crash of {name}" for name in table["vehicle"]]
         return table.assign(scan=["random" if crash in self.sampled else "refined" for crash in crashes])
+
+
+def with_draws(lines: CrashLines, vehicle: Vehicle, draws: int, generator: np.random.Generator) -> CrashLines:
+    """Return lines with the weights of draws of what is not known of their vehicle, if there is anything.
+
+    The generator is copied, so that all events of a vehicle have the same draws.
+    """
+    if not isinstance(vehicle, RandomVehicle) or lines.inner is None:
+        return lines
+    return replace(lines, weights=vehicle.inner_weights(lines.inner, draws, deepcopy(generator)))
 
 
 def event_name(event: Event) -> str:

@@ -23,6 +23,7 @@ SUMMARY = (
 )
 MISSED = 1e-4  # mid-p of the recorded crashes below which a map is refused
 RATIO = ("ratio", "ratio_low80", "ratio_high80")
+SAFER = "safer"
 RANGE_LIMIT_WIDTH = 0.5  # [m], next to the largest range, where rounding could have put records
 
 
@@ -58,7 +59,7 @@ def is_supported(recorded: int, expected: float) -> bool:
 
 
 def vehicle_table(
-    posteriors: Mapping[str, Posterior], recorded: Mapping[str, int], size: int, reference: str
+    posteriors: Mapping[str, Posterior], recorded: Mapping[str, int], size: int, references: Mapping[str, str]
 ) -> pd.DataFrame:
     """Compare the crash probabilities of vehicles.
 
@@ -75,41 +76,45 @@ def vehicle_table(
         Number of distinct records that crash when the vehicle replays them.
     size
         Number of distinct records.
-    reference
-        The vehicle with which the others are compared, if it is among them.
+    references
+        The vehicles with which the others are compared, if they are among them, by the prefix of the columns.
 
     Returns
     -------
     pandas.DataFrame
         Columns ``vehicle``; ``recorded`` and ``expected`` crashes of the records; ``resolved`` (whether the
-        map is accepted); the columns of `summarise`; ``ratio``, ``ratio_low80`` and ``ratio_high80`` (median
-        and 80 % interval of the ratio to the reference, NaN if the reference never crashes); and ``safer``,
-        the share of the draws in which the vehicle crashes less often than the reference. The numbers are NaN
-        if the map is rejected.
+        map is accepted); the columns of `summarise`; and for each reference, with its prefix, ``ratio``,
+        ``ratio_low80`` and ``ratio_high80`` (median and 80 % interval of the ratio to the reference, NaN if the
+        reference never crashes) and ``safer``, the share of the draws in which the vehicle crashes less often
+        than the reference. The numbers are NaN if the map is rejected.
     """
     expected = {name: size * posterior.probabilities.mean() for name, posterior in posteriors.items()}
     resolved = {name: is_supported(recorded[name], expected[name]) for name in posteriors}
-    has_base = resolved.get(reference, False) and bool(np.all(posteriors[reference].probabilities > 0))
+    bases = {
+        prefix: posteriors[name].probabilities
+        for prefix, name in references.items()
+        if resolved.get(name, False) and bool(np.all(posteriors[name].probabilities > 0))
+    }
     rows = []
     for name, posterior in posteriors.items():
         row = {"vehicle": name, "recorded": recorded[name], "expected": expected[name]}
         row["resolved"] = resolved[name]
         if resolved[name]:
             row |= summarise(posterior)
-        if resolved[name] and has_base:
-            ratio = posterior.probabilities / posteriors[reference].probabilities
-            row |= dict(zip(RATIO, np.quantile(ratio, [0.5, 0.1, 0.9]).tolist(), strict=True))
-            row["safer"] = float(np.mean(ratio < 1))
+            for prefix, base in bases.items():
+                row |= _ratio(posterior.probabilities / base, prefix)
         rows.append(row)
-    columns = [
-        "vehicle",
-        "recorded",
-        "expected",
-        "resolved",
-        *summarise(next(iter(posteriors.values()))),
-        *RATIO,
-    ]
-    return pd.DataFrame(rows, columns=[*columns, "safer"])
+    ratios = [f"{prefix}{column}" for prefix in references for column in (*RATIO, SAFER)]
+    columns = ["vehicle", "recorded", "expected", "resolved", *SUMMARY, *ratios]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def _ratio(ratio: Array, prefix: str) -> dict[str, float]:
+    """Return median, 80 % interval and the share below 1 of draws of a ratio."""
+    columns = dict(zip(RATIO, np.quantile(ratio, [0.5, 0.1, 0.9]).tolist(), strict=True))
+    return {
+        f"{prefix}{name}": value for name, value in (columns | {SAFER: float(np.mean(ratio < 1))}).items()
+    }
 
 
 def threshold_table(

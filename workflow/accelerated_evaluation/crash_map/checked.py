@@ -144,10 +144,6 @@ def _simulated(
     with np.errstate(divide="ignore"):
         speed = np.where(drawn > 0, -np.log(drawn) / rate[:, None], grid.closing_speed_max)
     speed = np.hstack([np.clip(speed, edges[:-1], edges[1:]), np.full((chosen.size, 1), edges[-1])])
-    outcomes = vehicle.simulate(
-        np.repeat(crash_map.lead_speed[chosen], steps + 1),
-        np.repeat(1 / crash_map.inverse_range[chosen], steps + 1),
-        speed.ravel(),
-    )
+    outcomes = crash_map.simulate(vehicle, np.repeat(chosen, steps + 1), speed.ravel())
     probability = np.hstack([-np.diff(beyond, axis=1), beyond[:, -1:]])
     return (outcomes.crash.reshape(speed.shape) * probability).sum(axis=1)

@@ -16,6 +16,7 @@ from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
 from accelerated_evaluation.vehicles.events import CRASH, Event
+from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle, simulate_inner
 
 EVEN = 0.05  # share of the kept lines that are selected independently of their probability
 
@@ -35,6 +36,10 @@ class CrashLines:
         log(R_max / R) at the two ends of the cell; the second may be infinite.
     row, start, end
         Index of the line of each interval, and its ends [m/s]; the upper end may be infinite.
+    inner
+        Inner variables of the lines, shape (lines, variables), for a vehicle whose outcomes are random.
+    weights
+        Weights of the lines for draws of what is not known of the vehicle, shape (draws, lines).
     """
 
     places: Places
@@ -44,6 +49,8 @@ class CrashLines:
     row: NDArray[np.int_]
     start: Array
     end: Array
+    inner: Array | None = None
+    weights: Array | None = None
 
     @classmethod
     def of(
@@ -75,6 +82,7 @@ class CrashLines:
             row,
             intervals.start[kept],
             intervals.end[kept],
+            None if crash_map.inner is None else crash_map.inner[lines],
         )
 
     def masses(self, ranges: SmoothHazard, law: SpeedLaw) -> Array:
@@ -103,6 +111,24 @@ class CrashLines:
     def probability(self, ranges: SmoothHazard, law: SpeedLaw) -> float:
         """Return the probability of the event under a law."""
         return float(self.masses(ranges, law).sum())
+
+    def simulate(self, vehicle: Vehicle, line: NDArray[np.int_], closing_speed: Array) -> Outcomes:
+        """Simulate cut-ins on lines, with their inner variables if they have any.
+
+        Parameters
+        ----------
+        vehicle
+            The vehicle of the map.
+        line, closing_speed
+            Index of the line and closing speed [m/s] of each cut-in, shape (n,).
+        """
+        cut_ins = self.places.lead_speed[line], self.places.range_[line], closing_speed
+        inner = None if self.inner is None else self.inner[line]
+        return simulate_inner(vehicle, cut_ins, inner)
+
+    def of_draw(self, draw: int) -> "CrashLines":
+        """Return the lines for one draw of what is not known of the vehicle; the same ones if all is known."""
+        return self if self.weights is None else replace(self, share=self.share * self.weights[draw])
 
     def thinned(self, mass: Array, size: int, generator: np.random.Generator) -> "CrashLines":
         """Return a systematic sample of about ``size`` lines.
@@ -134,6 +160,7 @@ class CrashLines:
             row=np.searchsorted(kept, self.row[inside]),
             start=self.start[inside],
             end=self.end[inside],
+            inner=None if self.inner is None else self.inner[kept],
         )
 
 

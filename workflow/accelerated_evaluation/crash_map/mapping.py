@@ -1,7 +1,7 @@
 """Compute a crash map: scan its lines with the vehicle, and refine the ends of intervals by bisection."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, Cells, CrashMap, Grid, Intervals
 from accelerated_evaluation.vehicles.events import CRASH, Event
-from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle, repeats_itself
+from accelerated_evaluation.vehicles.protocol import Outcomes, RandomVehicle, Vehicle, repeats_itself
 
 STANDSTILL = 1e-6  # first point of a scan; outcomes at smaller closing speeds are assumed to be the same
 HALVINGS = 10  # bisections of a step of the scan
@@ -43,7 +43,7 @@ def map_crashes(
     Raises
     ------
     InputError
-        If the outcomes of the vehicle are random, because such a vehicle has no crash map.
+        If the outcomes of the vehicle are random, and it is no `RandomVehicle`. It then has no crash map.
     """
     _require_repeating(vehicle)
     whole = grid.cells(np.ones((grid.lead_speed_cells, grid.range_cells), dtype=int))
@@ -53,8 +53,8 @@ def map_crashes(
 
 
 def _require_repeating(vehicle: Vehicle) -> None:
-    """Raise InputError if the vehicle is known to have random outcomes."""
-    if repeats_itself(vehicle) is False:
+    """Raise InputError if the vehicle is known to have random outcomes, and does not state how."""
+    if repeats_itself(vehicle) is False and not isinstance(vehicle, RandomVehicle):
         raise InputError(
             "crash map of the vehicle",
             seen="a vehicle in whose outcomes chance has a part",
@@ -98,18 +98,20 @@ def _map_cells(
     lead_speed, inverse_range = cells.draw_lines(generator)
     lines = lead_speed.size
     offset = generator.random(lines)
+    inner = vehicle.draw_inner(lines, generator) if isinstance(vehicle, RandomVehicle) else None
+    empty = CrashMap(grid, cells, lead_speed, inverse_range, {}, inner)
     found: dict[Event, list[Intervals]] = {event: [] for event in events}
     batch = max(1, ENCOUNTERS_AT_ONCE // grid.closing_speed_points)
     with tqdm(total=lines, desc="crash map", unit=" lines") as progress:
         for first in range(0, lines, batch):
             part = slice(first, min(first + batch, lines))
-            scan = _Scan(vehicle, lead_speed[part], 1 / inverse_range[part])
+            scan = _Scan(vehicle, empty, first)
             points = scan.points(offset[part], grid)
             for event, intervals in scan.find(points, events).items():
                 found[event].append(Intervals(intervals.line + first, intervals.start, intervals.end))
             progress.update(part.stop - first)
     joined = {event: _join(parts) for event, parts in found.items()}
-    return CrashMap(grid, cells, lead_speed, inverse_range, joined)
+    return replace(empty, events=joined)
 
 
 def _join(parts: list[Intervals]) -> Intervals:
@@ -120,11 +122,11 @@ def _join(parts: list[Intervals]) -> Intervals:
 
 @dataclass(frozen=True)
 class _Scan:
-    """The lines of one batch: v_L [m/s] and range [m], shape (lines,)."""
+    """The lines of one batch: those of a map from ``first`` on."""
 
     vehicle: Vehicle
-    lead_speed: Array
-    range_: Array
+    lines: CrashMap
+    first: int
 
     def points(self, offset: Array, grid: Grid) -> Array:
         """Choose the closing speeds [m/s] to scan on each line, in increasing order, shape (lines, points).
@@ -190,7 +192,7 @@ class _Scan:
         return np.repeat(np.arange(len(points)), points.shape[1]), points.ravel()
 
     def _simulate(self, line: NDArray, closing_speed: Array) -> Outcomes:
-        return self.vehicle.simulate(self.lead_speed[line], self.range_[line], closing_speed)
+        return self.lines.simulate(self.vehicle, self.first + line, closing_speed)
 
 
 def _pair(flag: NDArray[np.bool_], line: NDArray, begins: NDArray[np.bool_], where: Array) -> Intervals:

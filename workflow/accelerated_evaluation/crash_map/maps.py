@@ -4,6 +4,10 @@ The plane of v_L and R^-1 is divided into cells, and each cell contains two rand
 closing speed varies. Each line is scanned from 0 to a largest closing speed, and every change of an event is
 refined by bisection. The result for a line is a list of intervals of closing speeds. TTC^-1 is the closing
 speed times R^-1.
+
+If the outcomes of the vehicle are random and it states how (`RandomVehicle`), each line also has inner
+variables of its own, drawn at random like its place. The integral over the map is then an integral over the
+inner variables, too, and the difference between the two lines of a cell contains both errors.
 """
 
 import json
@@ -19,6 +23,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import atomic_path
 from accelerated_evaluation.vehicles.events import CRASH, Event
+from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle, simulate_inner
 
 LINES_PER_CELL = 2  # their difference gives the standard error of the cell's mean
 
@@ -136,6 +141,8 @@ class CrashMap:
         v_L [m/s] and R^-1 [1/m] of the lines, shape (2 cells,).
     events
         The intervals of each event.
+    inner
+        Inner variables of the lines, shape (2 cells, variables), for a vehicle whose outcomes are random.
     """
 
     grid: Grid
@@ -143,6 +150,20 @@ class CrashMap:
     lead_speed: Array
     inverse_range: Array
     events: Mapping[Event, Intervals]
+    inner: Array | None = None
+
+    def simulate(self, vehicle: Vehicle, line: NDArray, closing_speed: Array) -> Outcomes:
+        """Simulate cut-ins on lines of the map, with the inner variables of the lines if they have any.
+
+        Parameters
+        ----------
+        vehicle
+            The vehicle of the map.
+        line, closing_speed
+            Index of the line and closing speed [m/s] of each cut-in, shape (n,).
+        """
+        cut_ins = self.lead_speed[line], 1 / self.inverse_range[line], closing_speed
+        return simulate_inner(vehicle, cut_ins, None if self.inner is None else self.inner[line])
 
     def intervals(self, event: Event) -> Intervals:
         """Return the intervals in which an event happens.
@@ -172,6 +193,8 @@ def write_crash_map(path: str | os.PathLike, crash_map: CrashMap) -> None:
     arrays = {"grid": np.array(json.dumps(asdict(crash_map.grid)))}
     arrays |= {"lead_speed": crash_map.lead_speed, "inverse_range": crash_map.inverse_range}
     arrays |= {"lead_speed_cells": crash_map.cells.lead_speed, "root_cells": crash_map.cells.root}
+    if crash_map.inner is not None:
+        arrays["inner"] = crash_map.inner
     for event, intervals in crash_map.events.items():
         for name, values in vars(intervals).items():
             arrays[f"{event.quantity} {event.threshold!r} {name}"] = values
@@ -192,6 +215,7 @@ def read_crash_map(path: str | os.PathLike) -> CrashMap:
             arrays = dict(archive)
         grid = Grid(**json.loads(str(arrays.pop("grid"))))
         lead_speed, inverse_range = arrays.pop("lead_speed"), arrays.pop("inverse_range")
+        inner = arrays.pop("inner", None)
         cells = Cells(arrays.pop("lead_speed_cells"), arrays.pop("root_cells"), grid.range_max)
         columns: dict[Event, dict[str, NDArray]] = {}
         for key, values in arrays.items():
@@ -201,4 +225,4 @@ def read_crash_map(path: str | os.PathLike) -> CrashMap:
     except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile) as error:
         seen, expected = f"{type(error).__name__}: {error}", "a crash map"
         raise InputError(str(path), seen=seen, expected=expected, change="Compute the map again.") from error
-    return CrashMap(grid, cells, lead_speed, inverse_range, events)
+    return CrashMap(grid, cells, lead_speed, inverse_range, events, inner)

@@ -9,6 +9,7 @@ constant within a step.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -51,16 +52,13 @@ def sample_crashes(
     for first in range(0, lines, batch):
         line = np.arange(first, min(first + batch, lines))
         share = (np.arange(steps) + generator.random((line.size, steps))) / steps
-        outcomes = vehicle.simulate(
-            np.repeat(crash_map.lead_speed[line], steps),
-            np.repeat(1 / crash_map.inverse_range[line], steps),
-            grid.closing_speed_max * share.ravel() ** 2,
-        )
+        closing_speed = grid.closing_speed_max * share.ravel() ** 2
+        outcomes = crash_map.simulate(vehicle, np.repeat(line, steps), closing_speed)
         for event, parts in found.items():
             row, step = np.nonzero(event.happens(outcomes).reshape(share.shape))
             parts.append((line[row], edges[step], edges[step + 1]))
     sampled = {event: _joined(parts) for event, parts in found.items()}
-    return CrashMap(grid, crash_map.cells, crash_map.lead_speed, crash_map.inverse_range, sampled)
+    return replace(crash_map, events=sampled)
 
 
 def _joined(parts: list[tuple]) -> Intervals:

@@ -107,9 +107,7 @@ class ImpactSpeeds:
         divided = _whole(_only(lines, ~wide)), _divided(_only(lines, wide), law)
         row, start, end, points = (np.concatenate(column) for column in zip(*divided, strict=True))
         place = np.repeat(row, POINTS)
-        outcomes = vehicle.simulate(
-            lines.places.lead_speed[place], lines.places.range_[place], points.ravel()
-        )
+        outcomes = lines.simulate(vehicle, place, points.ravel())
         speed = np.where(outcomes.crash, outcomes.impact_speed, np.nan).reshape(points.shape)
         return cls(replace(lines, row=row, start=start, end=end), speed)
 

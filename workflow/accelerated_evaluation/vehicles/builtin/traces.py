@@ -4,8 +4,9 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.vehicles.builtin import driver_kernel, kernel
+from accelerated_evaluation.vehicles.builtin import driver_kernel, human_kernel, kernel
 from accelerated_evaluation.vehicles.builtin.driver_numbers import Driver
+from accelerated_evaluation.vehicles.builtin.human_numbers import HumanNumbers
 from accelerated_evaluation.vehicles.builtin.kernel import Car
 
 # Positions are of the lead vehicle's rear and the host's front, which is at 0 at the start. The acceleration
@@ -83,6 +84,21 @@ def trace_driver(driver: Driver, encounter: Array) -> pd.DataFrame:
                     trace.loc[0, "range_m"] = min(trace.loc[0, "range_m"], encounter[1, 0])
                 return trace
             driver_kernel.move(state, 1, driver)
+
+
+def trace_human(numbers: HumanNumbers, encounter: Array, traits: Array) -> pd.DataFrame:
+    """Return the trace of one encounter of a human driver; encounter and result as for `trace_car`.
+
+    ``traits`` are those of the driver, shape (traits,). "emergency" is 1 while the driver brakes.
+    """
+    outcome, course = np.empty(5), np.empty((human_kernel.STEPS + 1, 5))
+    count = human_kernel.follow(numbers, encounter[:, 0], traits, outcome, course)
+    lead = encounter[0, 0]
+    rows = []
+    for time, range_, closing, braking, sideways in course[:count]:
+        ttc = range_ / closing if closing > 0 and range_ > 0 else np.inf
+        rows.append((time, range_, sideways, lead, lead + closing, -braking, range_, ttc, braking > 0))
+    return _table(rows)
 
 
 def _driver_row(driver: Driver, state: Array, k: int) -> tuple:

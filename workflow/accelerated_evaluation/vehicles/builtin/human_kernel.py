@@ -1,0 +1,161 @@
+"""The compiled encounter of a human driver: response, braking and swerving, one encounter after another.
+
+Time is 0 at the lane crossing. Range and closing speed are those of the two bumpers. Nothing happens until
+the driver responds, so that this part of the course needs no steps. As soon as the driver brakes exactly as
+hard as is needed, the rest of the course is known, and the simulation ends.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from accelerated_evaluation.vehicles.builtin.human_numbers import (
+    BRAKING,
+    DURATION,
+    JERK,
+    NOTICE,
+    RESPONSE,
+    SWERVE,
+    SWERVE_WIDTH,
+    HumanNumbers,
+)
+from accelerated_evaluation.vehicles.builtin.kernel import compiled
+
+STEP = 0.1  # [s], as for the other vehicles
+STEPS = 348  # a horizon of 34.8 s, as for the reference drivers
+ENOUGH = 1e-9  # [m/s^2], by which a deceleration may be below the needed one
+
+
+@compiled
+def head_start(numbers: HumanNumbers, traits: NDArray) -> float:
+    """Return the time [s] from the moment at which the driver notices the other car's drift to the crossing.
+
+    The lateral path of the lane change is half a period of a cosine, and the crossing is its middle.
+    """
+    drift = numbers.earliest_drift + traits[NOTICE] * (numbers.latest_drift - numbers.earliest_drift)
+    return traits[DURATION] * (0.5 - math.acos(1.0 - 2.0 * drift / numbers.lane_width) / math.pi)
+
+
+@compiled
+def response_time(numbers: HumanNumbers, traits: NDArray, range_: float, closing: float) -> float:
+    """Return the response time [s] for the inverse time to collision at the crossing."""
+    urgency = math.exp(-numbers.urgency_slope * max(closing, 0.0) / range_)
+    mean = numbers.urgent_response + (numbers.calm_response - numbers.urgent_response) * urgency
+    return mean * traits[RESPONSE]
+
+
+@compiled
+def wanted(numbers: HumanNumbers, traits: NDArray, margin: float, range_: float, closing: float) -> float:
+    """Return the deceleration [m/s^2] that the driver wants.
+
+    It is the one that ends the approach at the margin. Where this would be hard braking, the driver brakes with
+    the largest deceleration that this driver uses.
+    """
+    if closing <= 0.0:
+        return 0.0
+    left = range_ - margin
+    if left <= 0.0 or closing * closing >= 2.0 * left * numbers.hard_braking:
+        return traits[BRAKING]
+    return min(closing * closing / (2.0 * left), traits[BRAKING])
+
+
+@compiled
+def overlap(numbers: HumanNumbers, traits: NDArray, time: float, since_response: float) -> float:
+    """Return by how much [m] the two bodies overlap sideways; the host swerves away from the other car."""
+    phase = math.pi * min(time / traits[DURATION], 0.5)
+    offset = numbers.lane_width / 2.0 * (1.0 - math.sin(phase))
+    since = max(since_response, 0.0)
+    swerved = min(traits[SWERVE] * since * since / 2.0, traits[SWERVE_WIDTH])
+    return numbers.car_width - offset - swerved
+
+
+@compiled
+def follow(
+    numbers: HumanNumbers, encounter: NDArray, traits: NDArray, outcome: NDArray, course: NDArray
+) -> int:
+    """Simulate one encounter, and return the number of states that were written to ``course``.
+
+    Parameters
+    ----------
+    numbers
+        Numbers that all drivers share.
+    encounter
+        Lead speed [m/s], range [m] and closing speed [m/s].
+    traits
+        The driver, as `human_numbers` lists its traits.
+    outcome
+        Receives crash, smallest range, smallest time to collision, impact speed and largest deceleration.
+    course
+        Receives time, range, closing speed, deceleration and lateral distance, a row for each state; with no
+        rows nothing is written, and the simulation ends as soon as its outcome is known.
+    """
+    range_, closing = encounter[1], encounter[2]
+    margin = min(numbers.margin, range_ / 2.0)
+    onset = response_time(numbers, traits, range_, closing) - head_start(numbers, traits)
+    braking = min(traits[JERK] * max(-onset, 0.0), wanted(numbers, traits, margin, range_, closing))
+    outcome[0], outcome[1], outcome[2], outcome[3], outcome[4] = 0.0, range_, np.inf, 0.0, braking
+    if closing > 0.0:
+        outcome[2] = range_ / closing
+    time, target, written, recorded = 0.0, 0.0, 0, course.shape[0] > 0
+    for _ in range(STEPS):
+        if recorded:
+            sideways = numbers.car_width - overlap(numbers, traits, time, time - onset)
+            course[written] = (time, range_, closing, braking, sideways)
+            written += 1
+        if closing <= 0.0:
+            break
+        # Hard braking does not end before the approach.
+        target = max(wanted(numbers, traits, margin, range_, closing), target) if time >= onset else 0.0
+        settled = time >= onset and abs(braking - target) <= ENOUGH and target < traits[BRAKING]
+        if settled and not recorded:
+            _settle(margin, closing, braking, outcome)
+            break
+        step = STEP
+        if time < onset:
+            step = min(STEP, onset - time) if recorded else onset - time
+        ahead = min(braking + traits[JERK] * step, target)
+        mean = (min(braking, target) + ahead) / 2.0
+        if mean * step >= closing:  # the approach ends within the step
+            step = closing / mean
+        new_closing = max(closing - mean * step, 0.0)
+        travelled = (closing + new_closing) / 2.0 * step
+        if travelled >= range_:
+            share = range_ / travelled
+            time += share * step
+            closing += share * (new_closing - closing)
+            hit = overlap(numbers, traits, time, time - onset) > 0.0
+            outcome[4] = max(outcome[4], ahead)
+            if hit:
+                outcome[0], outcome[1], outcome[2], outcome[3] = 1.0, 0.0, min(outcome[2], STEP), closing
+            if recorded:
+                course[written] = (time, 0.0, closing, ahead, 0.0)
+                written += 1
+            break
+        time, range_, closing, braking = time + step, range_ - travelled, new_closing, ahead
+        outcome[1], outcome[4] = min(outcome[1], range_), max(outcome[4], braking)
+        if closing > 0.0:
+            outcome[2] = min(outcome[2], range_ / closing)
+    return written
+
+
+@compiled
+def _settle(margin: float, closing: float, braking: float, outcome: NDArray) -> None:
+    """Write the outcomes of an approach that ends at the margin with the present deceleration.
+
+    On the way the time to collision is margin / c + c / (2 a), with its minimum at c = sqrt(2 a margin).
+    """
+    speed = min(closing, math.sqrt(2.0 * braking * margin))
+    if speed > 0.0:
+        outcome[2] = min(outcome[2], margin / speed + speed / (2.0 * braking))
+    outcome[1] = min(outcome[1], margin)
+    outcome[4] = max(outcome[4], braking)
+
+
+@compiled
+def follow_all(numbers: HumanNumbers, encounters: NDArray, traits: NDArray, outcomes: NDArray) -> None:
+    """Simulate the columns of ``encounters``, shape (3, n), with the drivers ``traits``, shape (n, traits)."""
+    nothing, outcome = np.empty((0, 5)), np.empty(5)
+    for i in range(encounters.shape[1]):
+        follow(numbers, encounters[:, i], traits[i], outcome, nothing)
+        outcomes[:, i] = outcome

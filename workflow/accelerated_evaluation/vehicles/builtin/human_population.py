@@ -1,0 +1,151 @@
+"""The population of human drivers: how their traits are distributed, and what is not known of that.
+
+Each range below is one that publications give, or an assumption, as the comments say. All are uniform, except
+that of the share of drivers who swerve, which is a beta distribution, and that of the noticing, whose logarithm
+is uniform.
+"""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.vehicles.builtin.human_numbers import (
+    BRAKING,
+    DURATION,
+    JERK,
+    NOTICE,
+    RESPONSE,
+    SWERVE,
+    SWERVE_WIDTH,
+    TRAITS,
+)
+
+G = 9.81  # [m/s^2]
+# Summala 2000, abstract: means of 1.0 to 1.3 s at the same urgency, which is 1.15 s and 13 % to both sides.
+RESPONSE_SCALE = (0.87, 1.13)
+# Johansson and Rumar 1965, abstract: median .9 s, a quarter of the drivers above 1.2 s. Width: an assumption.
+SPREAD = np.log(1.2 / 0.9) / norm.isf(0.25)
+RESPONSE_SPREAD = (0.85 * SPREAD, 1.15 * SPREAD)
+NOTICE_EXPONENT = (1 / 3, 3.0)  # assumption: on average at 25 to 75 % of the way
+# Mean [s]: 5 to 6 (Toledo and Zohar 2007, abstract), 6.28 with a deviation of 2.0 (Lee, Olsen and Wierwille,
+# abstract of 2003).
+LANE_CHANGE = (5.0, 6.28)
+LANE_CHANGE_VARIATION = 2.0 / 6.28
+BRAKING_SCALE = (0.9, 1.1)  # assumption, for other cars and roads than those of the table below
+# Share of 122 drivers who did not reach a deceleration [g], in crashes and near-crashes of SHRP 2 (Dinakar and
+# Muttart 2019, SAE 2019-01-0414, as L. Peck, Lightpoint, 15 December 2023, computed them from the paper). The
+# largest deceleration of 2,971 drivers of SHRP 2 is 1.09 g (Wood and Zhang 2020, as cited).
+BRAKING_LEVELS = np.array([0.4, 0.5, 0.6, 0.7, 0.8, 1.09])
+BRAKING_SHARES = np.array([0.0, 0.01, 0.10, 0.42, 0.70, 1.0])
+# The mean time to .7 g is .51 s with the other car one lane away, and 1.10 s with two lanes (same source).
+JERK_RANGE = (0.7 * G / 1.10, 0.7 * G / 0.51)
+SWERVED, STRUCK = (
+    23,
+    70,
+)  # of the near-crashes that data/crash_counts has, by its column of evasive manoeuvres
+# 61 drivers before whom a box was dropped at 50 mph: .44 g, deviation .14 (Weir and McRuer 1976, SAE 760066, as
+# W. Bartlett reports them in "Avoidance Maneuver Accelerations").
+SWERVE_MEAN, SWERVE_DEVIATION, SWERVE_LEAST = 0.44 * G, 0.14 * G, 0.05 * G
+# Drivers above 25 steered by 2 feet, younger ones by more than 6 (Muttart 2015, SAE 2015-01-1417, abstract).
+SWERVE_RANGE = (0.61, 1.83)  # [m]
+
+
+@dataclass(frozen=True)
+class Population:
+    """Parameters of one or more possible populations; every array has shape (n,).
+
+    Attributes
+    ----------
+    scale, spread
+        Median of the factor of the response time relative to its published value, and its log-normal shape.
+    exponent
+        Exponent k of the noticing: the share of the way has the density k x^(k - 1) on 0 to 1.
+    lane_change
+        Mean duration of lane changes [s].
+    braking
+        Factor of the published decelerations.
+    swerving
+        Share of the drivers who swerve.
+    """
+
+    scale: Array
+    spread: Array
+    exponent: Array
+    lane_change: Array
+    braking: Array
+    swerving: Array
+
+    @classmethod
+    def draw(cls, size: int, generator: np.random.Generator) -> "Population":
+        """Draw ``size`` possible populations."""
+        return cls(
+            generator.uniform(*RESPONSE_SCALE, size),
+            generator.uniform(*RESPONSE_SPREAD, size),
+            np.exp(generator.uniform(*np.log(NOTICE_EXPONENT), size)),
+            generator.uniform(*LANE_CHANGE, size),
+            generator.uniform(*BRAKING_SCALE, size),
+            generator.beta(SWERVED + 0.5, STRUCK - SWERVED + 0.5, size),
+        )
+
+    @classmethod
+    def central(cls, size: int) -> "Population":
+        """Return the population in the middle of what is not known, ``size`` times."""
+        middle = [np.mean(ends) for ends in (RESPONSE_SCALE, RESPONSE_SPREAD)]
+        middle += [1.0, np.mean(LANE_CHANGE), np.mean(BRAKING_SCALE), SWERVED / STRUCK]
+        return cls(*(np.full(size, value) for value in middle))
+
+    def drivers(self, generator: np.random.Generator) -> Array:
+        """Draw one driver of each population: traits, shape (n, traits)."""
+        size = self.scale.size
+        level = generator.random(size)
+        sideways = norm.isf(generator.random(size) * norm.sf((SWERVE_LEAST - SWERVE_MEAN) / SWERVE_DEVIATION))
+        traits = np.empty((size, len(TRAITS)))
+        traits[:, RESPONSE] = np.exp(self._log_response + self.spread * generator.standard_normal(size))
+        traits[:, NOTICE] = generator.random(size) ** (1 / self.exponent)
+        traits[:, DURATION] = np.exp(self._log_duration + DURATION_SHAPE * generator.standard_normal(size))
+        traits[:, BRAKING] = G * self.braking * np.interp(level, BRAKING_SHARES, BRAKING_LEVELS)
+        jerk, width = generator.random((2, size))
+        swerves = generator.random(size) < self.swerving
+        traits[:, SWERVE] = np.where(swerves, SWERVE_MEAN + SWERVE_DEVIATION * sideways, 0.0)
+        traits[:, JERK] = JERK_RANGE[0] * (JERK_RANGE[1] / JERK_RANGE[0]) ** jerk
+        traits[:, SWERVE_WIDTH] = SWERVE_RANGE[0] + (SWERVE_RANGE[1] - SWERVE_RANGE[0]) * width
+        return traits
+
+    def density(self, traits: Array) -> Array:
+        """Return the density of drivers in each population, up to a factor that all populations share.
+
+        Parameters
+        ----------
+        traits
+            Traits of drivers, shape (drivers, traits).
+
+        Returns
+        -------
+        numpy.ndarray
+            Shape (n, drivers).
+        """
+        columns = {field.name: getattr(self, field.name)[:, None] for field in fields(self)}
+        spread, exponent, braking = columns["spread"], columns["exponent"], columns["braking"]
+        response = norm.pdf(np.log(traits[:, RESPONSE]), self._log_response[:, None], spread)
+        notice = exponent * traits[:, NOTICE] ** (exponent - 1)
+        duration = norm.pdf(np.log(traits[:, DURATION]), self._log_duration[:, None], DURATION_SHAPE)
+        piece = np.searchsorted(BRAKING_LEVELS, traits[:, BRAKING] / (G * braking), side="right")
+        slope = np.concatenate([[0.0], np.diff(BRAKING_SHARES) / np.diff(BRAKING_LEVELS), [0.0]])
+        swerves: NDArray[np.bool_] = traits[:, SWERVE] > 0
+        swerving = np.where(swerves, columns["swerving"], 1 - columns["swerving"])
+        return response * notice * duration * slope[piece] / braking * swerving
+
+    @property
+    def _log_response(self) -> Array:
+        """Mean of the logarithm of the response factor; the published times are means."""
+        return np.log(self.scale) - self.spread**2 / 2
+
+    @property
+    def _log_duration(self) -> Array:
+        return np.log(self.lane_change) - DURATION_SHAPE**2 / 2
+
+
+DURATION_SHAPE = float(np.sqrt(np.log1p(LANE_CHANGE_VARIATION**2)))
