@@ -1,7 +1,7 @@
 # World: how far the predictions agree with crashes that were counted on roads (beyond the paper).
 #
-# In: crash probabilities and rates of the vehicles; counted crashes of this project's data folder, data/crash_counts.
-# Out: predicted and counted crash rates in one table.
+# In: crash probabilities and rates of the vehicles; the laws; counted crashes of this project's data folder,
+# data/crash_counts. Out: predicted and counted crash rates in one table; predicted crashes and near-crashes of people.
 
 
 rule count_crashes:
@@ -25,3 +25,31 @@ rule count_crashes:
         "Comparing predicted crash rates with counted ones"
     script:
         "../scripts/count_crashes.py"
+
+
+rule predict_humans:
+    """Predict the crashes and near-crashes of human drivers, and compare them with counted ones."""
+    input:
+        encounters=rules.ingest_encounters.output.encounters,
+        family=rules.fit_family.output.family,
+        exposure=result("laws", "exposure.csv"),
+        events=str(PROJECT / "data/crash_counts/hundred_car_events.tsv.gz"),
+        library=modules_of("predict_humans.py", members={"vehicles": ["human"]}),
+    output:
+        predicted=result("human_predictions.csv"),
+    log:
+        log_of("predict_humans.log"),
+    benchmark:
+        benchmark_of("predict_humans.tsv")
+    threads: 1
+    resources:
+        mem_mb=1500,
+    params:
+        seed=config["seed"],
+        grid=answered("under_test")["limits"] | config["answer"]["grid"],
+        draws=config["answer"]["draws"],
+        support=SUPPORT,
+    message:
+        "Predicting crashes and near-crashes of human drivers"
+    script:
+        "../scripts/predict_humans.py"

@@ -10,15 +10,18 @@ from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw
-from accelerated_evaluation.vehicles.protocol import Vehicle
+from accelerated_evaluation.vehicles.protocol import RandomVehicle, Vehicle
 
 QUANTILES = (0.1, 0.5, 0.9)  # of the recorded lead speeds: those that are shown
 RANGES = np.linspace(1, 75, 149)  # [m]
 CLOSING_SPEEDS = np.linspace(0.1, 40, 400)  # [m/s]
+DRAWN = 15  # times that a vehicle with known randomness is drawn; odd, so that there is a majority
 FORESEEN = (1e-3, 1e-5)  # shares of the cut-ins of a range that close in faster
 
 
@@ -63,12 +66,21 @@ def _boundaries(vehicle: Vehicle, lead_speed: float) -> tuple[Array, Array]:
     """Return the closing speeds [m/s] from which on the vehicle crashes at first and always, by range."""
     range_, closing_speed = np.meshgrid(RANGES, CLOSING_SPEEDS, indexing="ij")
     speeds = np.full(range_.size, lead_speed)
-    crash = vehicle.simulate(speeds, range_.ravel(), closing_speed.ravel()).crash.reshape(range_.shape)
+    crash = _crashes(vehicle, speeds, range_.ravel(), closing_speed.ravel()).reshape(range_.shape)
     first = np.where(crash.any(axis=1), CLOSING_SPEEDS[np.argmax(crash, axis=1)], np.nan)
     safe_above = np.cumsum(~crash[:, ::-1], axis=1)[:, ::-1] > 0  # at this closing speed or a larger one
     count = safe_above.sum(axis=1)
     always = np.append(CLOSING_SPEEDS, np.nan)[count]
     return first, always
+
+
+def _crashes(vehicle: Vehicle, *cut_ins: Array) -> NDArray[np.bool_]:
+    """Return whether cut-ins end in a crash; for a vehicle with known randomness, more often than not."""
+    if not isinstance(vehicle, RandomVehicle):
+        return vehicle.simulate(*cut_ins).crash
+    drawn = vehicle.draw_inner(DRAWN, child_generator(0, "preventable"))
+    each = (np.tile(inner, (cut_ins[0].size, 1)) for inner in drawn)
+    return np.mean([vehicle.simulate_given(*cut_ins, inner).crash for inner in each], axis=0) > 0.5
 
 
 def _part(lead_speed: float, name: str, kind: str, first: Array, always: Array) -> pd.DataFrame:

@@ -127,7 +127,7 @@ class CrashLines:
         return simulate_inner(vehicle, cut_ins, inner)
 
     def of_draw(self, draw: int) -> "CrashLines":
-        """Return the lines for one draw of what is not known of the vehicle; the same ones if all is known."""
+        """Return the lines for one draw of what is not known of the vehicle, if they have weights."""
         return self if self.weights is None else replace(self, share=self.share * self.weights[draw])
 
     def thinned(self, mass: Array, size: int, generator: np.random.Generator) -> "CrashLines":

@@ -84,6 +84,8 @@ TABLES = {
     "data_quality": "laws/data_quality.csv",
     # Crash rates per million miles: those that the study predicts, and those that were counted.
     "counted_crashes": "counted_crashes.csv",
+    # Crashes and near-crashes that are predicted for human drivers, and those that were counted.
+    "human_predictions": "human_predictions.csv",
     # The likeliest ways to crash and the nearest records, with what they end in.
     "happened": "happened/encounters.csv",
     # Every state of the encounters of `happened`.

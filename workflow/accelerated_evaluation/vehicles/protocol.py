@@ -2,10 +2,12 @@
 
 from typing import Protocol, runtime_checkable
 
+import numpy as np
+
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.scenarios.cut_in import Outcomes
 
-__all__ = ["Outcomes", "Vehicle", "repeats_itself", "simulate_inner"]
+__all__ = ["Outcomes", "RandomVehicle", "Vehicle", "repeats_itself", "simulate_inner"]
 
 
 @runtime_checkable
@@ -27,8 +29,8 @@ class Vehicle(Protocol):
 class RandomVehicle(Vehicle, Protocol):
     """A vehicle whose randomness is known: given its inner variables, its outcomes are deterministic.
 
-    The inner variables are an array with one row for each encounter, for example the traits of a driver. Such a
-    vehicle has a crash map, each of whose lines has inner variables of its own.
+    The inner variables are an array with one row for each encounter, for example the traits of a driver. Such
+    a vehicle has a crash map, each of whose lines has inner variables of its own.
     """
 
     def draw_inner(self, size: int, generator: np.random.Generator) -> Array:
@@ -42,8 +44,9 @@ class RandomVehicle(Vehicle, Protocol):
     def inner_weights(self, inner: Array, draws: int, generator: np.random.Generator) -> Array:
         """Return the weights of inner variables under draws of the parameters of their distribution.
 
-        The parameters are those that are not known exactly. The result has the shape (draws, n); the mean over
-        the draws is 1 for each row of ``inner``, because `draw_inner` draws with all values of the parameters.
+        The parameters are those that are not known exactly. The result has the shape (draws, n); the mean
+        over the draws is 1 for each row of ``inner``, because `draw_inner` draws with all values of the
+        parameters.
         """
 
 

@@ -113,6 +113,9 @@ def vehicles_digest(vehicles: pd.DataFrame) -> pd.DataFrame:
             "ratio": vehicles["ratio"],
             "80 % of ratio": interval_column(vehicles["ratio_low80"], vehicles["ratio_high80"]),
             "safer": vehicles["safer"],
+            "ratio to human": vehicles["human_ratio"],
+            "80 % of it": interval_column(vehicles["human_ratio_low80"], vehicles["human_ratio_high80"]),
+            "safer than human": vehicles["human_safer"],
         }
     )
 
@@ -171,3 +174,15 @@ def without_sources(counted: pd.DataFrame) -> pd.DataFrame:
 def counted_crashes_table(counted_crashes: pd.DataFrame) -> pd.DataFrame:
     """Return predicted and counted crash rates as they are published."""
     return counted_crashes
+
+
+def with_limits_in_one(predictions: pd.DataFrame) -> pd.DataFrame:
+    """Return the predicted numbers of crashes and near-crashes, both limits of a count in one column."""
+    shown = ["driver", "event", "expected", "90 %", "counted", "verdict"]
+    return predictions.assign(**{"90 %": interval_column(predictions["low90"], predictions["high90"])})[shown]
+
+
+@table("human_predictions", digits=2, digest=with_limits_in_one)
+def human_predictions_table(human_predictions: pd.DataFrame) -> pd.DataFrame:
+    """Return predicted and counted crashes and near-crashes of human drivers as they are published."""
+    return human_predictions

@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.vehicles.builtin import human_kernel
-from accelerated_evaluation.vehicles.builtin.human_numbers import HumanNumbers
+from accelerated_evaluation.vehicles.builtin.human_numbers import SWERVE, HumanNumbers
 from accelerated_evaluation.vehicles.builtin.human_population import Population
 from accelerated_evaluation.vehicles.builtin.traces import trace_human
 from accelerated_evaluation.vehicles.checks import checked_encounters
@@ -20,7 +21,6 @@ from accelerated_evaluation.vehicles.protocol import Outcomes
 from accelerated_evaluation.vehicles.registry import VEHICLES
 
 URGENCY = 0.25  # [1/s], inverse time to collision of ``critical_response``
-SEVERE = 0.5 * 9.81  # [m/s^2], see `Human.severe`
 
 
 @VEHICLES.add("human")
@@ -34,10 +34,10 @@ class Human:
     the largest deceleration that this driver uses, and the deceleration grows at a limited rate. Some drivers
     also swerve away. There is no crash if the bodies do not overlap sideways when the range becomes zero.
 
-    Encounters begin at the crossing with the recorded range and closing speed. A driver who has begun to brake
-    before the crossing brakes already there; the speed that was lost is contained in the record. Drivers who
-    had responded early would seldom have reached a critical record. This selection is neglected, which makes
-    the driver too safe if it responds before the crossing.
+    Encounters begin at the crossing with the recorded range and closing speed. A driver who has begun to
+    brake before the crossing brakes already there; the speed that was lost is contained in the record.
+    Drivers who had responded early would seldom have reached a critical record. This selection is neglected,
+    which makes the driver too safe if it responds before the crossing.
 
     `human_population` has the distributions of the traits, with their sources, and what is not known of them.
 
@@ -59,7 +59,14 @@ class Human:
     lane_width, car_width
         Width of the lane and of both cars [m], as those of the reference drivers.
     margin
-        Range at which braking as hard as is needed ends the approach [m]: 2 m, as in FSM. An assumption.
+        Range at which braking as hard as is needed ends the approach [m]: 2 m, as in FSM, but at most half of
+        the initial range. An assumption.
+    hard_braking
+        Needed deceleration from which the driver brakes as hard as this driver ever does [m/s^2]: .32 g,
+        which 95 % of the drivers exceed in emergency braking (Koppa, Fambro and Zimmer 1996, abstract). That
+        drivers distinguish hard from other braking in this way is an assumption.
+    swerves
+        If false, no driver swerves.
     certain
         If true, the population is the central one. By default each driver is from another population that the
         publications allow.
@@ -78,16 +85,18 @@ class Human:
     car_width: float = 1.9
     margin: float = zero_or_more(2.0)
     hard_braking: float = 0.32 * 9.81
+    swerves: bool = True
     certain: bool = False
     seed: int = 0
     _generator: np.random.Generator = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         for each in fields(self):
-            if each.init and each.name not in ("certain", "seed"):
-                check_number(each.name, getattr(self, each.name), least=each.metadata.get("least"))
-        if not isinstance(self.certain, bool):
-            raise parameter_error("certain", self.certain, "true or false")
+            value = getattr(self, each.name, None)
+            if each.name in ("swerves", "certain") and not isinstance(value, bool):
+                raise parameter_error(each.name, value, "true or false")
+            if each.init and each.name not in ("swerves", "certain", "seed"):
+                check_number(each.name, value, least=each.metadata.get("least"))
         if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
             raise parameter_error("seed", self.seed, "a whole number of 0 or more")
         if not self.urgent_response < self.critical_response < self.calm_response:
@@ -98,17 +107,20 @@ class Human:
         if not self.earliest_drift <= self.latest_drift <= self.lane_width / 2:
             expected = f"from earliest_drift, {self.earliest_drift:g} m, to half of lane_width"
             raise parameter_error("latest_drift", self.latest_drift, expected)
-        object.__setattr__(self, "_generator", np.random.default_rng(self.seed))
+        object.__setattr__(self, "_generator", child_generator(self.seed, "human"))
 
     def simulate(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
         """Simulate n cut-ins, each with another driver; see `simulate_given`."""
         encounters = checked_encounters(lead_speed, range_, closing_speed)
-        return self._outcomes(encounters, self.draw_inner(encounters.shape[1], self._generator))[0]
+        return self._outcomes(encounters, self.draw_next(encounters.shape[1]))[0]
 
     def draw_inner(self, size: int, generator: np.random.Generator) -> Array:
         """Draw drivers: their traits, shape (size, traits), as `human_numbers` lists them."""
         population = Population.central(size) if self.certain else Population.draw(size, generator)
-        return population.drivers(generator)
+        traits = population.drivers(generator)
+        if not self.swerves:
+            traits[:, SWERVE] = 0.0
+        return traits
 
     def inner_weights(self, inner: Array, draws: int, generator: np.random.Generator) -> Array:
         """Return the densities of drivers in possible populations, relative to the mean of all of these.
@@ -129,8 +141,9 @@ class Human:
         """
         if self.certain:
             return np.ones((draws, len(inner)))
-        density = Population.draw(draws, generator).density(inner)
-        return density / density.mean(axis=0)
+        density = Population.draw(draws, generator).density(inner, swerves=self.swerves)
+        mean = density.mean(axis=0)  # 0 for a driver whom none of few populations has
+        return np.divide(density, mean, out=np.ones_like(density), where=mean > 0)
 
     def simulate_given(
         self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, inner: Array
@@ -157,28 +170,20 @@ class Human:
         """
         return self._outcomes(checked_encounters(lead_speed, range_, closing_speed), inner)[0]
 
-    def severe(self, encounters: Array, inner: Array, deceleration: float = SEVERE) -> Array:
-        """Return whether the driver had to brake severely or crashed, shape (n,).
+    def braking_given(
+        self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, inner: Array
+    ) -> tuple[Outcomes, Array]:
+        """Return what `simulate_given` returns, and the largest deceleration [m/s^2], shape (n,)."""
+        return self._outcomes(checked_encounters(lead_speed, range_, closing_speed), inner)
 
-        Near-crashes of naturalistic studies are conflicts that require "a rapid, severe evasive manoeuvre". Of
-        the drivers in such events of SHRP 2, 99 % reached .5 g and 90 % .6 g (`BRAKING_SHARES`).
-
-        Parameters
-        ----------
-        encounters
-            Lead speed [m/s], range [m] and closing speed [m/s], shape (3, n).
-        inner
-            Traits of the drivers, shape (n, traits).
-        deceleration
-            From which braking is severe [m/s^2].
-        """
-        outcomes, largest = self._outcomes(encounters, inner)
-        return outcomes.crash | (largest >= deceleration)
+    def draw_next(self, size: int) -> Array:
+        """Draw the next drivers of this object, shape (size, traits)."""
+        return self.draw_inner(size, self._generator)
 
     def trace(self, lead_speed: float, range_: float, closing_speed: float) -> pd.DataFrame:
         """Return every state of one encounter with a newly drawn driver, as described in `traces`."""
         encounter = checked_encounters([lead_speed], [range_], [closing_speed])
-        return trace_human(self.compiled(), encounter, self.draw_inner(1, self._generator)[0])
+        return trace_human(self.compiled(), encounter, self.draw_next(1)[0])
 
     def compiled(self) -> HumanNumbers:
         """Return the numbers that the compiled code needs."""

@@ -10,6 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from accelerated_evaluation.scenarios.compiled import compiled
 from accelerated_evaluation.vehicles.builtin.human_numbers import (
     BRAKING,
     DURATION,
@@ -20,7 +21,6 @@ from accelerated_evaluation.vehicles.builtin.human_numbers import (
     SWERVE_WIDTH,
     HumanNumbers,
 )
-from accelerated_evaluation.vehicles.builtin.kernel import compiled
 
 STEP = 0.1  # [s], as for the other vehicles
 STEPS = 348  # a horizon of 34.8 s, as for the reference drivers
@@ -49,8 +49,8 @@ def response_time(numbers: HumanNumbers, traits: NDArray, range_: float, closing
 def wanted(numbers: HumanNumbers, traits: NDArray, margin: float, range_: float, closing: float) -> float:
     """Return the deceleration [m/s^2] that the driver wants.
 
-    It is the one that ends the approach at the margin. Where this would be hard braking, the driver brakes with
-    the largest deceleration that this driver uses.
+    It is the one that ends the approach at the margin. Where this would be hard braking, the driver brakes
+    with the largest deceleration that this driver uses.
     """
     if closing <= 0.0:
         return 0.0
@@ -115,7 +115,8 @@ def follow(
         if time < onset:
             step = min(STEP, onset - time) if recorded else onset - time
         ahead = min(braking + traits[JERK] * step, target)
-        mean = (min(braking, target) + ahead) / 2.0
+        rise = max(ahead - braking, 0.0) / traits[JERK]  # time during which the deceleration grows
+        mean = ahead - (ahead - braking) * rise / (2.0 * step)
         if mean * step >= closing:  # the approach ends within the step
             step = closing / mean
         new_closing = max(closing - mean * step, 0.0)
@@ -154,7 +155,7 @@ def _settle(margin: float, closing: float, braking: float, outcome: NDArray) -> 
 
 @compiled
 def follow_all(numbers: HumanNumbers, encounters: NDArray, traits: NDArray, outcomes: NDArray) -> None:
-    """Simulate the columns of ``encounters``, shape (3, n), with the drivers ``traits``, shape (n, traits)."""
+    """Simulate the columns of ``encounters``, shape (3, n), each with a row of ``traits``."""
     nothing, outcome = np.empty((0, 5)), np.empty(5)
     for i in range(encounters.shape[1]):
         follow(numbers, encounters[:, i], traits[i], outcome, nothing)

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 # The traits of a driver: factor of the response time; share of the way from the earliest to the latest drift
 # at which the driver notices the other car; duration of the other car's lane change [s]; largest deceleration
-# that the driver uses [m/s^2]; its growth [m/s^3]; lateral acceleration of a swerve [m/s^2], 0 for a driver who
-# does not swerve; width of the swerve [m].
+# that the driver uses [m/s^2]; its growth [m/s^3]; lateral acceleration of a swerve [m/s^2], 0 for a driver
+# who does not swerve; width of the swerve [m].
 TRAITS = RESPONSE, NOTICE, DURATION, BRAKING, JERK, SWERVE, SWERVE_WIDTH = range(7)
 
 

@@ -1,14 +1,13 @@
 """The population of human drivers: how their traits are distributed, and what is not known of that.
 
 Each range below is one that publications give, or an assumption, as the comments say. All are uniform, except
-that of the share of drivers who swerve, which is a beta distribution, and that of the noticing, whose logarithm
-is uniform.
+that of the share of drivers who swerve, which is a beta distribution, and that of the noticing, whose
+logarithm is uniform.
 """
 
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 
 from accelerated_evaluation.base.arrays import Array
@@ -35,19 +34,17 @@ NOTICE_EXPONENT = (1 / 3, 3.0)  # assumption: on average at 25 to 75 % of the wa
 LANE_CHANGE = (5.0, 6.28)
 LANE_CHANGE_VARIATION = 2.0 / 6.28
 BRAKING_SCALE = (0.9, 1.1)  # assumption, for other cars and roads than those of the table below
-# Share of 122 drivers who did not reach a deceleration [g], in crashes and near-crashes of SHRP 2 (Dinakar and
-# Muttart 2019, SAE 2019-01-0414, as L. Peck, Lightpoint, 15 December 2023, computed them from the paper). The
-# largest deceleration of 2,971 drivers of SHRP 2 is 1.09 g (Wood and Zhang 2020, as cited).
+# Share of 122 drivers who did not reach a deceleration [g], in crashes and near-crashes of SHRP 2 (Dinakar
+# and Muttart 2019, SAE 2019-01-0414, as L. Peck, Lightpoint, 15 December 2023, computed them from the paper).
+# The largest deceleration of 2,971 drivers of SHRP 2 is 1.09 g (Wood and Zhang 2020, as cited).
 BRAKING_LEVELS = np.array([0.4, 0.5, 0.6, 0.7, 0.8, 1.09])
 BRAKING_SHARES = np.array([0.0, 0.01, 0.10, 0.42, 0.70, 1.0])
 # The mean time to .7 g is .51 s with the other car one lane away, and 1.10 s with two lanes (same source).
 JERK_RANGE = (0.7 * G / 1.10, 0.7 * G / 0.51)
-SWERVED, STRUCK = (
-    23,
-    70,
-)  # of the near-crashes that data/crash_counts has, by its column of evasive manoeuvres
-# 61 drivers before whom a box was dropped at 50 mph: .44 g, deviation .14 (Weir and McRuer 1976, SAE 760066, as
-# W. Bartlett reports them in "Avoidance Maneuver Accelerations").
+# Of the near-crashes in data/crash_counts, by the column of evasive manoeuvres.
+SWERVED, STRUCK = 23, 70
+# 61 drivers before whom a box was dropped at 50 mph: .44 g, deviation .14 (Weir and McRuer 1976, SAE 760066,
+# as W. Bartlett reports them in "Avoidance Maneuver Accelerations").
 SWERVE_MEAN, SWERVE_DEVIATION, SWERVE_LEAST = 0.44 * G, 0.14 * G, 0.05 * G
 # Drivers above 25 steered by 2 feet, younger ones by more than 6 (Muttart 2015, SAE 2015-01-1417, abstract).
 SWERVE_RANGE = (0.61, 1.83)  # [m]
@@ -114,13 +111,15 @@ class Population:
         traits[:, SWERVE_WIDTH] = SWERVE_RANGE[0] + (SWERVE_RANGE[1] - SWERVE_RANGE[0]) * width
         return traits
 
-    def density(self, traits: Array) -> Array:
+    def density(self, traits: Array, *, swerves: bool = True) -> Array:
         """Return the density of drivers in each population, up to a factor that all populations share.
 
         Parameters
         ----------
         traits
             Traits of drivers, shape (drivers, traits).
+        swerves
+            Whether drivers may swerve.
 
         Returns
         -------
@@ -134,8 +133,8 @@ class Population:
         duration = norm.pdf(np.log(traits[:, DURATION]), self._log_duration[:, None], DURATION_SHAPE)
         piece = np.searchsorted(BRAKING_LEVELS, traits[:, BRAKING] / (G * braking), side="right")
         slope = np.concatenate([[0.0], np.diff(BRAKING_SHARES) / np.diff(BRAKING_LEVELS), [0.0]])
-        swerves: NDArray[np.bool_] = traits[:, SWERVE] > 0
-        swerving = np.where(swerves, columns["swerving"], 1 - columns["swerving"])
+        swerving = np.where(traits[:, SWERVE] > 0, columns["swerving"], 1 - columns["swerving"])
+        swerving = swerving if swerves else 1.0
         return response * notice * duration * slope[piece] / braking * swerving
 
     @property
