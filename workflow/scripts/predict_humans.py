@@ -18,6 +18,7 @@ if __name__ == "__main__":
         records = DistinctRecords.of(read_encounters(files.encounters), Support.of(params.support))
         scored = read_family(files.family, records)
         per_km = cut_in_rate(pd.read_csv(files.exposure))
+        of_maps = child_generator(params.seed, "crash_map", "full")
         generator = child_generator(params.seed, "humans")
-        prediction = HumanPrediction(scored, Grid(**params.grid), per_km, params.draws, generator)
+        prediction = HumanPrediction(scored, Grid(**params.grid), per_km, params.draws, of_maps, generator)
         write_csv(snakemake.output.predicted, prediction.table(count_events(read_events(files.events))))

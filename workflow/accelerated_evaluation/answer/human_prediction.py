@@ -43,7 +43,6 @@ KILOMETRES = 1e6 * HUNDRED_CAR_MILES * KILOMETRES_PER_MILE
 COLUMNS = ["driver", "event", "probability", "expected", "low90", "high90", "counted"]
 COLUMNS += ["probability_of_so_few", "verdict"]
 LIMITS = (0.05, 0.95)
-POINTS = 60  # of the scan of a line: a driver who crashes also crashes at larger closing speeds
 # Closing cut-ins per mile if every lane change is one in front of somebody: .36 lane changes a mile (Lee,
 # Olsen and Wierwille 2004, DOT HS 809 702, abstract), of which 43 of 81 closed in (NGSIM, US-101 and I-80).
 LANE_CHANGES_A_MILE = 8667 / 23949
@@ -127,14 +126,17 @@ class HumanPrediction:
         Recorded closing cut-ins per kilometre [1/km]; None if the distance is unknown.
     draws
         Number of draws of the law and of the population of drivers.
+    of_maps
+        Generator of the crash maps; that of the study's other maps gives the same map of the driver.
     generator
-        Source of all randomness.
+        Source of all other randomness.
     """
 
     scored: ScoredFamily
     grid: Grid
     cut_ins_per_km: float | None
     draws: int
+    of_maps: np.random.Generator
     generator: np.random.Generator
 
     def table(self, counts: pd.DataFrame) -> pd.DataFrame:
@@ -164,9 +166,10 @@ class HumanPrediction:
 
     def _lines(self, human: Human, *, finer: float = 1.0) -> dict[str, CrashLines]:
         """Return the lines of a crash map by event; all maps use the same random numbers."""
-        grid = replace(self.grid.refined(finer), closing_speed_points=POINTS)
         braking = {event: Event("impact_speed", G * threshold) for event, threshold in SEVERE.items()}
-        crash_map = map_crashes(BrakingHuman(human), grid, braking.values(), deepcopy(self.generator))
+        generator = deepcopy(self.of_maps)
+        grid = self.grid.refined(finer)
+        crash_map = map_crashes(BrakingHuman(human), grid, braking.values(), generator)
         records = self.scored.records
         return {
             name: CrashLines.of(crash_map, records.lead_speed, event, records.support)

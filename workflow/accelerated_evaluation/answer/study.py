@@ -1,7 +1,6 @@
 """The study of laws: weights of the laws, crash probabilities, and all tables of the answer."""
 
 from collections.abc import Iterator, Mapping
-from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -116,11 +115,16 @@ class LawStudy:
             f"crash of {name}": CrashLines.of(mapped, speeds, support=support) for name, mapped in others
         }
         weighted = scored.weighted(generator, draws)
-        thinned = {name: weighted.thinned(part, generator) for name, part in lines.items()}
-        random = dict(zip(vehicles, generator.spawn(len(vehicles)), strict=True))
-        for name, part in thinned.items():
+        # Random vehicles have generators of their own, so that they do not change what other vehicles get.
+        own_generators = dict(zip(vehicles, generator.spawn(len(vehicles)), strict=True))
+        thinned = {}
+        for name, part in lines.items():
             whose = name.removeprefix("crash of ") if name not in named else next(iter(vehicles))
-            thinned[name] = with_draws(part, vehicles[whose], draws, random[whose])
+            if part.inner is None:
+                thinned[name] = weighted.thinned(part, generator)
+            else:
+                thin = weighted.thinned(part, own_generators[whose])
+                thinned[name] = with_draws(thin, vehicles[whose], draws, own_generators[whose])
         return cls(encounters, vehicles, weighted, lines, thinned, named)
 
     def resolve(self, maps: Mapping[str, CrashMap], generator: np.random.Generator) -> None:
@@ -297,11 +301,13 @@ class LawStudy:
 def with_draws(lines: CrashLines, vehicle: Vehicle, draws: int, generator: np.random.Generator) -> CrashLines:
     """Return lines with the weights of draws of what is not known of their vehicle, if there is anything.
 
-    The generator is copied, so that all events of a vehicle have the same draws.
+    The draws depend on the seed of the generator and not on its state, so that all events of a vehicle have
+    the same draws.
     """
     if not isinstance(vehicle, RandomVehicle) or lines.inner is None:
         return lines
-    return replace(lines, weights=vehicle.inner_weights(lines.inner, draws, deepcopy(generator)))
+    same = np.random.Generator(type(generator.bit_generator)(generator.bit_generator.seed_seq))
+    return replace(lines, weights=vehicle.inner_weights(lines.inner, draws, same))
 
 
 def event_name(event: Event) -> str:
