@@ -336,7 +336,9 @@ def test_a_map_that_misses_crashes_of_the_records_is_refused():
     draws = Posterior(np.array([1e-5, 2e-5]), np.zeros(2, dtype=int))
     rare = Posterior(np.array([1e-6, 4e-6]), np.zeros(2, dtype=int))
     posteriors = {"tested": rare, "stripes": draws, "human": draws}
-    table = vehicle_table(posteriors, {"tested": 0, "stripes": 40, "human": 2}, 100_000, "human")
+    table = vehicle_table(
+        posteriors, {"tested": 0, "stripes": 40, "human": 2}, 100_000, {"": "human", "other_": "none"}
+    )
     table = table.set_index("vehicle")
     assert table["resolved"].to_dict() == {"tested": True, "stripes": False, "human": True}
     assert np.isnan(table.loc["stripes", "probability"])
@@ -344,6 +346,7 @@ def test_a_map_that_misses_crashes_of_the_records_is_refused():
     assert table.loc["tested", "ratio"] == pytest.approx(0.15)
     assert table.loc["tested", "safer"] == 1
     assert table.loc["human", "ratio"] == 1
+    assert table["other_safer"].isna().all()  # of a reference that is not among the vehicles
 
 
 def test_a_vehicle_that_never_crashes_has_no_places():
