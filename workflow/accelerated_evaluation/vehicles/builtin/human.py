@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.scenarios.parameters import check_number, parameter_error, zero_or_more
 from accelerated_evaluation.vehicles.builtin import human_kernel
 from accelerated_evaluation.vehicles.builtin.human_numbers import SWERVE, HumanNumbers
 from accelerated_evaluation.vehicles.builtin.human_population import Population
 from accelerated_evaluation.vehicles.builtin.traces import trace_human
 from accelerated_evaluation.vehicles.checks import checked_encounters
-from accelerated_evaluation.vehicles.parameters import check_number, parameter_error, zero_or_more
 from accelerated_evaluation.vehicles.protocol import Outcomes
 from accelerated_evaluation.vehicles.registry import VEHICLES
 
