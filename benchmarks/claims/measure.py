@@ -1,0 +1,88 @@
+"""Short measurements for the claims of the README that no other benchmark script makes in a few minutes.
+
+``vehicle`` repeats the published outcomes of the car under test. ``successor`` counts the simulations for
+variants of the car with and without the runs of the original. ``estimate`` counts those of whole answers.
+"""
+
+import argparse
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+import pandas as pd
+from accelerated_evaluation.answer.averaged import AveragedSurrogate
+from accelerated_evaluation.answer.chosen_law import ANSWER, choose_sampled_law
+from accelerated_evaluation.answer.estimation import read_records
+from accelerated_evaluation.base.files import write_csv
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
+from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.study.configuration import load
+from accelerated_evaluation.vehicles import load_vehicle
+from tqdm import tqdm
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "samplers"))
+
+ROOT = 2027  # root of all randomness, another one than that of the published benchmarks
+VEHICLE = "acc_aeb"
+
+
+def vehicle(verdicts: Path) -> pd.DataFrame:
+    """Return how many published outcomes there are, and how many the simulator repeats."""
+    published = pd.read_parquet(verdicts)
+    columns = [published[name].to_numpy() for name in ("lead_speed", "range", "closing_speed")]
+    same = load_vehicle(VEHICLE).simulate(*columns).crash == (published["crash"] == 1)
+    return pd.DataFrame({"published": [len(published)], "repeated": [int(same.sum())]})
+
+
+def successor(seeds: Iterable[int]) -> pd.DataFrame:
+    """Return the simulations for every variant of the car, with the runs of the original and without."""
+    from successors import TARGET, VARIANTS, driven, event_of
+
+    rows = []
+    for seed in seeds:
+        original, _ = driven(event_of({}), child_generator(ROOT, "predecessor", seed), None)
+        known = Predecessor(original.progress.z, original.progress.happened)
+        for name, parameters in tqdm(VARIANTS.items(), desc=f"seed {seed}", unit=" variants"):
+            row = {"variant": name, "seed": seed}
+            for column, runs in {"simulations": known, "simulations_alone": None}.items():
+                found, _ = driven(event_of(parameters), child_generator(ROOT, "successor", seed), runs)
+                row[column] = found.estimate(TARGET).simulations
+            rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def estimate(seeds: Iterable[int]) -> pd.DataFrame:
+    """Return the simulations of the whole answer for the car under test."""
+    config = load()
+    encounters, _ = read_records(config)
+    _, law = choose_sampled_law(ANSWER, encounters, config)
+    problem, method = Problem(law, load_vehicle(VEHICLE)), AveragedSurrogate.configured(config)
+    rows = []
+    for seed in tqdm(seeds, desc="whole answers", unit=" seeds"):
+        generator = child_generator(ROOT, "estimate", seed)
+        found = method.estimate(problem, method.stopping(config), generator)
+        rows.append({"seed": seed, "simulations": found.simulations, "converged": found.converged})
+    return pd.DataFrame(rows)
+
+
+def main() -> None:
+    """Make one measurement, and write its table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("measurement", choices=["vehicle", "successor", "estimate"])
+    parser.add_argument("--verdicts", type=Path, help="table of published outcomes, for vehicle")
+    parser.add_argument("--seeds", type=int, nargs=2, metavar=("FIRST", "COUNT"), default=(0, 1))
+    parser.add_argument("--output", type=Path, required=True)
+    arguments = parser.parse_args()
+    first, count = arguments.seeds
+    if arguments.measurement == "vehicle":
+        table = vehicle(arguments.verdicts)
+    else:
+        table = {"successor": successor, "estimate": estimate}[arguments.measurement](
+            range(first, first + count)
+        )
+    write_csv(arguments.output, table)
+
+
+if __name__ == "__main__":
+    main()
