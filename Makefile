@@ -6,14 +6,16 @@ STUDY ?= spmd
 ENVIRONMENT := .venv/.installed
 SNAKEMAKE := snakemake --cores $(or $(CORES),2) --configfile $(or $(CONFIG),config/config.yaml)
 RULES := Snakefile workflow benchmarks/samplers/Snakefile benchmarks/samplers/vehicles.smk \
-  benchmarks/worlds/Snakefile
+  benchmarks/worlds/Snakefile benchmarks/claims/Snakefile
 SAMPLERS := snakemake --snakefile benchmarks/samplers/Snakefile --cores $(CORES)
 VEHICLES := snakemake --snakefile benchmarks/samplers/vehicles.smk --cores $(CORES)
 WORLDS := snakemake --snakefile benchmarks/worlds/Snakefile --cores $(CORES)
+REPEATED := snakemake --snakefile benchmarks/claims/Snakefile --cores $(CORES)
+CLAIMS ?=
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
 .PHONY: study book article test test-slurm test-studies crate paper-figures lint format report smoke bench benchmark-samplers \
-  benchmark-recordings benchmark-vehicles worlds lock clean help
+  benchmark-recordings benchmark-vehicles worlds claims lock clean help
 .DEFAULT_GOAL := help
 
 help: ## list the targets
@@ -63,6 +65,11 @@ benchmark-recordings: $(ENVIRONMENT) ## cut-ins in 1, 10 and 100 million rows of
 
 worlds: $(ENVIRONMENT) ## does the interval cover? 5 kinds of 100 synthetic worlds; a little more than an hour, resumable
 	$(WORLDS)
+
+claims: $(ENVIRONMENT) ## repeat every claim of the README with other random numbers, see REPRODUCE.md; resumable: make claims [CLAIMS="paper worlds"]
+	python -m pip install --quiet --require-hashes -r benchmarks/environment.txt
+	$(REPEATED) -- $(or $(CLAIMS),claims)
+	python benchmarks/claims/settle.py $(CLAIMS)
 
 lint: $(ENVIRONMENT) ## ruff and snakefmt
 	ruff check .

@@ -9,8 +9,9 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
-from accelerated_evaluation.answer.averaged import AveragedSurrogate
+from accelerated_evaluation.answer.averaged import AveragedSurrogate, posterior_of
 from accelerated_evaluation.answer.chosen_law import ANSWER, choose_sampled_law
 from accelerated_evaluation.answer.estimation import read_records
 from accelerated_evaluation.base.files import write_csv
@@ -53,7 +54,7 @@ def successor(seeds: Iterable[int]) -> pd.DataFrame:
 
 
 def estimate(seeds: Iterable[int]) -> pd.DataFrame:
-    """Return the simulations of the whole answer for the car under test."""
+    """Return the simulations of the whole answer for the car under test, and its median."""
     config = load()
     encounters, _ = read_records(config)
     _, law = choose_sampled_law(ANSWER, encounters, config)
@@ -62,7 +63,8 @@ def estimate(seeds: Iterable[int]) -> pd.DataFrame:
     for seed in tqdm(seeds, desc="whole answers", unit=" seeds"):
         generator = child_generator(ROOT, "estimate", seed)
         found = method.estimate(problem, method.stopping(config), generator)
-        rows.append({"seed": seed, "simulations": found.simulations, "converged": found.converged})
+        median = np.median(posterior_of(found.tables["draws"]).whole.probabilities)
+        rows.append({"seed": seed, "simulations": found.simulations, "median": median})
     return pd.DataFrame(rows)
 
 

@@ -16,7 +16,9 @@ import numpy as np
 import pandas as pd
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import write_csv
+from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.methods.importance_sampling import crude_simulations
+from accelerated_evaluation.records.encounter_table import read_encounters
 from comparing import LEVEL, AtLeast, Claim, Exactly, Mean, Share
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -61,7 +63,7 @@ class Files:
                 str(self.raw / f"{name}*.csv"),
                 seen="no such file",
                 expected="the runs of the short repetition",
-                change="Make them with: make claims.",
+                change="Let it run to its end.",
             )
         return pd.concat(map(pd.read_csv, paths), ignore_index=True)
 
@@ -70,14 +72,14 @@ FILES = Files()
 
 
 def vehicle(files: Files) -> Iterator[Claim]:
-    """Outcomes of the vehicle."""
+    """Yield the claim about the outcomes of the vehicle."""
     found = files.runs("vehicle").iloc[0]
     published, repeated = (Exactly(f"{found[name]:,} of {found['published']:,}") for name in found.index)
     yield Claim("published outcomes that the simulator of the vehicle repeats", published, repeated)
 
 
 def paper(files: Files) -> Iterator[Claim]:
-    """Numbers of the paper's methods under the paper's model."""
+    """Yield the claims about the paper's methods under the paper's model."""
     pairs = [
         (_probability(folder / "exact.csv"), _sizes(folder / "estimates.csv"))
         for folder in (files.tables, files.study)
@@ -92,6 +94,7 @@ def paper(files: Files) -> Iterator[Claim]:
     yield Claim("simulations to converge, crude Monte Carlo", *crude)
     ratios = (number.over(size["piecewise"]) for number, (_, size) in zip(crude, pairs, strict=True))
     yield Claim("crude / piecewise", *ratios)
+    yield Claim("fitted parameters, piecewise", *_fitted(files))
     budgets = [
         pd.read_csv(folder / "uncertainty.csv").set_index("source") for folder in (files.tables, files.study)
     ]
@@ -119,6 +122,13 @@ def _crude(probability: Mean) -> Mean:
     return Mean(number, number * probability.error / probability.value)
 
 
+def _fitted(files: Files) -> tuple[Mean, Mean]:
+    published = pd.read_csv(files.tables / "claims.csv").set_index("claim")["ours"]
+    encounters = read_encounters(files.study / "encounters.parquet")
+    law = read_law(files.study / "models" / "two_pieces.json", encounters)
+    return Mean(published["fitted parameters, piecewise"]), Mean(law.n_parameters)
+
+
 def _under(budget: pd.DataFrame, bound: float) -> Exactly:
     return Exactly("yes" if budget.loc["sampling", "variance_share"] < bound else "no")
 
@@ -130,7 +140,7 @@ def _share_of_data(budget: pd.DataFrame) -> Mean:
 
 
 def answer(files: Files) -> Iterator[Claim]:
-    """The recommended number with its intervals; the published draws are not kept, only their quantiles."""
+    """Yield the claims about the recommended number; of the published draws only quantiles are kept."""
     published = pd.read_csv(files.tables / "answer.csv").set_index("event").loc["crash"]
     draws = pd.read_csv(files.study / "laws" / "answer_draws.csv")["probability"].to_numpy()
     mean = Mean.of(draws)
@@ -145,7 +155,7 @@ def answer(files: Files) -> Iterator[Claim]:
 
 
 def counted(files: Files) -> Iterator[Claim]:
-    """Predicted crashes compared with counted ones."""
+    """Yield the claims about predicted and counted crashes."""
     pair = [pd.read_csv(path / "counted_crashes.csv") for path in (files.tables, files.study)]
     yield Claim("vehicles whose predictions the counts contradict", *map(_contradicted, pair))
     yield Claim("crashes and near-crashes of the 100-Car study", *map(_of_hundred_cars, pair))
@@ -169,7 +179,7 @@ def _of_human(table: pd.DataFrame) -> Mean:
 
 
 def worlds(files: Files) -> Iterator[Claim]:
-    """Coverage of the 80 % intervals, over all kinds of worlds."""
+    """Yield the claims about the coverage of 80 % intervals, over all kinds of worlds."""
     table = pd.read_csv(files.benchmarks / "worlds.csv")
     runs = files.runs("worlds_")
     runs["covers"] = (runs["low0.8"] <= runs["truth"]) & (runs["truth"] <= runs["high0.8"])
@@ -189,7 +199,7 @@ def worlds(files: Files) -> Iterator[Claim]:
 
 
 def sampler(files: Files) -> Iterator[Claim]:
-    """Simulations on the main problem, and how often they end in a wrong estimate."""
+    """Yield the claims about the simulations on the main problem and about wrong estimates."""
     table = _main_problem(files)
     for method, name in {"surrogate": "this project", "piecewise": "the paper's piecewise method"}.items():
         yield Claim(f"simulations on the main problem, {name}", *_calls(files, table, method))
@@ -200,7 +210,7 @@ def sampler(files: Files) -> Iterator[Claim]:
 
 
 def public(files: Files) -> Iterator[Claim]:
-    """Simulations of the best public tool."""
+    """Yield the claim about the best public tool."""
     text = "simulations on the main problem, best public tool"
     yield Claim(text, *_calls(files, _main_problem(files), "nais_25"))
 
@@ -217,7 +227,7 @@ def _calls(files: Files, table: pd.DataFrame, method: str) -> tuple[Mean, Mean]:
 
 
 def successor(files: Files) -> Iterator[Claim]:
-    """Share of the simulations that the runs of an older version save."""
+    """Yield the claim about the simulations that the runs of an older version save."""
     table, runs = pd.read_csv(files.benchmarks / "successors.csv"), files.runs("successor_")
     saved = 1 - runs["simulations"] / runs["simulations_alone"].mean()
     found = Mean.of(saved)
@@ -230,11 +240,23 @@ def successor(files: Files) -> Iterator[Claim]:
 
 
 def estimate(files: Files) -> Iterator[Claim]:
-    """Simulations of a whole answer."""
+    """Yield the claims about whole answers from few simulations."""
     row = pd.read_csv(files.benchmarks / "answers.csv").set_index("vehicle").loc["acc_aeb"]
-    found = Mean.of(files.runs("estimate_")["simulations"])
+    runs = files.runs("estimate_")
+    found = Mean.of(runs["simulations"])
     error = found.error * np.sqrt((found.freedom + 1) / row["seeds"])
     yield Claim("simulations of a whole answer", Mean(row["runs_mean"], error, row["seeds"] - 1), found)
+    published = pd.read_csv(files.tables / "answer.csv").set_index("event").loc["crash"]
+    # Both medians are those of draws. The standard error is 1 / (2 f √n), with the density f from the quartiles.
+    of_draws = (published["high50"] - published["low50"]) / np.sqrt(DRAWS)
+    median = Mean.of(runs["median"])
+    found = Mean(median.value, float(np.hypot(median.error, of_draws)), median.freedom)
+    yield Claim("median of a whole answer", Mean(published["median"], of_draws, DRAWS - 1), found)
+
+
+def _spread_of_a_median(quantiles: pd.Series) -> float:
+    """Return the standard deviation of the median of one draw: 1 / (2 f), with the density f from quartiles."""
+    return (quantiles["high50"] - quantiles["low50"]) / (2 * 0.5)
 
 
 PARTS: dict[str, Callable[[Files], Iterator[Claim]]] = {
@@ -247,7 +269,7 @@ def settle(files: Files, parts: Iterable[str] = PARTS) -> pd.DataFrame:
     """Return a table with a row for each claim: part, claim, published, found, p_value, verdict."""
     rows = [
         {
-            "part": part,
+            "part": f"{list(PARTS).index(part) + 1} {part}",
             "claim": claim.text,
             "published": str(claim.published),
             "found": str(claim.found),
@@ -261,13 +283,17 @@ def settle(files: Files, parts: Iterable[str] = PARTS) -> pd.DataFrame:
 
 
 def main(arguments: Sequence[str] | None = None, files: Files = FILES) -> int:
-    """Print the table, write it to ``claims.csv``, and return 1 if a claim is refuted."""
+    """Print the table, write it to ``claims.csv``, and return the exit status: 1 if a claim is refuted."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}; all by default")
     asked = parser.parse_args(arguments).parts or list(PARTS)
     if unknown := [part for part in asked if part not in PARTS]:
         parser.error(f"unknown part {unknown[0]}; expected some of {', '.join(PARTS)}")
-    table = settle(files, asked)
+    try:
+        table = settle(files, asked)
+    except (InputError, FileNotFoundError) as error:
+        print(f"error: {error}\nMake what is missing with: make claims", file=sys.stderr)
+        return 2
     write_csv(files.raw / "claims.csv", table)
     print(table.to_markdown(index=False, disable_numparse=True))
     refuted = int((table["verdict"] == "refuted").sum())

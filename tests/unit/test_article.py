@@ -198,6 +198,7 @@ def test_absent_parts_are_named(numbers, tmp_path, change, said, not_said):
     text = paragraphs(changed, tmp_path / change.__name__)
     assert said in text
     assert not_said not in text
+    assert not re.search(r"#\w|none of none|NaN|nan ", text)  # code that was not run, or a missing number
     compile_text(tmp_path / change.__name__, tmp_path / "article.pdf")
 
 

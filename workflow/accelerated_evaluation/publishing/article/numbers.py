@@ -18,6 +18,7 @@ from accelerated_evaluation.publishing.tables.paper_numbers import PAPER_PROBABI
 from accelerated_evaluation.records.sources import describe
 
 KNOT, CAP = "knot of TTC^-1", "closing-speed cap [m/s]"  # choices in the table of sensitivities
+RUNS = ("piecewise_run", "single_run")  # claims about single runs
 METHODS = ("piecewise", "single", "heuristic")
 
 
@@ -84,6 +85,7 @@ def _records(tables: Tables) -> dict[str, Any]:
 
 def _claims(tables: Tables) -> dict[str, Any]:
     claims = tables["claims"].assign(paper=lambda table: table["paper"].astype(float))
+    spread = (claims["ours_high"] / claims["ours_low"]).set_axis(list(CLAIMS))
     keys = ("claim", "source", "paper", "ours", "ours_low", "ours_high", "verdict")
     reasons = claims[claims["verdict"] != "agrees"].assign(why=lambda table: table["why"].map(_reason))
     return {
@@ -93,6 +95,7 @@ def _claims(tables: Tables) -> dict[str, Any]:
         "reasons": [
             {"why": why, "claims": rows["claim"].tolist()} for why, rows in reasons.groupby("why", sort=False)
         ],
+        "spread_of_runs": spread.loc[list(RUNS)].max(),
         "paper": {key: claim.paper for key, claim in CLAIMS.items()},
         "ours": dict(zip(CLAIMS, claims["ours"], strict=True)),
         "away": dict(zip(CLAIMS, claims["ours"] / claims["paper"] - 1, strict=True)),

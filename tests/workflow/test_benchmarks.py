@@ -1,0 +1,39 @@
+"""The workflows of the benchmarks find all inputs: each plans its jobs in a folder in which nothing ran."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PARTS = ("article", "benchmarks", "config", "data", "docs", "notebooks", "profiles", "tests", "workflow")
+JOBS = {
+    "claims/Snakefile": {"run_sampler", "run_worlds", "study_study_laws", "vehicle"},
+    "samplers/Snakefile": {"run", "reference", "summarise"},
+    "samplers/vehicles.smk": {"run", "compare"},
+    "worlds/Snakefile": {"prepare", "run", "summarise"},
+}
+
+
+@pytest.mark.parametrize("name", JOBS)
+def test_a_benchmark_plans_its_jobs(name, tmp_path):
+    for part in PARTS:
+        (tmp_path / part).symlink_to(ROOT / part)
+    command = [
+        sys.executable,
+        "-m",
+        "snakemake",
+        "--snakefile",
+        f"benchmarks/{name}",
+        "--cores",
+        "2",
+        "--dry-run",
+    ]
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "workflow")}
+    run = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr[-3000:] + run.stdout[-3000:]
+    statistics = (run.stdout + run.stderr).split("Job stats:")[-1].split("\n\n")[0]
+    assert JOBS[name] <= set(re.findall(r"^(\w+) +\d+$", statistics, flags=re.MULTILINE))
