@@ -247,16 +247,11 @@ def estimate(files: Files) -> Iterator[Claim]:
     error = found.error * np.sqrt((found.freedom + 1) / row["seeds"])
     yield Claim("simulations of a whole answer", Mean(row["runs_mean"], error, row["seeds"] - 1), found)
     published = pd.read_csv(files.tables / "answer.csv").set_index("event").loc["crash"]
-    # Both medians are those of draws. The standard error is 1 / (2 f √n), with the density f from the quartiles.
+    # Both are medians of draws, with standard error 1 / (2 f √n), and the density f is from the quartiles.
     of_draws = (published["high50"] - published["low50"]) / np.sqrt(DRAWS)
     median = Mean.of(runs["median"])
     found = Mean(median.value, float(np.hypot(median.error, of_draws)), median.freedom)
     yield Claim("median of a whole answer", Mean(published["median"], of_draws, DRAWS - 1), found)
-
-
-def _spread_of_a_median(quantiles: pd.Series) -> float:
-    """Return the standard deviation of the median of one draw: 1 / (2 f), with the density f from quartiles."""
-    return (quantiles["high50"] - quantiles["low50"]) / (2 * 0.5)
 
 
 PARTS: dict[str, Callable[[Files], Iterator[Claim]]] = {
