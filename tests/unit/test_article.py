@@ -153,6 +153,7 @@ def never_crashes(numbers):
         numbers["choices"][ends] |= {"low": 0, "high": 0, "factor": None}
     for row in (*numbers["vehicles"]["rows"], numbers["vehicles"]["tested"]):
         row |= {"median": 0, "ratio": None, "ratio_low80": None, "ratio_high80": None}
+    numbers["injuries"] |= {"rows": [], "human": None}
 
 
 def map_not_reliable(numbers):
@@ -166,6 +167,7 @@ def map_not_reliable(numbers):
 def no_exposure(numbers):
     """Records of an unknown distance: there are no rates, and counts cannot be compared."""
     numbers["answer"] |= {"rate": None, "million_km": None}
+    numbers["injuries"]["per"] = "cut-in"
     numbers["counted"] |= {"known": False, "tested": None, "human": None, "too_many": [], "compatible": []}
 
 
@@ -173,6 +175,7 @@ def another_vehicle(numbers):
     """A study that is no reproduction, of a vehicle that is not compared with the careful human."""
     numbers["study"] |= {"departure": "vehicle.name is mine", "vehicle": "mine"}
     numbers["vehicles"]["human"] = False
+    numbers["injuries"]["human"] = None
     numbers["counted"]["human"] = None
 
 

@@ -7,6 +7,7 @@ import pandas as pd
 from scipy.stats import poisson
 
 from accelerated_evaluation.publishing.article.tables import Tables, typeset
+from accelerated_evaluation.publishing.tables.injuries import best_known
 
 LEVELS = (50, 80, 95)  # [%], of the intervals of the answer
 INTERVAL = tuple(f"{end}{level}" for level in LEVELS for end in ("low", "high"))
@@ -14,7 +15,7 @@ MAIN_PROBLEM, SURROGATE = "segment_5_15", "surrogate"
 PUBLIC = ("nais", "nais_25", "cross_entropy", "subset", "form", "enkf")  # methods of public tools
 OWN, THEIRS = "this project", "paper"  # procedures in the benchmark of worlds
 TOGETHER, PAPER_LAW = "all laws, weighed", "paper: independent"
-HUMAN, TESTED = "cc_human", "under test"
+HUMAN, TESTED, SERIOUS = "cc_human", "under test", "MAIS3+"
 CRASH = "crash: cut-in in front of the subject"
 NEAR_CRASH = "near-crash: cut-in in front of the subject, rear-end conflict"
 
@@ -29,6 +30,7 @@ def collect(tables: Tables, benchmarks: Tables, config: Mapping[str, Any]) -> di
         "own_sampler": _own_sampler(tables, config),
         "vehicles": _vehicles(tables),
         "counted": _counted(tables),
+        "injuries": _injuries(tables),
     }
 
 
@@ -183,4 +185,22 @@ def _counted(tables: Tables) -> dict[str, Any]:
         "human": by.get(HUMAN),
         "too_many": too_many.tolist(),
         "compatible": [who for who in predicted["who"] if who not in set(too_many)],
+    }
+
+
+def _injuries(tables: Tables) -> dict[str, Any]:
+    """Return the injured drivers of the vehicle under test by level, and compared with the careful human."""
+    rows = best_known(tables["injuries"])
+    rows = rows[rows["vehicle"] == TESTED]
+    budget = tables["injury_budget"].set_index(["level", "source"])["variance_share"]
+    shares = [budget.get((level, "choice of curve")) for level in rows["level"]]
+    balance = tables["risk_balance"]
+    human = balance[(balance["reference"] == HUMAN) & (balance["level"] == SERIOUS)]
+    columns = ["level", "median", "low80", "high80", "per_crash"]
+    return {
+        "per": rows["per"].iloc[0] if len(rows) else None,
+        "rows": rows[columns].assign(curve=shares).to_dict("records"),
+        "serious": SERIOUS,
+        "human": None if human.empty else human.iloc[0].to_dict(),
+        "curves": len(tables["injury_curves"]),
     }
