@@ -9,7 +9,8 @@ from accelerated_evaluation.answer.weight_checks import Experiment, crude_runs_n
 from accelerated_evaluation.publishing.tables.stored_experiments import read_experiments, stored_experiments
 from scipy.stats import norm
 
-STORED = Path(__file__).resolve().parents[2] / "data" / "stored_experiments"
+DATA = Path(__file__).resolve().parents[2] / "data"
+PUBLISHED = DATA / "stored_experiments" / "published.csv"
 NAMES = {
     "left_turn": ("sdv_speed_mps", "turning_speed_mps", "distance_to_conflict_m"),
     "pedestrian": ("vehicle_speed_mps", "pedestrian_speed_mps", "distance_m"),
@@ -92,8 +93,8 @@ def test_an_experiment_without_an_event_has_no_estimate():
 
 @pytest.mark.parametrize("scenario", NAMES)
 def test_a_third_of_the_stored_rows_agrees_with_the_published_estimates(scenario):
-    published = pd.read_csv(STORED / "published.csv").query("scenario == @scenario").set_index("experiment")
-    experiments = read_experiments(STORED / f"{scenario}.csv.gz", NAMES[scenario], 1.0)
+    published = pd.read_csv(PUBLISHED).query("scenario == @scenario").set_index("experiment")
+    experiments = read_experiments(DATA / scenario / "verdicts.csv.gz", NAMES[scenario], 1.0)
     assert list(experiments) == list(published.index)
     for name, experiment in experiments.items():
         own = experiment.row()
@@ -105,7 +106,7 @@ def test_a_third_of_the_stored_rows_agrees_with_the_published_estimates(scenario
 
 def test_the_checks_warn_of_the_stored_experiments():
     records = experiments_as_records()
-    paths = STORED / "left_turn.csv.gz", STORED / "published.csv"
+    paths = DATA / "left_turn" / "verdicts.csv.gz", PUBLISHED
     table = stored_experiments(*paths, "left_turn", records, NAMES["left_turn"])
     stored, doubled = (table[table["weights"] == weights] for weights in ("as stored", "doubled"))
     assert stored["warns_mean"].all()  # the weights are half of the right ones
@@ -119,6 +120,6 @@ def test_the_checks_warn_of_the_stored_experiments():
 
 def experiments_as_records():
     """Stand in for the records: the rows of one experiment, resampled by their weights."""
-    one = read_experiments(STORED / "left_turn.csv.gz", NAMES["left_turn"], 2.0)["fronts_3_raw"]
+    one = read_experiments(DATA / "left_turn" / "verdicts.csv.gz", NAMES["left_turn"], 2.0)["root123_3_raw_5"]
     chosen = np.random.default_rng(3).choice(len(one.x), 1000, p=one.weight / one.weight.sum())
     return one.x[chosen]

@@ -22,21 +22,21 @@ def read_experiments(path: str | os.PathLike, names: tuple[str, ...], factor: fl
     Parameters
     ----------
     path
-        File of one scenario.
+        Verdicts of one scenario; the rows with a stored weight belong to the experiments.
     names
         Names of the variables.
     factor
         The stored weights are multiplied by it: 1 as they were stored, or `RIGHT`.
     """
     require_file(path, CHANGE)
-    rows = pd.read_csv(path)
+    rows = pd.read_csv(path).dropna(subset=["stored_weight"])
     return {
         name: Experiment(
             part[list(names)].to_numpy(float),
             factor * part["stored_weight"].to_numpy(float),
             part["crash"].to_numpy(bool),
         )
-        for name, part in rows.groupby("set")
+        for name, part in rows.groupby("source")
     }
 
 
@@ -52,7 +52,7 @@ def stored_experiments(
     Parameters
     ----------
     path, published
-        The rows of the scenario's experiments, and the numbers of all their rows.
+        Verdicts of the scenario, and the numbers of all rows of its experiments.
     scenario
         Name of the scenario.
     records
