@@ -5,7 +5,7 @@ the Bayesian bootstrap over clusters. All draws share the same runs: these are m
 reweighted for every draw.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,9 +26,13 @@ from accelerated_evaluation.methods.surrogate.sampler import Sampler
 
 DRAWS = 100
 SIMULATIONS = 200_000  # of crude Monte Carlo
+BOUND_DRAWS = 20_000  # of each law, which show how much of it is within a bound
 FEW = 150  # simulations with a surrogate
 MEAN_COMPONENTS = 8  # of the mixture that stands for the mean of the draws when runs are few
 MEAN_POINTS = 8_000  # to which this mixture is fitted
+
+
+Within = Callable[[Array], NDArray[np.bool_]]
 
 
 @dataclass(frozen=True)
@@ -72,9 +76,27 @@ class DrawnLaws:
 
 
 def simulated_posterior(
-    drawn: DrawnLaws, respond: Respond, generator: np.random.Generator, simulations: int = SIMULATIONS
+    drawn: DrawnLaws,
+    respond: Respond,
+    generator: np.random.Generator,
+    simulations: int = SIMULATIONS,
+    within: Within | None = None,
 ) -> SampledPosterior:
     """Return the probability of the event under each draw, by crude Monte Carlo under their mean.
+
+    Parameters
+    ----------
+    drawn
+        Draws of the law.
+    respond
+        Runs the vehicle.
+    generator
+        Source of all randomness.
+    simulations
+        Number of runs.
+    within
+        Bounds the laws to the points for which this function returns true: the probability is then that of
+        the event given these points. Runs elsewhere are not made.
 
     Raises
     ------
@@ -82,7 +104,8 @@ def simulated_posterior(
         If no draw of the laws reaches the event.
     """
     x = drawn.sample(simulations, generator)
-    events = x[respond(x)[0]]
+    runs = x if within is None else x[within(x)]
+    events = runs[respond(runs)[0]]
     if not len(events):
         raise InputError(
             f"the laws {', '.join(sorted({drawn.names[k] for k in drawn.member}))}",
@@ -94,6 +117,9 @@ def simulated_posterior(
         )
     logs = drawn.log_densities(events)
     ratios = np.exp(logs - np.logaddexp.reduce(logs) + np.log(len(logs)))
+    if within is not None:  # the share of the points within, under each draw
+        shares = [np.mean(within(law.sample(BOUND_DRAWS, generator))) for law in drawn.laws]
+        ratios /= np.array(shares)[:, None]
     estimates = ratios.sum(axis=1) / len(x)
     variances = np.maximum((ratios**2).sum(axis=1) / len(x) - estimates**2, 0) / len(x)
     known = np.maximum(estimates, SMALLEST * estimates.mean())
