@@ -180,5 +180,6 @@ class CrossingCar:
             side_slope=math.tan(math.pi / 8),
             most_ticks=math.ceil(self.longest_run / TICK),
             emulates=self.solver == "ode45",
+            least_steps=50,
         )
         return Car._make(map(float, numbers))

@@ -50,7 +50,6 @@ STAGES = np.array(
 )
 ERRORS = np.array([71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
 TOLERANCE, SMALL = 1e-3, 1e-3  # relative tolerance, and the size below which a state counts as this large
-STEPS_OF_A_RUN = 50  # at least
 
 
 class Car(NamedTuple):
@@ -76,6 +75,7 @@ class Car(NamedTuple):
     side_slope: float  # tangent of half the sector's angle
     most_ticks: float
     emulates: float  # 1 if ode45 is emulated, otherwise 0
+    least_steps: float  # of ode45 in a run
 
 
 class Path(NamedTuple):
@@ -371,7 +371,7 @@ def run(encounter: NDArray, car: Car, state: NDArray, outcome: NDArray, trace: N
     memory, acceleration, tick, end, passed = (0.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0, False
     ahead, aside, ticks = encounter[AHEAD], encounter[ASIDE], encounter[TICKS]
     state[V], state[RANGE], state[CONTACT] = encounter[SPEED], ahead, 0.0
-    state[LONGEST] = ticks * TICK / STEPS_OF_A_RUN if car.emulates > 0.0 else TICK
+    state[LONGEST] = ticks * TICK / car.least_steps if car.emulates > 0.0 else TICK
     outcome[:], outcome[MIN_DISTANCE], outcome[CLEARANCE] = 0.0, np.inf, np.inf
     towards, across = velocity(encounter, 0.0)
     while True:
