@@ -18,7 +18,8 @@ def best_known(injuries: pd.DataFrame) -> pd.DataFrame:
 
 def injuries_digest(injuries: pd.DataFrame) -> pd.DataFrame:
     """Return the columns for a reader: a row for each vehicle and level."""
-    rows = best_known(injuries)
+    rows = best_known(injuries).reset_index(drop=True)
+    per = rows["per"].iloc[0] if len(rows) else CUT_IN
     per_cut_in = injuries[injuries["per"] == CUT_IN].set_index(["vehicle", "level"])["mean"]
     keys = pd.MultiIndex.from_frame(rows[["vehicle", "level"]])
     return pd.DataFrame(
@@ -26,8 +27,7 @@ def injuries_digest(injuries: pd.DataFrame) -> pd.DataFrame:
             "vehicle": rows["vehicle"],
             "injury": rows["level"],
             "mean per cut-in": per_cut_in.reindex(keys).to_numpy(),
-            "per": rows["per"],
-            "median": rows["median"],
+            f"median per {per}": rows["median"],
             "80 %": interval_column(rows["low80"], rows["high80"]),
             "per crash": rows["per_crash"],
             "gentle": rows["gentle"],
@@ -44,7 +44,7 @@ def injuries_table(injuries: pd.DataFrame) -> pd.DataFrame:
 def balance_digest(risk_balance: pd.DataFrame) -> pd.DataFrame:
     """Return the columns for a reader, both ends of the interval in one."""
     interval = interval_column(risk_balance["ratio_low80"], risk_balance["ratio_high80"])
-    shown = risk_balance[["vehicle", "reference", "level", "ratio"]].assign(**{"80 %": interval})
+    shown = risk_balance[["reference", "level", "ratio"]].assign(**{"80 %": interval})
     return shown.assign(fewer_injured=risk_balance["fewer_injured"])
 
 
@@ -62,7 +62,7 @@ def injury_budget_table(injury_budget: pd.DataFrame) -> pd.DataFrame:
 
 def curves_digest(injury_curves: pd.DataFrame) -> pd.DataFrame:
     """Return the columns that fit on a page."""
-    return injury_curves[["level", "impact", "source", "curve", "population"]]
+    return injury_curves[["level", "impact", "source", "curve"]]
 
 
 @table("injury_curves", digest=curves_digest)
