@@ -15,7 +15,7 @@ from accelerated_evaluation.publishing.published import figure, show, table
 from accelerated_evaluation.publishing.study import Study
 
 ROOT = Path(__file__).resolve().parents[2]
-NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+NOTEBOOKS = sorted((ROOT / "notebooks").rglob("*.ipynb"))
 CONFIG = {
     "study": "made_up",
     "seed": 1,

@@ -10,10 +10,16 @@ from accelerated_evaluation.publishing.book.catalogue import (
 FIGURE_FORMATS = ["png", "pdf", "svg", "csv"]
 TABLE_FORMATS = ["csv", "md", "tex"]
 CAPTIONS = PROJECT / "workflow/report"
+CHAPTERS = PROJECT / "notebooks" if IS_CUT_IN else PROJECT / "notebooks/scenario"
+GUIDES = sorted(map(str, (PROJECT / "docs").glob("*.md"))) if IS_CUT_IN else []
+ON_FIRST_PAGE = (
+    ["records_report.csv", "laws/answer.csv", "exact.csv", "crude.csv"]
+    if IS_CUT_IN
+    else ["scenario/answer.csv"]
+)
 try:
     NOTEBOOKS = {
-        path.stem: read_contents(path)
-        for path in sorted((PROJECT / "notebooks").glob("*.ipynb"))
+        path.stem: read_contents(path) for path in sorted(CHAPTERS.glob("*.ipynb"))
     }
     require_captions(
         [name for made in NOTEBOOKS.values() for name in [*made.figures, *made.tables]],
@@ -25,7 +31,7 @@ except StudyError as error:
 
 def notebook_of(name):
     """Path of a notebook."""
-    return str(PROJECT / "notebooks" / f"{name}.ipynb")
+    return str(CHAPTERS / f"{name}.ipynb")
 
 
 def read_by(notebook):

@@ -35,6 +35,9 @@ except StudyError as error:
 config = INPUTS.config
 
 STUDY = config["study"]
+SCENARIO = config["scenario"]["name"]
+IS_CUT_IN = SCENARIO == "cut_in"
+JOINT = {"joint": []} if IS_CUT_IN else {}  # joint laws, of which cut-ins have none
 RESULTS = Path("results") / STUDY
 FIGURES = Path("figures") / STUDY
 REPLICATED = [name for name in config["methods"] if METHODS[name].replicates(config)]
@@ -76,7 +79,7 @@ def modules_of(script: str, *notebooks: str, members=None):
 
     def modules(wildcards):
         looked_up = members(wildcards) if callable(members) else members
-        all_looked_up = {"scenarios": ["cut_in"], "joint": []} | (looked_up or {})
+        all_looked_up = {"scenarios": [SCENARIO]} | JOINT | (looked_up or {})
         return [str(path) for path in imported_modules(sources, library, all_looked_up)]
 
     return modules

@@ -2,12 +2,7 @@
 # book of them all.
 #
 # In: everything under results/<study>/. Out: figures/<study>/*.{pdf,svg,png,csv}, figures/<study>/tables/*, the
-# executed notebooks and the book. What each notebook reads and makes is found out from its code. The article is made
-# from the published tables and figures, and only if it is asked for: make article.
-
-from accelerated_evaluation.publishing.article.text import BENCHMARKS, shown_figures
-
-ARTICLE = PROJECT / "article"
+# executed notebooks and the book. What each notebook reads and makes is found out from its code.
 
 
 rule record_configuration:
@@ -65,17 +60,8 @@ rule book:
         notebooks=[result("notebooks", f"{notebook}.ipynb") for notebook in NOTEBOOKS],
         published=[file for name in NOTEBOOKS for file in figures_of(name)]
         + [file for name in NOTEBOOKS for file in tables_of(name)],
-        results=[
-            result(name)
-            for name in (
-                "config.json",
-                "records_report.csv",
-                "laws/answer.csv",
-                "exact.csv",
-                "crude.csv",
-            )
-        ],
-        guides=sorted(map(str, (PROJECT / "docs").glob("*.md"))),
+        results=[result(name) for name in ("config.json", *ON_FIRST_PAGE)],
+        guides=GUIDES,
         captions=sorted(map(str, CAPTIONS.glob("*.rst"))),
         pages=sorted(map(str, (PROJECT / "workflow/book").iterdir())),
         library=modules_of("build_book.py"),
@@ -96,60 +82,3 @@ rule book:
         "Making the book"
     script:
         "../scripts/build_book.py"
-
-
-rule article:
-    """Make an article of the study: a PDF whose numbers and figures are all published results."""
-    input:
-        text=sorted(map(str, ARTICLE.iterdir())),
-        figures=[str(FIGURES / f"{name}.pdf") for name in shown_figures(ARTICLE)],
-        captions=[str(CAPTIONS / f"{name}.rst") for name in shown_figures(ARTICLE)],
-        tables=[file for name in NOTEBOOKS for file in tables_of(name)],
-        benchmarks=[
-            str(PROJECT / "benchmarks/results" / f"{name}.csv") for name in BENCHMARKS
-        ],
-        config=result("config.json"),
-        library=modules_of("write_article.py"),
-    output:
-        pdf=result("article.pdf"),
-        numbers=result("article.json"),
-    log:
-        log_of("article.log"),
-    benchmark:
-        benchmark_of("article.tsv")
-    threads: 1
-    resources:
-        mem_mb=1000,
-    params:
-        study={"results": str(RESULTS), "figures": str(FIGURES)},
-    message:
-        "Writing the article"
-    script:
-        "../scripts/write_article.py"
-
-
-rule accept_records:
-    """End with an error if a check of the records says stop and the user does not accept it by name.
-
-    The results are made first, so that one can see what the fault does to them.
-    """
-    input:
-        report=rules.inspect_records.output.report,
-        finished=rules.book.output.site,
-        library=modules_of("accept_records.py"),
-    output:
-        verdict=result("records_verdict.txt"),
-    log:
-        log_of("accept_records.log"),
-    benchmark:
-        benchmark_of("accept_records.tsv")
-    threads: 1
-    resources:
-        mem_mb=500,
-    params:
-        accepted=ACCEPTED,
-        records=INPUTS.source["path"],
-    message:
-        "Asking whether the records can be trusted"
-    script:
-        "../scripts/accept_records.py"

@@ -256,14 +256,14 @@ def _quadratic(x: Array) -> Array:
     return np.column_stack([np.ones(len(x)), x, *products])
 
 
-def answer_in_words(row: Mapping[str, Any]) -> list[str]:
-    """Return a row of the table ``answer`` in lines of text."""
+def answer_in_words(row: Mapping[str, Any], encounter: str = "a cut-in") -> list[str]:
+    """Return a row of the table ``answer`` in lines of text; ``encounter`` says of what."""
     if np.isnan(row["median"]):
         return [f"{row['event']}: not known from these runs"]
     intervals = (f"{100 * level:.0f}%: {_ends(row, level)}" for level in LEVELS)
     per_km = "" if np.isnan(row["per_km"]) else f"; mean per kilometre {row['per_km']:.2g}"
     return [
-        f"{row['event']}: probability in a cut-in {row['median']:.3g} (median), {row['probability']:.3g} "
+        f"{row['event']}: probability in {encounter} {row['median']:.3g} (median), {row['probability']:.3g} "
         f"(mean){per_km}",
         f"  intervals with data, laws and sampling: {'; '.join(intervals)}",
     ]

@@ -3,17 +3,19 @@
 import argparse
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from accelerated_evaluation.commands import COMMANDS, add_accept
 
 if TYPE_CHECKING:  # takes seconds, which --help can do without
     from accelerated_evaluation.answer.estimation import Alone
 
+CUT_IN = "cut_in"
 DESCRIPTION = """\
 Estimate how often a vehicle crashes when a human driver cuts in, by some 150 simulations: without crash maps
 and crude Monte Carlo, which take millions. For a slow vehicle: a command in any language, an FMU, or a Python
-class. docs/your_vehicle.md shows all three.
+class. docs/your_vehicle.md shows all three. With --scenario, or scenario.name in the configuration, the same
+for another scenario than the cut-in: left_turn, pedestrian, or your own (docs/your_scenario.md).
 
 The configuration is that of a study; it names the records and the vehicle. Outcomes are stored in
 results/vehicles/, so that a run that is continued or repeated simulates no encounter twice.
@@ -35,6 +37,12 @@ The records are checked first. If a check says stop, nothing is estimated unless
 The simulations end when more of them would not help: when the sampling adds less than 5 % to the width of
 the 80 % interval (--sampling-share), or when the interval of the sampling alone is as narrow as the paper
 asks (importance_sampling.beta).
+
+For another scenario, --law is answer (all joint laws by their weights, with all uncertainty), a kind of
+joint law (truncated_normals, gaussian_copula, kernel, independent_variables), or the file of a joint law,
+such as results/left_turn/scenario/law.json. Under one law alone, the interval is that of the sampling alone.
+The files are then laws.csv, answer.csv, budget.csv, draws.csv and law.json for answer, and estimate.csv,
+runs.csv and law.json for one law.
 
 files written to results/STUDY/estimate/:
   answer.csv      probability (mean), median, intervals and rate per kilometre; one row a replicate and event
@@ -119,6 +127,18 @@ class EstimateAlone:
             help="results/STUDY/estimate of another vehicle, under the same law: the ratio of the crash "
             "probabilities, draw by draw",
         )
+        command.add_argument(
+            "--scenario",
+            metavar="NAME",
+            help="scenario, if it is not that of the configuration (default: scenario.name, which is cut_in)",
+        )
+        command.add_argument(
+            "--method",
+            metavar="NAME",
+            default="surrogate",
+            help="in another scenario than the cut-in, and under one law: surrogate, normal_mixture or crude "
+            "(default: %(default)s)",
+        )
         add_accept(command)
 
     @staticmethod
@@ -131,7 +151,13 @@ class EstimateAlone:
         from accelerated_evaluation.records.sources import describe
         from accelerated_evaluation.study.configuration import load, resolved
 
-        config = load(arguments.config)
+        given = {} if arguments.scenario is None else {"scenario": {"name": arguments.scenario}}
+        if given and not arguments.config:
+            given["study"] = arguments.scenario  # and not that of config/config.yaml
+        config = load(arguments.config, given)
+        if config["scenario"]["name"] != CUT_IN:
+            _estimate_scenario(arguments, config)
+            return
         config["data"]["accepted_warnings"] = [*config["data"]["accepted_warnings"], *arguments.accept]
         config = resolved(config)
         found = estimate_alone(
@@ -149,6 +175,26 @@ class EstimateAlone:
             write_csv(folder / "compared.csv", compared)
             print(compared.to_string(index=False, float_format="{:.3g}".format))
         print(_in_words(found, 1 - config["importance_sampling"]["alpha"]), f"tables: {folder}", sep="\n")
+
+
+def _estimate_scenario(arguments: argparse.Namespace, config: dict[str, Any]) -> None:
+    """Estimate the probability in another scenario, write the tables, and print a summary."""
+    from accelerated_evaluation.answer.scenario_estimate import estimate_scenario
+    from accelerated_evaluation.base.errors import InputError
+    from accelerated_evaluation.base.files import write_csv
+    from accelerated_evaluation.laws.joint.files import write_joint_law
+
+    name = config["scenario"]["name"]
+    for option in ("predecessor", "compare", "accept"):
+        if getattr(arguments, option):
+            change = "Leave it out."
+            raise InputError(f"--{option}", seen=f"the scenario {name}", expected=CUT_IN, change=change)
+    found = estimate_scenario(config, arguments.law, arguments.replicates, arguments.method)
+    folder = Path("results", config["study"], "estimate")
+    for table, rows in found.tables.items():
+        write_csv(folder / f"{table}.csv", rows)
+    write_joint_law(folder / "law.json", found.law, f"records of the scenario {name}")
+    print(*found.lines(), f"tables: {folder}", sep="\n")
 
 
 def _in_words(found: "Alone", level: float) -> str:

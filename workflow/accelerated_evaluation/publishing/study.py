@@ -16,6 +16,9 @@ from accelerated_evaluation.records.checks import STOP
 from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.records.report import summary
 from accelerated_evaluation.records.sources import describe
+from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios.protocol import Scenario
 
 if TYPE_CHECKING:
     from accelerated_evaluation.laws import Factors
@@ -92,6 +95,21 @@ TABLES = {
     "traces": "happened/traces.csv",
     # Where each vehicle can no longer avoid the crash, by lead speed and range.
     "preventable": "happened/preventable.csv",
+    # Of another scenario than the cut-in: the records, and the range of each variable in them.
+    "scenario_encounters": "scenario/encounters.csv",
+    "scenario_records": "scenario/records.csv",
+    # Held-out scores and weights of the joint laws.
+    "scenario_laws": "scenario/laws.csv",
+    # The probability of each event, all that is not known included.
+    "scenario_answer": "scenario/answer.csv",
+    # Draws of the crash probability, and where its uncertainty comes from.
+    "scenario_draws": "scenario/draws.csv",
+    "scenario_budget": "scenario/budget.csv",
+    # Estimates of every replicate of every method under the heaviest law, and the runs of the surrogate.
+    "scenario_estimates": "scenario/estimates.csv",
+    "scenario_runs": "scenario/runs.csv",
+    # How many published verdicts the vehicle reproduces.
+    "scenario_agreement": "scenario/agreement.csv",
     # How often intervals hold the exact probability, by method and way to stop.
     "coverage": "coverage.csv",
 }
@@ -164,8 +182,22 @@ class Study:
     @property
     def source(self) -> str:
         """The description of the data."""
+        if self.scenario is not CUT_IN:
+            return f"scenario {self.scenario.name}: {self.config['scenario']['records']}"
         data = self.config["data"]
         return describe(data)
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario; results of version 0.2 do not name it, and are all of cut-ins."""
+        return SCENARIOS[self.config.get("scenario", {}).get("name", CUT_IN.name)]
+
+    @property
+    def scenario_headline(self) -> str:
+        """Study, scenario, vehicle and root seed as one line of Markdown."""
+        vehicle, seed = self.config["vehicle"]["name"], self.config["seed"]
+        what = as_markdown(self.scenario.description)
+        return f"Study **{self.name}**: {what}. Vehicle {as_markdown(vehicle)}. Root seed {seed}."
 
     @property
     def headline(self) -> str:

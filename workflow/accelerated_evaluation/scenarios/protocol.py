@@ -109,6 +109,12 @@ class Event:
     threshold: float = 0.0
     is_above: bool = False
 
+    @property
+    def in_words(self) -> str:
+        """Return the event as text, such as ``impact_speed above 5``."""
+        limit = f" {'above' if self.is_above else 'at most'} {self.threshold:g}"
+        return self.quantity + ("" if self.quantity == "crash" else limit)
+
     def happens(self, outcomes: Any) -> NDArray[np.bool_]:  # noqa: ANN401
         """Return whether the event happened in each simulated encounter."""
         values = getattr(outcomes, self.quantity)
@@ -163,8 +169,13 @@ class Scenario:
     read_records
         Function that reads a table of records and checks it. The result has the columns of the variables,
         `CLUSTER` (driver or device, as text) and `FITTED` (whether laws are fitted to the row).
-    records
-        File of the records that come with the project, relative to its root; None if there are none.
+    records, verdicts
+        File of the records that come with the project, and of published verdicts on a vehicle, relative to
+        the root of the project; None if there are none. Verdicts have the columns of the variables, ``crash``
+        and ``fragile`` (1 where rounding decides).
+    restrictions
+        Parts of the encounters for which the answer is also given, by name. Each is a function that returns
+        whether points of a law, shape (n, d), are in the part.
     to_inputs
         Function that maps points in the space of the law, shape (n, d), to what a vehicle receives, in the
         order of the variables, shape (n, d).
@@ -185,6 +196,8 @@ class Scenario:
     default_vehicle: str
     read_records: Callable[[Path], pd.DataFrame]
     records: Path | None = None
+    verdicts: Path | None = None
+    restrictions: Mapping[str, Callable[[Array], NDArray[np.bool_]]] = field(default_factory=dict)
     to_inputs: Callable[[Array], Array] = _as_they_are
     input_rules: Callable[[Mapping[str, Array]], list[Fault]] = _no_rules
     outcome_rules: Callable[[Mapping[str, Array]], list[Fault]] = _no_rules

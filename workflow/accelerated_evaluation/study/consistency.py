@@ -23,6 +23,13 @@ def _are_methods(names: Sequence[str]) -> bool:
     return set(names) >= COMPARED and all(name in METHODS for name in names)
 
 
+def _is_scenario(name: str) -> bool:
+    """Whether there is a scenario of this name."""
+    from accelerated_evaluation.scenarios import SCENARIOS
+
+    return name in SCENARIOS
+
+
 def _mean_what_they_say(compared: Mapping[str, Mapping]) -> bool:
     """Whether no label is that of the car under test, or of a built-in vehicle that the entry is not."""
     from accelerated_evaluation.vehicles import VEHICLES  # imports the compiler, which takes a second
@@ -89,6 +96,7 @@ CHECKS = (
         _is_own_folder,
         f"a name of at most {LONGEST} characters, on one line and none of {', '.join(sorted(FOLDERS))}",
     ),
+    Check(("scenario.name",), _is_scenario, "cut_in, left_turn, pedestrian or another scenario"),
     *_of_sources(),
     Check(
         ("methods",),

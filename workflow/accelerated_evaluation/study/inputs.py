@@ -2,13 +2,17 @@
 
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
 from accelerated_evaluation.base.digests import content_digest, value_digest
+from accelerated_evaluation.base.errors import InputError, located
+from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.records.sources import SOURCES, describe, record_files
 from accelerated_evaluation.records.verdict import require_checks
+from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.configuration import completed, read_yaml, resolved, validate
 from accelerated_evaluation.study.dependencies import without_unused
 from accelerated_evaluation.study.preflight import (
@@ -42,6 +46,8 @@ class StudyInputs:
     accepted
         Checks of the records whose warnings the user accepts. They are not in ``config``: they concern the
         last job alone, and an edit of them runs no other job again.
+    verdicts
+        Files of published verdicts on the vehicles of another scenario than the cut-in.
     """
 
     config: dict[str, Any]
@@ -49,6 +55,7 @@ class StudyInputs:
     vehicles: dict[str, dict[str, Any]]
     files: dict[str, list[str]]
     accepted: list[str]
+    verdicts: list[str] = field(default_factory=list)
 
     @classmethod
     def checked(
@@ -84,6 +91,8 @@ class StudyInputs:
             read_yaml(Path(path))
         config = completed(config)
         validate(config)
+        if config["scenario"]["name"] != CUT_IN.name:
+            return cls._of_scenario(config, project, cores=cores, is_main_process=is_main_process)
         records = record_files(config["data"][config["data"]["source"]])
         limits = Path("results") / config["study"] / "limits.json"
         config = without_unused(resolved(config, records, limits, trust=not is_main_process), SOURCES)
@@ -100,6 +109,33 @@ class StudyInputs:
         inputs = cls(config, record_files(source), vehicles, files, accepted)
         require_plain([*inputs.records, *inputs.files_of(*vehicles)])
         return inputs
+
+    @classmethod
+    def _of_scenario(
+        cls, config: dict[str, Any], project: Path, *, cores: int | None, is_main_process: bool
+    ) -> Self:
+        """Check what the configuration of another scenario than the cut-in names; see `checked`."""
+        scenario = SCENARIOS[config["scenario"]["name"]]
+        path = config["scenario"]["records"] or scenario.records
+        if path is None:
+            raise InputError(
+                "scenario.records",
+                seen="null",
+                expected="the file of the records",
+                change=f"Name it; no records of the scenario {scenario.name} come with the project.",
+            )
+        if not Path(path).exists() and (project / path).exists():
+            path = project / path
+        if is_main_process:
+            require_cores(cores)
+            require_places(Path("results") / config["study"], Path("figures") / config["study"])
+        require_file(path, "Correct scenario.records.")
+        config = {**config, "scenario": {**config["scenario"], "records": str(path)}}
+        with located("vehicle.name or vehicle.parameters"):
+            files = section_files(config["vehicle"], scenario)
+        require_plain([str(path), *files])
+        verdicts = [str(project / scenario.verdicts)] if scenario.verdicts else []
+        return cls(config, [str(path)], {UNDER_TEST: config["vehicle"]}, {UNDER_TEST: files}, [], verdicts)
 
     @property
     def source(self) -> dict[str, Any]:
@@ -126,7 +162,8 @@ class StudyInputs:
         threads, an edit of which runs nothing again.
         """
         settings = self.config["simulations"]
-        slow = any(is_slow(self.vehicles[name]["name"], settings) for name in names)
+        scenario = SCENARIOS[self.config["scenario"]["name"]]
+        slow = any(is_slow(self.vehicles[name]["name"], settings, scenario) for name in names)
         used = [key for key in settings if key != "workers" and (slow or key == "keep_class")]
         return settings["workers"] if slow else 1, part(settings, *used)
 

@@ -15,6 +15,7 @@ from accelerated_evaluation.publishing.study import Study
 from accelerated_evaluation.publishing.tables.exact import contradictions
 from accelerated_evaluation.publishing.tables.formats import readable, to_markdown
 from accelerated_evaluation.publishing.tables.paper_numbers import PAPER_PROBABILITY
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 
 PROJECT = Path(__file__).resolve().parents[4]
 # Those that the numbers, the figures and the pages are made with; environment.txt pins all others too.
@@ -41,18 +42,23 @@ def known_to_pages(study: Study, records: Iterable[str]) -> dict[str, Any]:
     records
         Files of the records, whose checksums are on the last page.
     """
-    claims = pd.read_csv(study.figures / "tables" / "claims.csv")
-    claims = claims[list(CLAIM_COLUMNS)].rename(columns=CLAIM_COLUMNS).map(readable)
-    return {
-        "crash": study.answer.set_index("event").loc["crash"],
+    common = {
         "vehicle": study.config["vehicle"],
-        "paper_probability": PAPER_PROBABILITY,
-        "claims": to_markdown(claims),
-        "contradicted": contradictions(study.truth, study.crude),
         "commit": commit_of(PROJECT),
         "checksums": {str(path): _checksum(Path(path)) for path in records},
         "versions": {"Python": platform.python_version()} | {name: version(name) for name in PACKAGES},
         "configuration": yaml.safe_dump(study.config, allow_unicode=True, sort_keys=False).strip(),
+    }
+    if study.scenario is not CUT_IN:
+        answer = study.scenario_answer
+        return common | {"crash": answer.iloc[0], "answers": answer.to_dict("records")}
+    claims = pd.read_csv(study.figures / "tables" / "claims.csv")
+    claims = claims[list(CLAIM_COLUMNS)].rename(columns=CLAIM_COLUMNS).map(readable)
+    return common | {
+        "crash": study.answer.set_index("event").loc["crash"],
+        "paper_probability": PAPER_PROBABILITY,
+        "claims": to_markdown(claims),
+        "contradicted": contradictions(study.truth, study.crude),
     }
 
 

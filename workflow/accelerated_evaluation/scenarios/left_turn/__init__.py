@@ -13,6 +13,8 @@ from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.crossing import CrossingOutcomes
 from accelerated_evaluation.scenarios.protocol import Event, Scenario, Variable
 
+SLOWEST = 0.2  # [m/s], of the turning car; below it the host waits, and rounding decides the outcome
+
 
 def _read_records(path: Path) -> pd.DataFrame:
     from accelerated_evaluation.scenarios.left_turn.records import read_records
@@ -47,5 +49,7 @@ LEFT_TURN = SCENARIOS.add("left_turn")(
         default_vehicle="acc_aeb",
         read_records=_read_records,
         records=Path("data/left_turn/records.parquet"),
+        verdicts=Path("data/left_turn/verdicts.csv.gz"),
+        restrictions={"turning speed 0.2 m/s or more": lambda x: x[:, 1] >= SLOWEST},
     )
 )

@@ -1,0 +1,114 @@
+"""The study of a scenario: restricted laws, agreement with verdicts, and what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation import cli
+from accelerated_evaluation.answer.scenario import Restricted, read_scenario_records, records_account
+from accelerated_evaluation.answer.scenario_methods import agreement, read_verdicts
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.laws.joint import Box
+from accelerated_evaluation.laws.joint.files import write_joint_law
+from accelerated_evaluation.laws.joint.truncated import Normals
+from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
+from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
+from accelerated_evaluation.vehicles.loading import load_vehicle
+from scipy.stats import truncnorm
+
+ROOT = Path(__file__).resolve().parents[2]
+MEAN, DEVIATION = np.array([14.0, 7.0, 100.0]), np.array([5.0, 3.0, 10.0])
+
+
+def law():
+    box = Box(LEFT_TURN.names, (0.0, 0.0, 0.0), (35.0, 60.0, 150.0))
+    return TruncatedNormalMixture(np.ones(1), Normals(MEAN[None], np.diag(DEVIATION**2)[None], box))
+
+
+def test_a_restricted_law_is_the_conditional_distribution():
+    generator = np.random.default_rng(1)
+    found = Restricted.of(law(), lambda x: x[:, 1] >= 9, generator)
+    low, high = (0 - 7) / 3, (60 - 7) / 3
+    share = truncnorm(low, high, 7, 3).sf(9)
+    assert found.share == pytest.approx(share, abs=4 * np.sqrt(share * (1 - share) / 20_000))
+    x = found.sample(20_000, generator)
+    expected = truncnorm((9 - 7) / 3, high, 7, 3)
+    assert x[:, 1].min() >= 9
+    assert x[:, 1].mean() == pytest.approx(expected.mean(), abs=4 * expected.std() / np.sqrt(20_000))
+    inside, outside = np.array([[14.0, 10.0, 100.0]]), np.array([[14.0, 8.0, 100.0]])
+    assert found.log_density(inside) == pytest.approx(law().log_density(inside) - np.log(found.share))
+    assert found.log_density(outside) == -np.inf
+
+
+def test_firm_verdicts_are_reproduced_and_wrong_ones_counted():
+    verdicts = read_verdicts(LEFT_TURN, [str(ROOT / LEFT_TURN.verdicts)]).iloc[:3000]
+    vehicle = load_vehicle("acc_aeb", LEFT_TURN)
+    firm = agreement(LEFT_TURN, vehicle, verdicts).set_index("kind").loc["firm"]
+    assert firm["agree"] >= 0.999 * firm["verdicts"]
+    wrong = verdicts.assign(
+        crash=verdicts["crash"].where(verdicts.index != verdicts.index[-1], 1 - verdicts["crash"])
+    )
+    changed = agreement(LEFT_TURN, vehicle, wrong).sum(numeric_only=True)
+    kept = agreement(LEFT_TURN, vehicle, verdicts).sum(numeric_only=True)
+    assert abs(changed["agree"] - kept["agree"]) == 1
+    assert agreement(LEFT_TURN, vehicle, read_verdicts(LEFT_TURN, []))["verdicts"].sum() == 0
+
+
+def test_the_account_of_the_records_counts_every_row():
+    table = read_scenario_records(LEFT_TURN, ROOT / LEFT_TURN.records)
+    account = records_account(LEFT_TURN, table).iloc[0]
+    assert account["records"] == len(table) == 1055
+    assert account["fitted"] + account["repeated"] == 1055
+    assert account["clusters"] == 115
+
+
+def test_a_law_without_mass_at_the_event_is_named(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_joint_law("far.json", law(), "a law of left turns with long distances alone")
+    arguments = ["estimate", "--scenario", "left_turn", "--law", "far.json", "--method", "crude"]
+    Path("few.yaml").write_text("study: far\nimportance_sampling: {maximum_simulations: 2000}\n")
+    assert cli.main([*arguments, "--config", "few.yaml"]) == 2
+    error = capsys.readouterr().err
+    assert (
+        "the law far.json: seen no crash of the vehicle acc_aeb in 2,000 runs; expected a law with" in error
+    )
+    assert not Path("results/far/estimate").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--scenario", "left_trun"], 'scenario.name: seen "left_trun"; expected cut_in, left_turn'),
+        (
+            ["--scenario", "left_turn", "--law", "paper"],
+            "--law: seen 'paper'; expected answer, gaussian_copula",
+        ),
+        (
+            ["--scenario", "left_turn", "--compare", "x"],
+            "--compare: seen the scenario left_turn; expected cut_in",
+        ),
+        (["--scenario", "left_turn", "--law", "kernel", "--method", "single"], "needs a law of cut-ins"),
+    ],
+)
+def test_options_that_do_not_fit_the_scenario_are_named(monkeypatch, capsys, options, message):
+    monkeypatch.chdir(ROOT)
+    assert cli.main(["estimate", *options]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_records_outside_the_limits_are_left_out_and_unreadable_ones_refused(tmp_path):
+    table = pd.DataFrame(
+        {
+            "sdv_speed_mps": [10, 99],
+            "turning_speed_mps": [5, 5],
+            "distance_to_conflict_m": [50, 50],
+            "driver": [1, 2],
+        }
+    )
+    table.to_csv(tmp_path / "records.csv", index=False)
+    read = read_scenario_records(LEFT_TURN, tmp_path / "records.csv")
+    assert read["fitted"].tolist() == [True, False]
+    table.drop(columns="driver").to_csv(tmp_path / "records.csv", index=False)
+    with pytest.raises(InputError, match="column 'driver'"):
+        read_scenario_records(LEFT_TURN, tmp_path / "records.csv")

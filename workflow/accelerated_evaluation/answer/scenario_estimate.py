@@ -1,0 +1,133 @@
+"""The estimate for one vehicle in another scenario than the cut-in, by some 150 runs."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from accelerated_evaluation.answer.averaged import answer_in_words, budget_in_words
+from accelerated_evaluation.answer.chosen_law import ANSWER
+from accelerated_evaluation.answer.joint.scores import Candidate
+from accelerated_evaluation.answer.scenario import (
+    ScenarioStudy,
+    clustered_records,
+    read_scenario_records,
+)
+from accelerated_evaluation.answer.scenario_methods import METHODS_OF_SCORES, compare_methods
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.laws.joint import JOINT_LAWS, JointLaw
+from accelerated_evaluation.laws.joint.files import read_joint_law
+from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.scenarios.protocol import Scenario
+from accelerated_evaluation.vehicles.external.slow import loaded_for
+from accelerated_evaluation.vehicles.loading import load_vehicle
+
+
+@dataclass(frozen=True)
+class ScenarioEstimate:
+    """The estimate for one vehicle in a scenario.
+
+    Attributes
+    ----------
+    tables
+        ``laws``, ``answer``, ``budget`` and ``draws`` under all laws; ``estimate`` and ``runs`` under one.
+    law
+        The law with the largest weight, or the one that was named.
+    """
+
+    tables: Mapping[str, pd.DataFrame]
+    law: JointLaw
+
+    def lines(self) -> list[str]:
+        """Return the estimate in lines of text."""
+        if "answer" in self.tables:
+            row = self.tables["answer"].iloc[0].to_dict()
+            runs = f"simulated: {row['simulations']:,} encounters"
+            words = answer_in_words(row | {"per_km": np.nan}, "an encounter")
+            return [*words, *budget_in_words(self.tables["budget"]), runs]
+        return [
+            f"crash probability under this law: {row.probability:.3g}, interval of the sampling alone "
+            f"{row.ci_low:.2g} to {row.ci_high:.2g}; {'' if row.converged else 'not '}converged after "
+            f"{row.learning + row.estimating:,} encounters, {row.events:,} of them crashes"
+            for row in self.tables["estimate"].itertuples()
+        ]
+
+
+def estimate_scenario(
+    config: Mapping[str, Any], law: str = ANSWER, replicates: int = 1, method: str = "surrogate"
+) -> ScenarioEstimate:
+    """Estimate the crash probability of the vehicle of a configuration in its scenario.
+
+    Parameters
+    ----------
+    config
+        A complete, valid configuration.
+    law
+        ``answer`` for all joint laws by their weights, with the uncertainty in the law and its parameters; a
+        kind of joint law, which is fitted to the records; or the file of a joint law.
+    replicates
+        Number of independent replicates under one law.
+    method
+        Method under one law.
+
+    Raises
+    ------
+    InputError
+        If the records, the law, the method or the vehicle cannot be used, or no run ended in a crash.
+    """
+    if method not in METHODS_OF_SCORES:
+        raise InputError(
+            "--method",
+            seen=f"{method!r}, which needs a law of cut-ins or does not exist",
+            expected=f"one of {', '.join(METHODS_OF_SCORES)}",
+            change="Name one of these.",
+        )
+    scenario, seed = SCENARIOS[config["scenario"]["name"]], config["seed"]
+    with loaded_for(config["vehicle"], config["simulations"], scenario) as vehicle:
+        if law == ANSWER:
+            records = read_scenario_records(scenario, _path(config))
+            known = load_vehicle(scenario.default_vehicle, scenario)
+            study = ScenarioStudy.of(scenario, records, known, seed, config["scenario"]["draws"])
+            tables = study.answer_by_few_runs(vehicle, seed)
+            return ScenarioEstimate(tables | {"laws": study.table}, study.heaviest)
+        chosen = chosen_law(scenario, law, config)
+        repeated = {
+            name: {**config[name], "replicates": replicates} for name in ("importance_sampling", "surrogate")
+        }
+        settings = {**config, **repeated}
+        made = compare_methods(scenario, {law: chosen}, vehicle, settings, [method])
+    estimate = made.pop("estimates")
+    if not estimate["events"].any():
+        runs = int((estimate["learning"] + estimate["estimating"]).sum())
+        raise InputError(
+            f"the law {law}",
+            seen=f"no crash of the vehicle {config['vehicle']['name']} in {runs:,} runs",
+            expected="a law with probability where crashes happen",
+            change="Name another law, check its limits, or allow more runs (surrogate.maximum_calls).",
+        )
+    return ScenarioEstimate(made | {"estimate": estimate}, chosen)
+
+
+def chosen_law(scenario: Scenario, law: str, config: Mapping[str, Any]) -> JointLaw:
+    """Return a joint law: that of a file, or of a kind that is fitted to the records of the configuration."""
+    if law.endswith(".json"):
+        return read_joint_law(law)
+    if law not in JOINT_LAWS:
+        raise InputError(
+            "--law",
+            seen=repr(law),
+            expected=f"{ANSWER}, {', '.join(JOINT_LAWS)} or the file of a joint law (.json)",
+            change="Name one of these.",
+        )
+    records = clustered_records(scenario, read_scenario_records(scenario, _path(config)))
+    return Candidate(law, law, {}).fit(records, child_generator(config["seed"], "scenario", "law", law))
+
+
+def _path(config: Mapping[str, Any]) -> Path | None:
+    """Return the file of the records that a configuration names, if it names one."""
+    records = config["scenario"]["records"]
+    return None if records is None else Path(records)

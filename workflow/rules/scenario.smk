@@ -1,0 +1,100 @@
+# Scenario: from the records of another scenario than the cut-in to one probability, with all methods compared.
+#
+# In: the records and published verdicts of the scenario, the vehicle. Out: the account of the records, the laws with
+# their scores, the answer with its budget and draws, the heaviest law, the estimates of every method, the agreement
+# with the verdicts.
+
+OF_SCENARIO = {
+    "vehicles": [config["vehicle"]["name"]],
+    SCENARIO: [config["vehicle"]["name"]],
+}
+VERDICTS = INPUTS.verdicts
+
+
+rule study_scenario:
+    """Account for the records, fit and score the laws, and give the answer with all that is not known."""
+    input:
+        records=ancient(RECORDS),
+        vehicle=ancient(VEHICLE_FILES),
+        library=modules_of("study_scenario.py", members=OF_SCENARIO),
+    output:
+        encounters=result("scenario", "encounters.csv"),
+        account=result("scenario", "records.csv"),
+        laws=result("scenario", "laws.csv"),
+        answer=result("scenario", "answer.csv"),
+        budget=result("scenario", "budget.csv"),
+        draws=result("scenario", "draws.csv"),
+        law=result("scenario", "law.json"),
+    log:
+        log_of("study_scenario.log"),
+    benchmark:
+        benchmark_of("study_scenario.tsv")
+    threads: WORKERS
+    resources:
+        mem_mb=2000,
+    params:
+        seed=config["seed"],
+        content=content_of_records,
+        scenario=config["scenario"],
+        vehicle=config["vehicle"],
+        vehicle_content=VEHICLE_CONTENT,
+        simulations=SIMULATIONS,
+    message:
+        "Weighting the laws of the scenario {params.scenario[name]}, and drawing the answer"
+    script:
+        "../scripts/study_scenario.py"
+
+
+rule compare_scenario_methods:
+    """Estimate the probability of the crash under the heaviest law by every method of normal scores."""
+    input:
+        law=rules.study_scenario.output.law,
+        vehicle=ancient(VEHICLE_FILES),
+        library=modules_of("compare_scenario_methods.py", members=OF_SCENARIO),
+    output:
+        estimates=result("scenario", "estimates.csv"),
+        runs=result("scenario", "runs.csv"),
+    log:
+        log_of("compare_scenario_methods.log"),
+    benchmark:
+        benchmark_of("compare_scenario_methods.tsv")
+    threads: WORKERS
+    resources:
+        mem_mb=1000,
+    params:
+        config=part(
+            config, "study", "seed", "scenario", "importance_sampling", "surrogate"
+        ),
+        vehicle=config["vehicle"],
+        vehicle_content=VEHICLE_CONTENT,
+        simulations=SIMULATIONS,
+    message:
+        "Comparing the methods on the scenario {params.config[scenario][name]}"
+    script:
+        "../scripts/compare_scenario_methods.py"
+
+
+rule compare_verdicts:
+    """Compare the vehicle with the published verdicts of the scenario; an empty table if there are none."""
+    input:
+        verdicts=ancient(VERDICTS),
+        vehicle=ancient(VEHICLE_FILES),
+        library=modules_of("compare_verdicts.py", members=OF_SCENARIO),
+    output:
+        agreement=result("scenario", "agreement.csv"),
+    log:
+        log_of("compare_verdicts.log"),
+    benchmark:
+        benchmark_of("compare_verdicts.tsv")
+    threads: WORKERS
+    resources:
+        mem_mb=1000,
+    params:
+        scenario=SCENARIO,
+        vehicle=config["vehicle"],
+        vehicle_content=VEHICLE_CONTENT,
+        simulations=SIMULATIONS,
+    message:
+        "Comparing the vehicle with published verdicts"
+    script:
+        "../scripts/compare_verdicts.py"

@@ -1,0 +1,17 @@
+"""Compare a vehicle with the published verdicts of its scenario."""
+
+from accelerated_evaluation.answer.scenario_methods import agreement, read_verdicts
+from accelerated_evaluation.base.files import write_csv
+from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.study.jobs import job
+from accelerated_evaluation.vehicles.external.slow import loaded_for
+
+if __name__ == "__main__":
+    with job(snakemake.log[0]):
+        params = snakemake.params
+        scenario = SCENARIOS[params.scenario]
+        verdicts = read_verdicts(scenario, snakemake.input.verdicts)
+        with loaded_for(
+            params.vehicle, params.simulations | {"workers": snakemake.threads}, scenario
+        ) as vehicle:
+            write_csv(snakemake.output.agreement, agreement(scenario, vehicle, verdicts))

@@ -1,0 +1,28 @@
+"""Account for the records of a scenario, weight its laws, and write the answer with its tables."""
+
+from pathlib import Path
+
+from accelerated_evaluation.answer.scenario import ScenarioStudy, read_scenario_records, records_account
+from accelerated_evaluation.base.files import write_csv
+from accelerated_evaluation.laws.joint.files import write_joint_law
+from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.study.jobs import job
+from accelerated_evaluation.vehicles.external.slow import loaded_for
+from accelerated_evaluation.vehicles.loading import load_vehicle
+
+if __name__ == "__main__":
+    with job(snakemake.log[0]):
+        files, params, settings = snakemake.input, snakemake.params, snakemake.params.scenario
+        outputs = dict(snakemake.output.items())
+        scenario = SCENARIOS[settings["name"]]
+        records = read_scenario_records(scenario, Path(files.records[0]))
+        known = load_vehicle(scenario.default_vehicle, scenario)
+        study = ScenarioStudy.of(scenario, records, known, params.seed, settings["draws"])
+        with loaded_for(
+            params.vehicle, params.simulations | {"workers": snakemake.threads}, scenario
+        ) as vehicle:
+            tables = study.answers(vehicle, params.seed, settings["simulations"])
+        write_joint_law(outputs.pop("law"), study.heaviest, f"records of the scenario {scenario.name}")
+        tables |= {"encounters": records, "account": records_account(scenario, records), "laws": study.table}
+        for name, path in outputs.items():
+            write_csv(path, tables[name])
