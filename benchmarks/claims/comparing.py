@@ -43,12 +43,15 @@ class Mean:
         variances = np.square([self.error, other.error])
         if not variances.sum():
             return float(math.isclose(self.value, other.value, rel_tol=1e-9))
-        freedom = variances.sum() ** 2 / sum(variances**2 / [self.freedom, other.freedom])
+        with np.errstate(divide="ignore"):  # both errors are known: infinitely many degrees of freedom
+            freedom = variances.sum() ** 2 / (variances**2 / [self.freedom, other.freedom]).sum()
         return float(2 * t.sf(abs(self.value - other.value) / math.sqrt(variances.sum()), freedom))
 
     def __str__(self) -> str:
-        error = f" ± {self.error:.2g}" if self.error else ""
-        return f"{self.value:,.0f}{error}" if abs(self.value) >= 100 else f"{self.value:.3g}{error}"
+        is_count = 100 <= abs(self.value) < 1e6
+        value = f"{self.value:,.0f}" if is_count else f"{self.value:.3g}"
+        error = f"{self.error:,.0f}" if is_count and self.error >= 10 else f"{self.error:.2g}"
+        return f"{value} ± {error}" if self.error else value
 
 
 @dataclass(frozen=True)

@@ -92,7 +92,7 @@ def settled(files, capsys) -> tuple[int, dict[str, str]]:
     """Return the exit status, and the verdict of each claim as it is printed."""
     status = main(["sampler"], files)
     rows = [
-        row.split("|")[1:-1] for row in capsys.readouterr().out.splitlines() if row.startswith("| 6 sampler")
+        row.split("|")[1:-1] for row in capsys.readouterr().out.splitlines() if row.startswith("| 7 sampler")
     ]
     return status, {row[1].strip(): row[-1].strip() for row in rows}
 

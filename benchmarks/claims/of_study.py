@@ -1,0 +1,169 @@
+"""Claims about the study: the paper's numbers, the answer, counted crashes and injuries."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from accelerated_evaluation.laws.files import read_law
+from accelerated_evaluation.methods.importance_sampling import crude_simulations
+from accelerated_evaluation.records.encounter_table import read_encounters
+from comparing import Claim, Exactly, Mean
+from sources import Files
+
+ALPHA = BETA = 0.2  # of the study
+SEARCHES = 5  # replicates use the proposals of the searches in turn
+REFITS = DRAWS = 500  # bootstrap refits and posterior draws of the study
+QUANTILES = {"median": 0.5, "low50": 0.25, "high50": 0.75, "low80": 0.1, "high80": 0.9}
+QUANTILES |= {"low95": 0.025, "high95": 0.975}
+HUMAN, DRIVER, TESTED = "cc_human", "human", "under test"
+NEAR_CRASH = "near-crash: cut-in in front of the subject, rear-end conflict"
+CRASH = "crash: cut-in in front of the subject, rear-end conflict"
+PREDICTED = ("crash", "near-crash, 0.5 g")  # events of the human driver
+SERIOUS, DISTANCE = "MAIS3+", "million kilometres"
+
+
+def paper(files: Files) -> Iterator[Claim]:
+    """Yield the claims about the paper's methods under the paper's model."""
+    pairs = [
+        (_probability(folder / "exact.csv"), _sizes(folder / "estimates.csv"))
+        for folder in (files.tables, files.study)
+    ]
+    (probability, sizes), (found, found_sizes) = pairs
+    yield Claim("crash probability of one lane change", probability, found)
+    for method in ("piecewise", "single"):
+        text = f"simulations to converge, {method}, mean"
+        yield Claim(text, sizes[method], found_sizes[method])
+    yield Claim("single / piecewise", *(size["single"].over(size["piecewise"]) for _, size in pairs))
+    crude = [_crude(of_model) for of_model, _ in pairs]
+    yield Claim("simulations to converge, crude Monte Carlo", *crude)
+    ratios = (number.over(size["piecewise"]) for number, (_, size) in zip(crude, pairs, strict=True))
+    yield Claim("crude / piecewise", *ratios)
+    yield Claim("fitted parameters, piecewise", *_fitted(files))
+    budgets = [
+        pd.read_csv(folder / "uncertainty.csv").set_index("source") for folder in (files.tables, files.study)
+    ]
+    yield Claim(
+        "share of sampling in the variance is under 1 %", *(_under(budget, 0.01) for budget in budgets)
+    )
+    yield Claim("share of finite data in the variance", *map(_share_of_data, budgets))
+
+
+def _probability(path: Path) -> Mean:
+    row = pd.read_csv(path).set_index("segment").loc["all"]
+    return Mean(row["probability"], row["standard_error"])
+
+
+def _sizes(path: Path) -> dict[str, Mean]:
+    """Return the simulations to converge; replicates with the proposal of one search count as one value."""
+    table = pd.read_csv(path).query("scope == 'all'")
+    table["size"] = table["simulations" if "simulations" in table else "estimating"]
+    by_search = table.groupby(["method", table["replicate"] % SEARCHES])["size"].mean()
+    return {method: Mean.of(by_search[method]) for method in ("piecewise", "single")}
+
+
+def _crude(probability: Mean) -> Mean:
+    number = crude_simulations(probability.value, ALPHA, BETA)
+    return Mean(number, number * probability.error / probability.value)
+
+
+def _fitted(files: Files) -> tuple[Mean, Mean]:
+    published = pd.read_csv(files.tables / "claims.csv").set_index("claim")["ours"]
+    encounters = read_encounters(files.study / "encounters.parquet")
+    law = read_law(files.study / "models" / "two_pieces.json", encounters)
+    return Mean(published["fitted parameters, piecewise"]), Mean(law.n_parameters)
+
+
+def _under(budget: pd.DataFrame, bound: float) -> Exactly:
+    return Exactly("yes" if budget.loc["sampling", "variance_share"] < bound else "no")
+
+
+def _share_of_data(budget: pd.DataFrame) -> Mean:
+    """Return the share, with the standard error of a variance that `REFITS` normal values estimate."""
+    share = budget.loc["data", "variance_share"]
+    return Mean(share, share * (1 - share) * np.sqrt(2 / (REFITS - 1)), REFITS - 1)
+
+
+def answer(files: Files) -> Iterator[Claim]:
+    """Yield the claims about the recommended number; of the published draws only quantiles are kept."""
+    published = pd.read_csv(files.tables / "answer.csv").set_index("event").loc["crash"]
+    draws = pd.read_csv(files.study / "laws" / "answer_draws.csv")["probability"].to_numpy()
+    mean = Mean.of(draws)
+    yield Claim("crash of a cut-in, mean", Mean(published["probability"], mean.error, mean.freedom), mean)
+    for name, level in QUANTILES.items():
+        # As the normal quantiles of a binomial rank: a quantile lies between the draws at these two levels.
+        reach = np.sqrt(level * (1 - level) / draws.size)
+        low, high = np.quantile(draws, np.clip([level - reach, level + reach], 0, 1))
+        error = (high - low) / 2
+        found = Mean(np.quantile(draws, level), error, draws.size - 1)
+        yield Claim(f"crash of a cut-in, {name}", Mean(published[name], error, draws.size - 1), found)
+
+
+def counted(files: Files) -> Iterator[Claim]:
+    """Yield the claims about predicted and counted crashes."""
+    pair = [pd.read_csv(path / "counted_crashes.csv") for path in (files.tables, files.study)]
+    yield Claim("vehicles whose predictions the counts contradict", *map(_contradicted, pair))
+    yield Claim("crashes and near-crashes of the 100-Car study", *map(_of_hundred_cars, pair))
+    yield Claim("predicted crashes of cc_human there", *map(_of_human, pair))
+    humans = [pd.read_csv(path / "human_predictions.csv") for path in (files.tables, files.study)]
+    for event in PREDICTED:
+        text = f"events predicted for the driver from data: {event}"
+        yield Claim(text, *(_of_driver(table, event) for table in humans))
+
+
+def _contradicted(table: pd.DataFrame) -> Exactly:
+    return Exactly(", ".join(sorted(table.loc[table["verdict"] == "more than were counted", "who"])))
+
+
+def _of_hundred_cars(table: pd.DataFrame) -> Exactly:
+    counts = table[table["who"] == "100-Car"].set_index("what")["count"]
+    return Exactly(" and ".join(f"{counts[what]:.0f}" for what in (CRASH, NEAR_CRASH)))
+
+
+def _of_human(table: pd.DataFrame) -> Mean:
+    """Return the number; its error is that of a mean of `DRAWS` draws with the published 95 % interval."""
+    row = table.set_index("who").loc[HUMAN]
+    relative = (row["high95"] - row["low95"]) / (2 * 1.96) / row["per_million_miles"]
+    return Mean(row["in_hundred_car"], row["in_hundred_car"] * relative / np.sqrt(DRAWS), DRAWS - 1)
+
+
+def _of_driver(table: pd.DataFrame, event: str) -> Mean:
+    """Return the number; the error is that of a mean of `DRAWS` draws with the published 90 % limits."""
+    row = table[(table["driver"] == DRIVER) & (table["event"] == event)].iloc[0]
+    return Mean(row["expected"], (row["high90"] - row["low90"]) / (2 * 1.645) / np.sqrt(DRAWS), DRAWS - 1)
+
+
+def injuries(files: Files) -> Iterator[Claim]:
+    """Yield the claims about injured drivers, and about the curves of the risk of injury."""
+    folders = (files.tables, files.study / "laws")
+    pair = [pd.read_csv(folder / "injuries.csv") for folder in folders]
+    for level in pair[0]["level"].unique():
+        text = f"drivers per million kilometres, injury {level}, median"
+        yield Claim(text, *(_injured(table, level) for table in pair))
+    budgets = [pd.read_csv(folder / "injury_budget.csv") for folder in folders]
+    yield Claim(f"share of the choice of curve, injury {SERIOUS}", *map(_share_of_curve, budgets))
+    balances = [pd.read_csv(folder / "risk_balance.csv") for folder in folders]
+    yield Claim(f"ratio to cc_human, injury {SERIOUS}", *map(_ratio_to_human, balances))
+
+
+def _injured(table: pd.DataFrame, level: str) -> Mean:
+    rows = table[(table["vehicle"] == TESTED) & (table["per"] == DISTANCE)].set_index("level")
+    return _median(rows.loc[level])
+
+
+def _median(row: pd.Series) -> Mean:
+    """Return a median of `DRAWS` draws; its error is 1 / (2 f √n), with the density f from the quartiles."""
+    return Mean(row["median"], (row["high50"] - row["low50"]) / np.sqrt(DRAWS), DRAWS - 1)
+
+
+def _share_of_curve(table: pd.DataFrame) -> Mean:
+    """Return the share, with the standard error of a variance that `DRAWS` normal values estimate."""
+    share = table.set_index(["level", "source"]).loc[(SERIOUS, "choice of curve"), "variance_share"]
+    return Mean(share, share * (1 - share) * np.sqrt(2 / (DRAWS - 1)), DRAWS - 1)
+
+
+def _ratio_to_human(table: pd.DataFrame) -> Mean:
+    """Return the median of the ratio; its quartiles are half as far apart as its 80 % limits."""
+    row = table[(table["reference"] == HUMAN) & (table["level"] == SERIOUS)].iloc[0]
+    error = (row["ratio_high80"] - row["ratio_low80"]) / 2 / np.sqrt(DRAWS)
+    return Mean(row["ratio"], error, DRAWS - 1)
