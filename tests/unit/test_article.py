@@ -168,7 +168,8 @@ def no_exposure(numbers):
     """Records of an unknown distance: there are no rates, and counts cannot be compared."""
     numbers["answer"] |= {"rate": None, "million_km": None}
     numbers["injuries"]["per"] = "cut-in"
-    numbers["counted"] |= {"known": False, "tested": None, "human": None, "too_many": [], "compatible": []}
+    nothing = {"tested": None, "human": None, "driver": None, "too_many": [], "compatible": []}
+    numbers["counted"] |= {"known": False} | nothing
 
 
 def another_vehicle(numbers):

@@ -15,7 +15,7 @@ MAIN_PROBLEM, SURROGATE = "segment_5_15", "surrogate"
 PUBLIC = ("nais", "nais_25", "cross_entropy", "subset", "form", "enkf")  # methods of public tools
 OWN, THEIRS = "this project", "paper"  # procedures in the benchmark of worlds
 TOGETHER, PAPER_LAW = "all laws, weighed", "paper: independent"
-HUMAN, TESTED, SERIOUS = "cc_human", "under test", "MAIS3+"
+HUMAN, DRIVER, TESTED, SERIOUS = "cc_human", "human", "under test", "MAIS3+"
 CRASH = "crash: cut-in in front of the subject"
 NEAR_CRASH = "near-crash: cut-in in front of the subject, rear-end conflict"
 
@@ -185,7 +185,18 @@ def _counted(tables: Tables) -> dict[str, Any]:
         "human": by.get(HUMAN),
         "too_many": too_many.tolist(),
         "compatible": [who for who in predicted["who"] if who not in set(too_many)],
+        "driver": _driver(tables["human_predictions"]),
     }
+
+
+def _driver(predictions: pd.DataFrame) -> dict[str, Any] | None:
+    """Return the predicted and counted events of the driver from data; None if no number can be predicted."""
+    rows = predictions[predictions["driver"] == DRIVER].set_index("event")
+    if rows["expected"].isna().all():
+        return None
+    columns = ["expected", "low90", "high90", "counted", "verdict"]
+    events = {"crash": "crash", "near": "near-crash, 0.5 g"}
+    return {"level": 90} | {key: rows.loc[event, columns].to_dict() for key, event in events.items()}
 
 
 def _injuries(tables: Tables) -> dict[str, Any]:
