@@ -48,6 +48,11 @@ def test_no_number_of_a_result_is_typed():
     assert typed_numbers((ARTICLE / TEXT).read_text()) == []
 
 
+def test_no_semicolon_follows_a_number():
+    """It would end the code in front of it, and not be printed."""
+    assert not re.findall(r"#[a-z][\w.-]*(?:\([^()]*\))?;", (ARTICLE / TEXT).read_text())
+
+
 @pytest.mark.parametrize(
     ("text", "typed"),
     [
