@@ -13,13 +13,13 @@ from accelerated_evaluation.answer.averaged import AveragedSurrogate, posterior_
 from accelerated_evaluation.answer.chosen_law import ANSWER, choose_sampled_law
 from accelerated_evaluation.answer.estimation import read_records
 from accelerated_evaluation.answer.family_file import fit_or_read
+from accelerated_evaluation.answer.references import under_draws
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
-from accelerated_evaluation.laws.smooth.mean import MeanLaw
 from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.study.configuration import load
@@ -51,17 +51,6 @@ def mapped(name: str, config: dict, records: DistinctRecords, family: Path) -> t
     return lines, pd.Series(np.quantile(independent, list(LEVELS.values())), LEVELS)
 
 
-def exact(lines: CrashLines, law: MeanLaw) -> np.ndarray:
-    """Return the probability on the lines under every draw of the law that is sampled."""
-    draws = law.draws
-    return np.array(
-        [
-            lines.probability(draws.ranges[shared], speeds)
-            for shared, speeds in zip(draws.shared, draws.laws, strict=True)
-        ]
-    )
-
-
 def run(name: str, seeds: int, output: Path) -> None:
     """Append the rows of the seeds that a table does not have yet."""
     config = load()
@@ -70,8 +59,9 @@ def run(name: str, seeds: int, output: Path) -> None:
     family = Path("results", config["study"], "laws", "family.npz")
     _, law = choose_sampled_law(ANSWER, encounters, config)
     lines, independent = mapped(name, config, records, family)
-    known = exact(lines, law)
-    reference = known if name == REFERENCE else exact(mapped(REFERENCE, config, records, family)[0], law)
+    known = under_draws(lines, law.draws)
+    careful = lines if name == REFERENCE else mapped(REFERENCE, config, records, family)[0]
+    reference = under_draws(careful, law.draws)
     sections = [config["vehicle"], *compared_sections(config["compared_vehicles"]).values()]
     parameters = next(section["parameters"] for section in sections if section["name"] == name)
     problem = Problem(law, load_vehicle(name, **parameters))

@@ -99,6 +99,21 @@ def test_the_study_s_car_as_an_fmu_has_its_outcomes(fmus, version):
     assert not np.allclose(got.min_range, weak.min_range, rtol=1e-3, atol=1e-3)
 
 
+def test_the_trace_of_an_fmu_is_that_of_the_study_s_car_until_it_stands_or_crashes(fmus):
+    fmu, own = load_vehicle("fmu", file=str(fmus[2]), inputs=INPUTS).vehicle, load_vehicle("acc_aeb")
+    columns = ["time_s", "lead_position_m", "host_position_m", "host_speed_m_per_s", "range_m"]
+    for place in ((10.0, 8.0, 12.0), (10.0, 30.0, 5.0)):
+        got, wanted = fmu.trace(*place), own.trace(*place)
+        assert got.columns.equals(wanted.columns)
+        assert 3 < len(got) <= len(wanted)
+        wanted = wanted.iloc[: len(got)]
+        # The positions of the built-in car begin at the host's front too, and its lead vehicle at the range.
+        np.testing.assert_allclose(got[columns[1:]], wanted[columns[1:]], rtol=1e-9, atol=1e-9)
+        outcomes = own.simulate(*([value] for value in place))
+        assert (got["range_m"].iloc[-1] <= 0) == outcomes.crash[0]
+        assert got["range_m"].min() == pytest.approx(outcomes.min_range[0], abs=1e-9)
+
+
 def test_units_are_those_of_the_configuration(fmus):
     inputs = INPUTS | {"host_speed": {"unit": "km/h"}}
     fmu = load_vehicle("fmu", file=str(fmus[2]), inputs=inputs, start={"kmh": 1})

@@ -3,13 +3,18 @@
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation.answer.references import Reference
 from accelerated_evaluation.answer.weighted_family import score_family
+from accelerated_evaluation.crash_map.mapping import map_crashes
+from accelerated_evaluation.crash_map.maps import Grid
+from accelerated_evaluation.laws import CutIns
 from accelerated_evaluation.laws.files import read_law, write_law
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.draws import LawDraws
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Member
 from accelerated_evaluation.laws.smooth.mean import MeanLaw
 from accelerated_evaluation.laws.smooth.support import Support
+from accelerated_evaluation.vehicles import Outcomes
 from scipy.special import log_ndtr
 from scipy.stats import norm
 
@@ -170,3 +175,36 @@ def test_closing_speeds_are_capped_where_nothing_changes(law):
     z = np.array([[0.0, 0.0, norm.isf(1e-250)]])
     assert law.from_normal_scores(z).closing_speed[0] > 40
     assert law.capped(law.from_normal_scores(z).closing_speed)[0] == 40
+
+
+class QuickCloser:
+    """Crashes if the gap closes within four seconds."""
+
+    name = "quick closer"
+
+    def simulate(self, lead_speed, range_, closing_speed):
+        closing_speed, range_ = np.asarray(closing_speed), np.asarray(range_)
+        crash = closing_speed > 0.25 * range_
+        ttc = np.where(closing_speed > 0, range_ / np.maximum(closing_speed, 1e-9), np.inf)
+        return Outcomes(crash, np.where(crash, 0.0, range_), ttc, np.where(crash, closing_speed, 0.0))
+
+
+def test_the_map_of_a_reference_gives_the_mean_of_the_draws_and_each_of_them(law, encounters):
+    grid, generator = Grid(5, 25, 60, 8, 30, 4, 120, 40), np.random.default_rng(4)
+    crash_map = map_crashes(QuickCloser(), grid, [], generator)
+    records = DistinctRecords.of(encounters, SUPPORT)
+    found = Reference.of(QuickCloser(), crash_map, records, law.draws, generator)
+    cut_ins = law.from_normal_scores(np.random.default_rng(6).normal(size=(20_000, 3)))
+    crash = cut_ins.closing_speed > 0.25 * cut_ins.range_
+    assert found.recorded == (records.closing_speed > 0.25 * records.range_).sum()
+    error = np.sqrt(crash.mean() / crash.size)
+    assert found.probabilities.mean() == pytest.approx(crash.mean(), abs=4 * error)
+    weighted = np.exp(law.log_ratios(CutIns(*(part[crash] for part in cut_ins_of(cut_ins)))))
+    by_draw, errors = weighted.sum(axis=1) / crash.size, np.sqrt((weighted**2).sum(axis=1)) / crash.size
+    apart = np.abs(found.probabilities - by_draw) / errors
+    assert np.mean(apart < 4) > 0.95
+    assert np.mean(np.abs(found.probabilities[::-1] - by_draw) / errors < 4) < 0.95  # of other draws: wrong
+
+
+def cut_ins_of(cut_ins):
+    return cut_ins.lead_speed, cut_ins.inverse_range, cut_ins.inverse_ttc

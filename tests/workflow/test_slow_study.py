@@ -1,7 +1,9 @@
-"""A study of a slow vehicle: maps, replays of records and crude Monte Carlo share one store over two runs."""
+"""Studies of slow vehicles: nothing is simulated twice, and few simulations are enough for a book."""
 
 from pathlib import Path
 
+import pandas as pd
+import pytest
 import yaml
 
 CAR = """
@@ -53,3 +55,73 @@ def test_a_study_that_is_run_again_simulates_nothing_again(finished, tmp_path):
     assert store.stat().st_size > 100_000
     Path(project.folder / "results/smoke/crude_checkpoint.json").unlink()
     assert run("--forcerun", "map_crashes", *RESULTS) == (results, simulated)
+
+
+DYING_CAR = """
+import os
+from pathlib import Path
+
+from accelerated_evaluation.vehicles import load_vehicle
+
+
+class Car:
+    '''The study's car; its process ends after the 40th and the 80th encounter.'''
+
+    deterministic = True
+
+    def __init__(self, log):
+        self.log, self.car = Path(log), load_vehicle("acc_aeb")
+
+    def simulate(self, lead_speed, range_, closing_speed):
+        with self.log.open("a") as log:
+            log.writelines(f"{v!r} {r!r} {c!r}\\n" for v, r, c in zip(lead_speed, range_, closing_speed))
+        count = len(self.log.read_text().splitlines())
+        for deaths, limit in enumerate((40, 80)):
+            marker = self.log.with_suffix(f".{deaths}")
+            if count >= limit and not marker.exists():
+                marker.touch()
+                os._exit(1)
+        return self.car.simulate(lead_speed, range_, closing_speed)
+"""
+FEW_RUNS = {
+    "vehicle": {"name": "car.py:Car", "parameters": {"log": "simulated.txt"}},
+    "simulations": {"slow": True, "workers": 1},
+    "surrogate": {"maximum_calls": 150},
+}
+
+
+def test_a_study_of_a_slow_vehicle_ends_in_a_book_though_it_dies_twice(finished, tmp_path):
+    """The finished study gets a slow vehicle, whose study needs no map of it and at most 150 simulations."""
+    project = finished.copied(tmp_path)
+    (project.folder / "car.py").write_text(DYING_CAR)
+    (project.folder / "slow.yaml").write_text(yaml.safe_dump(FEW_RUNS))
+    project.configs = (*project.configs, "slow.yaml")
+    for _ in range(2):
+        died = project.run("results/smoke/laws/answer.csv", "--rerun-triggers", "mtime")
+        assert died.returncode != 0
+        assert "the end of the process that simulated it" in died.stderr + died.stdout
+        assert "outcomes are kept" in died.stderr + died.stdout
+    done = project.run("--rerun-triggers", "mtime")
+    assert done.returncode == 0, done.stderr[-5000:]
+    results = project.folder / "results/smoke"
+    simulated = (project.folder / "simulated.txt").read_text().splitlines()
+    runs = pd.read_csv(results / "sampled/runs.csv")
+    # Two batches were lost, some encounters are repeated on purpose, and a few crashes are followed.
+    assert len(runs) <= 150
+    assert len(set(simulated)) < len(runs) + 30
+    assert len(simulated) < len(runs) + 60
+    answer = pd.read_csv(results / "laws/answer.csv").set_index("event")
+    crash, severe = answer.loc["crash"], answer.loc["impact above 5 m/s"]
+    assert 0 < crash["low95"] < crash["low80"] < crash["median"] < crash["high80"] < crash["high95"] < 0.01
+    assert severe["median"] <= crash["median"]
+    crashes = pd.read_csv(results / "sampled/crashes.csv")
+    assert crashes["share"].sum() == pytest.approx(1)
+    assert crashes["crash"].all()
+    compared = pd.read_csv(results / "sampled/compared.csv").set_index("other")
+    assert set(compared.index) >= {"acc_only", "cc_human", "reg157", "rss", "fsm"}
+    assert compared.loc["reg157", "ratio_high80"] < 1
+    first_page = (results / "book/index.html").read_text()
+    assert f"answers by {len(runs)} simulations" in first_page
+    left_out = (results / "book/99_what_was_left_out.html").read_text()
+    assert "crude Monte Carlo" in left_out
+    assert not (results / "book/08_ground_truth.html").exists()

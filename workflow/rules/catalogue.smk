@@ -10,17 +10,23 @@ from accelerated_evaluation.publishing.book.catalogue import (
 FIGURE_FORMATS = ["png", "pdf", "svg", "csv"]
 TABLE_FORMATS = ["csv", "md", "tex"]
 CAPTIONS = PROJECT / "workflow/report"
-CHAPTERS = PROJECT / "notebooks" if IS_CUT_IN else PROJECT / "notebooks/scenario"
+FOLDER = PROJECT / "notebooks" if IS_CUT_IN else PROJECT / "notebooks/scenario"
+CHAPTERS = sorted(FOLDER.glob("*.ipynb"))
+# A study of a slow vehicle has chapters of its own, and those of the others for which it has all results.
+if SLOW:
+    SHARED = ("02", "03", "12", "14")
+    CHAPTERS = [path for path in CHAPTERS if path.stem.startswith(SHARED)]
+    CHAPTERS = sorted(
+        [*CHAPTERS, *(FOLDER / "slow").glob("*.ipynb")], key=lambda path: path.stem
+    )
+PATHS = {path.stem: path for path in CHAPTERS}
 GUIDES = sorted(map(str, (PROJECT / "docs").glob("*.md"))) if IS_CUT_IN else []
-ON_FIRST_PAGE = (
-    ["records_report.csv", "laws/answer.csv", "exact.csv", "crude.csv"]
-    if IS_CUT_IN
-    else ["scenario/answer.csv"]
-)
+ON_FIRST_PAGE = ["scenario/answer.csv"]
+if IS_CUT_IN:
+    ON_FIRST_PAGE = ["records_report.csv", "laws/answer.csv"]
+    ON_FIRST_PAGE += ["sampled/compared.csv"] if SLOW else ["exact.csv", "crude.csv"]
 try:
-    NOTEBOOKS = {
-        path.stem: read_contents(path) for path in sorted(CHAPTERS.glob("*.ipynb"))
-    }
+    NOTEBOOKS = {name: read_contents(path) for name, path in PATHS.items()}
     require_captions(
         [name for made in NOTEBOOKS.values() for name in [*made.figures, *made.tables]],
         CAPTIONS,
@@ -31,7 +37,7 @@ except StudyError as error:
 
 def notebook_of(name):
     """Path of a notebook."""
-    return str(CHAPTERS / f"{name}.ipynb")
+    return str(PATHS[name])
 
 
 def read_by(notebook):

@@ -40,6 +40,8 @@ IS_CUT_IN = SCENARIO == "cut_in"
 JOINT = {"joint": []} if IS_CUT_IN else {}  # joint laws, of which cut-ins have none
 RESULTS = Path("results") / STUDY
 FIGURES = Path("figures") / STUDY
+# Whether some 150 simulations have to be enough, so that there are no maps and no crude Monte Carlo.
+SLOW = IS_CUT_IN and config["simulations"]["slow"]
 REPLICATED = [name for name in config["methods"] if METHODS[name].replicates(config)]
 SEARCHING = [name for name in REPLICATED if METHODS[name].learns_apart]
 JUDGED = [*SEARCHING, "crude"]

@@ -30,6 +30,7 @@ rule inspect_records:
         vehicle=config["vehicle"],
         vehicle_content=VEHICLE_CONTENT,
         simulations=SIMULATIONS,
+        replays=not SLOW,
     message:
         "Checking the records: {params.data[source]}"
     script:

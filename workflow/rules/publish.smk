@@ -4,6 +4,9 @@
 # In: everything under results/<study>/. Out: figures/<study>/*.{pdf,svg,png,csv}, figures/<study>/tables/*, the
 # executed notebooks and the book. What each notebook reads and makes is found out from its code.
 
+# Templates of the first and the last page; the first one of a slow vehicle is another.
+PAGES = [PROJECT / "workflow/book", *([PROJECT / "workflow/book_slow"] if SLOW else [])]
+
 
 rule record_configuration:
     """Write the resolved configuration into the folder of the results."""
@@ -63,7 +66,7 @@ rule book:
         results=[result(name) for name in ("config.json", *ON_FIRST_PAGE)],
         guides=GUIDES,
         captions=sorted(map(str, CAPTIONS.glob("*.rst"))),
-        pages=sorted(map(str, (PROJECT / "workflow/book").iterdir())),
+        pages=sorted(str(path) for folder in PAGES for path in folder.iterdir()),
         library=modules_of("build_book.py"),
     output:
         site=directory(result("book")),
@@ -76,6 +79,7 @@ rule book:
         mem_mb=1500,
     params:
         study={"results": str(RESULTS), "figures": str(FIGURES)},
+        pages=[str(folder) for folder in PAGES],
         tables={name: made.tables for name, made in NOTEBOOKS.items()},
         records=RECORDS,
     message:

@@ -16,7 +16,8 @@ if __name__ == "__main__":
         params = snakemake.params
         raw = read_source(params.data, child_generator(params.seed, "sample"))
         with loaded_for(params.vehicle, params.simulations | {"workers": snakemake.threads}) as vehicle:
-            report = inspect_records(Records.of(raw, dict(params.items()), vehicle.simulate))
+            simulate = vehicle.simulate if params.replays else None
+            report = inspect_records(Records.of(raw, dict(params.items()), simulate))
         print(report_in_words(report), file=sys.stderr)
         write_csv(snakemake.output.report, report)
         for line in Verdict.of(report).lines():

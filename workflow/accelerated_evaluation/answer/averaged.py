@@ -30,6 +30,13 @@ from accelerated_evaluation.vehicles.protocol import Outcomes
 SHARE = 0.05  # of the width of the interval that the sampling may add
 RIDGE = 1e-2  # of the regression of impact speeds, in units of the variance of its terms
 SMALLEST_DEVIATION = 0.3  # [m/s], of an impact speed from its regression
+NAMES = ("crash", "min_range", "min_ttc", "impact_speed")
+# Columns of tables that have no row where no crash has been observed.
+EMPTY = {
+    "budget": ("source", "factor", "variance_share"),
+    "draws": ("draw", "law", "probability", "error", "batches"),
+    "crashes": ("z_1", "z_2", "z_3", "lead_speed", "range", "closing_speed", *NAMES, "share"),
+}
 FEWEST = 15  # crashes, from which impact speeds are regressed
 
 Shown = Callable[[Estimate, SampledPosterior | None], None]
@@ -51,7 +58,7 @@ class AveragedSurrogate(Surrogate):
         Called after every batch with the estimate and the posterior, which is None until there is one.
     """
 
-    tables: ClassVar[tuple[str, ...]] = ("runs", "answer", "budget", "draws")
+    tables: ClassVar[tuple[str, ...]] = ("runs", "answer", "budget", "draws", "crashes")
 
     events: tuple[Event, ...] = ()
     cut_ins_per_km: float | None = None
@@ -147,7 +154,7 @@ class Course:
             ``answer``: the columns of the study's table of that name and ``simulations``, one row an event.
             ``budget``: see `posterior.budget`, for the sampled event. ``draws``: number of the ``draw``, its
             ``law``, ``probability`` of the sampled event, its relative ``error``, and the number of
-            ``batches`` of which it is made.
+            ``batches`` of which it is made. ``crashes``: see `crashes`.
         """
         controls = self._controls()
         posteriors = {event: self._of(event, sampled, controls) for event in (sampled, *events)}
@@ -158,7 +165,9 @@ class Course:
             rows.append({"event": event_name(event)} | summary | {"per_km": summary["probability"] * per_km})
         answer = pd.DataFrame(rows).assign(simulations=self.sampler.simulations)
         if (own := posteriors[sampled]) is None:
-            return {"answer": answer, "budget": pd.DataFrame(), "draws": pd.DataFrame()}
+            return {name: pd.DataFrame(columns=columns) for name, columns in EMPTY.items()} | {
+                "answer": answer
+            }
         draws = {
             "draw": np.arange(own.probabilities.size) + 1,
             "law": self.law.draws.names,
@@ -166,7 +175,32 @@ class Course:
             "error": own.errors,
             "batches": own.batches,
         }
-        return {"answer": answer, "budget": budget(own.alone, own.deviation), "draws": pd.DataFrame(draws)}
+        of_draws = {"budget": budget(own.alone, own.deviation), "draws": pd.DataFrame(draws)}
+        return {"answer": answer, "crashes": self.crashes(sampled)} | of_draws
+
+    def crashes(self, sampled: Event) -> pd.DataFrame:
+        """Return the runs that ended in the sampled event: where, how, and for which part of the event.
+
+        The columns are the normal scores ``z_1`` to ``z_3``; ``lead_speed`` [m/s], ``range`` [m],
+        ``closing_speed`` [m/s]; the outcomes, as in `Outcomes`; and ``share``. The share of a run is its
+        weight in the estimate under the mean law. It is 0 for runs by which the sampler only learnt, and all
+        shares add up to 1. The control variate has no part in it.
+        """
+        progress, outcomes = self.sampler.progress, joined(self.outcomes)
+        counted = self.reweighting.counted(progress)
+        weights = [
+            estimate.importance * batch.weight / batch.inclusion
+            for estimate, batch in zip(counted, progress.batches[-len(counted) :], strict=True)
+        ]
+        share = np.zeros(len(progress.z))
+        share[len(share) - sum(map(len, weights)) :] = np.concatenate(weights)
+        happened = np.flatnonzero(sampled.happens(outcomes))
+        cut_ins, z = self.law.from_normal_scores(progress.z[happened]), progress.z[happened]
+        place = {"lead_speed": cut_ins.lead_speed, "range": cut_ins.range_}
+        place |= {"closing_speed": self.law.capped(cut_ins.closing_speed)}
+        scores = {f"z_{k + 1}": z[:, k] for k in range(z.shape[1])}
+        ended = {name: values[happened] for name, values in vars(outcomes).items()}
+        return pd.DataFrame(scores | place | ended | {"share": share[happened] / share[happened].sum()})
 
     def _controls(self) -> list[Control] | None:
         """Return the cross-fitted control variates of the batches that count; None where there is none."""
@@ -222,9 +256,6 @@ def posterior_of(draws: pd.DataFrame) -> SampledPosterior:
     member = np.unique(draws["law"], return_inverse=True)[1]
     columns = (draws[name].to_numpy(float) for name in ("probability", "error"))
     return SampledPosterior(*columns, member, int(draws["batches"].iloc[0]))
-
-
-NAMES = ("crash", "min_range", "min_ttc", "impact_speed")
 
 
 def impact_share(z: Array, outcomes: Outcomes, threshold: float) -> Callable[[Array], Array]:

@@ -10,7 +10,7 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from accelerated_evaluation.answer.family_file import fit_or_read
-from accelerated_evaluation.answer.weighted_family import score_family
+from accelerated_evaluation.answer.weighted_family import ScoredFamily, score_family
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import FITS, Law
@@ -105,25 +105,45 @@ def choose_sampled_law(choice: str, encounters: pd.DataFrame, config: Mapping[st
     require_law(choice)
     if choice != ANSWER and choice not in SMOOTH:
         return choose_law(choice, encounters, config)
+    count, closing_speed_max = config["answer"]["draws"], config["answer"]["grid"]["closing_speed_max"]
+    records = DistinctRecords.of(encounters, Support.configured(config))
     with threadpool_limits(1, "blas"):
-        draws = _draws(choice, encounters, config)
-    name = f"mean of {draws.size} draws of {'all laws' if choice == ANSWER else choice}"
-    return name, MeanLaw.fitted(draws, encounters, name, config["answer"]["grid"]["closing_speed_max"])
+        if choice == ANSWER:
+            # The fit of all laws is kept where the study keeps it, so that it is made once.
+            scored = fit_or_read(Path("results", config["study"], "laws", "family.npz"), records)
+            law = mean_law(scored, encounters, count, config["seed"], closing_speed_max)
+            return law.description, law
+        family, weights = _family(choice, records), np.ones((count, 1))
+        generator = child_generator(config["seed"], "laws", "draws")
+        draws = LawDraws.of(family, [SMOOTH[choice]], weights, records.support, generator)
+    name = f"mean of {draws.size} draws of {choice}"
+    return name, MeanLaw.fitted(draws, encounters, name, closing_speed_max)
 
 
-def _draws(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any]) -> LawDraws:
-    """Draw laws by their weights and their parameters, or the parameters of one law alone.
+def mean_law(
+    scored: ScoredFamily, encounters: pd.DataFrame, count: int, seed: int, closing_speed_max: float
+) -> MeanLaw:
+    """Return the mean of draws of all laws by their weights, and of their parameters.
 
-    The fit of all laws is kept where the study keeps it, so that it is made once.
+    Parameters
+    ----------
+    scored
+        The fit of all laws to the distinct encounters.
+    encounters
+        Encounter table.
+    count
+        Number of draws.
+    seed
+        Root seed of the study.
+    closing_speed_max
+        Closing speed [m/s] at which faster cut-ins are simulated.
     """
-    records, count = DistinctRecords.of(encounters, Support.configured(config)), config["answer"]["draws"]
-    generator = child_generator(config["seed"], "laws", "draws")
-    if choice == ANSWER:
-        scored = fit_or_read(Path("results", config["study"], "laws", "family.npz"), records)
-        weighted = scored.weighted(child_generator(config["seed"], "laws", "weigh"), count)
-        return LawDraws.of(weighted.family, weighted.members, weighted.weights, records.support, generator)
-    member = SMOOTH[choice]
-    return LawDraws.of(_family(choice, records), [member], np.ones((count, 1)), records.support, generator)
+    weighted = scored.weighted(child_generator(seed, "laws", "weigh"), count)
+    generator = child_generator(seed, "laws", "draws")
+    support = scored.records.support
+    draws = LawDraws.of(weighted.family, weighted.members, weighted.weights, support, generator)
+    name = f"mean of {draws.size} draws of all laws"
+    return MeanLaw.fitted(draws, encounters, name, closing_speed_max)
 
 
 def _smooth(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any]) -> DependentLaw:

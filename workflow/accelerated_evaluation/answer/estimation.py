@@ -18,9 +18,11 @@ from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import CutIns, Law
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.mean import MeanLaw
+from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.methods import METHODS, Estimate
 from accelerated_evaluation.methods.study import ALL, study_method
 from accelerated_evaluation.methods.surrogate import Surrogate
+from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.methods.surrogate.predecessor import read_predecessor
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.records.filters import Account
@@ -34,6 +36,7 @@ from accelerated_evaluation.vehicles.external.slow import SlowVehicle, loaded_fo
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 METHOD = "surrogate"
+OF_THE_ANSWER = {"answer", "budget", "draws", "crashes"}
 RATE_DRAWS = 1000  # equally likely values of a probability, of which rates are made
 
 
@@ -47,8 +50,8 @@ class Alone:
         ``estimate``, one row a replicate, with the ``law``; ``runs``, one row a simulation; ``account`` of
         the records. Under the paper's law, the first two are what the whole study has under ``estimates`` for
         this method and all segments. Where the law is a mean law, also ``answer``, one row a replicate and
-        event, ``budget`` and ``draws`` of the crash, and ``exposure``; see `averaged.Course.tables` and
-        `exposure.exposure_table`.
+        event, ``budget``, ``draws`` and ``crashes`` of the crash, and ``exposure``; see
+        `averaged.Course.tables` and `exposure.exposure_table`.
     name
         Name of the law.
     law
@@ -110,30 +113,90 @@ def estimate_alone(
         encounters, account = _ingested(raw, config)
         name, chosen = choose_sampled_law(law, encounters, config)
         known = None if predecessor is None else read_predecessor(predecessor, chosen)
-        exposure, cut_ins = encounters.attrs["exposure"], DistinctRecords.of(encounters).size
-        with tqdm(desc="simulations", unit="", disable=None) as bar:
-            method = _method(config, chosen, cut_ins, exposure, share, bar)
-            tables = study_method(
-                replace(method, predecessor=known),
-                Problem(chosen, vehicle),
-                method.stopping(config),
-                [child_generator(config["seed"], *method.stream(ALL, k)) for k in range(replicates)],
-                {"study": config["study"], "scope": ALL, "method": METHOD},
-            )
-        warning = _reproduced(config["vehicle"], chosen, tables["runs"], vehicle)
-    estimate = verdict.beside(tables.pop("estimates").assign(law=name))
+        exposure = encounters.attrs["exposure"]
+        cut_ins = DistinctRecords.of(encounters, Support.configured(config)).size
+        found = simulate_answer(
+            config, Problem(chosen, vehicle), Traffic(cut_ins, exposure), replicates, known, share
+        )
+    tables = found.tables | {"account": account.table()}
+    tables["estimate"] = tables["estimate"].assign(law=name)
+    for table in {"estimate", "answer"} & tables.keys():
+        tables[table] = verdict.beside(tables[table])
+    slow = vehicle if isinstance(vehicle, SlowVehicle) else None
+    return Alone(tables, name, chosen, slow, verdict, encounters, found.warning)
+
+
+@dataclass(frozen=True)
+class Traffic:
+    """How often cut-ins happen.
+
+    Attributes
+    ----------
+    cut_ins
+        Number of distinct closing cut-ins within the limits.
+    exposure
+        ``kilometres`` and ``hours`` in which they were recorded; None if unknown.
+    """
+
+    cut_ins: int
+    exposure: Mapping[str, float | None]
+
+    @property
+    def per_km(self) -> float | None:
+        """Cut-ins per kilometre [1/km]; None if the distance is unknown."""
+        kilometres = self.exposure["kilometres"]
+        return None if kilometres is None else self.cut_ins / kilometres
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """The tables of `Alone` that follow from the simulations, and its ``warning``."""
+
+    tables: dict[str, pd.DataFrame]
+    warning: str | None
+
+
+def simulate_answer(
+    config: Mapping[str, Any],
+    problem: Problem,
+    traffic: Traffic,
+    replicates: int = 1,
+    predecessor: Predecessor | None = None,
+    share: float = SHARE,
+) -> Simulated:
+    """Find the crash probability of a vehicle by few simulations under a law.
+
+    Parameters
+    ----------
+    config
+        Configuration; only ``study``, ``seed``, ``vehicle``, ``importance_sampling``, ``surrogate`` and
+        ``answer`` are read.
+    problem
+        The law and the vehicle.
+    traffic
+        How often cut-ins happen.
+    replicates, predecessor, share
+        As in `estimate_alone`.
+    """
+    law = problem.law
+    with tqdm(desc="simulations", unit="", disable=None) as bar:
+        method = _method(config, law, traffic.per_km, share, bar)
+        tables = study_method(
+            replace(method, predecessor=predecessor),
+            problem,
+            method.stopping(config),
+            [child_generator(config["seed"], *method.stream(ALL, k)) for k in range(replicates)],
+            {"study": config["study"], "scope": ALL, "method": METHOD},
+        )
+    warning = _reproduced(config["vehicle"], law, tables["runs"], problem.vehicle)
+    estimate = tables.pop("estimates")
     if warning is not None:
         estimate["converged"] = False
-    named = tables | {"estimate": estimate, "account": account.table()}
-    for name_of in ("answer", "budget", "draws"):  # which are of the crash under all laws, not of a method
-        if name_of in named:
-            named[name_of] = named[name_of].drop(columns=["scope", "method"], errors="ignore")
-    if "answer" in named:
-        named["answer"] = verdict.beside(named["answer"])
-    if len(named.get("draws", ())):
-        named["exposure"] = _exposure(named["draws"], cut_ins, exposure)
-    slow = vehicle if isinstance(vehicle, SlowVehicle) else None
-    return Alone(named, name, chosen, slow, verdict, encounters, warning)
+    for name in OF_THE_ANSWER & tables.keys():  # they are of the crash under all laws, not of a method
+        tables[name] = tables[name].drop(columns=["scope", "method"], errors="ignore")
+    if "draws" in tables:
+        tables["exposure"] = _exposure(tables["draws"], traffic)
+    return Simulated(tables | {"estimate": estimate}, warning)
 
 
 def _reproduced(section: Mapping[str, Any], law: Law, runs: pd.DataFrame, vehicle: Vehicle) -> str | None:
@@ -149,8 +212,7 @@ def _reproduced(section: Mapping[str, Any], law: Law, runs: pd.DataFrame, vehicl
 def _method(
     config: Mapping[str, Any],
     law: Law,
-    cut_ins: int,
-    exposure: Mapping[str, float | None],
+    cut_ins_per_km: float | None,
     share: float,
     bar: tqdm,
 ) -> Surrogate:
@@ -158,25 +220,25 @@ def _method(
     if not isinstance(law, MeanLaw):
         method = METHODS[METHOD].configured(config)
         return replace(method, on_batch=lambda estimate: _show(bar, estimate))
-    kilometres = exposure["kilometres"]
     return replace(
         AveragedSurrogate.configured(config),
         events=tuple(events_from(config["answer"]["events"])[1:]),
-        cut_ins_per_km=None if kilometres is None else cut_ins / kilometres,
+        cut_ins_per_km=cut_ins_per_km,
         share=share,
         on_answer=lambda estimate, posterior: _show(bar, estimate, posterior),
     )
 
 
-def _exposure(draws: pd.DataFrame, cut_ins: int, exposure: Mapping[str, float | None]) -> pd.DataFrame:
+def _exposure(draws: pd.DataFrame, traffic: Traffic) -> pd.DataFrame:
     """Return the table of rates of crashes, by replicate; see `exposure.exposure_table`."""
     parts = []
     for replicate, of_replicate in draws.groupby("replicate"):
         values = posterior_of(of_replicate).whole.probabilities
         levels = (np.arange(RATE_DRAWS) + 0.5) / RATE_DRAWS
         crash = Posterior(np.quantile(values, levels), np.zeros(RATE_DRAWS, int))
-        parts.append(exposure_table({"crash": crash}, cut_ins, exposure).assign(replicate=replicate))
-    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
+        table = exposure_table({"crash": crash}, traffic.cut_ins, traffic.exposure)
+        parts.append(table.assign(replicate=replicate))
+    return pd.concat(parts or [exposure_table({}, traffic.cut_ins, traffic.exposure)], ignore_index=True)
 
 
 def read_records(config: Mapping[str, Any]) -> tuple[pd.DataFrame, Account]:

@@ -49,18 +49,58 @@ def ways_to_crash(
     if not lines.masses(law.ranges, law.speeds).any():
         return pd.DataFrame(columns=SHOWN)
     place = crash_places(lines, law.ranges, law.speeds, DRAWN, generator)
-    z = normal_scores(law, *place)
-    middles, group = kmeans2(z, WAYS, minit="++", seed=generator, missing="warn")
+    z, probability = normal_scores(law, *place), lines.probability(law.ranges, law.speeds)
+    return _tabulated(_grouped(place, z, WAYS, probability, generator), "crash", vehicle)
+
+
+def ways_among_runs(
+    crashes: pd.DataFrame, probability: float, vehicle: Vehicle, generator: np.random.Generator
+) -> pd.DataFrame:
+    """Find the likeliest ways to crash among weighted runs, for a vehicle without a crash map.
+
+    Crashes are drawn from the runs that crashed, by their shares of the crash probability, and are divided
+    into groups as in `ways_to_crash`.
+
+    Parameters
+    ----------
+    crashes
+        As `averaged.Course.crashes` returns it.
+    probability
+        The crash probability.
+    vehicle
+        The vehicle under test, which simulates the representatives again.
+    generator
+        Source of all randomness.
+
+    Returns
+    -------
+    pandas.DataFrame
+        As `ways_to_crash`; there are fewer groups if fewer runs have a share.
+    """
+    counted = crashes[crashes["share"] > 0]
+    if counted.empty:
+        return pd.DataFrame(columns=SHOWN)
+    drawn = counted.iloc[generator.choice(len(counted), DRAWN, p=counted["share"] / counted["share"].sum())]
+    place = tuple(drawn[name].to_numpy() for name in PLACE)
+    z = drawn[["z_1", "z_2", "z_3"]].to_numpy()
+    groups = _grouped(place, z, min(WAYS, len(counted)), probability, generator)
+    return _tabulated(groups, "crash", vehicle)
+
+
+def _grouped(
+    place: tuple[Array, ...], z: Array, ways: int, probability: float, generator: np.random.Generator
+) -> pd.DataFrame:
+    """Divide crashes with normal scores z into groups, each with its nearest crash and its probability."""
+    middles, group = kmeans2(z, ways, minit="++", seed=generator, missing="warn")
     rows = []
     for number, middle in enumerate(middles):
         members = np.flatnonzero(group == number)
         if members.size:
             nearest = members[np.argmin(((z[members] - middle) ** 2).sum(axis=1))]
-            rows.append((members.size / DRAWN, *(column[nearest] for column in place)))
+            rows.append((members.size / len(z), *(column[nearest] for column in place)))
     rows.sort(reverse=True)
     table = pd.DataFrame(rows, columns=["probability", *PLACE])
-    table["probability"] *= lines.probability(law.ranges, law.speeds)
-    return _tabulated(table, "crash", vehicle)
+    return table.assign(probability=probability * table["probability"])
 
 
 def normal_scores(law: DependentLaw, lead_speed: Array, range_: Array, closing_speed: Array) -> Array:

@@ -1,6 +1,6 @@
 """The study of laws: weights of the laws, crash probabilities, and all tables of the answer."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -8,14 +8,12 @@ import numpy as np
 import pandas as pd
 from scipy.stats import norm
 
-from accelerated_evaluation.answer.calibration import cell_counts, near_miss_counts, with_limits
+from accelerated_evaluation.answer.calibration_table import NearMisses, calibration_table, shown_members
 from accelerated_evaluation.answer.exposure import exposure_table
 from accelerated_evaluation.answer.injuries.impacts import ImpactSpeeds, Key, tabulated_risks
 from accelerated_evaluation.answer.injuries.tables import injury_tables
-from accelerated_evaluation.answer.law_table import KNOT, PAPER, TOGETHER
 from accelerated_evaluation.answer.likeliest_crashes import largest_near
 from accelerated_evaluation.answer.posterior import Posterior, budget
-from accelerated_evaluation.answer.scores import GivenLaw
 from accelerated_evaluation.answer.summary import (
     answer_table,
     is_supported,
@@ -27,11 +25,8 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines, crash_places
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.crash_map.sampled import sample_crashes
-from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw
 from accelerated_evaluation.laws.smooth.family import LawFamily, Member
-from accelerated_evaluation.laws.smooth.rivals import IndependentTail
-from accelerated_evaluation.laws.smooth.shapes import Exponential
 from accelerated_evaluation.vehicles.events import Event
 from accelerated_evaluation.vehicles.protocol import Outcomes, RandomVehicle, Vehicle
 
@@ -44,7 +39,6 @@ QUANTITIES = {
 UNDER_TEST = "under test"
 # The competent and careful human of UN R157, and the human driver from data; by the prefix of their columns.
 REFERENCES = {"": "cc_human", "human_": "human"}
-SHOWN = (Member(), *(Member(KNOT, shape) for shape in ("exponential", "generalised", "two kinds")))
 DRAWN = 2000  # number of crashes that are drawn from each law
 
 
@@ -163,11 +157,6 @@ class LawStudy:
         """The family fitted to all records."""
         return self.weighted.family
 
-    @property
-    def shown(self) -> tuple[Member, ...]:
-        """The laws that tables list individually, without those that had too few records for a fit."""
-        return tuple(member for member in SHOWN if member in self.weighted.members)
-
     def probabilities(self, event: str) -> dict[Member, float]:
         """Return the probability of an event under each law, computed with the complete map."""
         return {
@@ -183,29 +172,11 @@ class LawStudy:
         return {name: vehicle.simulate(*cut_ins) for name, vehicle in self.vehicles.items()}
 
     def calibration(self) -> pd.DataFrame:
-        """Return the table ``calibration``: ``law`` and the columns of `calibration.with_limits`."""
-        records, outcomes = self.weighted.records, self.replayed[next(iter(self.vehicles))]
-        by_member = dict(zip(self.weighted.members, cell_counts(records, self._given), strict=True))
-        near = {name: self.probabilities(name) for name in self.events}
+        """Return the table ``calibration`` with the near misses of the replayed records."""
+        outcomes = self.replayed[next(iter(self.vehicles))]
         recorded = {name: int(event.happens(outcomes).sum()) for name, event in self.events.items()}
-        together = by_member[SHOWN[0]].assign(
-            expected=self.weighted.mean({member: counts["expected"] for member, counts in by_member.items()})
-        )
-        tables = {
-            TOGETHER: [
-                together,
-                near_miss_counts(recorded, {n: self.weighted.mean(p) for n, p in near.items()}, records.size),
-            ]
-        }
-        for member in self.shown:
-            of_member = {name: values[member] for name, values in near.items()}
-            tables[member.name] = [by_member[member], near_miss_counts(recorded, of_member, records.size)]
-        independent = IndependentTail.fit(records, KNOT, Exponential())
-        tables[PAPER] = cell_counts(records, lambda places: [independent.given(places)])
-        rows = [
-            with_limits(pd.concat(parts, ignore_index=True)).assign(law=law) for law, parts in tables.items()
-        ]
-        return pd.concat(rows, ignore_index=True)
+        near = NearMisses(recorded, {name: self.probabilities(name) for name in self.events})
+        return calibration_table(self.weighted, near)
 
     def crash_places(self, generator: np.random.Generator) -> pd.DataFrame:
         """Draw crashes from the laws.
@@ -215,7 +186,7 @@ class LawStudy:
         """
         parts = [pd.DataFrame(columns=["lead_speed", "range", "closing_speed", "law", "beyond_recorded"])]
         lines, ranges, records = self.lines["crash"], self.family.ranges, self.weighted.records
-        for member in self.shown:
+        for member in shown_members(self.weighted):
             law = self.family.law(member)
             if lines.masses(ranges, law).any():
                 drawn = crash_places(lines, ranges, law, DRAWN, generator)
@@ -223,11 +194,6 @@ class LawStudy:
                 beyond = part["closing_speed"] - largest_near(records, part["range"].to_numpy())
                 parts.append(part.assign(law=member.name, beyond_recorded=beyond))
         return pd.concat(parts, ignore_index=True)
-
-    def _given(self, places: Places) -> Iterator[GivenLaw]:
-        """Yield the laws of the closing speed at places; they share one body."""
-        below = places.body(self.family.body)
-        return (self.family.law(member).given(places, below) for member in self.weighted.members)
 
     def representative(self) -> DependentLaw:
         """Return the law of the largest weight, for methods that need a single law."""

@@ -59,7 +59,10 @@ def is_supported(recorded: int, expected: float) -> bool:
 
 
 def vehicle_table(
-    posteriors: Mapping[str, Posterior], recorded: Mapping[str, int], size: int, references: Mapping[str, str]
+    posteriors: Mapping[str, Posterior],
+    recorded: Mapping[str, int | None],
+    size: int,
+    references: Mapping[str, str],
 ) -> pd.DataFrame:
     """Compare the crash probabilities of vehicles.
 
@@ -73,7 +76,7 @@ def vehicle_table(
     posteriors
         Draws of the crash probability by vehicle.
     recorded
-        Number of distinct records that crash when the vehicle replays them.
+        Number of distinct records that crash when the vehicle replays them; None if they are not replayed.
     size
         Number of distinct records.
     references
@@ -89,7 +92,9 @@ def vehicle_table(
         often than the reference. The numbers are NaN if the map is rejected.
     """
     expected = {name: size * posterior.probabilities.mean() for name, posterior in posteriors.items()}
-    resolved = {name: is_supported(recorded[name], expected[name]) for name in posteriors}
+    resolved = {
+        name: count is None or is_supported(count, expected[name]) for name, count in recorded.items()
+    }
     bases = {
         prefix: posteriors[name].probabilities
         for prefix, name in references.items()

@@ -5,9 +5,12 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.commands import COMMANDS, add_accept
 
 if TYPE_CHECKING:  # takes seconds, which --help can do without
+    import pandas as pd
+
     from accelerated_evaluation.answer.estimation import Alone
 
 CUT_IN = "cut_in"
@@ -49,7 +52,9 @@ files written to results/STUDY/estimate/:
   budget.csv      where the uncertainty comes from: data, choice of law, sampling
   draws.csv       the crash probability under every draw of the law, with its relative sampling error
   exposure.csv    crashes per kilometre and hour, as far as the exposure of the records is known
-  compared.csv    ratio to other vehicles, its 80 % interval, and the probability to be safer (--compare)
+  compared.csv    ratio to other vehicles, its 80 % interval, and the probability to be safer (--compare,
+                  --reference)
+  crashes.csv     the simulations that crashed, with their shares of the crash probability
   estimate.csv    probability, ci_low, ci_high, simulations under the mean law; one row a replicate
   runs.csv        every simulation: its cut-in, its phase, and whether it crashed
   account.csv     what became of every record
@@ -139,6 +144,14 @@ class EstimateAlone:
             help="in another scenario than the cut-in, and under one law: surrogate, normal_mixture or crude "
             "(default: %(default)s)",
         )
+        command.add_argument(
+            "--reference",
+            metavar="NAME",
+            action="append",
+            default=[],
+            help="vehicle that is fast to simulate, such as cc_human: the ratio to its crash probability, "
+            "draw by draw; its crash map takes some seconds",
+        )
         add_accept(command)
 
     @staticmethod
@@ -168,10 +181,8 @@ class EstimateAlone:
             write_csv(folder / f"{name}.csv", table)
         write_law(folder / "law.json", found.law, found.encounters)
         write_encounters(folder / "encounters.parquet", found.encounters, describe(config["data"]))
-        if arguments.compare:
-            from accelerated_evaluation.answer.compared import compare_estimates
-
-            compared = compare_estimates(folder, arguments.compare)
+        compared = _compared(found, folder, arguments.compare, arguments.reference, config)
+        if len(compared):
             write_csv(folder / "compared.csv", compared)
             print(compared.to_string(index=False, float_format="{:.3g}".format))
         print(_in_words(found, 1 - config["importance_sampling"]["alpha"]), f"tables: {folder}", sep="\n")
@@ -185,7 +196,7 @@ def _estimate_scenario(arguments: argparse.Namespace, config: dict[str, Any]) ->
     from accelerated_evaluation.laws.joint.files import write_joint_law
 
     name = config["scenario"]["name"]
-    for option in ("predecessor", "compare", "accept"):
+    for option in ("predecessor", "compare", "reference", "accept"):
         if getattr(arguments, option):
             change = "Leave it out."
             raise InputError(f"--{option}", seen=f"the scenario {name}", expected=CUT_IN, change=change)
@@ -195,6 +206,35 @@ def _estimate_scenario(arguments: argparse.Namespace, config: dict[str, Any]) ->
         write_csv(folder / f"{table}.csv", rows)
     write_joint_law(folder / "law.json", found.law, f"records of the scenario {name}")
     print(*found.lines(), f"tables: {folder}", sep="\n")
+
+
+def _compared(
+    found: "Alone", folder: Path, others: list[Path], references: list[str], config: dict[str, Any]
+) -> "pd.DataFrame":
+    """Compare an estimate with other estimates and with references, draw by draw."""
+    import pandas as pd
+
+    from accelerated_evaluation.answer.averaged import posterior_of
+    from accelerated_evaluation.answer.compared import compare_estimates
+    from accelerated_evaluation.answer.references import compared_with, map_reference
+    from accelerated_evaluation.laws.smooth.family import DistinctRecords
+    from accelerated_evaluation.laws.smooth.support import Support
+
+    table = compare_estimates(folder, others) if others else pd.DataFrame()
+    if not references:
+        return table
+    if "draws" not in found.tables:
+        raise InputError(
+            "--reference",
+            seen=f"the law {found.name}, which has no draws",
+            expected="a law with draws",
+            change="Leave out --law.",
+        )
+    records, draws = DistinctRecords.of(found.encounters, Support.configured(config)), found.law.draws
+    mapped = {name: map_reference(name, config, records, draws) for name in references}
+    known = found.tables["draws"]
+    own = posterior_of(known[known["replicate"] == 0]) if len(known) else None
+    return pd.concat([table, compared_with(own, mapped)], ignore_index=True)
 
 
 def _in_words(found: "Alone", level: float) -> str:

@@ -110,6 +110,11 @@ TABLES = {
     "scenario_runs": "scenario/runs.csv",
     # How many published verdicts the vehicle reproduces.
     "scenario_agreement": "scenario/agreement.csv",
+    # For a slow vehicle: estimate under the mean law, simulations, those that crashed, comparisons.
+    "sampled_estimate": "sampled/estimate.csv",
+    "sampled_runs": "sampled/runs.csv",
+    "sampled_crashes": "sampled/crashes.csv",
+    "compared": "sampled/compared.csv",
     # How often intervals hold the exact probability, by method and way to stop.
     "coverage": "coverage.csv",
 }

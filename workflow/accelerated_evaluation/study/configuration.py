@@ -92,7 +92,8 @@ def completed(config: Mapping[str, Any]) -> dict[str, Any]:
     """Return a configuration in which missing keys have the values of ``config/config.yaml``.
 
     The limits in that file belong to its source. For another source, missing limits are `limits.AUTO` and are
-    derived from the records (`limits.with_limits`).
+    derived from the records (`limits.with_limits`). In a study of a slow vehicle the outcomes of a class are
+    kept, too.
     """
     defaults = default_configuration()
     data = config.get("data")
@@ -101,7 +102,11 @@ def completed(config: Mapping[str, Any]) -> dict[str, Any]:
         and data.get("source", defaults["data"]["source"]) != defaults["data"]["source"]
     ):
         defaults = with_values(defaults, dict.fromkeys(AUTOMATIC, AUTO))
-    return _merged(defaults, config)
+    complete = _merged(defaults, config)
+    simulations = complete["simulations"]
+    if isinstance(simulations, Mapping) and simulations.get("slow") is True:
+        complete["simulations"] = simulations | {"keep_class": True}
+    return complete
 
 
 def resolved(

@@ -26,6 +26,7 @@ from accelerated_evaluation.vehicles.external.slow import is_slow
 from accelerated_evaluation.vehicles.loading import section_files
 
 UNDER_TEST = "under_test"
+OF_THE_STUDY = ("slow", "workers")  # settings of the simulations that no outcome depends on
 LIMITS = ("lead_speed_min", "lead_speed_max", "range_max")  # of the filters, within which a vehicle is mapped
 
 
@@ -155,6 +156,12 @@ class StudyInputs:
         """Return the digest of the files of some vehicles."""
         return content_digest(self.files_of(*names))
 
+    def is_slow(self, name: str) -> bool:
+        """Return whether a study of a slow vehicle simulates a vehicle as rarely as it can."""
+        settings, scenario = self.config["simulations"], SCENARIOS[self.config["scenario"]["name"]]
+        stored = is_slow(self.vehicles[name]["name"], settings, scenario)
+        return stored or (name == UNDER_TEST and settings["slow"])
+
     def simulating(self, *names: str) -> tuple[int, dict[str, Any]]:
         """Return the threads and settings of a job that simulates vehicles.
 
@@ -162,9 +169,8 @@ class StudyInputs:
         threads, an edit of which runs nothing again.
         """
         settings = self.config["simulations"]
-        scenario = SCENARIOS[self.config["scenario"]["name"]]
-        slow = any(is_slow(self.vehicles[name]["name"], settings, scenario) for name in names)
-        used = [key for key in settings if key != "workers" and (slow or key == "keep_class")]
+        slow = any(map(self.is_slow, names))
+        used = [key for key in settings if key not in OF_THE_STUDY and (slow or key == "keep_class")]
         return settings["workers"] if slow else 1, part(settings, *used)
 
     def mapped(self, name: str, crash_map: Mapping[str, Any]) -> dict[str, Any]:

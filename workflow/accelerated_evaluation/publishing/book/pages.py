@@ -52,10 +52,20 @@ def known_to_pages(study: Study, records: Iterable[str]) -> dict[str, Any]:
     if study.scenario is not CUT_IN:
         answer = study.scenario_answer
         return common | {"crash": answer.iloc[0], "answers": answer.to_dict("records")}
+    common["crash"] = study.answer.set_index("event").loc["crash"]
+    return common | (_of_few_runs(study) if study.config["simulations"]["slow"] else _of_the_paper(study))
+
+
+def _of_few_runs(study: Study) -> dict[str, Any]:
+    """Return what only the first page of a slow vehicle's book has."""
+    return {"compared": study.compared}
+
+
+def _of_the_paper(study: Study) -> dict[str, Any]:
+    """Return what needs the results of the paper's methods and of crude Monte Carlo."""
     claims = pd.read_csv(study.figures / "tables" / "claims.csv")
     claims = claims[list(CLAIM_COLUMNS)].rename(columns=CLAIM_COLUMNS).map(readable)
-    return common | {
-        "crash": study.answer.set_index("event").loc["crash"],
+    return {
         "paper_probability": PAPER_PROBABILITY,
         "claims": to_markdown(claims),
         "contradicted": contradictions(study.truth, study.crude),

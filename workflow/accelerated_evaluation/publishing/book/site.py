@@ -30,6 +30,7 @@ TABLE_FILES = {"CSV": "csv", "Markdown": "md", "LaTeX": "tex"}
 PARAMETERS = {"parameters", "injected-parameters"}  # tags of the cells that only say where the results are
 MATHJAX = "tex-svg.js"  # one file that draws formulas and adds MathML for screen readers; it needs no fonts
 STYLE, SCRIPT = "book.css", "book.js"
+CHAPTER_LINK = re.compile(r"(?<!!)\[(?P<text>[^\]]+)\]\((?P<chapter>\w+\.ipynb)(#[^)]*)?\)")
 PIXELS = 2  # of a PNG file for one on the page, so that figures have one size, and are sharp when enlarged
 
 
@@ -50,7 +51,8 @@ class Parts:
     captions
         Folder with the caption of every figure and table, ``<name>.rst``.
     pages
-        Folder with the templates of the first and the last page, the style and a script.
+        Folders with the templates of the first and the last page, the style and a script; a file of a later
+        folder replaces that of an earlier one.
     """
 
     study: Study
@@ -58,7 +60,16 @@ class Parts:
     tables: Mapping[str, Sequence[str]]
     guides: Sequence[Path]
     captions: Path
-    pages: Path
+    pages: Sequence[Path]
+
+    def without_missing(self, text: str) -> str:
+        """Return Markdown in which links to chapters that the book does not have are plain text."""
+        chapters = {path.name for path in self.notebooks}
+
+        def link(match: re.Match) -> str:
+            return match[0] if match["chapter"] in chapters else match["text"]
+
+        return CHAPTER_LINK.sub(link, text)
 
     def caption(self, name: str) -> list[str]:
         """Return the paragraphs of the caption of a figure or table, as Markdown."""
@@ -122,11 +133,12 @@ def build_book(parts: Parts, site: Path, names: dict[str, Any]) -> None:
 
 def _write_sources(parts: Parts, sources: Path, names: dict[str, Any]) -> None:
     shutil.copytree(parts.study.figures, sources / "figures")
-    shutil.copytree(parts.pages, sources, dirs_exist_ok=True)
+    for folder in parts.pages:
+        shutil.copytree(folder, sources, dirs_exist_ok=True)
     shutil.copy(files("sphinx-mathjax-offline") / "static" / "mathjax" / MATHJAX, sources)
     for guide in parts.guides:
         text = guide.read_text(encoding="utf-8").replace("](../notebooks/", "](")  # all pages share a folder
-        (sources / guide.name).write_text(text, encoding="utf-8")
+        (sources / guide.name).write_text(parts.without_missing(text), encoding="utf-8")
     for path in parts.notebooks:
         notebook = nbformat.read(path, as_version=4)
         notebook.cells = list(_chapter(parts, path.stem, notebook))
@@ -134,8 +146,9 @@ def _write_sources(parts: Parts, sources: Path, names: dict[str, Any]) -> None:
     chapters = {"notebooks": parts.notebooks, "guides": parts.guides}
     known = names | {"study": parts.study, "figure": parts.figure}
     known |= {name: [path.stem for path in paths] for name, paths in chapters.items()}
-    for page in parts.pages.glob("*.md"):
-        (sources / page.name).write_text(fill(page.read_text(encoding="utf-8"), known), encoding="utf-8")
+    for name in {page.name for folder in parts.pages for page in folder.glob("*.md")}:
+        page = sources / name
+        page.write_text(fill(page.read_text(encoding="utf-8"), known), encoding="utf-8")
 
 
 def _chapter(parts: Parts, name: str, notebook: NotebookNode) -> Iterator[NotebookNode]:
@@ -153,7 +166,9 @@ def _chapter(parts: Parts, name: str, notebook: NotebookNode) -> Iterator[Notebo
                 silent = f"{cell.source}\n\n"
             yield from (nbformat.v4.new_markdown_cell(parts.figure(shown), id=shown) for shown in figures)
         elif cell.cell_type != "code":
-            cell.source = cell.source.replace("](../docs/", "](")  # guides and chapters share a folder
+            # Guides and chapters share a folder.
+            source = re.sub(r"\]\((\.\./)+docs/", "](", cell.source)
+            cell.source = parts.without_missing(source)
             yield cell
     if silent:
         yield nbformat.v4.new_code_cell(silent.strip(), id="code", metadata={"tags": ["hide-input"]})

@@ -170,7 +170,7 @@ def fig23_answer(
     with paper_style():
         y = spaced(data["group"], 1.6)
         drawn, axes = plt.subplots(figsize=(1.4 * COLUMN_WIDTH, FRAME + ROW * y.max()))
-        _draw_nested(axes, y, data)
+        draw_nested(axes, y, data)
         axes.axvspan(*paper_interval, color=PAPER, alpha=0.4, linewidth=0, label="paper, 80 %")
         name_rows(axes, y, data["group"], data["name"])
         axes.set(xscale="log", xlabel="crash probability of a cut-in", ylim=(y.max() + 0.8, -1.6))
@@ -179,7 +179,7 @@ def fig23_answer(
     return drawn, data.drop(columns=["reading"])
 
 
-def _draw_nested(axes: Axes, y: Array, rows: pd.DataFrame) -> None:
+def draw_nested(axes: Axes, y: Array, rows: pd.DataFrame) -> None:
     """Draw intervals inside each other, the median as a line and the mean as a diamond."""
     for level, width in ((95, 0.8), (80, 2.2), (50, 4.5)):
         axes.hlines(
@@ -266,7 +266,7 @@ def fig25_vehicles(vehicles: pd.DataFrame, source: str) -> tuple[Figure, pd.Data
     with paper_style():
         size = (1.7 * COLUMN_WIDTH, FRAME + 2 * ROW * len(shown))
         drawn, (left, right) = plt.subplots(1, 2, sharey=True, figsize=size, width_ratios=(1.5, 1))
-        _draw_nested(left, y, shown)
+        draw_nested(left, y, shown)
         left.set(xscale="log", xlabel="crash probability of a cut-in")
         left.set_yticks(y, shown["vehicle"])
         left.invert_yaxis()

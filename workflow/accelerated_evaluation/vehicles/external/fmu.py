@@ -1,16 +1,18 @@
 """A vehicle that is an FMU: the study moves both cars, and the FMU returns the acceleration of the host."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike
 
 from accelerated_evaluation.base.errors import located
 from accelerated_evaluation.scenarios.cut_in import CUT_IN, Outcomes
 from accelerated_evaluation.scenarios.parameters import check_number, parameter_error
+from accelerated_evaluation.vehicles.builtin.traces import COLUMNS
 from accelerated_evaluation.vehicles.external.fmi import Model, State
 from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
 from accelerated_evaluation.vehicles.registry import VEHICLES
@@ -97,19 +99,42 @@ class Fmu(ForeignVehicle):
                 outcomes[:, k] = self._follow(*encounter.tolist())
         return CUT_IN.outcomes_of(outcomes)
 
+    def trace(self, lead_speed: float, range_: float, closing_speed: float) -> pd.DataFrame:
+        """Return the states of one encounter; the columns of `traces.COLUMNS`, without emergencies.
+
+        The acceleration in a row is that of the step before.
+        """
+        rows, before = [], 0.0
+        for time, state, acceleration in self._states(lead_speed, range_, closing_speed):
+            lead, ttc = range_ + lead_speed * time, math.inf
+            if state.closing_speed > 0 and state.range > 0:
+                ttc = state.range / state.closing_speed
+            speeds = lead_speed, state.host_speed
+            rows.append((time, lead, lead - state.range, 0.0, *speeds, before, state.range, ttc, 0.0))
+            before = acceleration
+        return pd.DataFrame(rows, columns=list(COLUMNS))
+
     def _follow(self, lead_speed: float, range_: float, closing_speed: float) -> tuple[float, ...]:
         """Return the outcomes of one encounter."""
+        *states, (_, last, _) = self._states(lead_speed, range_, closing_speed)
+        closing = [state for _, state, _ in states if state.closing_speed > 0]
+        min_ttc = min((state.range / state.closing_speed for state in closing), default=math.inf)
+        min_range = min(state.range for state in (*(state for _, state, _ in states), last))
+        crash = last.range <= 0
+        return float(crash), min_range, min_ttc, max(last.closing_speed, 0.0) if crash else 0.0
+
+    def _states(
+        self, lead_speed: float, range_: float, closing_speed: float
+    ) -> Iterator[tuple[float, State, float]]:
+        """Yield time, state and acceleration at the beginning of each step, and at the end."""
         state = State(range_, lead_speed + closing_speed, lead_speed)
-        min_range, min_ttc = range_, math.inf
-        instance = self._model.started(state)
+        instance, time = self._model.started(state), 0.0
         for step in range(round(self.duration / self.step)):
-            if state.closing_speed > 0:
-                min_ttc = min(min_ttc, state.range / state.closing_speed)
-            acceleration = instance.advance(step * self.step, self.step, state)
+            time = step * self.step
+            acceleration = instance.advance(time, self.step, state)
+            yield time, state, acceleration
             state = state.after(acceleration, self.step)
-            min_range = min(min_range, state.range)
             if state.range <= 0 or state.host_speed <= 0:
                 break
         instance.end()
-        crash = state.range <= 0
-        return float(crash), min_range, min_ttc, max(state.closing_speed, 0.0) if crash else 0.0
+        yield time + self.step, state, 0.0

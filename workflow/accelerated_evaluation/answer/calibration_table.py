@@ -1,0 +1,73 @@
+"""The table ``calibration``: recorded counts near the crash set, and those that the laws expect."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import pandas as pd
+
+from accelerated_evaluation.answer.calibration import cell_counts, near_miss_counts, with_limits
+from accelerated_evaluation.answer.law_table import KNOT, PAPER, TOGETHER
+from accelerated_evaluation.answer.scores import GivenLaw
+from accelerated_evaluation.answer.weighted_family import WeightedLaws
+from accelerated_evaluation.laws.smooth.conditional import Places
+from accelerated_evaluation.laws.smooth.family import Member
+from accelerated_evaluation.laws.smooth.rivals import IndependentTail
+from accelerated_evaluation.laws.smooth.shapes import Exponential
+
+SHOWN = (Member(), *(Member(KNOT, shape) for shape in ("exponential", "generalised", "two kinds")))
+
+
+@dataclass(frozen=True)
+class NearMisses:
+    """Crashes and near misses of the replayed records.
+
+    Attributes
+    ----------
+    recorded
+        Number of distinct records that end in each event when they are replayed, by its name.
+    probabilities
+        Probability of each event under each law.
+    """
+
+    recorded: Mapping[str, int]
+    probabilities: Mapping[str, Mapping[Member, float]]
+
+
+def shown_members(weighted: WeightedLaws) -> tuple[Member, ...]:
+    """Return the laws that tables list individually, without those that had too few records for a fit."""
+    return tuple(member for member in SHOWN if member in weighted.members)
+
+
+def calibration_table(weighted: WeightedLaws, near: NearMisses | None = None) -> pd.DataFrame:
+    """Return the table ``calibration``: ``law`` and the columns of `calibration.with_limits`.
+
+    Parameters
+    ----------
+    weighted
+        The laws with their weights.
+    near
+        Near misses of the replayed records; None if the records are not replayed.
+    """
+    records, family = weighted.records, weighted.family
+
+    def given(places: Places) -> Iterator[GivenLaw]:
+        below = places.body(family.body)  # which all laws share
+        return (family.law(member).given(places, below) for member in weighted.members)
+
+    def near_misses(probability: Mapping[str, float]) -> list[pd.DataFrame]:
+        return [] if near is None else [near_miss_counts(near.recorded, probability, records.size)]
+
+    by_event = {} if near is None else near.probabilities
+    by_member = dict(zip(weighted.members, cell_counts(records, given), strict=True))
+    together = by_member[SHOWN[0]].assign(
+        expected=weighted.mean({member: counts["expected"] for member, counts in by_member.items()})
+    )
+    mean = {name: weighted.mean(values) for name, values in by_event.items()}
+    tables = {TOGETHER: [together, *near_misses(mean)]}
+    for member in shown_members(weighted):
+        of_member = {name: values[member] for name, values in by_event.items()}
+        tables[member.name] = [by_member[member], *near_misses(of_member)]
+    independent = IndependentTail.fit(records, KNOT, Exponential())
+    tables[PAPER] = cell_counts(records, lambda places: [independent.given(places)])
+    rows = [with_limits(pd.concat(parts, ignore_index=True)).assign(law=law) for law, parts in tables.items()]
+    return pd.concat(rows, ignore_index=True)

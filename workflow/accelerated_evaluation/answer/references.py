@@ -1,0 +1,182 @@
+"""Reference vehicles whose crash maps are cheap, under the draws of the law of a slow vehicle.
+
+A crash map gives the crash probability of a reference under every draw of a mean law without a sampling
+error. The ratio of a slow vehicle to the reference is then found draw by draw, so that uncertainty about the
+law that affects both in the same way cancels.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+import pandas as pd
+
+from accelerated_evaluation.answer.compared import compare
+from accelerated_evaluation.answer.posterior import Posterior
+from accelerated_evaluation.answer.reweighting import NOISE, SampledPosterior
+from accelerated_evaluation.answer.study import REFERENCES, UNDER_TEST, with_draws
+from accelerated_evaluation.answer.summary import RATIO, is_supported, vehicle_table
+from accelerated_evaluation.answer.weighted_family import LINES
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.crash_map.lines import CrashLines
+from accelerated_evaluation.crash_map.mapping import map_crashes
+from accelerated_evaluation.crash_map.maps import CrashMap, Grid
+from accelerated_evaluation.crash_map.sampled import sample_crashes
+from accelerated_evaluation.laws.smooth.draws import LawDraws
+from accelerated_evaluation.laws.smooth.family import DistinctRecords
+from accelerated_evaluation.vehicles.external.slow import is_slow, loaded_for
+from accelerated_evaluation.vehicles.protocol import Vehicle
+
+GUIDES = 10  # draws that say which lines of a map matter
+LIMITS = ("lead_speed_min", "lead_speed_max", "range_max")  # within which a vehicle is mapped
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The crash probability of a reference vehicle.
+
+    Attributes
+    ----------
+    probabilities
+        Under each draw of the law, shape (K,).
+    recorded
+        Number of distinct records that crash when the vehicle replays them.
+    """
+
+    probabilities: Array
+    recorded: int
+
+    @classmethod
+    def of(
+        cls,
+        vehicle: Vehicle,
+        crash_map: CrashMap,
+        records: DistinctRecords,
+        draws: LawDraws,
+        generator: np.random.Generator,
+    ) -> Self:
+        """Return the probabilities by the map of a vehicle.
+
+        If the replayed records contradict the map, the map is replaced by one with random closing speeds, as
+        in `LawStudy.resolve`.
+
+        Parameters
+        ----------
+        vehicle, crash_map
+            The vehicle and its map.
+        records
+            The distinct cut-ins.
+        draws
+            The draws of the law.
+        generator
+            Source of all randomness.
+        """
+        outcomes = vehicle.simulate(records.lead_speed, records.range_, records.closing_speed)
+        recorded = int(outcomes.crash.sum())
+        probabilities = _by_map(vehicle, crash_map, records, draws, generator)
+        if not is_supported(recorded, records.size * probabilities.mean()):
+            crash_map = sample_crashes(vehicle, crash_map, generator)
+            probabilities = _by_map(vehicle, crash_map, records, draws, generator)
+        return cls(probabilities, recorded)
+
+
+def _by_map(
+    vehicle: Vehicle,
+    crash_map: CrashMap,
+    records: DistinctRecords,
+    draws: LawDraws,
+    generator: np.random.Generator,
+) -> Array:
+    """Return the probability of a crash under every draw, by the lines of a map that matter."""
+    lines = CrashLines.of(crash_map, records.lead_speed, support=records.support)
+    few = draws.thinned(GUIDES)
+    pairs = zip(few.shared, few.laws, strict=True)
+    masses = [lines.masses(few.ranges[shared], speeds) for shared, speeds in pairs]
+    shares = [mass / mass.sum() for mass in masses if mass.any()]
+    kept = lines.thinned(np.mean(shares, axis=0), LINES, generator) if shares else lines
+    return under_draws(with_draws(kept, vehicle, draws.size, generator), draws)
+
+
+def map_reference(
+    name: str, config: Mapping[str, Any], records: DistinctRecords, draws: LawDraws
+) -> Reference:
+    """Map a vehicle that is fast to simulate, and return its crash probability under every draw.
+
+    Parameters
+    ----------
+    name
+        A label of ``compared_vehicles``, or the name of a vehicle.
+    config
+        A complete configuration, of which the sections ``filters``, ``answer``, ``compared_vehicles`` and
+        ``simulations`` are read.
+    records, draws
+        As in `Reference.of`.
+
+    Raises
+    ------
+    InputError
+        If the vehicle is too slow for a map, or cannot be loaded.
+    """
+    named = {"name": name, "parameters": {}, "files": [], "deterministic": None}
+    section = named | config["compared_vehicles"].get(name, {})
+    if is_slow(section["name"], config["simulations"]):
+        change = "Estimate it under the same law, and compare the two by --compare."
+        raise InputError(
+            "--reference", seen=name, expected="a vehicle that is fast to simulate", change=change
+        )
+    limits = {key: config["filters"][key] for key in LIMITS}
+    grid, events = Grid(**limits, **config["answer"]["grid"]), []
+    generator = child_generator(config["seed"], "laws", "references", name)
+    with loaded_for(section, config["simulations"]) as vehicle:
+        return Reference.of(vehicle, map_crashes(vehicle, grid, events, generator), records, draws, generator)
+
+
+def under_draws(lines: CrashLines, draws: LawDraws) -> Array:
+    """Return the probability on the lines of a map under every draw of a law, shape (K,)."""
+    pairs = enumerate(zip(draws.shared, draws.laws, strict=True))
+    return np.array(
+        [lines.of_draw(draw).probability(draws.ranges[shared], law) for draw, (shared, law) in pairs]
+    )
+
+
+def compared_with(own: SampledPosterior | None, references: Mapping[str, Reference]) -> pd.DataFrame:
+    """Return the ratio of a slow vehicle to each reference; columns ``other`` and those of `compare`.
+
+    The numbers are NaN if the slow vehicle has not crashed in any run (``own`` is None), or if the reference
+    never crashes under some draw.
+    """
+    rows = []
+    for name, reference in references.items():
+        known, row = reference.probabilities, dict.fromkeys((*RATIO, "safer"), np.nan)
+        if own is not None and np.all(known > 0):
+            row = compare(own, SampledPosterior(known, np.zeros(known.size), own.member, own.batches))
+        rows.append({"other": name} | row)
+    return pd.DataFrame(rows, columns=["other", *RATIO, "safer"])
+
+
+def vehicles_with(
+    own: SampledPosterior | None, references: Mapping[str, Reference], size: int
+) -> pd.DataFrame:
+    """Return the table `summary.vehicle_table` of a slow vehicle and references.
+
+    The records are not replayed with the slow vehicle.
+
+    Parameters
+    ----------
+    own
+        Of the slow vehicle; None if it has not crashed in any run, so that nothing is known of it.
+    references
+        By name.
+    size
+        Number of distinct records.
+    """
+    posteriors = {} if own is None else {UNDER_TEST: own.whole}
+    recorded: dict[str, int | None] = dict.fromkeys(posteriors)
+    for name, reference in references.items():
+        values = np.repeat(reference.probabilities, NOISE)
+        posteriors[name] = Posterior(values, np.zeros(values.size, int))
+        recorded[name] = reference.recorded
+    return vehicle_table(posteriors, recorded, size, REFERENCES)
