@@ -30,6 +30,7 @@ from tqdm import tqdm
 ROOT = 2026  # root of all randomness
 LIMITS = ("lead_speed_min", "lead_speed_max", "range_max")
 LEVELS = {"low95": 0.025, "low80": 0.1, "median": 0.5, "high80": 0.9, "high95": 0.975}
+ENDS = {"low50": 0.25, "high50": 0.75} | LEVELS
 REFERENCE = "cc_human"
 
 
@@ -83,7 +84,8 @@ def compared(
         return {}
     posterior = posterior_of(draws)
     values = posterior.whole.probabilities
-    row = {}
+    row = {f"few_{name}": np.quantile(values, level) for name, level in ENDS.items()}
+    row |= {f"map_{name}": np.quantile(known, level) for name, level in ENDS.items()}
     for name, level in LEVELS.items():
         found = np.quantile(values, level)
         row[name] = np.log(found / np.quantile(known, level))

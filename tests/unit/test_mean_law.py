@@ -3,7 +3,9 @@
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation.answer.emphasis import Emphasis
 from accelerated_evaluation.answer.references import Reference
+from accelerated_evaluation.answer.reweighting import SampledPosterior
 from accelerated_evaluation.answer.weighted_family import score_family
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
@@ -208,3 +210,16 @@ def test_the_map_of_a_reference_gives_the_mean_of_the_draws_and_each_of_them(law
 
 def cut_ins_of(cut_ins):
     return cut_ins.lead_speed, cut_ins.inverse_range, cut_ins.inverse_ttc
+
+
+def test_the_emphasis_is_large_where_draws_of_small_probability_have_their_events(law):
+    probabilities = np.geomspace(1e-7, 1e-5, DRAWS)
+    posterior = SampledPosterior(probabilities, np.full(DRAWS, 0.1), np.zeros(DRAWS, int), 20)
+    emphasis = Emphasis.of(law, posterior)
+    z = np.random.default_rng(9).normal(size=(60, 3)) * [1, 1.2, 1.2]
+    cut_ins = emphasis.few.from_normal_scores(z)
+    ratios = np.exp(emphasis.few.log_ratios(cut_ins))
+    chosen = probabilities[3 * np.arange(20) + 1] / probabilities.mean()
+    assert emphasis(z) == pytest.approx(np.sqrt(np.mean((ratios / chosen[:, None]) ** 2, axis=0)))
+    many = np.repeat(z, 10, axis=0)
+    assert emphasis(many) == pytest.approx(np.repeat(emphasis(z), 10))  # by the nearest, which are the same

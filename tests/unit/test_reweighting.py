@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from accelerated_evaluation.answer import crossfit
 from accelerated_evaluation.answer.crossfit import Control, cross_fitted
-from accelerated_evaluation.answer.reweighting import Ratios, Reweighting, SampledPosterior, reweight
+from accelerated_evaluation.answer.reweighting import (
+    Ratios,
+    Reweighting,
+    SampledPosterior,
+    reweight,
+    without_scatter,
+)
 from accelerated_evaluation.methods.surrogate import combining
 from sampler_checks import drive, half_plane, new_sampler
 from scipy.stats import norm
@@ -156,3 +162,52 @@ def test_the_sampling_error_widens_the_interval():
     exactly = SampledPosterior(exact, np.zeros(4000), np.zeros(4000, int), 1000)
     assert exactly.share_of_sampling == pytest.approx(0, abs=1e-12)
     assert exactly.whole.interval(0.8) == pytest.approx(exactly.alone.interval(0.8), rel=1e-3)
+
+
+def test_the_shared_error_is_that_of_the_mean_of_the_draws(samplers):
+    found = [
+        reweighting().estimate(
+            sampler.progress, controls=[Control.own(batch) for batch, _ in counted(sampler.progress)]
+        )
+        for sampler in samplers
+    ]
+    logs = np.array([np.log(posterior.probabilities / EXACT) for posterior in found])
+    shared = np.mean([posterior.shared for posterior in found])
+    own = np.mean([posterior.own for posterior in found], axis=0)
+    assert 0.7 * logs[:, 1:-1].mean(axis=1).std() < shared < 2 * logs[:, 1:-1].mean(axis=1).std()
+    apart = logs - logs[:, 1:-1].mean(axis=1, keepdims=True)
+    assert np.all(own[[0, -1]] > 0.6 * apart.std(axis=0)[[0, -1]])
+    assert np.all(own[[0, -1]] < 2 * apart.std(axis=0)[[0, -1]])
+    assert np.all(np.hypot(shared, own) < 1.6 * np.mean([posterior.errors for posterior in found], axis=0))
+
+
+def test_estimates_drawn_together_scatter_as_the_probabilities_do():
+    generator = np.random.default_rng(8)
+    logs, own = generator.normal(-13, 0.6, 4000), np.full(4000, 0.3)
+    estimates = np.exp(logs + generator.normal(0, own))
+    drawn = np.log(without_scatter(estimates, own))
+    error = 0.6 / np.sqrt(2 * 4000)
+    assert drawn.std() == pytest.approx(0.6, abs=4 * error)
+    assert np.log(estimates).std() > 0.6 + 4 * error  # without it: too wide
+    assert np.median(drawn) == pytest.approx(np.median(np.log(estimates)))
+    assert without_scatter(estimates, 0 * own) == pytest.approx(estimates)
+
+
+def test_any_emphasis_leaves_the_estimate_right_and_attracts_runs(samplers):
+    def aside(z):
+        return np.where(z @ [0.8, -0.6] > 0, 5.0, 0.2)
+
+    def driven(seed):
+        sampler = new_sampler(seed=seed)
+        sampler.emphasis = aside
+        return drive(sampler, half_plane(LEVEL)).sampler
+
+    emphasised = [driven(seed) for seed in range(30)]
+    estimates = [reweighting().estimate(sampler.progress).probabilities for sampler in emphasised]
+    assert standardised(estimates).max() < 4.5
+    shares = [
+        np.mean(aside(np.vstack([batch.z[batch.aimed] for batch, _ in counted(sampler.progress)])) > 1)
+        for part in (emphasised, samplers)
+        for sampler in part
+    ]
+    assert np.mean(shares[:30]) > np.mean(shares[30:]) + 0.2

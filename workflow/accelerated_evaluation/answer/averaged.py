@@ -11,9 +11,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
-from scipy.special import ndtr
 
 from accelerated_evaluation.answer.crossfit import Control, cross_fitted
+from accelerated_evaluation.answer.emphasis import Emphasis
+from accelerated_evaluation.answer.impacts import impact_share
 from accelerated_evaluation.answer.posterior import LEVELS, budget
 from accelerated_evaluation.answer.reweighting import Reweighting, SampledPosterior
 from accelerated_evaluation.answer.study import event_name
@@ -28,16 +29,13 @@ from accelerated_evaluation.vehicles.events import CRASH, Event
 from accelerated_evaluation.vehicles.protocol import Outcomes
 
 SHARE = 0.05  # of the width of the interval that the sampling may add
-RIDGE = 1e-2  # of the regression of impact speeds, in units of the variance of its terms
-SMALLEST_DEVIATION = 0.3  # [m/s], of an impact speed from its regression
 NAMES = ("crash", "min_range", "min_ttc", "impact_speed")
 # Columns of tables that have no row where no crash has been observed.
 EMPTY = {
     "budget": ("source", "factor", "variance_share"),
-    "draws": ("draw", "law", "probability", "error", "batches"),
+    "draws": ("draw", "law", "probability", "error", "shared_error", "own_error", "batches"),
     "crashes": ("z_1", "z_2", "z_3", "lead_speed", "range", "closing_speed", *NAMES, "share"),
 }
-FEWEST = 15  # crashes, from which impact speeds are regressed
 
 Shown = Callable[[Estimate, SampledPosterior | None], None]
 
@@ -78,6 +76,8 @@ class AveragedSurrogate(Surrogate):
             if has_enough and sampler.is_settled():
                 break
             course.run(problem, sampler.ask(certify=has_enough))
+            if (posterior := course.posterior()) is not None:
+                sampler.emphasis = Emphasis.of(problem.law, posterior)
             if self.on_answer is not None:
                 self.on_answer(sampler.estimate(stopping), course.posterior())
         return replace(
@@ -153,8 +153,9 @@ class Course:
         dict
             ``answer``: the columns of the study's table of that name and ``simulations``, one row an event.
             ``budget``: see `posterior.budget`, for the sampled event. ``draws``: number of the ``draw``, its
-            ``law``, ``probability`` of the sampled event, its relative ``error``, and the number of
-            ``batches`` of which it is made. ``crashes``: see `crashes`.
+            ``law``, ``probability`` of the sampled event, its relative ``error``, the parts ``shared_error``
+            and ``own_error`` of it, and the number of ``batches`` of which it is made. ``crashes``: see
+            `crashes`.
         """
         controls = self._controls()
         posteriors = {event: self._of(event, sampled, controls) for event in (sampled, *events)}
@@ -173,6 +174,8 @@ class Course:
             "law": self.law.draws.names,
             "probability": own.probabilities,
             "error": own.errors,
+            "shared_error": own.shared,
+            "own_error": own.own,
             "batches": own.batches,
         }
         of_draws = {"budget": budget(own.alone, own.deviation), "draws": pd.DataFrame(draws)}
@@ -254,37 +257,9 @@ def joined(outcomes: Sequence[Outcomes]) -> Outcomes:
 def posterior_of(draws: pd.DataFrame) -> SampledPosterior:
     """Return what a table ``draws`` of one replicate holds."""
     member = np.unique(draws["law"], return_inverse=True)[1]
-    columns = (draws[name].to_numpy(float) for name in ("probability", "error"))
-    return SampledPosterior(*columns, member, int(draws["batches"].iloc[0]))
-
-
-def impact_share(z: Array, outcomes: Outcomes, threshold: float) -> Callable[[Array], Array]:
-    """Return the probability that a crash at normal scores is faster than a threshold [m/s].
-
-    Impact speeds of the crashes are regressed on a quadratic function of the normal scores, with normal
-    residuals. The function only serves as a control variate, so that it reduces the variance and need not be
-    exact. It is 1 where there are too few crashes.
-    """
-    if outcomes.crash.sum() < FEWEST:
-        return lambda points: np.ones(len(points))
-    centre, scale = z[outcomes.crash].mean(axis=0), z[outcomes.crash].std(axis=0) + SMALLEST_DEVIATION
-    terms, speeds = _quadratic((z[outcomes.crash] - centre) / scale), outcomes.impact_speed[outcomes.crash]
-    penalty = RIDGE * len(terms) * np.eye(terms.shape[1])
-    coefficients = np.linalg.solve(terms.T @ terms + penalty, terms.T @ speeds)
-    deviation = max(float((speeds - terms @ coefficients).std()), SMALLEST_DEVIATION)
-
-    def share(points: Array) -> Array:
-        if not len(points):
-            return np.empty(0)
-        return ndtr((_quadratic((points - centre) / scale) @ coefficients - threshold) / deviation)
-
-    return share
-
-
-def _quadratic(x: Array) -> Array:
-    """Return a constant, the variables and their products, shape (n, d) to (n, 1 + d + d (d + 1) / 2)."""
-    products = [x[:, i] * x[:, j] for i in range(x.shape[1]) for j in range(i + 1)]
-    return np.column_stack([np.ones(len(x)), x, *products])
+    probability, error, own = (draws[name].to_numpy(float) for name in ("probability", "error", "own_error"))
+    batches, shared = int(draws["batches"].iloc[0]), float(draws["shared_error"].iloc[0])
+    return SampledPosterior(probability, error, member, batches, shared, own)
 
 
 def answer_in_words(row: Mapping[str, Any], encounter: str = "a cut-in") -> list[str]:

@@ -6,8 +6,9 @@ f_k / f_sampled; see `methods.surrogate.two_phase` for the estimate of a batch. 
 stays as it was, because it was decided before the batch was drawn.
 """
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,8 @@ from accelerated_evaluation.methods.surrogate.two_phase import TwoPhaseBatch
 LEVEL = 0.8  # of the interval whose width the sampling may add to
 NOISE = 25  # values of the sampling error that stand for its distribution, for each draw
 LEAST = 0.1  # of 1 + t c, where the sampling error is so large that its form is unknown
+INNER = (0.1, 0.9)  # levels of the draws from which the shared error is found
+LEAST_BETWEEN = 0.25  # share of the variance of the estimates that their own errors cannot explain
 SMALLEST = 1e-3  # of the mean: a draw whose estimate is below, or negative, is not known
 
 
@@ -49,34 +52,47 @@ class SampledPosterior:
         The law that each draw is of, as a number, shape (K,).
     batches
         Number of batches, one more than the degrees of freedom of the errors.
+    shared
+        The part of the relative error that all draws share; NaN if it is not known.
+    own
+        The part of the relative error of each draw that it has for itself, shape (K,); None if unknown.
     """
 
     probabilities: Array
     errors: Array
     member: NDArray[np.int_]
     batches: int
+    shared: float = math.nan
+    own: Array | None = None
 
     @property
     def alone(self) -> Posterior:
-        """The posterior without the sampling error: as if every estimate were exact."""
-        return Posterior(self.probabilities, self.member)
+        """The posterior without the sampling error: as if every estimate were exact.
+
+        The estimates scatter more than the probabilities do, because each has an error of its own. If this
+        part of the error is known, the estimates are drawn towards their median; see `without_scatter`.
+        """
+        known = self.probabilities if self.own is None else without_scatter(self.probabilities, self.own)
+        return Posterior(known, self.member)
 
     @property
     def whole(self) -> Posterior:
         """The posterior with the sampling error.
 
         Each draw is replaced by `NOISE` equally likely values of the probability, given its estimate Y and
-        its relative error c: Y / (1 + t c) with t from Student's law, see `combining.interval`.
+        its relative error c: Y / (1 + t c) with t from Student's law, see `combining.interval`. If the parts
+        of the error are known, c is the part that all draws share, and Y is as in `alone`.
         """
         levels = (np.arange(NOISE) + 0.5) / NOISE
         t = stdtrit(self.batches - 1, levels)
-        values = self.probabilities[:, None] / np.maximum(1 + self.errors[:, None] * t, LEAST)
+        errors = self.errors if self.own is None else np.full(self.errors.size, self.shared)
+        values = self.alone.probabilities[:, None] / np.maximum(1 + errors[:, None] * t, LEAST)
         return Posterior(values.ravel(), np.repeat(self.member, NOISE))
 
     @property
     def deviation(self) -> float:
-        """Root mean square of the relative errors."""
-        return float(np.sqrt(np.mean(self.errors**2)))
+        """Relative error that all draws share; the root mean square of all errors if it is unknown."""
+        return float(np.sqrt(np.mean(self.errors**2))) if self.own is None else self.shared
 
     @property
     def share_of_sampling(self) -> float:
@@ -84,6 +100,29 @@ class SampledPosterior:
         (low, high), (low_alone, high_alone) = (part.interval(LEVEL) for part in (self.whole, self.alone))
         with np.errstate(divide="ignore", invalid="ignore"):
             return float(np.log(high / low) / np.log(high_alone / low_alone) - 1)
+
+
+def without_scatter(estimates: Array, own: Array) -> Array:
+    """Draw estimates towards their median, so that their scatter is that of the probabilities.
+
+    The own errors e_k explain the mean of e_k^2 of the variance of the logarithms of the estimates. The rest,
+    A, is the variance of the probabilities. The distance of each logarithm from the median is multiplied by
+    sqrt(A / (A + e_k^2)). This is a constrained empirical Bayes estimate (Louis 1984) for draws that are
+    normal around the median.
+
+    Parameters
+    ----------
+    estimates
+        Positive, shape (K,).
+    own
+        Relative error of each that it does not share with the others, shape (K,).
+    """
+    logs = np.log(estimates)
+    middle, variance, squares = np.median(logs), logs.var(), np.minimum(own, 1.0) ** 2
+    if variance == 0:
+        return estimates
+    between = max(variance - squares.mean(), LEAST_BETWEEN * variance)
+    return np.exp(middle + np.sqrt(between / (between + squares)) * (logs - middle))
 
 
 class Reweighting:
@@ -117,6 +156,8 @@ class Reweighting:
     ) -> SampledPosterior | None:
         """Return the probability of an event under each draw; None where no batch counts.
 
+        With ``controls`` the errors are divided into the part that all draws share and the others.
+
         Parameters
         ----------
         progress
@@ -137,18 +178,21 @@ class Reweighting:
         last = np.cumsum([len(batch.z) for batch in batches])
         flags = np.split(known[len(known) - last[-1] :], last[:-1])
         estimates, variances = np.zeros(self.member.size), np.zeros(self.member.size)
+        parts = []
         for place, (weight, batch) in enumerate(zip(importance, batches, strict=True)):
             number = first + place
             if happened is None and controls is None:
                 estimate, variance = self._sampled(number, batch, flags[place])
             else:
                 control = Control.own(batch) if controls is None else controls[place]
-                estimate, variance = reweight(batch, self._ratios_of(number, batch), flags[place], control)
+                parts.append((weight, batch, self._ratios_of(number, batch), flags[place], control))
+                estimate, variance = reweight(*parts[-1][1:])
             estimates += weight * estimate
             variances += weight**2 * variance
         if not estimates.mean() > 0:
             return None
-        return self._posterior(estimates, variances, importance, counted)
+        found = self._posterior(estimates, variances, importance, counted)
+        return found if controls is None else divided(found, parts)
 
     @staticmethod
     def counted(progress: Progress) -> Sequence[BatchEstimate]:
@@ -213,3 +257,32 @@ def reweight(batch: TwoPhaseBatch, ratios: Ratios, happened: Array, control: Con
     squares = controlled * ratios.kept @ batch.kept_weight + terms * ratios.runs @ batch.weight
     second_phase = (terms**2 * (1 - batch.inclusion)).sum(axis=1) * n / max(n - 1, 1)
     return controlled.sum(axis=1) + terms.sum(axis=1), np.maximum(squares, 0.0) + second_phase
+
+
+Part = tuple[float, TwoPhaseBatch, Ratios, Array, Control]
+
+
+def divided(found: SampledPosterior, parts: Sequence[Part]) -> SampledPosterior:
+    """Divide the errors of a posterior into the part that all draws share and the own part of each.
+
+    The shared error is that of the mean of Y_k / P_k over the draws, without the tenth with the smallest and
+    the tenth with the largest probabilities. The own error is that of the difference from this mean.
+
+    Parameters
+    ----------
+    found
+        The posterior, whose probabilities stand for the P_k.
+    parts
+        Weight, batch, ratios, outcomes and control variate of each batch.
+    """
+    scale = found.probabilities[:, None]
+    low, high = np.quantile(scale, INNER)
+    inner = ((scale >= low) & (scale <= high))[:, 0]
+    shared, own = 0.0, np.zeros(scale.size)
+    for weight, batch, ratios, happened, control in parts:
+        relative = Ratios(ratios.runs / scale, ratios.kept / scale)
+        mean = Ratios(*(each[inner].mean(axis=0, keepdims=True) for each in (relative.runs, relative.kept)))
+        rest = Ratios(relative.runs - mean.runs, relative.kept - mean.kept)
+        shared += weight**2 * float(reweight(batch, mean, happened, control)[1][0])
+        own += weight**2 * reweight(batch, rest, happened, control)[1]
+    return replace(found, shared=math.sqrt(shared), own=np.sqrt(own))

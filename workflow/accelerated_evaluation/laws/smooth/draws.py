@@ -6,6 +6,7 @@ of its own, while a smaller number of bodies and ranges is shared: each body is 
 This saves time, because tables of cumulative hazards are needed for bodies and ranges alone.
 """
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -97,9 +98,22 @@ class LawDraws:
         """Number K of draws."""
         return len(self.laws)
 
+    @cached_property
+    def digest(self) -> str:
+        """Digest of all parameters."""
+        tails = [(law.tail.coefficients, law.tail.parameters) for law in self.laws if law.tail is not None]
+        arrays = [hazard.coefficients for hazard in (*self.ranges, *self.bodies)]
+        content = hashlib.sha256(repr((self.names, self.shared.tolist())).encode())
+        for array in (*arrays, *(part for tail in tails for part in tail)):
+            content.update(np.ascontiguousarray(array).tobytes())
+        return content.hexdigest()[:16]
+
     def thinned(self, size: int) -> Self:
         """Return ``size`` of the draws, spread evenly over all, or all where there are fewer."""
-        chosen = np.unique(np.linspace(0, self.size - 1, min(size, self.size)).round().astype(int))
+        return self.only(np.unique(np.linspace(0, self.size - 1, min(size, self.size)).round().astype(int)))
+
+    def only(self, chosen: NDArray[np.intp]) -> Self:
+        """Return some of the draws, given by their numbers."""
         used, shared = np.unique(self.shared[chosen], return_inverse=True)
         return replace(
             self,

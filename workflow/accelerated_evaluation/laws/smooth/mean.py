@@ -18,7 +18,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import logsumexp
 
 from accelerated_evaluation.base.arrays import Array
@@ -221,7 +221,7 @@ class MeanStratum(Stratum):
 
 
 @LAWS.add("mean")
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class MeanLaw(Law):
     """v_L as recorded, and the mean of draws of range and closing speed given v_L.
 
@@ -258,6 +258,11 @@ class MeanLaw(Law):
         counts = {segment: int(size) for segment, size in segments["size"].items()}
         return cls(description, counts, draws, recorded_lead_speeds(encounters, counts), closing_speed_max)
 
+    def __repr__(self) -> str:
+        """Return a text that identifies the law: description, counts, and a digest of its draws."""
+        parts = self.description, dict(self.counts), self.draws.digest, self.closing_speed_max
+        return f"{type(self).__name__}{parts}"
+
     @property
     def shares(self) -> dict[str, float]:
         """Share of the lane changes that fall into each segment."""
@@ -277,6 +282,10 @@ class MeanLaw(Law):
     def thinned(self, size: int) -> Self:
         """Return the mean of fewer draws."""
         return replace(self, draws=self.draws.thinned(size))
+
+    def only_draws(self, chosen: NDArray[np.intp]) -> Self:
+        """Return the mean of some of the draws, given by their numbers."""
+        return replace(self, draws=self.draws.only(chosen))
 
     def log_ratios(self, cut_ins: CutIns) -> Array:
         """Return log(f_k / f_mean) of n cut-ins for each draw k, shape (K, n); none exceeds log K."""

@@ -16,6 +16,7 @@ were missed is bounded; see `certificate`. Before these batches, a search finds 
 probable part; see `search`. Notebook 10 derives the method, and docs/sampler.md explains its use.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Self
 
@@ -136,6 +137,7 @@ class Sampler:
         self.progress.chance = deterministic is False
         self._generator = generator
         self.predecessor = predecessor
+        self.emphasis: Callable[[Array], Array] | None = None
         self._belief = Belief(WholeSpace(dimension), predecessor, chance=self.progress.chance)
 
     # ---- simulations
@@ -397,14 +399,14 @@ class Sampler:
             mattered = expect(pool, fringe_limit, self._fringe).probability if self.progress.chance else core
             share = truncated(w * np.sqrt(mattered))
             self.progress.centres = pool.z[self._generator.choice(len(w), KERNELS, p=share / share.sum())]
-        expected = expect(pool, fringe_limit, self._fringe)
+        expected = expect(pool, fringe_limit, self._fringe, self.emphasis)
         return predict(pool, expected, self.batch_size, self._pool_size, defence), fringe_limit
 
     def _two_phase_batch(self, defence: Defence) -> TwoPhaseBatch:
         """Choose runs from a pool, as the module says in steps 2 and 3."""
         prediction, fringe_limit = self._look_ahead(defence)
         pool = self._pool(self._pool_size)
-        expected = expect(pool, fringe_limit, self._fringe)
+        expected = expect(pool, fringe_limit, self._fringe, self.emphasis)
         return draw_batch(
             pool, expected, prediction, self.batch_size, defence, self._belief.foresee, self._generator
         )

@@ -108,16 +108,23 @@ class Expectation:
         The control variate g.
     error
         The mean squared error E (1{event} - g)^2.
+    emphasis
+        Factor of the runs' inclusion probabilities where the event is held possible; 1 if the probability
+        under the sampled law alone is wanted.
     """
 
     probability: Array
     control: Array
     error: Array
+    emphasis: Array | float = 1.0
 
     @property
     def spread(self) -> Array:
-        """Square root of the error, slightly increased where the surrogate predicts almost no error."""
-        return np.sqrt(self.error + FLOOR * self.probability)
+        """Square root of the error times the emphasis.
+
+        The error is slightly increased where the surrogate predicts almost none.
+        """
+        return self.emphasis * np.sqrt(self.error + FLOOR * self.probability)
 
 
 @dataclass(frozen=True)
@@ -191,7 +198,12 @@ def reach_of(probability: float) -> float:
     return min(BEYOND - math.log(probability), REACH) if probability > 0 else REACH
 
 
-def expect(pool: Pool, fringe_limit: float, fringe: float = FRINGE) -> Expectation:
+def expect(
+    pool: Pool,
+    fringe_limit: float,
+    fringe: float = FRINGE,
+    emphasis: Callable[[Array], Array] | None = None,
+) -> Expectation:
     """Return the surrogate's expectations at the points of a pool.
 
     Runs are sampled preferentially from the core, where the predicted probability is at least `CORE`, and
@@ -203,7 +215,10 @@ def expect(pool: Pool, fringe_limit: float, fringe: float = FRINGE) -> Expectati
     aimed = (p >= CORE) | ((pool.weight <= fringe_limit) & (p >= fringe))
     p = np.where(aimed, p, 0.0)
     control = np.where(p >= CONTROLLED, p, 0.0)
-    return Expectation(p, control, p * (1 - p) + (p - control) ** 2)
+    factor = np.ones(len(p))
+    if emphasis is not None and aimed.any():
+        factor[aimed] = emphasis(pool.z[aimed])
+    return Expectation(p, control, p * (1 - p) + (p - control) ** 2, factor)
 
 
 def predict(pool: Pool, expected: Expectation, runs: int, pool_size: int, defence: Defence) -> Prediction:
