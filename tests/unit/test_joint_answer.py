@@ -96,7 +96,7 @@ def test_both_ways_find_the_probability_under_each_draw():
     drawn = DrawnLaws([normal_law(mean) for mean in means], np.zeros(3, int), ["toy"])
     truth = np.array([exact(law) for law in drawn.laws])
     many = simulated_posterior(drawn, respond, np.random.default_rng(9), 60_000)
-    few, sampler = surrogate_posterior(drawn, respond, np.random.default_rng(10), share=0.1)
+    few, sampler, _ = surrogate_posterior(drawn, respond, np.random.default_rng(10), share=0.1)
     assert sampler.simulations <= 150
     for posterior in (many, few):
         deviation = np.abs(posterior.probabilities / truth - 1) / posterior.errors
@@ -176,6 +176,24 @@ def test_the_whole_answer_has_all_its_tables(monkeypatch):
     crude, few, bounded = tables["answer"]["median"]
     assert few == pytest.approx(crude, rel=0.5)
     assert bounded > crude
+
+
+def test_few_runs_that_miss_a_part_are_not_called_converged():
+    """The event has a frequent part without a score that leads to it, and a rare one with such a score."""
+
+    def misleading(x):
+        happened = (np.abs(x[:, 1] - 6.2) < 0.02) | (x[:, 0] > 9.9)
+        return happened, 9.9 - x[:, 0]
+
+    drawn = DrawnLaws([normal_law()], np.zeros(1, int), ["toy"])
+    truth = simulated_posterior(drawn, misleading, np.random.default_rng(22), 60_000).probabilities[0]
+    missed = 0
+    for seed in range(2):
+        few, _, converged = surrogate_posterior(drawn, misleading, np.random.default_rng(seed))
+        wrong = few is None or few.probabilities[0] < truth / 3
+        missed += wrong
+        assert not (wrong and converged)
+    assert missed
 
 
 def few_candidates(own, system, generator):

@@ -22,11 +22,15 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.joint import JointLaw
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
+from accelerated_evaluation.methods.surrogate.certificate import Certificate
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 
 DRAWS = 100
 SIMULATIONS = 200_000  # of crude Monte Carlo
 BOUND_DRAWS = 20_000  # of each law, which show how much of it is within a bound
+# The event of a scenario may be frequent and in several parts, so an unmet part must be less probable than
+# the estimate. The sampler's own rule is for rare events, and allows a thousand times the estimate.
+CERTIFICATE = Certificate(share=1.0, curvature=0.0)
 FEW = 150  # simulations with a surrogate
 MEAN_COMPONENTS = 8  # of the mixture that stands for the mean of the draws when runs are few
 MEAN_POINTS = 8_000  # to which this mixture is fitted
@@ -141,7 +145,7 @@ def surrogate_posterior(
     generator: np.random.Generator,
     simulations: int = FEW,
     share: float = SHARE,
-) -> tuple[SampledPosterior | None, Sampler]:
+) -> tuple[SampledPosterior | None, Sampler, bool]:
     """Return the probability of the event under each draw, by few runs of the surrogate-guided sampler.
 
     The runs end when more of them would make the 80 % interval of the answer narrower by less than a share of
@@ -166,10 +170,17 @@ def surrogate_posterior(
         None if no batch of runs gives an estimate.
     sampler : Sampler
         The sampler, with its runs and its estimate under the law that was sampled.
+    converged : bool
+        Whether the runs ended before the limit. Otherwise a part of the event may be missing: the sampler is
+        made for rare events, and what it has excluded is in the diagnostic ``unseen_mode`` of its estimate.
     """
     law = mean_law(drawn, generator)
     sampler = Sampler(
-        law.dimension, generator, fingerprint="mean of the draws of the law", deterministic=True
+        law.dimension,
+        generator,
+        fingerprint="mean of the draws of the law",
+        deterministic=True,
+        certificate=CERTIFICATE,
     )
     reweighting = Reweighting(
         lambda x: drawn.log_densities(x) - law.log_density(x), law.from_normal_scores, drawn.member
@@ -178,12 +189,12 @@ def surrogate_posterior(
     while sampler.simulations + sampler.batch_size <= simulations:
         is_enough = posterior is not None and posterior.share_of_sampling <= share
         if is_enough and sampler.is_settled():
-            break
+            return posterior, sampler, True
         z = sampler.ask(certify=is_enough)
         sampler.tell(*respond(law.from_normal_scores(z)))
         if sampler.progress.happened.any():
             posterior = reweighting.estimate(sampler.progress)
-    return posterior, sampler
+    return posterior, sampler, False
 
 
 def answer_tables(posterior: SampledPosterior, drawn: DrawnLaws) -> dict[str, pd.DataFrame]:

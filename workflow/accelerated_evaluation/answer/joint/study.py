@@ -49,22 +49,25 @@ def joint_answer(
     dict
         ``laws``, see `ScoredLaws.table`, with the ``probability`` under the fit of each law to all records.
         ``answer``, ``budget`` and ``draws``, see `answer_tables`, with the further columns ``bound``,
-        ``method`` (``crude`` or ``surrogate``) and ``simulations``.
+        ``method`` (``crude`` or ``surrogate``), ``simulations`` and ``converged``; see
+        `surrogate_posterior` for what it means that few runs have not converged.
     """
     scored = score_laws(records, respond, generator)
     laws = scored.table(scored.weights(WEIGHT_DRAWS, generator))
     fits = DrawnLaws(scored.laws, np.arange(len(laws)), laws["law"].tolist())
     laws["probability"] = simulated_posterior(fits, respond, generator, simulations).probabilities
     drawn = DrawnLaws.of(scored, generator, draws)
-    found: list[tuple[str, str, int, SampledPosterior]] = []
+    found: list[tuple[dict[str, str | int | bool], SampledPosterior]] = []
     for name, within in bounds.items():
         posterior = simulated_posterior(drawn, respond, generator, simulations, within)
-        found.append((name, "crude", simulations, posterior))
-    few, sampler = surrogate_posterior(drawn, respond, generator)
+        own = {"bound": name, "method": "crude", "simulations": simulations, "converged": True}
+        found.append((own, posterior))
+    few, sampler, converged = surrogate_posterior(drawn, respond, generator)
     if few is not None:
-        found.insert(1, (next(iter(bounds)), "surrogate", sampler.simulations, few))
+        own = {"method": "surrogate", "simulations": sampler.simulations, "converged": converged}
+        found.insert(1, (found[0][0] | own, few))
     tables: dict[str, list[pd.DataFrame]] = {"answer": [], "budget": [], "draws": []}
-    for bound, method, runs, posterior in found:
+    for own, posterior in found:
         for name, table in answer_tables(posterior, drawn).items():
-            tables[name].append(table.assign(bound=bound, method=method, simulations=runs))
+            tables[name].append(table.assign(**own))
     return {"laws": laws} | {name: pd.concat(parts, ignore_index=True) for name, parts in tables.items()}
