@@ -1,0 +1,21 @@
+"""The lead vehicle keeps its speed, as in the paper."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.laws.motion import MOTIONS, STATES
+
+
+@MOTIONS.add("constant")
+@dataclass(frozen=True)
+class Constant:
+    """The lead vehicle keeps its speed; see `LeadMotion`."""
+
+    inputs: ClassVar[int] = 0
+
+    def lead_speeds(self, lead_speed: Array, inputs: Array) -> Array:
+        """Return the lead speed at all times; see `LeadMotion`."""
+        return np.repeat(np.asarray(lead_speed, dtype=float)[:, None], STATES, axis=1)
