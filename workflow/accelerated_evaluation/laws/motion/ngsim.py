@@ -9,10 +9,10 @@ from scipy.interpolate import PchipInterpolator
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.motion import MOTIONS, STATES, STEP
 
-# From 13,602 overlapping profiles of 8 s that begin above 8 m/s, of US-101 and of car-following pairs (pieces of
-# NGSIM, recorded by the US Department of Transportation): the mean change of speed [m/s] after 1, 2, ..., 8 s;
-# the first three principal components, which have 98.6 % of the variance; and the quantiles of their scores at
-# these levels, whose ends are the smallest and the largest score.
+# From 13,602 overlapping profiles of 8 s that begin above 8 m/s, of US-101 and of car-following pairs (pieces
+# of NGSIM, recorded by the US Department of Transportation): the mean change of speed [m/s] after 1, 2, ...,
+# 8 s; the first three principal components, which have 98.6 % of the variance; and the quantiles of their
+# scores at these levels, whose ends are the smallest and the largest score.
 MEAN = np.array([0.016, -0.036, -0.117, -0.203, -0.268, -0.313, -0.36, -0.432])
 COMPONENTS = np.array(
     [
@@ -48,10 +48,7 @@ class Ngsim:
 
     def lead_speeds(self, lead_speed: Array, inputs: Array) -> Array:
         """Return lead speeds over time; see `LeadMotion`."""
-        scores = np.column_stack(
-            [np.interp(inputs[:, k], LEVELS, values) for k, values in enumerate(SCORES)]
-        )
+        scores = np.column_stack([np.interp(inputs[:, k], LEVELS, values) for k, values in enumerate(SCORES)])
         knots = np.hstack([np.zeros((len(scores), 1)), MEAN + scores @ COMPONENTS])
         changes = PchipInterpolator(KNOTS, knots, axis=1)(STEP * np.arange(STATES))
         return np.maximum(np.asarray(lead_speed, dtype=float)[:, None] + changes, 0.0)
-

@@ -4,14 +4,16 @@ import math
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
+import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
 from accelerated_evaluation.scenarios.compiled import available_threads, simulate_in_slices
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.parameters import check_number, parameter_error, zero_or_more
-from accelerated_evaluation.vehicles.builtin.driver_kernel import STEP, follow_slice
+from accelerated_evaluation.vehicles.builtin.driver_kernel import STEP, follow_moving, follow_slice
 from accelerated_evaluation.vehicles.builtin.driver_numbers import Driver
+from accelerated_evaluation.vehicles.builtin.moving import checked_lead_speeds
 from accelerated_evaluation.vehicles.builtin.traces import trace_driver
 from accelerated_evaluation.vehicles.checks import checked_encounters
 from accelerated_evaluation.vehicles.protocol import Outcomes
@@ -106,6 +108,29 @@ class ReferenceDriver:
         return simulate_in_slices(
             CUT_IN, follow_slice, self.compiled(), encounters, threads=available_threads()
         )
+
+    def simulate_moving(
+        self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, lead_speeds: ArrayLike
+    ) -> Outcomes:
+        """Simulate n cut-ins behind lead vehicles that change their speeds.
+
+        Parameters
+        ----------
+        lead_speed, range_, closing_speed
+            As in `simulate`.
+        lead_speeds
+            Lead speeds [m/s] at 0, 0.1, ... s, shape (n, at least 81). The first ones are ``lead_speed``.
+
+        Raises
+        ------
+        InputError
+            As in `simulate`, and if lead speeds are not finite, negative, or too short in time.
+        """
+        encounters = checked_encounters(lead_speed, range_, closing_speed)
+        outcomes = np.empty((4, encounters.shape[1]))
+        speeds = checked_lead_speeds(lead_speeds, encounters[0])
+        follow_moving(encounters, speeds, self.compiled(), outcomes)
+        return Outcomes(outcomes[0] > 0, *outcomes[1:])
 
     def trace(self, lead_speed: float, range_: float, closing_speed: float) -> pd.DataFrame:
         """Return every state of one encounter, as described in `traces`.

@@ -292,3 +292,29 @@ def follow_slice(encounters: NDArray, begin: int, end: int, driver: Driver, outc
             watch(state, count, driver)
             decide(state, count, driver)
             move(state, count, driver)
+
+
+@compiled
+def follow_moving(encounters: NDArray, lead_speeds: NDArray, driver: Driver, outcomes: NDArray) -> None:
+    """Simulate encounters whose lead vehicles change their speeds; arguments: `kernel.simulate_moving`.
+
+    After the last of its speeds the lead vehicle keeps it. An encounter in which the host no longer closes in
+    ends only then. The cars move with the speeds at the end of each step, as everywhere in this file.
+    """
+    state, last = np.empty((FIELDS, 1)), lead_speeds.shape[1] - 1
+    for i in range(encounters.shape[1]):
+        start(driver, encounters[:, i], i, state, 0)
+        step = 0
+        while True:
+            state[LEAD, 0] = lead_speeds[i, min(step, last)]
+            watch(state, 1, driver)
+            distance = state[DISTANCE, 0]
+            touches = abs(state[OFFSET, 0]) < driver.width and abs(distance) <= driver.length
+            if state[OVER, 0] > 0.0 and (touches or step >= last or step + 1 >= STATES):
+                break
+            state[OVER, 0] = 0.0
+            decide(state, 1, driver)
+            state[LEAD, 0] = lead_speeds[i, min(step + 1, last)]
+            move(state, 1, driver)
+            step += 1
+        _finish(state, 0, driver, outcomes)

@@ -157,3 +157,32 @@ def simulate_slice(encounters: NDArray, begin: int, end: int, car: Car, outcomes
             move(state, count, car)
             if step % SWEEP == 0:
                 count = _sweep(state, index, count, step == STEPS, outcomes)
+
+
+@compiled
+def simulate_moving(encounters: NDArray, lead_speeds: NDArray, car: Car, outcomes: NDArray) -> None:
+    """Simulate encounters whose lead vehicles change their speeds, each as in `simulate_slice`.
+
+    Within a step the lead vehicle moves with the mean of the speeds at its ends, so that a constant speed
+    gives the same outcomes as `simulate_slice`.
+
+    Parameters
+    ----------
+    encounters, car, outcomes
+        As in `simulate_slice`.
+    lead_speeds
+        Lead speeds [m/s] at every step, shape (n, STEPS + 1).
+    """
+    state, index = np.empty((FIELDS, 1)), np.empty(1, np.int64)
+    for i in range(encounters.shape[1]):
+        start(encounters, i, 1, car, state, index)
+        step, count = 0, 1
+        while count > 0:
+            state[LEAD, 0] = lead_speeds[i, step]
+            watch(state, 1, car)
+            command(state, 1, car)
+            state[LEAD, 0] = (lead_speeds[i, step] + lead_speeds[i, step + 1]) / 2
+            move(state, 1, car)
+            step += 1
+            state[LEAD, 0] = lead_speeds[i, step]
+            count = _sweep(state, index, count, step == STEPS, outcomes)

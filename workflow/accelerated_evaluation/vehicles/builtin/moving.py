@@ -10,6 +10,7 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.motion import STATES, STEP
 from accelerated_evaluation.vehicles.protocol import Outcomes
 
+START = "the lead speed of the encounter"
 TOLERANCE = 1e-9  # [m/s], between the lead speed and the first of the lead speeds over time
 
 
@@ -44,13 +45,13 @@ def checked_lead_speeds(lead_speeds: ArrayLike, lead_speed: Array) -> Array:
         raise InputError(
             "lead speeds over time",
             seen=f"an array of shape {speeds.shape}",
-            expected=f"{len(lead_speed)} rows of {STATES} speeds or more, which are {(STATES - 1) * STEP:g} s",
+            expected=f"{len(lead_speed)} rows of {STATES} speeds or more ({(STATES - 1) * STEP:g} s)",
             change="Pass a row of lead speeds, 0.1 s apart, for each encounter.",
         )
     for wrong, expected in (
         (~np.isfinite(speeds), "a finite speed"),
         (speeds < 0, "a speed of 0 m/s or more"),
-        (np.abs(speeds - lead_speed[:, None]) * (np.arange(speeds.shape[1]) == 0) > TOLERANCE, "lead_speed"),
+        (np.abs(speeds - lead_speed[:, None]) * (np.arange(speeds.shape[1]) == 0) > TOLERANCE, START),
     ):
         if wrong.any():
             row, state = (int(index) for index in np.argwhere(wrong)[0])
