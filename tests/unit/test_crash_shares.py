@@ -1,13 +1,13 @@
 """Shares of the crashes by the size of a variable, against a law and a vehicle that are known exactly."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 from accelerated_evaluation.answer.crash_shares import crash_shares
 from accelerated_evaluation.scenarios import SCENARIOS
 
-PEDESTRIAN = SCENARIOS["pedestrian"]
+PEDESTRIAN = replace(SCENARIOS["pedestrian"], divided_by=("pedestrian_speed_mps", (1.0, 3.0)))
 
 
 @dataclass
@@ -29,15 +29,7 @@ class SlowCrashes:
 
 def test_shares_and_probabilities_are_those_of_the_law():
     n = 40_000
-    table = crash_shares(
-        PEDESTRIAN,
-        UniformLaw(),
-        SlowCrashes(),
-        "pedestrian_speed_mps",
-        (1.0, 3.0),
-        np.random.default_rng(1),
-        simulations=n,
-    )
+    table = crash_shares(PEDESTRIAN, UniformLaw(), SlowCrashes(), np.random.default_rng(1), simulations=n)
     error = 4 * np.sqrt(0.25 / n)
     assert table["at_least"].tolist() == [0, 1, 3]
     assert table["below"].tolist() == [1, 3, np.inf]
@@ -55,15 +47,14 @@ def test_a_vehicle_without_crashes_has_no_shares():
     fast = type(
         "Fast", (UniformLaw,), {"sample": lambda self, n, g: law.sample(n, g) * [1, 0, 1] + [0, 2, 0]}
     )()
-    table = crash_shares(
-        PEDESTRIAN,
-        fast,
-        SlowCrashes(),
-        "pedestrian_speed_mps",
-        (1.0,),
-        np.random.default_rng(1),
-        simulations=100,
-    )
-    assert table["encounters"].tolist() == [0, 1]
+    table = crash_shares(PEDESTRIAN, fast, SlowCrashes(), np.random.default_rng(1), simulations=100)
+    assert table["encounters"].tolist() == [0, 1, 0]
     assert table["crashes"].isna().all()
-    assert table["probability_above"].tolist() == [0, 0]
+    assert table["probability_above"].tolist()[:2] == [0, 0]
+
+
+def test_a_scenario_without_such_a_variable_has_no_rows():
+    plain = replace(PEDESTRIAN, divided_by=None)
+    table = crash_shares(plain, UniformLaw(), SlowCrashes(), np.random.default_rng(1))
+    assert table.empty
+    assert "crashes" in table

@@ -2,8 +2,10 @@
 
 from pathlib import Path
 
+from accelerated_evaluation.answer.crash_shares import crash_shares
 from accelerated_evaluation.answer.scenario import ScenarioStudy, read_scenario_records, records_account
 from accelerated_evaluation.base.files import write_csv
+from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.joint.files import write_joint_law
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.study.jobs import job
@@ -22,6 +24,8 @@ if __name__ == "__main__":
             params.vehicle, params.simulations | {"workers": snakemake.threads}, scenario
         ) as vehicle:
             tables = study.answers(vehicle, params.seed, settings["simulations"])
+        generator = child_generator(params.seed, "scenario", "crash shares")
+        tables["crash_shares"] = crash_shares(scenario, study.heaviest, known, generator)
         write_joint_law(outputs.pop("law"), study.heaviest, f"records of the scenario {scenario.name}")
         tables |= {"encounters": records, "account": records_account(scenario, records), "laws": study.table}
         for name, path in outputs.items():

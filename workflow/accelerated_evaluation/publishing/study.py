@@ -105,6 +105,8 @@ TABLES = {
     # Draws of the crash probability, and where its uncertainty comes from.
     "scenario_draws": "scenario/draws.csv",
     "scenario_budget": "scenario/budget.csv",
+    # Shares of encounters and crashes by the size of a variable.
+    "scenario_crash_shares": "scenario/crash_shares.csv",
     # Estimates of every replicate of every method under the heaviest law, and the runs of the surrogate.
     "scenario_estimates": "scenario/estimates.csv",
     "scenario_runs": "scenario/runs.csv",

@@ -176,6 +176,9 @@ class Scenario:
     restrictions
         Parts of the encounters for which the answer is also given, by name. Each is a function that returns
         whether points of a law, shape (n, d), are in the part.
+    divided_by
+        Variable and values of its size by which crashes are divided; see `answer.crash_shares`. None if the
+        size of no variable says which crashes are artefacts.
     to_inputs
         Function that maps points in the space of the law, shape (n, d), to what a vehicle receives, in the
         order of the variables, shape (n, d).
@@ -198,6 +201,7 @@ class Scenario:
     records: Path | None = None
     verdicts: Path | None = None
     restrictions: Mapping[str, Callable[[Array], NDArray[np.bool_]]] = field(default_factory=dict)
+    divided_by: tuple[str, tuple[float, ...]] | None = None
     to_inputs: Callable[[Array], Array] = _as_they_are
     input_rules: Callable[[Mapping[str, Array]], list[Fault]] = _no_rules
     outcome_rules: Callable[[Mapping[str, Array]], list[Fault]] = _no_rules

@@ -31,6 +31,12 @@ def budget_table(scenario_budget: pd.DataFrame) -> pd.DataFrame:
     return scenario_budget
 
 
+@table("scenario_crash_shares", digits=DIGITS)
+def crash_shares_table(scenario_crash_shares: pd.DataFrame) -> pd.DataFrame:
+    """Return which encounters the crashes come from, by the size of a variable."""
+    return scenario_crash_shares
+
+
 @table("scenario_methods", digits=DIGITS)
 def methods_table(scenario_estimates: pd.DataFrame) -> pd.DataFrame:
     """Return the mean estimate and the mean number of simulations of each method, and who converged."""

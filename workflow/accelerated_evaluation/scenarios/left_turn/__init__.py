@@ -49,6 +49,7 @@ LEFT_TURN = SCENARIOS.add("left_turn")(
         default_vehicle="acc_aeb",
         read_records=_read_records,
         records=Path("data/left_turn/records.parquet"),
+        divided_by=("turning_speed_mps", (0.2, 1.0, 5.0)),
         verdicts=Path("data/left_turn/verdicts.csv.gz"),
         restrictions={"turning speed 0.2 m/s or more": lambda x: x[:, 1] >= SLOWEST},
     )
