@@ -207,6 +207,31 @@ def test_points_without_a_crash_do_not_count():
     assert ImpactSpeeds.of(steps, Late(99.0), Exponential(0.7)).mean_of(SPEEDS + 1.0) == pytest.approx([1, 1])
 
 
+class Individual(Late):
+    """A driver with a closing speed of its own on each line, above which it crashes."""
+
+    def draw_inner(self, size, generator):
+        raise AssertionError("the lines have inner variables")
+
+    inner_weights = draw_inner
+
+    def simulate(self, lead_speed, range_, closing_speed):
+        raise AssertionError("the lines have inner variables")
+
+    def simulate_given(self, lead_speed, range_, closing_speed, inner):
+        return Late(inner[:, 0]).simulate(lead_speed, range_, closing_speed)
+
+
+def test_a_driver_on_a_line_has_the_inner_variables_of_the_line():
+    first = np.array([3.0, 5.0, 9.0])
+    lines = replace(lines_above(0.0), start=first, inner=first[:, None])
+    found = ImpactSpeeds.of(lines, Individual(0.0), Exponential(0.7))
+    assert not np.isnan(found.speed).any()
+    alike = ImpactSpeeds.of(replace(lines_above(0.0), start=first), Late(3.0), Exponential(0.7))
+    excess = first[found.lines.row][:, None] - 3.0
+    np.testing.assert_allclose(found.speed, alike.speed - excess, atol=1e-9)
+
+
 def test_a_vehicle_that_never_crashes_has_no_parts():
     lines = lines_above(4.0, count=1)
     empty = replace(lines, row=lines.row[:0], start=lines.start[:0], end=lines.end[:0])
