@@ -85,6 +85,21 @@ class AtLeast:
 
 
 @dataclass(frozen=True)
+class Between:
+    """Limits that were stated for a number, and that include more than the error of a repetition."""
+
+    low: float
+    high: float
+
+    def likelihood(self, found: Mean) -> float:
+        """Return 1 if the number lies between the limits, else 0."""
+        return float(self.low <= found.value <= self.high)
+
+    def __str__(self) -> str:
+        return f"{self.low:.3g} to {self.high:.3g}"
+
+
+@dataclass(frozen=True)
 class Exactly:
     """Something that a repetition must give again as it is."""
 
@@ -103,7 +118,7 @@ class Claim:
     """A claim, the published value, and what a short repetition found."""
 
     text: str
-    published: Mean | Share | AtLeast | Exactly
+    published: Mean | Share | AtLeast | Between | Exactly
     found: Mean | Share | Exactly
 
     @property

@@ -14,7 +14,7 @@ from scipy.stats import binomtest, ttest_ind
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "benchmarks" / "claims"))
 
-from comparing import AtLeast, Claim, Exactly, Mean, Share  # noqa: E402
+from comparing import AtLeast, Between, Claim, Exactly, Mean, Share  # noqa: E402
 from settle import FILES, PARTS, Files, main  # noqa: E402
 
 SEEDS = 120
@@ -57,6 +57,8 @@ def test_the_error_of_a_ratio_is_that_of_its_simulated_values():
         (Share(0, 1000), Share(9, 100), "refuted"),
         (AtLeast(0.8), Share(75, 100), "agrees"),
         (AtLeast(0.8), Share(60, 100), "refuted"),
+        (Between(5, 34), Mean(20), "agrees"),
+        (Between(5, 34), Mean(35), "refuted"),
         (Exactly("a"), Exactly("a"), "agrees"),
         (Exactly("a"), Exactly("b"), "refuted"),
     ],
