@@ -9,7 +9,6 @@ from accelerated_evaluation.answer.joint.posterior import (
     surrogate_posterior,
 )
 from accelerated_evaluation.answer.joint.scores import NEAR, Candidate, ClusteredRecords, score_laws
-from accelerated_evaluation.answer.joint.study import joint_answer
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.joint import Box
 from accelerated_evaluation.laws.joint.truncated import Normals
@@ -148,36 +147,6 @@ def test_records_of_one_cluster_are_refused():
         ClusteredRecords.of(np.full((5, 2), 5.0), np.zeros(5), BOX)
 
 
-def test_a_bound_gives_the_probability_given_what_is_within():
-    drawn = DrawnLaws([normal_law()], np.zeros(1, int), ["toy"])
-    free, bounded = (
-        simulated_posterior(drawn, respond, np.random.default_rng(19), 60_000, within)
-        for within in (None, lambda x: x[:, 0] > 5)
-    )
-    truth = exact(drawn.laws[0])
-    share = truncnorm(-2, 3, 4, 2).sf(5)
-    assert free.probabilities[0] == pytest.approx(truth, rel=4 * free.errors[0])
-    assert bounded.probabilities[0] == pytest.approx(truth / share, rel=4 * bounded.errors[0] + 0.03)
-
-
-def test_the_whole_answer_has_all_its_tables(monkeypatch):
-    monkeypatch.setattr("accelerated_evaluation.answer.joint.study.score_laws", few_candidates)
-    bounds = {"all": None, "above 1": lambda x: x[:, 0] > 1}
-    tables = joint_answer(
-        records(np.random.default_rng(20)), respond, np.random.default_rng(21), bounds, 20, 20_000
-    )
-    assert tables["answer"][["bound", "method"]].values.tolist() == [
-        ["all", "crude"],
-        ["all", "surrogate"],
-        ["above 1", "crude"],
-    ]
-    assert len(tables["draws"]) == 60
-    assert (tables["laws"]["probability"] > 0).all()
-    crude, few, bounded = tables["answer"]["median"]
-    assert few == pytest.approx(crude, rel=0.5)
-    assert bounded > crude
-
-
 def test_few_runs_that_miss_a_part_are_not_called_converged():
     """The event has a frequent part without a score that leads to it, and a rare one with such a score."""
 
@@ -194,7 +163,3 @@ def test_few_runs_that_miss_a_part_are_not_called_converged():
         missed += wrong
         assert not (wrong and converged)
     assert missed
-
-
-def few_candidates(own, system, generator):
-    return score_laws(own, system, generator, CANDIDATES)

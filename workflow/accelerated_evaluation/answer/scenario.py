@@ -203,7 +203,7 @@ class ScenarioStudy:
         """
         generator = child_generator(seed, "scenario", "few runs")
         respond = responder(self.scenario, vehicle, self.scenario.events[0])
-        posterior, sampler = surrogate_posterior(self.drawn, respond, generator, simulations)
+        posterior, sampler, converged = surrogate_posterior(self.drawn, respond, generator, simulations)
         if posterior is None:
             raise InputError(
                 f"the laws of the scenario {self.scenario.name}",
@@ -212,7 +212,8 @@ class ScenarioStudy:
                 change="Allow more runs (--runs), or check the vehicle and the limits of the variables.",
             )
         tables = answer_tables(posterior, self.drawn)
-        return tables | {"answer": tables["answer"].assign(encounters=WHOLE, simulations=sampler.simulations)}
+        own = {"simulations": sampler.simulations, "converged": converged}
+        return tables | {"answer": tables["answer"].assign(encounters=WHOLE, **own)}
 
 
 def responder(scenario: Scenario, vehicle: Vehicle, event: Event) -> Callable[[Array], Response]:

@@ -5,7 +5,7 @@ the Bayesian bootstrap over clusters. All draws share the same runs: these are m
 reweighted for every draw.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,16 +27,12 @@ from accelerated_evaluation.methods.surrogate.sampler import Sampler
 
 DRAWS = 100
 SIMULATIONS = 200_000  # of crude Monte Carlo
-BOUND_DRAWS = 20_000  # of each law, which show how much of it is within a bound
 # The event of a scenario may be frequent and in several parts, so an unmet part must be less probable than
 # the estimate. The sampler's own rule is for rare events, and allows a thousand times the estimate.
 CERTIFICATE = Certificate(share=1.0, curvature=0.0)
 FEW = 150  # simulations with a surrogate
 MEAN_COMPONENTS = 8  # of the mixture that stands for the mean of the draws when runs are few
 MEAN_POINTS = 8_000  # to which this mixture is fitted
-
-
-Within = Callable[[Array], NDArray[np.bool_]]
 
 
 @dataclass(frozen=True)
@@ -84,7 +80,6 @@ def simulated_posterior(
     respond: Respond,
     generator: np.random.Generator,
     simulations: int = SIMULATIONS,
-    within: Within | None = None,
 ) -> SampledPosterior:
     """Return the probability of the event under each draw, by crude Monte Carlo under their mean.
 
@@ -98,9 +93,6 @@ def simulated_posterior(
         Source of all randomness.
     simulations
         Number of runs.
-    within
-        Bounds the laws to the points for which this function returns true: the probability is then that of
-        the event given these points. Runs elsewhere are not made.
 
     Raises
     ------
@@ -108,8 +100,7 @@ def simulated_posterior(
         If no draw of the laws reaches the event.
     """
     x = drawn.sample(simulations, generator)
-    runs = x if within is None else x[within(x)]
-    events = runs[respond(runs)[0]]
+    events = x[respond(x)[0]]
     if not len(events):
         raise InputError(
             f"the laws {', '.join(sorted({drawn.names[k] for k in drawn.member}))}",
@@ -121,9 +112,6 @@ def simulated_posterior(
         )
     logs = drawn.log_densities(events)
     ratios = np.exp(logs - np.logaddexp.reduce(logs) + np.log(len(logs)))
-    if within is not None:  # the share of the points within, under each draw
-        shares = [np.mean(within(law.sample(BOUND_DRAWS, generator))) for law in drawn.laws]
-        ratios /= np.array(shares)[:, None]
     estimates = ratios.sum(axis=1) / len(x)
     variances = np.maximum((ratios**2).sum(axis=1) / len(x) - estimates**2, 0) / len(x)
     known = np.maximum(estimates, SMALLEST * estimates.mean())
