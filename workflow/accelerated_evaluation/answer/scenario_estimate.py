@@ -47,6 +47,8 @@ class ScenarioEstimate:
         if "answer" in self.tables:
             row = self.tables["answer"].iloc[0].to_dict()
             runs = f"simulated: {row['simulations']:,} encounters"
+            if not row["converged"]:
+                runs += "; not converged, so that parts of the event may be missing"
             words = answer_in_words(row | {"per_km": np.nan}, "an encounter")
             return [*words, *budget_in_words(self.tables["budget"]), runs]
         return [
