@@ -61,8 +61,9 @@ def read_scenario_records(scenario: Scenario, path: Path | None = None) -> pd.Da
 def clustered_records(scenario: Scenario, records: pd.DataFrame) -> ClusteredRecords:
     """Return the records to which laws are fitted, within the limits of the scenario."""
     fitted = records[records[FITTED]]
-    box = Box(scenario.names, *(tuple(map(float, side)) for side in scenario.limits.T))
-    return ClusteredRecords.of(fitted[list(scenario.names)].to_numpy(float), fitted[CLUSTER], box)
+    box = Box(scenario.names, *(tuple(map(float, side)) for side in scenario.law_limits.T))
+    x = scenario.as_in_law(fitted[list(scenario.names)].to_numpy(float))
+    return ClusteredRecords.of(x, fitted[CLUSTER], box)
 
 
 @dataclass(frozen=True)

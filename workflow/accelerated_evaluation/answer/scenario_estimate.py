@@ -21,6 +21,8 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.joint import JOINT_LAWS, JointLaw
 from accelerated_evaluation.laws.joint.files import read_joint_law
+from accelerated_evaluation.laws.joint.folding import folded
+from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.external.slow import loaded_for
@@ -117,7 +119,7 @@ def estimate_scenario(
 def chosen_law(scenario: Scenario, law: str, config: Mapping[str, Any]) -> JointLaw:
     """Return a joint law: that of a file, or of a kind that is fitted to the records of the configuration."""
     if law.endswith(".json"):
-        return read_joint_law(law)
+        return without_signs(scenario, read_joint_law(law))
     if law not in JOINT_LAWS:
         raise InputError(
             "--law",
@@ -127,6 +129,14 @@ def chosen_law(scenario: Scenario, law: str, config: Mapping[str, Any]) -> Joint
         )
     records = clustered_records(scenario, read_scenario_records(scenario, _path(config)))
     return Candidate(law, law, {}).fit(records, child_generator(config["seed"], "scenario", "law", law))
+
+
+def without_signs(scenario: Scenario, law: JointLaw) -> JointLaw:
+    """Return a law of the absolute values of variables whose sign does not matter to the vehicle."""
+    for k, variable in enumerate(scenario.variables):
+        if not variable.sign_matters and isinstance(law, TruncatedNormalMixture) and law.box.lower[k] < 0:
+            law = folded(law, k)
+    return law
 
 
 def _path(config: Mapping[str, Any]) -> Path | None:

@@ -43,6 +43,9 @@ class Variable:
         fitted.
     description
         What it is, in words.
+    sign_matters
+        Whether the sign matters to the vehicle. If it does not, laws are fitted to the absolute value: values
+        near zero are then a tail of the law, where a sampler in normal scores looks for events.
     """
 
     name: str
@@ -51,6 +54,7 @@ class Variable:
     high: float
     role: Literal["covariate", "modelled"]
     description: str
+    sign_matters: bool = True
 
     @property
     def in_words(self) -> str:
@@ -220,6 +224,20 @@ class Scenario:
     def limits(self) -> Array:
         """Smallest and largest value of each variable, shape (d, 2)."""
         return np.array([[variable.low, variable.high] for variable in self.variables])
+
+    @property
+    def law_limits(self) -> Array:
+        """Limits of each variable of a law, shape (d, 2): from 0 up for variables without a sign."""
+        limits = self.limits
+        for k, each in enumerate(self.variables):
+            if not each.sign_matters:
+                limits[k] = 0.0, max(-each.low, each.high)
+        return limits
+
+    def as_in_law(self, x: Array) -> Array:
+        """Return encounters, shape (n, d), with absolute values where the sign does not matter."""
+        unsigned = [not each.sign_matters for each in self.variables]
+        return np.where(unsigned, np.abs(x), x)
 
     @property
     def outcomes(self) -> tuple[Outcome, ...]:

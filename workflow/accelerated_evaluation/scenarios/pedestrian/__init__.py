@@ -36,9 +36,10 @@ PEDESTRIAN = SCENARIOS.add("pedestrian")(
                 "pedestrian_speed_mps",
                 "m/s",
                 -7,
-                6,
+                7,
                 "modelled",
                 "speed of the pedestrian, constant; the sign is the direction",
+                sign_matters=False,
             ),
             Variable(
                 "distance_m",

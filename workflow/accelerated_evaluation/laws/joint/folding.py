@@ -1,0 +1,55 @@
+"""Folding of a joint law: the distribution of the absolute value of a variable whose sign does not matter."""
+
+import numpy as np
+
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.laws.joint.protocol import Box
+from accelerated_evaluation.laws.joint.truncated import Normals
+from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
+
+BEYOND = 1e-3  # largest probability that may be moved where the box is not symmetric
+LEAST_SHARE = 1e-9  # of a component that is kept
+
+
+def folded(law: TruncatedNormalMixture, variable: int) -> TruncatedNormalMixture:
+    """Return the law of the variables with the absolute value of one of them.
+
+    Each component becomes two: its part above zero, and the mirror image of its part below zero. The sampler
+    in normal scores needs this law if encounters with values near zero matter and the sign does not: they are
+    a thin layer in the middle of the distribution of the variable, but the lower tail of its absolute value.
+
+    Parameters
+    ----------
+    law
+        The law, whose box has zero inside the limits of the variable.
+    variable
+        Number of the variable.
+
+    Raises
+    ------
+    InputError
+        If the limits of the variable are not symmetric, and more than `BEYOND` of the probability would lie
+        between them.
+    """
+    box, mean, covariance = law.box, law.normals.mean, law.normals.covariance
+    sign = np.ones(law.dimension)
+    sign[variable] = -1
+    reach = max(-box.lower[variable], box.upper[variable])
+    upper = (*box.upper[:variable], reach, *box.upper[variable + 1 :])
+    whole = Box(box.names, (*box.lower[:variable], 0.0, *box.lower[variable + 1 :]), upper)
+    means = np.concatenate([mean, mean * sign])
+    covariances = np.concatenate([covariance, covariance * np.outer(sign, sign)])
+    masses = np.tile(law.normals.masses, 2)
+    shares = np.tile(law.shares, 2) * Normals(means, covariances, whole).masses / masses
+    beyond = abs(shares.sum() - 1)
+    if beyond > BEYOND:
+        raise InputError(
+            f"the limits of {box.names[variable]}",
+            seen=f"{box.lower[variable]:g} to {box.upper[variable]:g}, with probability {beyond:.2g} beyond "
+            "the mirror image of the nearer one",
+            expected="symmetric limits",
+            change="Fit the law within symmetric limits, or to absolute values.",
+        )
+    kept = shares > LEAST_SHARE
+    shares = shares[kept] / shares[kept].sum()
+    return TruncatedNormalMixture(shares, Normals(means[kept], covariances[kept], whole))
