@@ -1,0 +1,88 @@
+"""Studies of other scenarios than the cut-in, in miniature; and a scenario that three files add."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+MINIATURE = """
+study: {0}
+scenario: {{name: {0}, draws: 20, simulations: 2000}}
+importance_sampling: {{replicates: 1, beta: 0.5, minimum_events: 5}}
+surrogate: {{replicates: 1, maximum_calls: 100}}
+"""
+
+
+@pytest.mark.parametrize("name", ["left_turn", "pedestrian"])
+def test_a_study_of_a_scenario_completes_and_a_second_run_does_nothing(project, name):
+    (project.folder / "mini.yaml").write_text(MINIATURE.format(name))
+    project.run(config="mini.yaml")
+    results, figures = (project.folder / folder / name for folder in ("results", "figures"))
+    answer = pd.read_csv(results / "scenario/answer.csv")
+    assert (answer["low80"] <= answer["median"]).all()
+    assert (answer["median"] <= answer["high80"]).all()
+    agreement = pd.read_csv(results / "scenario/agreement.csv").set_index("kind")
+    assert agreement.loc["firm", "agree"] >= 0.999 * agreement.loc["firm", "verdicts"]
+    assert (figures / "fig02_scenario_answer.png").is_file()
+    page = (results / "book/index.html").read_text()
+    assert "An encounter ends in a crash with probability" in page
+    assert (results / "book/03_methods_and_verdicts.html").is_file()
+    assert "Nothing to be done" in project.run("--dry-run", config="mini.yaml").stdout
+
+
+@pytest.fixture
+def with_toy(tmp_path):
+    """Return the environment of a copy of the library with the files of the toy scenario."""
+    package = "workflow/accelerated_evaluation"
+    for folder in ("config", "workflow/schemas", package):
+        shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__"))
+    toy = f"{package}/scenarios/backing_out"
+    shutil.copytree(ROOT / "tests/toys" / toy, tmp_path / toy, ignore=shutil.ignore_patterns("__pycache__"))
+    return os.environ | {"PYTHONPATH": str(tmp_path / "workflow")}
+
+
+def run(tmp_path, environment, *arguments):
+    command = [sys.executable, "-m", "accelerated_evaluation.cli", *arguments]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-3000:]
+    return done.stdout
+
+
+def test_three_files_add_a_scenario_that_is_simulated_and_estimated(tmp_path, with_toy):
+    generator = np.random.default_rng(1)
+    records = pd.DataFrame({"speed_mps": generator.normal(9, 2, 400), "gap_m": generator.normal(35, 8, 400)})
+    records.clip([1, 1], [19, 99], axis=1).assign(driver=np.arange(400) % 40).to_csv(tmp_path / "records.csv")
+    run(tmp_path, with_toy, "simulate", "records.csv", "out.csv", "--scenario", "backing_out")
+    out = pd.read_csv(tmp_path / "out.csv")
+    assert out["gap_left"].to_numpy() == pytest.approx(
+        out["gap_m"] - out["speed_mps"] - out["speed_mps"] ** 2 / 12
+    )
+    settings = {
+        "study": "toy",
+        "scenario": {"name": "backing_out", "records": "records.csv"},
+        "vehicle": {"name": "braking_car"},
+    }
+    (tmp_path / "toy.yaml").write_text(json.dumps(settings))
+    run(
+        tmp_path,
+        with_toy,
+        "estimate",
+        "--config",
+        "toy.yaml",
+        "--law",
+        "gaussian_copula",
+        "--method",
+        "crude",
+    )
+    found = pd.read_csv(tmp_path / "results/toy/estimate/estimate.csv").iloc[0]
+    speed, gap = generator.normal(9, 2, 1_000_000), generator.normal(35, 8, 1_000_000)
+    truth = np.mean(gap <= speed + speed**2 / 12)
+    assert found["converged"]
+    assert 0.4 * truth < found["probability"] < 2.5 * truth  # 400 records leave this much open
