@@ -3,10 +3,12 @@
 ``python benchmarks/readme.py`` updates them.
 """
 
+import numpy as np
 import pandas as pd
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.publishing.readme import CAUSES, ROOT, WORLDS, Table, markdown, update
 
+ANSWERS = ROOT / "benchmarks" / "results" / "answers.csv"
 CERTIFICATES = ROOT / "benchmarks" / "results" / "certificates.csv"
 CHANCE = ROOT / "benchmarks" / "results" / "chance.csv"
 CHECKS = ROOT / "benchmarks" / "results" / "checks.csv"
@@ -288,7 +290,31 @@ def checks_table(checks: pd.DataFrame) -> str:
     return markdown(headings, table)
 
 
+def answers_table(answers: pd.DataFrame) -> str:
+    """Return, for each vehicle, how far the whole answer of few runs is from that of the crash map."""
+    headings = ("vehicle", "seeds", "runs", "95 % at most", "80 % interval, ends", "95 % interval, ends")
+    headings += (
+        "median, bias",
+        "ratio to `cc_human`",
+        "off by a factor of 2",
+        "of these, claimed",
+        "no answer",
+    )
+    table = []
+    for row in answers.to_dict("records"):
+        errors = ["–"] * 4
+        if row["no_answer"] < 1:
+            errors = [f"{row[f'low{level}']:.2f} and {row[f'high{level}']:.2f}" for level in (80, 95)]
+            errors += [f"{np.expm1(row['median_bias']):+.0%} ± {row['median_bias_se']:.0%}"]
+            errors += [f"{row['ratio']:.2f}"]
+        counts = (f"{row[name] * row['seeds']:.0f}" for name in ("off_by_2", "silently", "no_answer"))
+        runs = (f"{row[name]:,.0f}" for name in ("seeds", "runs_mean", "runs_p95"))
+        table.append((row["vehicle"], *runs, *errors, *counts))
+    return markdown(headings, table)
+
+
 TABLES = {
+    "answers": Table(BENCHMARKS, ANSWERS, answers_table, COMMAND),
     "samplers": Table(BENCHMARKS, SAMPLERS, samplers_table, COMMAND),
     "learners": Table(BENCHMARKS, SAMPLERS, learners_table, COMMAND),
     "public": Table(BENCHMARKS, PUBLIC, public_table, COMMAND),

@@ -106,6 +106,7 @@ def tabulate(runs: pd.DataFrame) -> pd.DataFrame:
             row[column] = np.sqrt((of_vehicle[column] ** 2).mean())
         row |= {"median_bias": of_vehicle["median"].mean(), "median_bias_se": of_vehicle["median"].sem()}
         far = of_vehicle["median"].abs() > np.log(2)
+        row["no_answer"] = of_vehicle["median"].isna().mean()
         rows.append(row | {"off_by_2": far.mean(), "silently": (far & of_vehicle["converged"]).mean()})
     return pd.DataFrame(rows)
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation.answer.averaged import AveragedSurrogate
 from accelerated_evaluation.answer.emphasis import Emphasis
 from accelerated_evaluation.answer.references import Reference
 from accelerated_evaluation.answer.reweighting import SampledPosterior
@@ -16,7 +17,10 @@ from accelerated_evaluation.laws.smooth.draws import LawDraws
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Member
 from accelerated_evaluation.laws.smooth.mean import MeanLaw
 from accelerated_evaluation.laws.smooth.support import Support
+from accelerated_evaluation.methods.estimate import Stopping
+from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.vehicles import Outcomes
+from accelerated_evaluation.vehicles.events import CRASH, Event
 from scipy.special import log_ndtr
 from scipy.stats import norm
 
@@ -223,3 +227,21 @@ def test_the_emphasis_is_large_where_draws_of_small_probability_have_their_event
     assert emphasis(z) == pytest.approx(np.sqrt(np.mean((ratios / chosen[:, None]) ** 2, axis=0)))
     many = np.repeat(z, 10, axis=0)
     assert emphasis(many) == pytest.approx(np.repeat(emphasis(z), 10))  # by the nearest, which are the same
+
+
+def test_runs_that_are_chosen_for_a_near_miss_find_its_probability(law):
+    near = Event("min_ttc", 6.0)  # which the quick closer meets where the gap closes within six seconds
+    problem = Problem(law, QuickCloser(), near)
+    stopping = Stopping(minimum_events=1, maximum_simulations=400)
+    method = AveragedSurrogate(events=(CRASH, Event("min_range", 1.0)))
+    found = method.estimate(problem, stopping, np.random.default_rng(10))
+    answer = found.tables["answer"].set_index("event")
+    cut_ins = law.from_normal_scores(np.random.default_rng(6).normal(size=(20_000, 3)))
+    rates = {name: np.mean(cut_ins.closing_speed * time > cut_ins.range_) for name, time in EVENTS.items()}
+    assert answer.index[0] == "TTC at most 6 s"
+    for name, rate in rates.items():
+        assert np.log(answer.loc[name, "probability"] / rate) == pytest.approx(0, abs=0.6)
+    assert np.isnan(answer.loc["range at most 1 m", "median"])  # no part of the event: not known
+
+
+EVENTS = {"TTC at most 6 s": 6.0, "crash": 4.0}

@@ -104,7 +104,7 @@ def test_the_command_can_be_tried_by_hand(clone):
 
 def test_the_configuration_of_the_guide_is_valid(clone):
     blocks = [content for language, content in BLOCKS if language == "yaml"]
-    assert len(blocks) == 6
+    assert len(blocks) == 7
     for block in blocks:
         Path("block.yaml").write_text(block)
         load(["block.yaml"])
@@ -129,4 +129,5 @@ def test_estimates_that_cannot_be_made(clone, capsys):
 def test_all_files_of_the_guide_are_tried():
     example = {"my_vehicle.py", "my_class.yaml", "my_vehicle.awk", "my_command.yaml"}
     example |= {"my_comparison.yaml"}  # tests/workflow/test_own_vehicles.py
+    example |= {"my_slow_study.yaml"}  # the settings of tests/workflow/test_slow_study.py
     assert set(FILES) == example | {"my_fmu.yaml", "my_vehicle.c", "unused.c", "modelDescription.xml"}

@@ -47,11 +47,14 @@ def compare_estimates(own: Path, others: list[Path]) -> pd.DataFrame:
     """
     rows = []
     for other in others:
-        for name in ("law.json", "draws.csv"):
+        for name in ("law.json", "draws.csv", "answer.csv"):
             require_file(other / name, CHANGE)
         if file_digest(own / "law.json") != file_digest(other / "law.json"):
             seen, expected = "draws of another law", "the same law.json"
             raise InputError(str(other), seen=seen, expected=expected, change=CHANGE)
+        events = [pd.read_csv(folder / "answer.csv")["event"].iloc[0] for folder in (own, other)]
+        if events[0] != events[1]:
+            raise InputError(str(other), seen=f"the event {events[1]}", expected=events[0], change=CHANGE)
         first = [posterior_of(_first(folder)) for folder in (own, other)]
         rows.append({"other": str(other)} | compare(*first))
     return pd.DataFrame(rows)

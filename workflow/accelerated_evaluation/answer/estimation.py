@@ -14,6 +14,7 @@ from accelerated_evaluation.answer.chosen_law import ANSWER, choose_sampled_law,
 from accelerated_evaluation.answer.exposure import exposure_table
 from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.answer.reweighting import LEVEL, SampledPosterior
+from accelerated_evaluation.answer.study import event_name
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import CutIns, Law
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
@@ -30,10 +31,9 @@ from accelerated_evaluation.records.ingest import ingest
 from accelerated_evaluation.records.segments import require_rows
 from accelerated_evaluation.records.sources import read_source
 from accelerated_evaluation.records.verdict import Verdict, verdict_on
-from accelerated_evaluation.vehicles.events import events_from
+from accelerated_evaluation.vehicles.events import CRASH, Event, events_from
 from accelerated_evaluation.vehicles.external.alone import difference_when_alone
 from accelerated_evaluation.vehicles.external.slow import SlowVehicle, loaded_for
-from accelerated_evaluation.vehicles.protocol import Vehicle
 
 METHOD = "surrogate"
 OF_THE_ANSWER = {"answer", "budget", "draws", "crashes"}
@@ -65,6 +65,8 @@ class Alone:
     warning
         What a new copy of the vehicle did otherwise, see `alone.difference_when_alone`; None if nothing. No
         estimate counts as converged then.
+    event
+        The event for which the simulations were chosen.
     """
 
     tables: Mapping[str, pd.DataFrame]
@@ -74,6 +76,7 @@ class Alone:
     verdict: Verdict
     encounters: pd.DataFrame
     warning: str | None = None
+    event: Event = CRASH
 
 
 def estimate_alone(
@@ -82,6 +85,7 @@ def estimate_alone(
     law: str = ANSWER,
     predecessor: str | os.PathLike | None = None,
     share: float = SHARE,
+    event: Event = CRASH,
 ) -> Alone:
     """Fit laws to the records, and find the crash probability by few simulations under their mean.
 
@@ -99,6 +103,8 @@ def estimate_alone(
     share
         Share that the sampling may add to the width of the 80 % interval of the whole answer; 0 for the
         paper's stopping rule.
+    event
+        The event for which the simulations are chosen, a crash by default.
 
     Raises
     ------
@@ -116,14 +122,14 @@ def estimate_alone(
         exposure = encounters.attrs["exposure"]
         cut_ins = DistinctRecords.of(encounters, Support.configured(config)).size
         found = simulate_answer(
-            config, Problem(chosen, vehicle), Traffic(cut_ins, exposure), replicates, known, share
+            config, Problem(chosen, vehicle, event), Traffic(cut_ins, exposure), replicates, known, share
         )
     tables = found.tables | {"account": account.table()}
     tables["estimate"] = tables["estimate"].assign(law=name)
     for table in {"estimate", "answer"} & tables.keys():
         tables[table] = verdict.beside(tables[table])
     slow = vehicle if isinstance(vehicle, SlowVehicle) else None
-    return Alone(tables, name, chosen, slow, verdict, encounters, found.warning)
+    return Alone(tables, name, chosen, slow, verdict, encounters, found.warning, event)
 
 
 @dataclass(frozen=True)
@@ -188,25 +194,26 @@ def simulate_answer(
             [child_generator(config["seed"], *method.stream(ALL, k)) for k in range(replicates)],
             {"study": config["study"], "scope": ALL, "method": METHOD},
         )
-    warning = _reproduced(config["vehicle"], law, tables["runs"], problem.vehicle)
+    warning = _reproduced(config["vehicle"], problem, tables["runs"])
     estimate = tables.pop("estimates")
     if warning is not None:
         estimate["converged"] = False
     for name in OF_THE_ANSWER & tables.keys():  # they are of the crash under all laws, not of a method
         tables[name] = tables[name].drop(columns=["scope", "method"], errors="ignore")
     if "draws" in tables:
-        tables["exposure"] = _exposure(tables["draws"], traffic)
+        tables["exposure"] = _exposure(tables["draws"], traffic, event_name(problem.event))
     return Simulated(tables | {"estimate": estimate}, warning)
 
 
-def _reproduced(section: Mapping[str, Any], law: Law, runs: pd.DataFrame, vehicle: Vehicle) -> str | None:
+def _reproduced(section: Mapping[str, Any], problem: Problem, runs: pd.DataFrame) -> str | None:
     """Return what a new copy of the vehicle does otherwise than in the runs of the last replicate."""
-    if getattr(vehicle, "deterministic", None) is False:
+    if getattr(problem.vehicle, "deterministic", None) is False:
         return None
     own = runs[(runs["phase"] != "repeat") & (runs["replicate"] == runs["replicate"].max())]
     cut_ins = CutIns(*(own[name].to_numpy() for name in ("lead_speed", "inverse_range", "inverse_ttc")))
-    encounters = np.array([cut_ins.lead_speed, cut_ins.range_, law.capped(cut_ins.closing_speed)])
-    return difference_when_alone(section, encounters, own["event"].to_numpy(dtype=bool))
+    encounters = np.array([cut_ins.lead_speed, cut_ins.range_, problem.law.capped(cut_ins.closing_speed)])
+    happened = own["event"].to_numpy(dtype=bool)
+    return difference_when_alone(section, encounters, happened, event=problem.event)
 
 
 def _method(
@@ -229,14 +236,14 @@ def _method(
     )
 
 
-def _exposure(draws: pd.DataFrame, traffic: Traffic) -> pd.DataFrame:
-    """Return the table of rates of crashes, by replicate; see `exposure.exposure_table`."""
+def _exposure(draws: pd.DataFrame, traffic: Traffic, event: str) -> pd.DataFrame:
+    """Return the table of rates of the event, by replicate; see `exposure.exposure_table`."""
     parts = []
     for replicate, of_replicate in draws.groupby("replicate"):
         values = posterior_of(of_replicate).whole.probabilities
         levels = (np.arange(RATE_DRAWS) + 0.5) / RATE_DRAWS
         crash = Posterior(np.quantile(values, levels), np.zeros(RATE_DRAWS, int))
-        table = exposure_table({"crash": crash}, traffic.cut_ins, traffic.exposure)
+        table = exposure_table({event: crash}, traffic.cut_ins, traffic.exposure)
         parts.append(table.assign(replicate=replicate))
     return pd.concat(parts or [exposure_table({}, traffic.cut_ins, traffic.exposure)], ignore_index=True)
 
@@ -266,7 +273,7 @@ def _ingested(raw: pd.DataFrame, config: Mapping[str, Any]) -> tuple[pd.DataFram
 def _show(bar: tqdm, estimate: Estimate, posterior: SampledPosterior | None = None) -> None:
     """Show how far an estimate is: the interval of the whole answer, and that of the sampling alone."""
     bar.n = estimate.simulations
-    text = f"{estimate.events} crashes, sampling alone {estimate.low:.2g} to {estimate.high:.2g}"
+    text = f"{estimate.events} events, sampling alone {estimate.low:.2g} to {estimate.high:.2g}"
     if posterior is not None:
         low, high = posterior.whole.interval(LEVEL)
         text = f"{low:.2g} to {high:.2g} with laws and data, {text}"

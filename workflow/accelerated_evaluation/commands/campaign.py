@@ -151,6 +151,7 @@ def _new(arguments: argparse.Namespace) -> None:
     from accelerated_evaluation.track.campaign import Campaign
     from accelerated_evaluation.track.campaign_file import read_campaign, source_of, stopping, write_campaign
     from accelerated_evaluation.track.limits import Limits
+    from accelerated_evaluation.vehicles.events import event_named
 
     if arguments.campaign.exists():
         change = "Name another file, or remove this one if its campaign is over."
@@ -166,7 +167,7 @@ def _new(arguments: argparse.Namespace) -> None:
     campaign = Campaign.begin(
         source_of(arguments.law),
         source_of(arguments.encounters),
-        _event(arguments.event),
+        event_named(arguments.event),
         stopping(arguments.confidence, arguments.half_width, anytime=arguments.interval == "anytime"),
         batch_size=arguments.batch_size,
         seed=arguments.seed,
@@ -229,22 +230,3 @@ def _status(arguments: argparse.Namespace) -> None:
         print(f"laws        the uncertainty of the records is not reported: {error}")
     else:
         print(*whole_in_words(campaign, law), sep="\n")
-
-
-def _event(text: str):  # noqa: ANN202
-    """Return the event that an argument names."""
-    import math
-
-    from accelerated_evaluation.vehicles.events import CRASH, Event
-
-    quantity, _, threshold = text.partition("=")
-    try:
-        value = float(threshold or "nan")
-    except ValueError:
-        value = math.nan
-    if text == "crash":
-        return CRASH
-    if quantity in ("impact_speed", "min_range", "min_ttc") and math.isfinite(value) and value >= 0:
-        return Event(quantity, value)
-    expected = "crash, or impact_speed, min_range or min_ttc with a threshold, such as min_range=1"
-    raise InputError("--event", seen=repr(text), expected=expected, change="Correct it.")

@@ -145,6 +145,13 @@ class EstimateAlone:
             "(default: %(default)s)",
         )
         command.add_argument(
+            "--event",
+            metavar="EVENT",
+            default="crash",
+            help="crash (default), impact_speed=MIN_M_S, min_range=MAX_M or min_ttc=MAX_S: the event for "
+            "which the simulations are chosen; near misses are not found from simulations for crashes",
+        )
+        command.add_argument(
             "--reference",
             metavar="NAME",
             action="append",
@@ -163,6 +170,7 @@ class EstimateAlone:
         from accelerated_evaluation.records.encounter_table import write_encounters
         from accelerated_evaluation.records.sources import describe
         from accelerated_evaluation.study.configuration import load, resolved
+        from accelerated_evaluation.vehicles.events import CRASH, event_named
 
         given = {} if arguments.scenario is None else {"scenario": {"name": arguments.scenario}}
         if given and not arguments.config:
@@ -173,8 +181,17 @@ class EstimateAlone:
             return
         config["data"]["accepted_warnings"] = [*config["data"]["accepted_warnings"], *arguments.accept]
         config = resolved(config)
+        event = event_named(arguments.event)
+        if event != CRASH and arguments.reference:
+            change = "Leave out --event, or --reference."
+            raise InputError("--event", seen=arguments.event, expected=CRASH.in_words, change=change)
         found = estimate_alone(
-            config, arguments.replicates, arguments.law, arguments.predecessor, arguments.sampling_share
+            config,
+            arguments.replicates,
+            arguments.law,
+            arguments.predecessor,
+            arguments.sampling_share,
+            event,
         )
         folder = Path("results", config["study"], "estimate")
         for name, table in found.tables.items():
@@ -191,7 +208,6 @@ class EstimateAlone:
 def _estimate_scenario(arguments: argparse.Namespace, config: dict[str, Any]) -> None:
     """Estimate the probability in another scenario, write the tables, and print a summary."""
     from accelerated_evaluation.answer.scenario_estimate import estimate_scenario
-    from accelerated_evaluation.base.errors import InputError
     from accelerated_evaluation.base.files import write_csv
     from accelerated_evaluation.laws.joint.files import write_joint_law
 
@@ -245,13 +261,16 @@ def _in_words(found: "Alone", level: float) -> str:
     lines = [*found.verdict.lines(), *_answers(found), f"law of cut-ins: {found.name}"]
     if found.warning is not None:
         lines.insert(0, f"warning: {found.warning}")
+    what, ended = "crash probability", "crashes"
+    if found.event.quantity != "crash":
+        what, ended = f"probability of {found.event.in_words}", f"with {found.event.in_words}"
     for row in found.tables["estimate"].to_dict("records"):
         verdict = "converged" if row["converged"] else "not converged"
         probability = "not known yet" if math.isnan(row["probability"]) else f"{row['probability']:.3g}"
         lines.append(
-            f"crash probability of a cut-in under this law: {probability}, {level:.0%} interval of the "
+            f"{what} of a cut-in under this law: {probability}, {level:.0%} interval of the "
             f"sampling alone {row['ci_low']:.2g} to {row['ci_high']:.2g}; {verdict} after "
-            f"{row['learning'] + row['estimating']:,} encounters, {row['events']:,} of them crashes"
+            f"{row['learning'] + row['estimating']:,} encounters, {row['events']:,} of them {ended}"
         )
         lines += [unseen_in_words(row), chance_in_words(row)]
     if (vehicle := found.vehicle) is not None:

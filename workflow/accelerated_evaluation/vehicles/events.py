@@ -1,5 +1,6 @@
 """Events of an encounter: the crash, its impact speed, and near misses."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -7,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.vehicles.protocol import Outcomes
 
 
@@ -57,6 +59,27 @@ class Event:
 
 
 CRASH = Event("crash")
+
+
+def event_named(text: str) -> Event:
+    """Return the event that the option ``--event`` names: ``crash``, or a quantity and a threshold.
+
+    Raises
+    ------
+    InputError
+        If there is no such event.
+    """
+    quantity, _, threshold = text.partition("=")
+    try:
+        value = float(threshold or "nan")
+    except ValueError:
+        value = math.nan
+    if text == CRASH.quantity:
+        return CRASH
+    if quantity in ("impact_speed", "min_range", "min_ttc") and math.isfinite(value) and value >= 0:
+        return Event(quantity, value)
+    expected = "crash, or impact_speed, min_range or min_ttc with a threshold, such as min_range=1"
+    raise InputError("--event", seen=repr(text), expected=expected, change="Correct it.")
 
 
 def events_from(thresholds: Mapping[str, list[float]]) -> list[Event]:

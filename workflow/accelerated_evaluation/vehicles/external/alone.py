@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
+from accelerated_evaluation.vehicles.events import CRASH, Event
 from accelerated_evaluation.vehicles.external.checked import CheckedVehicle
 from accelerated_evaluation.vehicles.loading import load_vehicle
 
@@ -24,6 +25,7 @@ def difference_when_alone(
     encounters: Array,
     crashed: NDArray[np.bool_],
     scenario: Scenario = CUT_IN,
+    event: Event = CRASH,
 ) -> str | None:
     """Return a description of the first outcome that a new copy of a vehicle does not reproduce.
 
@@ -37,9 +39,11 @@ def difference_when_alone(
     encounters
         The encounters in the order in which they were simulated, shape (d, n).
     crashed
-        Whether each ended in a crash, shape (n,).
+        Whether each ended in the event, shape (n,).
     scenario
         The scenario of the encounters.
+    event
+        The event that is compared, a crash by default.
 
     Returns
     -------
@@ -52,9 +56,10 @@ def difference_when_alone(
     copy.was_repeated = True  # by this comparison
     chosen = [row for kind in (crashed, ~crashed) for row in np.flatnonzero(kind)[: -COMPARED - 1 : -1]]
     for row in chosen:
-        again = bool(copy.simulate(*encounters[:, [row]]).crash[0])
+        again = bool(event.happens(copy.simulate(*encounters[:, [row]]))[0])
         if again != crashed[row]:
-            first, second = ("crash" if flag else "no crash" for flag in (crashed[row], again))
+            words = f"no {event.in_words}", event.in_words
+            first, second = words[int(crashed[row])], words[int(again)]
             where = f"vehicle {copy.name}, {scenario.described(encounters[:, row])}"
             return (
                 f"{where}: seen {first} in the estimate, and "
