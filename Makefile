@@ -6,16 +6,17 @@ STUDY ?= spmd
 ENVIRONMENT := .venv/.installed
 SNAKEMAKE := snakemake --cores $(or $(CORES),2) --configfile $(or $(CONFIG),config/config.yaml)
 RULES := Snakefile workflow benchmarks/samplers/Snakefile benchmarks/samplers/vehicles.smk \
-  benchmarks/worlds/Snakefile benchmarks/claims/Snakefile
+  benchmarks/worlds/Snakefile benchmarks/claims/Snakefile benchmarks/motorway/Snakefile
 SAMPLERS := snakemake --snakefile benchmarks/samplers/Snakefile --cores $(CORES)
 VEHICLES := snakemake --snakefile benchmarks/samplers/vehicles.smk --cores $(CORES)
 WORLDS := snakemake --snakefile benchmarks/worlds/Snakefile --cores $(CORES)
+MOTORWAY := snakemake --snakefile benchmarks/motorway/Snakefile --cores $(CORES)
 REPEATED := snakemake --snakefile benchmarks/claims/Snakefile --cores $(CORES)
 CLAIMS ?=
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
 .PHONY: study book article test test-slurm test-studies crate paper-figures lint format report smoke bench benchmark-samplers \
-  benchmark-recordings benchmark-vehicles worlds claims lock clean help
+  benchmark-recordings benchmark-vehicles world worlds claims lock clean help
 .DEFAULT_GOAL := help
 
 help: ## list the targets
@@ -71,6 +72,10 @@ claims: $(ENVIRONMENT) ## repeat every claim of the README with other random num
 	$(REPEATED) -- $(or $(CLAIMS),claims)
 	python benchmarks/claims/settle.py $(CLAIMS)
 
+world: $(ENVIRONMENT) ## crashes counted on a simulated motorway, and predicted; half an hour, resumable; installs Eclipse SUMO
+	python -m pip install --quiet --require-hashes -r benchmarks/motorway/environment.txt
+	$(MOTORWAY)
+
 lint: $(ENVIRONMENT) ## ruff and snakefmt
 	ruff check .
 	ruff format --check .
@@ -96,6 +101,8 @@ lock: $(ENVIRONMENT) ## resolve environment.txt anew from pyproject.toml
 	  --universal --python-version 3.11 --generate-hashes --no-header --quiet --output-file environment.txt
 	uv pip compile pyproject.toml --extra peers --constraint environment.txt --universal --python-version 3.11 \
 	  --generate-hashes --no-header --quiet --output-file benchmarks/environment.txt
+	uv pip compile pyproject.toml --extra world --constraint environment.txt --universal --python-version 3.11 \
+	  --generate-hashes --no-header --quiet --output-file benchmarks/motorway/environment.txt
 
 clean: ## remove what the study made, keep the environment
 	rm -rf results .snakemake
