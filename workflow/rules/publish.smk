@@ -57,6 +57,41 @@ for _notebook in NOTEBOOKS:
             "../scripts/run_notebook.py"
 
 
+if IS_CUT_IN:
+
+    rule explorer:
+        """Make one page on which a reader changes the vehicle, the model of cut-ins and the event."""
+        input:
+            encounters=rules.ingest_encounters.output.encounters,
+            exposure=rules.ingest_encounters.output.exposure,
+            family=rules.fit_family.output.family,
+            map=[
+                f"{FOLDERS[name]}/crash_map/full.npz"
+                for name in MAPPED_VEHICLES[:1]
+                if name == "under_test"
+            ],
+            answer=result("laws", "answer.csv"),
+            vehicles=result("laws", "vehicles.csv"),
+            templates=sorted(map(str, (PROJECT / "workflow/explorer").iterdir())),
+            library=modules_of("build_explorer.py"),
+        output:
+            page=result("explorer.html"),
+        log:
+            log_of("explorer.log"),
+        benchmark:
+            benchmark_of("explorer.tsv")
+        threads: 1
+        resources:
+            mem_mb=2000,
+        params:
+            config=part(config, "seed", "study", "vehicle", "answer"),
+            support=SUPPORT,
+        message:
+            "Making the explorer"
+        script:
+            "../scripts/build_explorer.py"
+
+
 rule book:
     """Make one site of the executed notebooks and the guides."""
     input:
@@ -67,6 +102,7 @@ rule book:
         guides=GUIDES,
         captions=sorted(map(str, CAPTIONS.glob("*.rst"))),
         pages=sorted(str(path) for folder in PAGES for path in folder.iterdir()),
+        explorer=[rules.explorer.output.page] if IS_CUT_IN else [],
         library=modules_of("build_book.py"),
     output:
         site=directory(result("book")),

@@ -1,7 +1,7 @@
 """Weight the laws of the fitted family; write the answer with its tables, and the heaviest law."""
 
 from accelerated_evaluation.answer.family_file import read_family
-from accelerated_evaluation.answer.study import LawStudy
+from accelerated_evaluation.answer.study import ANSWER_STREAM, LawStudy
 from accelerated_evaluation.base.files import read_json, write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.maps import read_crash_map
@@ -11,17 +11,6 @@ from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.study.jobs import job
 from accelerated_evaluation.vehicles.external.slow import all_loaded
-
-# The name of the random stream: the tables for which it was first used, so that their numbers stay the same.
-STREAM = (
-    "answer",
-    "vehicles",
-    "answer_budget",
-    "answer_draws",
-    "answer_thresholds",
-    "calibration",
-    "crash_places",
-)
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
@@ -34,7 +23,7 @@ if __name__ == "__main__":
         with all_loaded(params.vehicles, params.simulations | {"workers": snakemake.threads}) as vehicles:
             study = LawStudy.of(encounters, vehicles, maps, scored, params.draws, weigh)
             study.resolve(maps, resolve)
-            generator = child_generator(params.seed, "laws", *STREAM)
+            generator = child_generator(params.seed, "laws", *ANSWER_STREAM)
             tables = study.answers(read_json(files.exposure), params.half_width, generator)
         write_law(law, study.representative(), encounters)
         for name, path in outputs.items():

@@ -1,6 +1,6 @@
 """Posterior of the crash probability, with the uncertainty in the choice of the law and in its parameters."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
+from accelerated_evaluation.laws.smooth.conditional import SpeedLaw
 from accelerated_evaluation.laws.smooth.family import LawFamily, Member
+from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 
 LEVELS = (0.5, 0.8, 0.95)
 
@@ -70,19 +72,31 @@ def draw_posterior(
     risks
         Risks in each interval of some events, shape (risks, intervals), such as the risk of an injury.
     """
-    ends = np.cumsum(weights, axis=1)
-    chosen = np.minimum((generator.random((len(weights), 1)) > ends).sum(axis=1), len(members) - 1)
     probabilities = {event: np.empty(len(weights)) for event in lines}
     expected = {event: np.empty((len(weights), len(of_event))) for event, of_event in risks.items()}
-    for draw, place in enumerate(chosen):
-        ranges = family.ranges.drawn(generator)
-        law = family.law(members[place]).drawn(generator)
+    chosen = np.empty(len(weights), dtype=int)
+    for draw, (place, ranges, law) in enumerate(drawn_laws(family, members, weights, generator)):
+        chosen[draw] = place
         for event, of_event in lines.items():
             masses = of_event.of_draw(draw).masses(ranges, law)
             probabilities[event][draw] = masses.sum()
             if event in risks:
                 expected[event][draw] = risks[event] @ masses
     return {event: Posterior(values, chosen, expected.get(event)) for event, values in probabilities.items()}
+
+
+def drawn_laws(
+    family: LawFamily, members: tuple[Member, ...], weights: Array, generator: np.random.Generator
+) -> Iterator[tuple[int, SmoothHazard, SpeedLaw]]:
+    """Draw laws with their weights, and their parameters from their posteriors.
+
+    The parameters are those of `draw_posterior`. Yields the index of the member, the distribution of the
+    range and that of the closing speed.
+    """
+    ends = np.cumsum(weights, axis=1)
+    chosen = np.minimum((generator.random((len(weights), 1)) > ends).sum(axis=1), len(members) - 1)
+    for place in chosen.tolist():
+        yield place, family.ranges.drawn(generator), family.law(members[place]).drawn(generator)
 
 
 def budget(posterior: Posterior, sampling_deviation: float) -> pd.DataFrame:

@@ -40,6 +40,16 @@ UNDER_TEST = "under test"
 # The competent and careful human of UN R157, and the human driver from data; by the prefix of their columns.
 REFERENCES = {"": "cc_human", "human_": "human"}
 DRAWN = 2000  # number of crashes that are drawn from each law
+# Name of the random stream of the answer: of the first tables that were drawn from it.
+ANSWER_STREAM = (
+    "answer",
+    "vehicles",
+    "answer_budget",
+    "answer_draws",
+    "answer_thresholds",
+    "calibration",
+    "crash_places",
+)
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,8 @@ class Parts:
     pages
         Folders with the templates of the first and the last page, the style and a script; a file of a later
         folder replaces that of an earlier one.
+    explorer
+        The page ``explorer.html``, which the site contains as it is; None if there is none.
     """
 
     study: Study
@@ -61,6 +63,7 @@ class Parts:
     guides: Sequence[Path]
     captions: Path
     pages: Sequence[Path]
+    explorer: Path | None = None
 
     def without_missing(self, text: str) -> str:
         """Return Markdown in which links to chapters that the book does not have are plain text."""
@@ -127,6 +130,8 @@ def build_book(parts: Parts, site: Path, names: dict[str, Any]) -> None:
         sources, made = Path(temporary, "sources"), Path(temporary, "site")
         _write_sources(parts, sources, names)
         _run_sphinx(sources, made, Path(temporary, "doctrees"), parts.study.name)
+        if parts.explorer is not None:
+            shutil.copy(parts.explorer, made / "explorer.html")
         shutil.rmtree(site, ignore_errors=True)
         made.rename(site)
 

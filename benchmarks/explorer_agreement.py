@@ -1,0 +1,119 @@
+"""Probabilities in the explorer and in Python at random settings of the sliders, and how long a change takes.
+
+For every setting Python computes the crash map of the vehicle, and from it the probability of the event under
+a sample of the draws of the law. The page, opened in Chromium, computes the same from its own lines.
+
+    python benchmarks/explorer_agreement.py results/spmd benchmarks/results/explorer.csv
+"""
+
+import argparse
+import json
+import os
+import shutil
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from accelerated_evaluation.answer.explored import DrawnLaws
+from accelerated_evaluation.answer.family_file import read_family
+from accelerated_evaluation.answer.study import ANSWER_STREAM
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.crash_map.lines import CrashLines
+from accelerated_evaluation.crash_map.mapping import map_crashes
+from accelerated_evaluation.crash_map.maps import Grid
+from accelerated_evaluation.laws.smooth.family import DistinctRecords
+from accelerated_evaluation.laws.smooth.support import Support
+from accelerated_evaluation.publishing.explorer.vehicles import SLIDERS
+from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.scenarios.parameters import parameter_names
+from accelerated_evaluation.vehicles.events import CRASH, Event
+from accelerated_evaluation.vehicles.registry import VEHICLES
+from playwright.sync_api import sync_playwright
+from tqdm import tqdm
+
+SETTINGS, DRAWS, SEED = 200, 100, 30
+EVENTS = (CRASH, Event("impact_speed", 5.0), Event("impact_speed", 10.0))
+KINDS = ("acc_aeb", "acc_aeb", "acc_aeb", "acc_only", "cc_human", "rss", "fsm")
+ASK = """([name, values, threshold]) => {
+  const vehicle = explorer.vehicle(name), stops = vehicle.sliders.map((slider, k) =>
+    slider.stops.findIndex((stop) => stop.value === values[k]));
+  const begin = performance.now();
+  const found = explorer.explore(vehicle, explorer.numbers(vehicle, stops), threshold);
+  return [Array.from(found.draws), performance.now() - begin];
+}"""
+
+
+def main() -> None:
+    """Compare the two at random settings, and write one row for each."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("results", type=Path, help="folder of a finished study")
+    parser.add_argument("table", type=Path, help="CSV file to write")
+    parser.add_argument("--page", type=Path, help="the explorer; by default that of the study's book")
+    parser.add_argument("--family", type=Path, help="the family file; by default that of the study")
+    parser.add_argument("--settings", type=int, default=SETTINGS, help="number of random settings")
+    parser.add_argument("--first", type=int, default=0, help="number of the first setting")
+    arguments = parser.parse_args()
+    config = json.loads((arguments.results / "config.json").read_text())
+    support = Support.configured(config)
+    records = DistinctRecords.of(read_encounters(arguments.results / "encounters.parquet"), support)
+    family = arguments.family or arguments.results / "laws/family.npz"
+    seed = config["seed"]
+    weighted = read_family(family, records).weighted(
+        child_generator(seed, "laws", "weigh"), config["answer"]["draws"]
+    )
+    drawn = DrawnLaws.of(weighted, child_generator(seed, "laws", *ANSWER_STREAM), child_generator(0, "none"))
+    limits = config["filters"]
+    grid = Grid(limits["lead_speed_min"], limits["lead_speed_max"], limits["range_max"], 30, 50, 8, 45.0, 240)
+    rows = []
+    page = arguments.page or arguments.results / "book/explorer.html"
+    with sync_playwright() as driver:
+        options = ["--no-sandbox"] if os.geteuid() == 0 else []
+        browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=options)
+        opened = browser.new_page()
+        opened.goto(page.resolve().as_uri())
+        opened.wait_for_function("() => window.explorer")
+        for number in tqdm(range(arguments.first, arguments.first + arguments.settings), desc="settings"):
+            generator = child_generator(SEED, "settings", number)
+            rows.append(_compared(opened, drawn, records, grid, support, generator))
+        browser.close()
+    pd.DataFrame(rows).to_csv(arguments.table, index=False, float_format="%.6g")
+
+
+def _compared(opened, drawn, records, grid, support, generator):
+    """Return one row: a random setting, both probabilities, and the time that the page needed."""
+    kind, event = KINDS[generator.integers(len(KINDS))], EVENTS[generator.integers(len(EVENTS))]
+    vehicle_class = VEHICLES[kind]
+    parameters = {name: getattr(vehicle_class(), name) for name in parameter_names(vehicle_class)}
+    values = []
+    for slider in SLIDERS[kind]:
+        stops = slider.values(parameters[slider.parameter])
+        value = stops[generator.integers(len(stops))]
+        parameters = slider.parameters(parameters, value)
+        values.append("published" if value is None else f"{value:g}")
+    begin = time.perf_counter()
+    mapped = map_crashes(vehicle_class(**parameters), grid, [event], generator)
+    lines = CrashLines.of(mapped, records.lead_speed, event, support)
+    chosen = np.arange(0, drawn.answered, max(1, drawn.answered // DRAWS))
+    probabilities = np.array([lines.probability(*drawn.laws[k]) for k in chosen])
+    spent = time.perf_counter() - begin
+    threshold = None if event == CRASH else event.threshold
+    page, _ = opened.evaluate(ASK, [kind, values, threshold])
+    milliseconds = np.median([opened.evaluate(ASK, [kind, values, threshold])[1] for _ in range(3)])
+    found = np.array(page)[chosen]
+    return {
+        "vehicle": kind,
+        "sliders": " ".join(values),
+        "event": event.in_words,
+        "python": probabilities.mean(),
+        "page": found.mean(),
+        "ratio": found.mean() / probabilities.mean(),
+        "ratio_low10": np.quantile(found, 0.1) / np.quantile(probabilities, 0.1),
+        "ratio_high90": np.quantile(found, 0.9) / np.quantile(probabilities, 0.9),
+        "page_ms": milliseconds,
+        "python_s": spent,
+    }
+
+
+if __name__ == "__main__":
+    main()

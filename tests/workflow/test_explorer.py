@@ -1,0 +1,321 @@
+"""The explorer in a real browser without a network: its vehicles, its probabilities, and its page."""
+
+import base64
+import json
+import re
+
+import numba
+import numpy as np
+import pytest
+from accelerated_evaluation.answer.explored import DrawnLaws
+from accelerated_evaluation.answer.family_file import read_family
+from accelerated_evaluation.answer.study import ANSWER_STREAM
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.crash_map.lines import CrashLines
+from accelerated_evaluation.crash_map.mapping import map_crashes
+from accelerated_evaluation.crash_map.maps import Grid
+from accelerated_evaluation.laws.smooth.family import DistinctRecords
+from accelerated_evaluation.laws.smooth.support import Support
+from accelerated_evaluation.publishing.explorer.kernels import translated_kernels
+from accelerated_evaluation.publishing.explorer.kinds import FLOAT, INT, ArrayOf
+from accelerated_evaluation.publishing.explorer.translator import Translator
+from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.vehicles import load_vehicle
+from accelerated_evaluation.vehicles.events import CRASH, Event
+from conftest import ROOT
+from test_browser import TOO_WIDE, Watch, browser, pytestmark, watch  # noqa: F401
+
+OUTCOMES = ("crash", "min_range", "min_ttc", "impact_speed")
+VEHICLES = [
+    ("car", "acc_aeb", {}),
+    ("car", "acc_aeb", {"aeb_ttc": 1.7, "aeb_release_ttc": 1.9, "aeb_deceleration": 6.0, "headway": 1.3}),
+    ("car", "acc_only", {}),
+    ("driver", "cc_human", {}),
+    ("driver", "cc_human", {"reaction_time": 0.3, "keeps_watching": False}),
+    ("driver", "reg157", {}),
+    ("driver", "rss", {"lateral_speed": 0.7}),
+    ("driver", "fsm", {}),
+    ("driver", "fsm", {"lateral_speed": 1.1, "entry_offset": 1.75}),
+]
+RUN = """([kernel, numbers, encounters]) => {
+  const rows = encounters.map((row) => Float64Array.from(row));
+  const found = simulator.simulate(kernel, numbers, ...rows);
+  return [found.crash, found.minRange, found.minTtc, found.impactSpeed].map((values) => Array.from(values));
+}"""
+LOAD = """async ([source, code, layout]) => {
+  (0, eval)(source + "; globalThis.Simulator = Simulator; globalThis.fromBase64 = fromBase64;");
+  const { instance } = await WebAssembly.instantiate(fromBase64(code));
+  window.simulator = new Simulator(layout, instance.exports);
+}"""
+TRACE = """([kernel, numbers, [leadSpeed, range, closingSpeed]]) =>
+  simulator.trace(kernel, numbers, { leadSpeed, range, closingSpeed })"""
+
+
+@pytest.fixture(scope="module")
+def simulator(browser):  # noqa: F811
+    """Return a blank page with the translated kernels."""
+    page, kernels = browser.new_page(), translated_kernels()
+    source = (
+        (ROOT / "workflow/explorer/simulator.js")
+        .read_text()
+        .replace("class Simulator", "var Simulator = class")
+    )
+    source = source.replace("const fromBase64", "var fromBase64").replace('"use strict";', "")
+    page.evaluate(LOAD, [source, base64.b64encode(kernels.module).decode(), kernels.layout])
+    yield page
+    page.close()
+
+
+def numbers_of(vehicle):
+    return [float(number) for number in vehicle.compiled()]
+
+
+@pytest.mark.parametrize(("kernel", "name", "parameters"), VEHICLES)
+def test_the_browser_computes_what_python_computes_to_the_bit(simulator, kernel, name, parameters):
+    generator = np.random.default_rng(5)
+    ends = np.array([35.0, 75.0, 35.0])[:, None]
+    encounters = ends * generator.random((3, 20_001))  # an odd number, and more than one batch of the page
+    vehicle = load_vehicle(name, **parameters)
+    expected = vehicle.simulate(*encounters)
+    found = simulator.evaluate(RUN, [kernel, numbers_of(vehicle), encounters.tolist()])
+    for name, values in zip(OUTCOMES, found, strict=True):
+        np.testing.assert_array_equal(values, np.asarray(getattr(expected, name), dtype=float))
+    other = load_vehicle("acc_aeb", headway=1.9) if kernel == "car" else load_vehicle("cc_human", jerk=12.0)
+    wrong = simulator.evaluate(RUN, [kernel, numbers_of(other), encounters.tolist()])
+    assert wrong[1] != found[1]
+
+
+def test_every_published_verdict(simulator, stored):
+    table = stored("verdicts.parquet")
+    assert len(table) == 4695
+    encounters = table[["lead_speed", "range", "closing_speed"]].to_numpy().T.tolist()
+    crash = simulator.evaluate(RUN, ["car", numbers_of(load_vehicle("acc_aeb")), encounters])[0]
+    np.testing.assert_array_equal(crash, table.crash)
+
+
+@pytest.mark.parametrize(
+    ("kernel", "name", "encounter"),
+    [
+        ("car", "acc_aeb", (9.0, 41.7, 24.7)),
+        ("car", "acc_aeb", (20.0, 30.0, 3.0)),
+        ("driver", "cc_human", (8.0, 64.0, 10.0)),
+        ("driver", "fsm", (15.0, 70.0, 0.5)),
+    ],
+)
+def test_a_trace_is_that_of_the_library(simulator, kernel, name, encounter):
+    vehicle = load_vehicle(name)
+    states = simulator.evaluate(TRACE, [kernel, numbers_of(vehicle), list(encounter)])
+    expected = vehicle.trace(*encounter)
+    assert len(states) == len(expected)
+    columns = {
+        "range": "range_m",
+        "speed": "host_speed_m_per_s",
+        "acceleration": "host_acceleration_m_per_s2",
+        "ttc": "time_to_collision_s",
+        "emergency": "emergency",
+    }
+    for key, column in columns.items():
+        np.testing.assert_allclose(
+            [float(state[key]) for state in states], expected[column], rtol=0, atol=1e-12
+        )
+
+
+@numba.njit
+def pair_of(x):
+    return x, -x
+
+
+def snippets(values, out, count, start):
+    """Use the parts of the subset that the kernels need, where a mistake would change a number."""
+    total = start
+    for i in range(count):
+        out[0, i] = values[0, i] if values[0, i] > 2.0 else -values[0, i]
+        out[1, i] = min(values[0, i], 2.5) + max(1.5, values[0, i])
+    for i in range(count):
+        total += values[0, i]
+    k = 0
+    while True:
+        k += 1
+        if k % 3 == 0 and not k > 6:
+            continue
+        if k > 8 or total < 0.0:
+            break
+        out[2, k] = pair_of(total)[1] / k
+    low, high = pair_of(values[0, 1])
+    out[2, 0], out[3, 0] = high, low
+    out[3, 1] = out[3, 2] = int(values[0, 3]) + np.floor(-0.5) + abs(low)
+    for i in range(1, count, 2):
+        out[3, i + 2] = i
+
+
+def test_statements_of_the_subset(browser):  # noqa: F811
+    size, translator = 9, Translator()
+    kind = ArrayOf.of(4, size)
+    translator.export("f", snippets, kind, kind, INT, FLOAT)
+    places = [translator.allocate(kind) for _ in range(2)]
+    values = np.array([[1.5, 2.5, 3.5, 4.75, -1.0, 0.0, 2.0, 8.0, 9.0]] * 4)
+    expected = np.zeros_like(values)
+    snippets(values, expected, 7, 0.5)  # an odd number of lanes: the last one is alone
+    ask = """async ([code, [from, to], values]) => {
+      const bytes = Uint8Array.from(atob(code), (letter) => letter.charCodeAt(0));
+      const { f, memory } = (await WebAssembly.instantiate(bytes)).instance.exports;
+      const words = new Float64Array(memory.buffer);
+      words.set(values, from / 8);
+      f(from, to, 7, 0.5);
+      return Array.from(words.subarray(to / 8, to / 8 + values.length));
+    }"""
+    page = browser.new_page()
+    code = base64.b64encode(translator.module()).decode()
+    found = page.evaluate(ask, [code, places, values.ravel().tolist()])
+    page.close()
+    np.testing.assert_array_equal(np.reshape(found, values.shape), expected)
+    assert (expected[0, 7:] == 0).all()  # lanes beyond the count are not touched
+
+
+READY = "() => window.page && window.page.milliseconds"
+EXPLORE = """([name, values, threshold]) => {
+  const vehicle = explorer.vehicle(name), stops = vehicle.sliders.map((slider, k) =>
+    slider.stops.findIndex((stop) => stop.value === values[k]));
+  return Array.from(explorer.explore(vehicle, explorer.numbers(vehicle, stops), threshold).draws);
+}"""
+
+
+@pytest.fixture(scope="module")
+def made(finished):
+    return finished.folder / "results/smoke/book/explorer.html"
+
+
+def opened(watch, path, fragment=""):  # noqa: F811
+    page = watch.open(path.as_uri() + fragment)
+    page.wait_for_function(READY)
+    return page
+
+
+@pytest.fixture(scope="module")
+def laws(finished):
+    """Return the draws of the laws of the finished study, its lead speeds and its limits."""
+    folder = finished.folder / "results/smoke"
+    config = json.loads((folder / "config.json").read_text())
+    support = Support.configured(config)
+    records = DistinctRecords.of(read_encounters(folder / "encounters.parquet"), support)
+    weigh, answered = (
+        child_generator(config["seed"], "laws", *names) for names in (["weigh"], ANSWER_STREAM)
+    )
+    weighted = read_family(folder / "laws/family.npz", records).weighted(weigh, config["answer"]["draws"])
+    return DrawnLaws.of(weighted, answered, np.random.default_rng(0)), records.lead_speed, support
+
+
+SETTINGS = [
+    (
+        "acc_aeb",
+        ["1.5", "7", "16", "2"],
+        {"aeb_ttc": 1.5, "aeb_release_ttc": 1.5, "aeb_deceleration": 7.0},
+        CRASH,
+    ),
+    ("acc_only", ["1.2"], {"headway": 1.2}, Event("impact_speed", 5.0)),
+    ("rss", ["0.5", "7.59294", "12.65"], {"reaction_time": 0.5}, CRASH),
+]
+
+
+@pytest.mark.parametrize(("name", "values", "parameters", "event"), SETTINGS)
+def test_probabilities_are_those_of_a_crash_map(watch, made, laws, name, values, parameters, event):  # noqa: F811
+    drawn, lead_speeds, support = laws
+    grid = Grid(*support.lead_speeds, support.range_max, 30, 50, 8, 45.0, 240)
+    mapped = map_crashes(load_vehicle(name, **parameters), grid, [event], np.random.default_rng(1))
+    lines = CrashLines.of(mapped, lead_speeds, event, support)
+    expected = np.array([lines.probability(*law) for law in drawn.laws[: drawn.answered]])
+    page = opened(watch, made)
+    threshold = None if event == CRASH else event.threshold
+    found = np.array(page.evaluate(EXPLORE, [name, values, threshold]))[: drawn.answered]
+    # A fifth or more of the 4,096 lines count, and neighbours differ by a fifth or less: 0.7 %.
+    assert found.mean() == pytest.approx(expected.mean(), rel=0.02)
+    assert np.quantile(np.log(found / expected), [0.1, 0.9]) == pytest.approx([0, 0], abs=0.05)
+    starts = page.evaluate(
+        "(name) => explorer.vehicle(name).sliders.map((s) => s.stops[s.start].value)", name
+    )
+    usual = np.array(page.evaluate(EXPLORE, [name, starts, threshold]))[: drawn.answered]
+    assert usual.mean() != pytest.approx(expected.mean(), rel=0.05)
+
+
+def test_the_page_is_small_and_asks_for_nothing(watch, made):  # noqa: F811
+    assert made.stat().st_size < 3_000_000
+    page = opened(watch, made)
+    assert re.search(r"One cut-in in [\d,]+ ends in a crash", page.inner_text("#headline"))
+    assert page.inner_text("#numbers").count("Careful human") == 1
+    assert not watch.faults, watch.faults[:5]
+
+
+@pytest.mark.parametrize("watch", ["narrow"], indirect=True)
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_phone_needs_no_sideways_scrolling_in_both_colour_schemes(watch, made, scheme):  # noqa: F811
+    watch.page.emulate_media(color_scheme=scheme)
+    page = opened(watch, made, "#vehicle=cc_human&reaction_time=1.2")
+    assert page.evaluate(TOO_WIDE) <= 0
+    ink, paper = page.evaluate(
+        "() => ['color', 'backgroundColor'].map((k) => getComputedStyle(document.body)[k])"
+    )
+    bright = [sum(map(int, re.findall(r"\d+", value)[:3])) for value in (ink, paper)]
+    assert (bright[0] > bright[1]) == (scheme == "dark")
+    assert abs(bright[0] - bright[1]) > 3 * 125  # WCAG's difference of brightness
+
+
+def test_the_keyboard_changes_everything_and_a_link_holds_it(watch, made):  # noqa: F811
+    page = opened(watch, made)
+    before = page.inner_text("#headline")
+    page.locator("#slider-1").focus()
+    for _ in range(10):
+        page.keyboard.press("ArrowLeft")
+    page.wait_for_function("(text) => document.getElementById('headline').textContent !== text", arg=before)
+    page.locator("#map").focus()
+    page.keyboard.press("ArrowRight")
+    page.keyboard.press("ArrowUp")
+    page.wait_for_function("() => page.state.own")
+    page.locator("#event").focus()
+    page.keyboard.press("i")
+    page.wait_for_function("() => location.hash.includes('event')")
+    address, shown = page.url, [page.inner_text(f"#{name}") for name in ("headline", "outcome", "value-1")]
+    again = opened(watch, made)
+    again.goto("about:blank")
+    again.goto(address)
+    again.wait_for_function(READY)
+    assert [again.inner_text(f"#{name}") for name in ("headline", "outcome", "value-1")] == shown
+    fields = "[...document.querySelectorAll('input, select')]"
+    assert again.evaluate(f"() => {fields}.filter((field) => !field.labels.length).length") == 0
+
+
+def test_a_click_on_the_map_replays_that_cut_in(watch, made):  # noqa: F811
+    page = opened(watch, made)
+    box = page.locator("#map").bounding_box()
+    page.locator("#map").click(position={"x": box["width"] * 0.2, "y": box["height"] * 0.1})
+    page.wait_for_function("() => document.getElementById('outcome').textContent.startsWith('This cut-in')")
+    assert "ends in a contact" in page.inner_text("#outcome")
+    assert page.evaluate("() => page.states[page.states.length - 1].range") <= 0
+    assert float(page.input_value("#at-range")) == pytest.approx(75 * 0.17, rel=0.2)
+
+
+def test_a_strange_link_gives_the_page_of_the_study(watch, made):  # noqa: F811
+    plain = opened(watch, made).inner_text("#headline")
+    page = opened(watch, made, "#vehicle=<b>&law=no&event=%00&lead=nan&at=1,0,x&aeb_ttc=99")
+    page.reload()
+    page.wait_for_function(READY)
+    assert page.inner_text("#headline") == plain
+    assert not watch.faults
+
+
+def test_a_vehicle_without_code_and_records_without_a_distance(watch, made, tmp_path):  # noqa: F811
+    text = made.read_text()
+    data = re.search(r'id="data">(.*?)</script>', text, re.DOTALL)[1]
+    meta = json.loads(data)
+    meta["tested"] = "my_car.py:MyCar"
+    meta["exposure"]["rates"] = meta["exposure"]["kilometres"] = None
+    own = tmp_path / "explorer.html"
+    own.write_text(text.replace(data, json.dumps(meta).replace("<", "\\u003c")))
+    page = opened(watch, own)
+    assert "no compiled code of this vehicle" in page.inner_text("#missing")
+    assert "nothing can be replayed" in page.inner_text("#outcome")
+    assert re.search(r"One cut-in in [\d,]+ ends in a crash", page.inner_text("#headline"))
+    assert "no rates per kilometre" in page.inner_text("#rates")
+    assert page.locator("#sliders input").count() == 0
+    page.select_option("#vehicle", "reg157")
+    page.wait_for_function("() => document.getElementById('missing').textContent.includes('millimetres')")
+    assert not watch.faults

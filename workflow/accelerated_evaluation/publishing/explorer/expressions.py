@@ -1,0 +1,245 @@
+"""Translation of the expressions of one function: code that leaves values on the stack, and their types."""
+
+import ast
+import builtins
+from collections.abc import Callable, Sequence
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+from accelerated_evaluation.publishing.explorer import wasm
+from accelerated_evaluation.publishing.explorer.kinds import (
+    BOOL,
+    BOOLS,
+    FLOAT,
+    FLOATS,
+    INSTRUCTIONS,
+    INT,
+    SCALARS,
+    WORD,
+    RecordOf,
+    TranslationError,
+    Type,
+    load,
+)
+from accelerated_evaluation.publishing.explorer.wasm import I32, Function
+
+if TYPE_CHECKING:
+    from accelerated_evaluation.publishing.explorer.translator import Translator
+
+ARITHMETIC = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul"}
+COMPARISONS = {ast.Lt: "lt", ast.LtE: "le", ast.Gt: "gt", ast.GtE: "ge", ast.Eq: "eq", ast.NotEq: "ne"}
+VECTORS = {FLOAT: FLOATS, INT: FLOATS, BOOL: BOOLS}
+
+
+class Expressions:
+    """What the translation of a function knows, and its expressions.
+
+    Parameters
+    ----------
+    module
+        Translates the functions that this one calls.
+    source
+        The Python function.
+    types
+        Types of its arguments.
+    """
+
+    def __init__(self, module: "Translator", source: Callable, types: Sequence[Type]) -> None:
+        self.module, self.source, self.types = module, source, types
+        self.result: Type | None = None
+        self.function = Function([SCALARS.get(kind, I32) for kind in types])
+        self.variables: dict[str, tuple[int, Type]] = {}
+        self.depth, self.first_line = 0, 1
+        self.lane: str | None = None  # counter of a loop that takes two lanes at once
+        self.outside: set[str] = set()  # variables that the lanes of this loop share
+        self.loops: list[tuple[int, int]] = []  # depths of the blocks that break and continue leave
+
+    def error(self, node: ast.AST, seen: str, expected: str = "") -> TranslationError:
+        """Return the error for a part of the source."""
+        line = self.first_line + getattr(node, "lineno", 1) - 1
+        where = f"{self.source.__module__}.{self.source.__name__}, line {line}"
+        return TranslationError(where, seen, expected)
+
+    def emit(self, name: str, *operands: int | float) -> None:
+        """Append an instruction."""
+        self.function.code += wasm.instruction(name, *operands)
+
+    def new_local(self, kind: Type) -> int:
+        """Return the index of a new local variable."""
+        self.function.local_types.append(SCALARS.get(kind, I32))
+        return len(self.function.local_types) - 1
+
+    def value(self, node: ast.expr) -> Type | None:
+        """Translate an expression, and return its type: a tuple or None for calls that return so."""
+        translate = getattr(self, f"of_{type(node).__name__}", None)
+        if translate is None:
+            raise self.error(node, ast.unparse(node))
+        return translate(node)
+
+    def expect(self, node: ast.expr, kind: str) -> None:
+        """Translate an expression of a given type."""
+        self.convert(node, self.value(node), kind)
+
+    def convert(self, node: ast.AST, kind: Type | None, expected: Type) -> None:
+        """Convert the value on the stack, where this loses nothing."""
+        if kind in SCALARS and VECTORS.get(kind) == expected:
+            self.function.code += _spread(kind)
+        elif expected == FLOAT and kind in (INT, BOOL):
+            self.emit("f64.convert_i32")
+        elif kind != expected:
+            raise self.error(node, f"{ast.unparse(node)} of type {kind}", f"type {expected}")
+
+    def of_Constant(self, node: ast.Constant) -> Type:  # noqa: N802
+        """Translate a number."""
+        return self.number(node, node.value)
+
+    def number(self, node: ast.expr, value: object) -> Type:
+        """Push a constant."""
+        kind = type(value).__name__
+        if kind not in SCALARS:
+            raise self.error(node, f"{ast.unparse(node)}, a {kind}", "a number, a variable or a function")
+        self.emit("f64.const" if kind == FLOAT else "i32.const", value)
+        return kind
+
+    def of_Name(self, node: ast.Name) -> Type:  # noqa: N802
+        """Translate a variable, or a constant of the module."""
+        if node.id in self.variables:
+            if node.id == self.lane:
+                raise self.error(node, f"the number {node.id} of a lane", "no number in a loop of two lanes")
+            local, kind = self.variables[node.id]
+            self.emit("local.get", local)
+            return kind
+        return self.number(node, self.object(node))
+
+    def of_Attribute(self, node: ast.Attribute) -> Type:  # noqa: N802
+        """Translate the field of a record, or a constant of a module such as ``np.inf``."""
+        if isinstance(node.value, ast.Name) and node.value.id in self.variables:
+            local, kind = self.variables[node.value.id]
+            names = [name for name, _ in kind.fields] if isinstance(kind, RecordOf) else []
+            if node.attr not in names:
+                raise self.error(node, ast.unparse(node), "a field of a record")
+            place = names.index(node.attr)
+            self.emit("local.get", local)
+            self.emit(load(kind.fields[place][1]), WORD * place)
+            return kind.fields[place][1]
+        return self.number(node, self.object(node))
+
+    def object(self, node: ast.expr) -> Any:  # noqa: ANN401
+        """Return the Python object that a name of the module stands for."""
+        if isinstance(node, ast.Name):
+            known = vars(builtins) | self.source.__globals__
+            if node.id in known and node.id not in self.variables:
+                return known[node.id]
+        if isinstance(node, ast.Attribute) and isinstance(module := self.object(node.value), ModuleType):
+            return getattr(module, node.attr)
+        raise self.error(node, ast.unparse(node), "a variable with a value, or a name of the module")
+
+    def constant(self, node: ast.expr) -> Any:  # noqa: ANN401
+        """Return an integer, or a tuple of integers, that is known before the code runs."""
+        if isinstance(node, ast.Tuple):
+            return tuple(self.constant(part) for part in node.elts)
+        value = node.value if isinstance(node, ast.Constant) else self.object(node)
+        if not isinstance(value, int):
+            raise self.error(node, ast.unparse(node), "a constant integer")
+        return value
+
+    def of_UnaryOp(self, node: ast.UnaryOp) -> Type:  # noqa: N802
+        """Translate a sign or a negation."""
+        kind = self.value(node.operand)
+        if isinstance(node.op, ast.USub) and kind in (FLOAT, FLOATS):
+            self.emit(f"{INSTRUCTIONS[kind]}.neg")
+        elif isinstance(node.op, ast.Not | ast.Invert) and kind in (BOOL, BOOLS):
+            self.emit("i32.eqz" if kind == BOOL else "v128.not")
+        else:
+            raise self.error(node, ast.unparse(node), "the negative of a float, or the negation of a truth")
+        return kind
+
+    def pair(
+        self, first: ast.expr, second: ast.expr, *, to_float: bool = False, to_lanes: bool = False
+    ) -> Type:
+        """Push two values of one type: a float if one of them is, and one for each lane if one of them is."""
+        left = self.value(first)
+        here = len(self.function.code)
+        right = self.value(second)
+        kinds = {left, right}
+        lanes = to_lanes or not kinds.isdisjoint((FLOATS, BOOLS))
+        common = FLOAT if FLOAT in kinds or (to_float and kinds == {INT}) else left
+        if lanes:
+            common = BOOLS if kinds <= {BOOL, BOOLS} else FLOATS
+        if left != common:
+            after, self.function.code = self.function.code[here:], self.function.code[:here]
+            self.convert(first, left, common)
+            self.function.code += after
+        self.convert(second, right, common)
+        if common not in SCALARS:
+            raise self.error(first, ast.unparse(first), "a number")
+        return common
+
+    def of_BinOp(self, node: ast.BinOp) -> Type:  # noqa: N802
+        """Translate arithmetic, and ``&`` and ``|`` of truths."""
+        operation = type(node.op)
+        kind = self.pair(node.left, node.right, to_float=operation is ast.Div)
+        if operation in (ast.BitAnd, ast.BitOr) and kind in (BOOL, BOOLS):
+            self.emit(f"{INSTRUCTIONS[kind]}.{'and' if operation is ast.BitAnd else 'or'}")
+        elif operation is ast.Div and kind in (FLOAT, FLOATS):
+            self.emit(f"{INSTRUCTIONS[kind]}.div")
+        elif operation is ast.Mod and kind == INT:  # of counters, which are not negative
+            self.emit("i32.rem")
+        elif operation in ARITHMETIC and kind not in (BOOL, BOOLS):
+            self.emit(f"{INSTRUCTIONS[kind]}.{ARITHMETIC[operation]}")
+        else:
+            raise self.error(node, f"{ast.unparse(node)} of type {kind}")
+        return kind
+
+    def of_Compare(self, node: ast.Compare) -> Type:  # noqa: N802
+        """Translate one comparison."""
+        if len(node.ops) > 1 or type(node.ops[0]) not in COMPARISONS:
+            raise self.error(node, ast.unparse(node), "one comparison of numbers")
+        kind = self.pair(node.left, node.comparators[0])
+        if kind == BOOLS:
+            raise self.error(node, ast.unparse(node), "a comparison of numbers")
+        self.emit(f"{INSTRUCTIONS[kind]}.{COMPARISONS[type(node.ops[0])]}")
+        return BOOLS if kind == FLOATS else BOOL
+
+    def of_BoolOp(self, node: ast.BoolOp) -> Type:  # noqa: N802
+        """Translate ``and`` and ``or``, which do not evaluate what they do not need."""
+        *others, last = node.values
+        for part in others:
+            self.expect(part, BOOL)
+            self.emit("if", I32)
+            if isinstance(node.op, ast.Or):
+                self.emit("i32.const", 1)
+                self.emit("else")
+        self.expect(last, BOOL)
+        for _ in others:
+            if isinstance(node.op, ast.And):
+                self.emit("else")
+                self.emit("i32.const", 0)
+            self.emit("end")
+        return BOOL
+
+    def of_IfExp(self, node: ast.IfExp) -> Type:  # noqa: N802
+        """Translate a choice; both values are computed, which numbers allow."""
+        tested = self.value(node.test)
+        if tested not in (BOOL, BOOLS):
+            raise self.error(node.test, ast.unparse(node.test), "a truth")
+        chosen = self.new_local(tested)
+        self.emit("local.set", chosen)
+        kind = self.pair(node.body, node.orelse, to_lanes=tested == BOOLS)
+        self.emit("local.get", chosen)
+        if tested == BOOLS:
+            self.emit("v128.bitselect")
+        elif kind in (FLOATS, BOOLS):
+            self.function.code += wasm.SELECT_VECTOR
+        else:
+            self.emit("select")
+        return kind
+
+
+def _spread(kind: str) -> bytes:
+    """Return the code that gives both lanes the number on the stack."""
+    if kind == BOOL:  # 1 becomes -1, all of whose bits are 1
+        parts = [("i32.const", -1), ("i32.mul",), ("i32x4.splat",)]
+    else:
+        parts = [("f64.convert_i32",)] * (kind == INT) + [("f64x2.splat",)]
+    return b"".join(wasm.instruction(*part) for part in parts)

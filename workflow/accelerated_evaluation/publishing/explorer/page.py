@@ -1,0 +1,131 @@
+"""The page of the explorer: the templates in ``workflow/explorer`` with the data of a study in them."""
+
+import base64
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from accelerated_evaluation.answer.explored import DrawnLaws, explored_lines
+from accelerated_evaluation.answer.explored_ratios import log_ratios
+from accelerated_evaluation.answer.study import REFERENCES, event_name
+from accelerated_evaluation.answer.weighted_family import WeightedLaws
+from accelerated_evaluation.base.errors import StudyError
+from accelerated_evaluation.crash_map.maps import CrashMap
+from accelerated_evaluation.publishing.explorer import payload as parts
+from accelerated_evaluation.publishing.explorer.kernels import translated_kernels
+from accelerated_evaluation.publishing.explorer.vehicles import TITLES, compiled_vehicles, pilots
+from accelerated_evaluation.vehicles.events import events_from
+
+LARGEST = 3_000_000  # bytes of a page
+SHOWN_EVENTS = ("crash", "impact_speed")  # the lines of the page are placed for crashes
+PLACES = {
+    "/*STYLE*/": "explorer.css",
+    "/*SIMULATOR*/": "simulator.js",
+    "/*ENGINE*/": "engine.js",
+    "/*VIEW*/": "view.js",
+    "/*SETTINGS*/": "settings.js",
+    "/*PAGE*/": "page.js",
+}
+
+
+@dataclass(frozen=True)
+class Explored:
+    """What a page is made of.
+
+    Attributes
+    ----------
+    config
+        Configuration of the study.
+    weighted, drawn
+        The laws with their weights, and draws of them.
+    exposure
+        ``kilometres`` and ``hours`` of the records.
+    answer, vehicles
+        Tables of the published answer by event and by vehicle.
+    crash_map
+        Map of the vehicle under test, for a page that cannot simulate it; None if the study has no map.
+    """
+
+    config: Mapping[str, Any]
+    weighted: WeightedLaws
+    drawn: DrawnLaws
+    exposure: Mapping[str, float | None]
+    answer: pd.DataFrame
+    vehicles: pd.DataFrame
+    crash_map: CrashMap | None
+
+    @property
+    def tested(self) -> Mapping[str, Any]:
+        """Section of the vehicle under test."""
+        return self.config["vehicle"]
+
+    @property
+    def is_compiled(self) -> bool:
+        """Whether the page can simulate the vehicle under test."""
+        return self.tested["name"] in TITLES
+
+
+def write_page(explored: Explored, templates: Path, path: Path, generator: np.random.Generator) -> None:
+    """Write the page of a study.
+
+    Parameters
+    ----------
+    explored
+        What it is made of.
+    templates
+        Folder with the templates.
+    path
+        The page.
+    generator
+        Source of the places of the lines, and of the records that are shown.
+
+    Raises
+    ------
+    StudyError
+        If the page is larger than `LARGEST`.
+    """
+    page = (templates / "explorer.html").read_text(encoding="utf-8")
+    for place, name in PLACES.items():
+        page = page.replace(place, (templates / name).read_text(encoding="utf-8"))
+    payload = _payload(explored, generator)
+    code = base64.b64encode(translated_kernels().module).decode()
+    for place, text in {"/*DATA*/": payload.json, "/*ARRAYS*/": payload.block, "/*KERNELS*/": code}.items():
+        page = page.replace(place, text)
+    size = len(page.encode())
+    if size > LARGEST:
+        raise StudyError(f"The explorer has {size:,} bytes, and at most {LARGEST:,} are allowed.")
+    path.write_text(page, encoding="utf-8")
+
+
+def _payload(explored: Explored, generator: np.random.Generator) -> parts.Payload:
+    """Return the data of the page."""
+    records, drawn = explored.weighted.records, explored.drawn
+    support, events = records.support, explored.config["answer"]["events"]
+    shown = events_from({"impact_speed": events.get("impact_speed", [])})
+    payload = parts.Payload(
+        {
+            "study": explored.config["study"],
+            "tested": explored.tested["name"],
+            "reference": REFERENCES[""],
+            "vehicles": compiled_vehicles(explored.tested),
+            "events": [{"name": event_name(event), "threshold": event.threshold} for event in shown],
+            "lead_speeds": list(support.lead_speeds),
+            "range_max": support.range_max,
+            "exposure": parts.exposure_of(records.size, explored.exposure),
+            "published": {
+                "answer": parts.published_of(explored.answer, "event"),
+                "vehicles": parts.published_of(explored.vehicles, "vehicle"),
+            },
+            "kernels": translated_kernels().layout,
+        }
+    )
+    parts.add_lines(payload, explored_lines(drawn, records.lead_speed, support, pilots(), generator))
+    parts.add_laws(payload, explored.weighted, drawn, log_ratios(drawn, support))
+    parts.add_records(payload, records, generator)
+    if not explored.is_compiled and explored.crash_map is not None:
+        parts.add_map(payload, explored.crash_map, SHOWN_EVENTS, generator)
+    return payload

@@ -1,0 +1,175 @@
+"""The vehicles of the explorer: their sliders, and the numbers that go to the compiled code at each stop.
+
+Python computes the numbers for every stop of every slider, so that the page need not know how a parameter
+becomes a number. Each slider therefore has numbers of its own, which is checked.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from accelerated_evaluation.base.errors import StudyError
+from accelerated_evaluation.scenarios.parameters import parameter_names
+from accelerated_evaluation.vehicles.builtin.acc_aeb import V60_TTC, AccAeb
+from accelerated_evaluation.vehicles.protocol import Vehicle
+from accelerated_evaluation.vehicles.registry import VEHICLES
+
+PUBLISHED_TTC = f"{V60_TTC[0]:g}–{V60_TTC[1]:g}"  # it depends on the speed
+
+
+@dataclass(frozen=True)
+class Slider:
+    """A slider: a parameter, what a reader calls it, its unit, and its stops."""
+
+    parameter: str
+    label: str
+    unit: str
+    stops: tuple[float, ...]
+
+    def parameters(self, base: Mapping[str, Any], value: float | None) -> dict[str, Any]:
+        """Return the parameters of the vehicle at a stop.
+
+        An AEB that begins earlier than it would be released is released where it begins.
+        """
+        changed = {self.parameter: value}
+        if self.parameter == "aeb_ttc" and value is not None:
+            changed["aeb_release_ttc"] = max(base["aeb_release_ttc"], value)
+        return dict(base) | changed
+
+    def values(self, start: float | None) -> list[float | None]:
+        """Return the stops in order, with that of the vehicle itself, which may be None."""
+        others = [value for value in self.stops if start is None or not math.isclose(value, start)]
+        return sorted([*others, start], key=lambda value: V60_TTC[1] if value is None else value)
+
+
+def _steps(first: float, last: float, step: float) -> tuple[float, ...]:
+    return tuple(np.round(np.arange(first, last + step / 2, step), 6).tolist())
+
+
+REACTION = Slider("reaction_time", "Reaction time", "s", _steps(0.1, 2.0, 0.1))
+BRAKING = Slider("deceleration", "Largest deceleration", "m/s²", _steps(3, 10, 0.5))
+HEADWAY = Slider("headway", "Headway of the ACC", "s", _steps(0.8, 3.0, 0.1))
+GROWTH = Slider("jerk", "Build-up of braking", "m/s³", _steps(4, 40, 2))
+SLIDERS: dict[str, tuple[Slider, ...]] = {
+    "acc_aeb": (
+        Slider("aeb_ttc", "Emergency braking begins at a TTC of", "s", _steps(0.3, 3.0, 0.1)),
+        Slider("aeb_deceleration", "Deceleration of emergency braking", "m/s²", _steps(3, 10, 0.5)),
+        Slider("aeb_jerk", "Build-up of emergency braking", "m/s³", _steps(4, 40, 2)),
+        HEADWAY,
+    ),
+    "acc_only": (HEADWAY,),
+    "cc_human": (
+        REACTION,
+        BRAKING,
+        GROWTH,
+        Slider("critical_ttc", "Danger is seen at a TTC of", "s", _steps(1, 4, 0.2)),
+    ),
+    "reg157": (REACTION, BRAKING),
+    "rss": (REACTION, BRAKING, GROWTH),
+    "fsm": (REACTION, GROWTH),
+}
+TITLES = {
+    "acc_aeb": "Car with ACC and emergency braking",
+    "acc_only": "Car with ACC alone",
+    "cc_human": "Careful human (UN R157)",
+    "reg157": "Braking model of UN R157",
+    "rss": "RSS driver",
+    "fsm": "FSM driver",
+}
+
+
+def compiled_vehicles(tested: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Describe every vehicle whose code the page contains.
+
+    Parameters
+    ----------
+    tested
+        Section ``vehicle`` of the configuration: the page begins with this one's parameters, if it has it.
+
+    Returns
+    -------
+    list
+        For each vehicle its ``name``, ``title``, ``kernel`` (car or driver), ``striped`` (whether a few lines
+        cannot answer for it), the compiled ``numbers``, and its ``sliders``. Each stop of a slider has the
+        ``changes`` that it makes to the numbers.
+    """
+    return [_described(name, tested["parameters"] if name == tested["name"] else {}) for name in SLIDERS]
+
+
+def _described(name: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
+    vehicle_class: Callable[..., Any] = VEHICLES[name]
+    vehicle = vehicle_class(**parameters)
+    base = {field: getattr(vehicle, field) for field in parameter_names(vehicle_class)}
+    numbers = vehicle.compiled()
+    sliders = [_stops(vehicle_class, base, slider) for slider in SLIDERS[name]]
+    _require_own_numbers(name, sliders)
+    return {
+        "name": name,
+        "title": TITLES[name],
+        "kernel": "car" if isinstance(vehicle, AccAeb) else "driver",
+        "striped": getattr(vehicle, "striped", False),
+        "numbers": [_as_text(number) for number in numbers],
+        "sliders": sliders,
+    }
+
+
+def _stops(vehicle_class: Callable[..., Any], base: Mapping[str, Any], slider: Slider) -> dict[str, Any]:
+    """Return a slider with what each of its stops changes in the compiled numbers."""
+    start = base[slider.parameter]
+    values = slider.values(start)
+    original = vehicle_class(**base).compiled()
+    stops = []
+    for value in values:
+        numbers = vehicle_class(**slider.parameters(base, value)).compiled()
+        changes = {
+            place: _as_text(new)
+            for place, (old, new) in enumerate(zip(original, numbers, strict=True))
+            if old != new
+        }
+        label = PUBLISHED_TTC if value is None else f"{value:.3g}"
+        stops.append(
+            {"value": "published" if value is None else f"{value:g}", "label": label, "changes": changes}
+        )
+    return {
+        "name": slider.parameter,
+        "label": slider.label,
+        "unit": slider.unit,
+        "start": values.index(start),
+        "stops": stops,
+    }
+
+
+def _require_own_numbers(name: str, sliders: Sequence[Mapping[str, Any]]) -> None:
+    """Raise StudyError if two sliders of a vehicle change the same number."""
+    seen: set[int] = set()
+    for slider in sliders:
+        own = {place for stop in slider["stops"] for place in stop["changes"]}
+        if own & seen:
+            raise StudyError(
+                f"Two sliders of {name} change the same compiled number; {slider['name']} is one."
+            )
+        seen |= own
+
+
+def _as_text(number: float | bool) -> str:
+    """Return a number as JavaScript reads it back to the bit, infinity included."""
+    return "Infinity" if number == math.inf else repr(float(number))
+
+
+def pilots() -> list[Vehicle]:
+    """Return vehicles at the ends of the sliders, which say where the page needs lines."""
+    vehicles = []
+    for name, sliders in SLIDERS.items():
+        vehicle_class = VEHICLES[name]
+        if getattr(vehicle_class, "striped", False):
+            continue
+        vehicle = vehicle_class()
+        base = {field: getattr(vehicle, field) for field in parameter_names(vehicle_class)}
+        ends = [
+            slider.parameters(base, end) for slider in sliders for end in (slider.stops[0], slider.stops[-1])
+        ]
+        vehicles += [vehicle_class(**parameters) for parameters in (base, *ends)]
+    return vehicles

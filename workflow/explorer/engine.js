@@ -1,0 +1,288 @@
+// The answer of the explorer: sums over the lines of the laws, for the mean law and for every draw.
+"use strict";
+
+const TYPES = { f4: Float32Array, u2: Uint16Array, u1: Uint8Array };
+// Strata of the cumulative hazard in a first scan, their parts, and after how many strata with the event nothing
+// beyond them is simulated: a share of exp(-3) of the line is left there.
+const COARSE_STEP = 0.5, PARTS = 2, ENOUGH = 6;
+
+// The four weights of cubic interpolation at place x between n nodes, and the first of the four nodes.
+function cubic(x, n) {
+  const first = Math.min(Math.max(Math.floor(x) - 1, 0), n - 4), t = x - first;
+  return [first, [
+    -(t - 1) * (t - 2) * (t - 3) / 6, t * (t - 2) * (t - 3) / 2, -t * (t - 1) * (t - 3) / 2, t * (t - 1) * (t - 2) / 6,
+  ]];
+}
+
+// The point of a stratum of cumulative hazards below which a share of its probability lies.
+const inside = (low, width, share) => low - Math.log1p(share * Math.expm1(-width));
+
+class Engine {
+  static async load(text, block, code) {
+    const stream = new Blob([fromBase64(block)]).stream().pipeThrough(new DecompressionStream("gzip"));
+    const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
+    const { instance } = await WebAssembly.instantiate(fromBase64(code));
+    const meta = JSON.parse(text);
+    return new Engine(meta, bytes, new Simulator(meta.kernels, instance.exports));
+  }
+
+  constructor(meta, bytes, simulator) {
+    Object.assign(this, { meta, simulator, data: {} });
+    for (const [name, place] of Object.entries(meta.arrays)) this.data[name] = unpacked(bytes, place);
+    this.prepareLines();
+    this.prepareRatios();
+  }
+
+  // Vehicles
+
+  vehicle(name) {
+    return this.meta.vehicles.find((vehicle) => vehicle.name === name);
+  }
+
+  // The numbers of a vehicle with each of its sliders at a stop.
+  numbers(vehicle, stops) {
+    const numbers = vehicle.numbers.map(Number);
+    vehicle.sliders.forEach((slider, k) => {
+      for (const [place, value] of Object.entries(slider.stops[stops[k]].changes)) numbers[place] = Number(value);
+    });
+    return numbers;
+  }
+
+  // Laws
+
+  prepareLines() {
+    const { depth, speed_step: step } = this.meta.lines, count = this.data.lead_speed.length;
+    const levels = this.data.closing_speed, speeds = new Float32Array(levels.length);
+    for (let level = 0; level <= depth; level++) {
+      for (let line = 0; line < count; line++) {
+        const place = level * count + line;
+        speeds[place] = levels[place] * step + (level ? speeds[place - count] : 0);
+      }
+    }
+    this.speeds = speeds;
+    this.lines = count;
+    const [vn, rn] = this.meta.laws.fine, [low, high] = this.meta.lead_speeds, top = Math.sqrt(this.meta.range_max);
+    const first = 1 / (2 * rn - 1);
+    this.corner = [];
+    for (let line = 0; line < count; line++) {
+      const [v, vw] = cubic((this.data.lead_speed[line] - low) / (high - low) * (vn - 1), vn);
+      const [r, rw] = cubic((Math.sqrt(this.data.range_[line]) / top - first) / (1 - first) * (rn - 1), rn);
+      this.corner.push([v, vw, r, rw]);
+    }
+  }
+
+  // Ratios at the fine nodes from the stored logarithms at the coarse ones, shape (nodes, draws).
+  prepareRatios() {
+    const { laws } = this.meta, [v0, r0, l0] = laws.coarse, [v1, r1, l1] = laws.fine;
+    const draws = laws.order.length, size = v0 * r0 * l0, stored = this.data.ratios;
+    const sums = new Uint16Array(size), own = new Float32Array(size);
+    this.draws = draws;
+    this.ratios = new Float32Array(draws * v1 * r1 * l1);
+    for (let k = 0; k < draws; k++) {
+      for (let node = 0; node < size; node++) sums[node] += stored[k * size + node];
+      for (let node = 0; node < size; node += l0) {
+        for (let level = 0, sum = 0; level < l0; level++) {
+          sum = (sum + sums[node + level]) & 0xffff;
+          own[node + level] = sum * laws.ratio_step + laws.ratio_low;
+        }
+      }
+      const alongRoot = spread(own, this.data.refine_root, v0, r1, r0, l0);
+      const alongBoth = spread(alongRoot, this.data.refine_speed, 1, v1, v0, r1 * l0);
+      const fine = spread(alongBoth, this.data.refine_level, v1 * r1, l1, l0, 1);
+      const start = laws.order[k] * fine.length;
+      for (let node = 0; node < fine.length; node++) this.ratios[start + node] = Math.exp(fine[node]);
+    }
+  }
+
+  // Closing speeds on lines at cumulative hazards under the mean law.
+  closingSpeeds(lines, hazards) {
+    const n = this.meta.lines.depth + 1, speeds = new Float64Array(lines.length);
+    for (let k = 0; k < lines.length; k++) {
+      const [first, weight] = cubic(hazards[k], n);
+      let speed = 0;
+      for (let j = 0; j < 4; j++) speed += weight[j] * this.speeds[(first + j) * this.lines + lines[k]];
+      speeds[k] = Math.max(speed, 0);
+    }
+    return speeds;
+  }
+
+  happens(vehicle, numbers, threshold, lines, hazards) {
+    const lead = new Float64Array(lines.length), range = new Float64Array(lines.length);
+    for (let k = 0; k < lines.length; k++) {
+      lead[k] = this.data.lead_speed[lines[k]];
+      range[k] = this.data.range_[lines[k]];
+    }
+    const found = this.simulator.simulate(vehicle.kernel, numbers, lead, range, this.closingSpeeds(lines, hazards));
+    return threshold === null ? found.crash : found.impactSpeed.map((speed) => (speed > threshold ? 1 : 0));
+  }
+
+  // Whether the event happens in each part of each stratum of each line, shape (lines, parts): one point in each
+  // stratum first, and then one in each part of the strata where the outcome changes.
+  scan(vehicle, numbers, threshold) {
+    const strata = this.meta.lines.depth / COARSE_STEP, parts = strata * PARTS, n = this.lines;
+    const coarse = new Uint8Array(n * strata), flags = new Uint8Array(n * parts);
+    const share = (line) => (0.5 + line * 0.5497004779019703) % 1;
+    const run = new Uint8Array(n);
+    let active = Array.from({ length: n }, (_, line) => line);
+    for (let k = 0; k < strata && active.length; k++) {
+      const points = active.map((line) => inside(k * COARSE_STEP, COARSE_STEP, share(line)));
+      const happened = this.happens(vehicle, numbers, threshold, active, points);
+      active = active.filter((line, place) => {
+        coarse[line * strata + k] = happened[place];
+        run[line] = happened[place] ? run[line] + 1 : 0;
+        if (run[line] === ENOUGH) coarse.fill(1, line * strata + k, (line + 1) * strata);
+        return run[line] < ENOUGH;
+      });
+    }
+    const lines = [], points = [], places = [], width = COARSE_STEP / PARTS;
+    for (let line = 0; line < n; line++) {
+      for (let k = 0; k < strata; k++) {
+        const own = coarse[line * strata + k], place = line * parts + k * PARTS;
+        const changes = (k > 0 && coarse[line * strata + k - 1] !== own)
+          || (k < strata - 1 && coarse[line * strata + k + 1] !== own);
+        if (!changes) flags.fill(own, place, place + PARTS);
+        for (let part = 0; changes && part < PARTS; part++) {
+          lines.push(line);
+          places.push(place + part);
+          points.push(inside(k * COARSE_STEP + part * width, width, (share(line) + 0.618034 * (part + 1) + 0.37 * k) % 1));
+        }
+      }
+    }
+    const happened = this.happens(vehicle, numbers, threshold, lines, points);
+    places.forEach((place, k) => { flags[place] = happened[k]; });
+    return flags;
+  }
+
+  // The probability of an event under every draw of the law, and the likeliest encounter in which it happens.
+  explore(vehicle, numbers, threshold) {
+    const flags = this.scan(vehicle, numbers, threshold), parts = flags.length / this.lines;
+    const width = this.meta.lines.depth / parts, [vn, rn, ln] = this.meta.laws.fine;
+    const nodes = new Float64Array(vn * rn * ln), own = new Float64Array(ln);
+    const places = Array.from({ length: parts }, (_, part) => cubic(part * width, ln));
+    let mean = 0, likeliest = null;
+    for (let line = 0; line < this.lines; line++) {
+      own.fill(0);
+      let total = 0;
+      for (let part = 0, before = 0; part < parts; part++) {
+        const flag = flags[line * parts + part];
+        if (flag === before) continue;
+        const mass = (flag - before) * this.data.probability[line] * Math.exp(-part * width);
+        const [first, weight] = places[part];
+        for (let j = 0; j < 4; j++) own[first + j] += mass * weight[j];
+        total += mass;
+        if (flag && !before) likeliest = this.likelier(likeliest, line, part * width);
+        before = flag;
+      }
+      mean += total;
+      if (total) addTo(nodes, own, this.corner[line], rn, ln);
+    }
+    return { draws: this.underDraws(nodes), mean, likeliest: likeliest && this.refined(likeliest, vehicle, numbers, threshold) };
+  }
+
+  // The design point of reliability analysis: the encounter nearest to the median in normal scores.
+  likelier(known, line, hazard) {
+    const distance = this.data.distance[line] + this.data.distance_at[Math.round(4 * hazard)];
+    return known && known.distance <= distance ? known : { line, hazard, distance };
+  }
+
+  // The smallest closing speed of the likeliest encounter at which the event happens, by halving.
+  refined({ line, hazard }, vehicle, numbers, threshold) {
+    let high = hazard + COARSE_STEP / PARTS, low = Math.max(hazard - COARSE_STEP / PARTS, 0);
+    const does = (point) => this.happens(vehicle, numbers, threshold, [line], [point])[0];
+    for (let k = 0; !does(high) && k < 8; k++) high += COARSE_STEP / PARTS;
+    for (let k = 0; k < 12; k++) {
+      const middle = (low + high) / 2;
+      if (does(middle)) high = middle;
+      else low = middle;
+    }
+    const closingSpeed = this.closingSpeeds([line], [high])[0];
+    return { leadSpeed: this.data.lead_speed[line], range: this.data.range_[line], closingSpeed };
+  }
+
+  underDraws(nodes) {
+    const used = [], draws = new Float64Array(this.draws), size = nodes.length;
+    nodes.forEach((mass, node) => { if (mass) used.push(node); });
+    const at = Int32Array.from(used), mass = Float64Array.from(used, (node) => nodes[node]);
+    for (let k = 0; k < this.draws; k++) {
+      let sum = 0;
+      for (let j = 0; j < at.length; j++) sum += mass[j] * this.ratios[k * size + at[j]];
+      draws[k] = Math.max(sum, 0);
+    }
+    return draws;
+  }
+
+  // Weights of the draws for a choice of the law: "all", "threshold 0.95" or the name of a member.
+  weightsOf(choice) {
+    const { laws } = this.meta, member = this.data.member, weights = new Float64Array(this.draws);
+    if (choice === "all") return weights.fill(1, 0, laws.answered);
+    const threshold = laws.thresholds.find((each) => choice === `threshold ${each.level}`);
+    const wanted = threshold ? threshold.weights : laws.members.map((name) => (name === choice ? 1 : 0));
+    const counts = new Float64Array(laws.members.length);
+    member.forEach((place) => { counts[place] += 1; });
+    return weights.map((_, k) => wanted[member[k]] / counts[member[k]]);
+  }
+}
+
+function unpacked(bytes, { type, start, shape }) {
+  const array = new TYPES[type](shape.reduce((product, size) => product * size, 1));
+  const width = array.BYTES_PER_ELEMENT, whole = new Uint8Array(array.buffer), count = array.length;
+  for (let byte = 0; byte < width; byte++) {
+    for (let k = 0; k < count; k++) whole[k * width + byte] = bytes[start + byte * count + k];
+  }
+  return array;
+}
+
+// Multiply by a matrix of shape (to, from) along the middle of three dimensions.
+function spread(values, matrix, before, to, from, after) {
+  const result = new Float32Array(before * to * after);
+  for (let i = 0; i < before; i++) {
+    for (let row = 0; row < to; row++) {
+      for (let column = 0; column < from; column++) {
+        const factor = matrix[row * from + column];
+        if (Math.abs(factor) < 1e-7) continue;
+        const source = (i * from + column) * after, target = (i * to + row) * after;
+        for (let k = 0; k < after; k++) result[target + k] += factor * values[source + k];
+      }
+    }
+  }
+  return result;
+}
+
+// Distribute what a line has at its levels among the nodes around it.
+function addTo(nodes, own, [v, vw, r, rw], rn, ln) {
+  for (let level = 0; level < ln; level++) {
+    if (!own[level]) continue;
+    for (let i = 0; i < 4; i++) {
+      for (let j = 0; j < 4; j++) nodes[((v + i) * rn + r + j) * ln + level] += own[level] * vw[i] * rw[j];
+    }
+  }
+}
+
+// Quantiles of weighted values; with equal weights those that Python's numpy.quantile returns.
+function quantiles(values, weights, levels) {
+  const order = [];
+  for (let k = 0; k < values.length; k++) if (weights[k] > 0) order.push(k);
+  order.sort((a, b) => values[a] - values[b]);
+  const places = new Float64Array(order.length);
+  for (let k = 1; k < order.length; k++) places[k] = places[k - 1] + (weights[order[k - 1]] + weights[order[k]]) / 2;
+  const total = places[order.length - 1];
+  return levels.map((level) => {
+    let low = 0, high = order.length - 1;
+    while (high - low > 1) {
+      const middle = (low + high) >> 1;
+      if (places[middle] <= level * total) low = middle;
+      else high = middle;
+    }
+    const share = high > low ? (level * total - places[low]) / (places[high] - places[low]) : 0;
+    return values[order[low]] + share * (values[order[high]] - values[order[low]]);
+  });
+}
+
+const LEVELS = [0.025, 0.1, 0.25, 0.5, 0.75, 0.9, 0.975];
+
+// Mean and quantiles at LEVELS of values.
+function summary(values, weights) {
+  let sum = 0, total = 0;
+  values.forEach((value, k) => { sum += value * weights[k]; total += weights[k]; });
+  return { mean: sum / total, quantiles: quantiles(values, weights, LEVELS) };
+}

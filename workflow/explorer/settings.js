@@ -1,0 +1,165 @@
+// What a reader of the explorer sets, and the link that holds it.
+"use strict";
+
+class Settings {
+  fillControls() {
+    const options = (entries) => entries.map(([value, text]) => `<option value="${escaped(value)}">${escaped(text)}</option>`).join("");
+    const { laws, events, lead_speeds: [low, high] } = this.meta;
+    element("vehicle").innerHTML = options(this.vehicles.map((vehicle) => [vehicle.name, vehicle.title]));
+    element("event").innerHTML = options([["crash", "Crash"], ...events.map(({ name }) => [name, name.replace(/^i/, "I")])]);
+    element("law").innerHTML = options([["all", "All models, by their weights"]])
+      + `<optgroup label="One threshold">${options(laws.thresholds.map(({ level }) => [`threshold ${level}`, `Tails above the ${readable(100 * level, 3)} % quantile`]))}</optgroup>`
+      + `<optgroup label="One model">${options(laws.members.map((name) => [name, name === "hazard" ? "Smooth hazard without a tail" : `${name[0].toUpperCase()}${name.slice(1)}`]))}</optgroup>`;
+    Object.assign(element("lead"), { min: low, max: high });
+    element("study").textContent = `Study: ${this.meta.study}; ${this.meta.exposure.cut_ins.toLocaleString("en-US")} recorded cut-ins.`;
+  }
+
+  start(vehicle) {
+    return { vehicle: vehicle.name, stops: vehicle.sliders.map((slider) => slider.start), law: "all", event: "crash", lead: null, own: null };
+  }
+
+  // The settings of the link, and those of the study for whatever it does not say.
+  readLink() {
+    const link = new URLSearchParams(location.hash.slice(1));
+    const vehicle = this.vehicles.find(({ name }) => name === link.get("vehicle")) || this.vehicles[0];
+    const known = (id, value) => [...element(id).options].some((option) => option.value === value);
+    this.state = this.start(vehicle);
+    vehicle.sliders.forEach((slider, k) => {
+      const stop = slider.stops.findIndex(({ value }) => value === link.get(slider.name));
+      if (stop >= 0) this.state.stops[k] = stop;
+    });
+    for (const name of ["law", "event"]) if (known(name, link.get(name))) this.state[name] = link.get(name);
+    const numbers = (link.get("at") || "").split(",").map(Number);
+    if (numbers.length === 3 && numbers.every((value) => Number.isFinite(value) && value >= 0) && numbers[1] > 0) {
+      this.state.own = { leadSpeed: numbers[0], range: numbers[1], closingSpeed: numbers[2] };
+    }
+    const lead = Number(link.get("lead")), [low, high] = this.meta.lead_speeds;
+    if (link.get("lead") && lead >= low && lead <= high) this.state.lead = lead;
+    this.showControls();
+  }
+
+  writeLink() {
+    const { state, vehicle } = this, link = new URLSearchParams({ vehicle: state.vehicle });
+    vehicle.sliders.forEach((slider, k) => {
+      if (state.stops[k] !== slider.start) link.set(slider.name, slider.stops[state.stops[k]].value);
+    });
+    for (const [name, usual] of [["law", "all"], ["event", "crash"]]) if (state[name] !== usual) link.set(name, state[name]);
+    if (state.lead !== null) link.set("lead", state.lead);
+    if (state.own) link.set("at", [state.own.leadSpeed, state.own.range, state.own.closingSpeed].join(","));
+    this.written = `#${link}`;
+    history.replaceState(null, "", this.written);
+  }
+
+  get vehicle() {
+    return this.vehicles.find(({ name }) => name === this.state.vehicle);
+  }
+
+  get threshold() {
+    const event = this.meta.events.find(({ name }) => name === this.state.event);
+    return event ? event.threshold : null;
+  }
+
+  // Whether the page computes this vehicle's probabilities, or only the study has them.
+  get isExplored() {
+    return Boolean(this.vehicle.kernel) && !this.vehicle.striped;
+  }
+
+  showControls() {
+    const { vehicle, state } = this;
+    for (const name of ["vehicle", "law", "event"]) element(name).value = state[name];
+    element("sliders").innerHTML = this.isExplored ? vehicle.sliders.map((slider, k) => `<div class="slider">
+      <span><label for="slider-${k}">${escaped(slider.label)}</label><output for="slider-${k}" id="value-${k}"></output></span>
+      <input type="range" id="slider-${k}" min="0" max="${slider.stops.length - 1}" step="1"><small id="help-${k}"></small></div>`).join("") : "";
+    const reason = vehicle.striped
+      ? "Whether this driver crashes changes within millimetres of range, so no few lines can answer. The numbers are those of the study, and cut-ins can be replayed."
+      : "The page has no compiled code of this vehicle. The numbers are those of the study; sliders and replays are missing. "
+        + (this.engine.data.map_range ? "The map is that of the study." : "The map is missing, too, because the study simulates only a few cut-ins.");
+    element("missing").hidden = this.isExplored;
+    element("missing").textContent = reason;
+    element("law").disabled = !this.isExplored;
+    this.showStops();
+  }
+
+  showStops() {
+    if (!this.isExplored) return;
+    const names = this.meta.kernels[this.vehicle.kernel].names, numbers = this.engine.numbers(this.vehicle, this.state.stops);
+    this.vehicle.sliders.forEach((slider, k) => {
+      const stop = slider.stops[this.state.stops[k]], input = element(`slider-${k}`);
+      input.value = this.state.stops[k];
+      element(`value-${k}`).textContent = `${stop.label} ${slider.unit}`;
+      input.setAttribute("aria-valuetext", `${stop.label} ${slider.unit}`);
+      input.parentElement.classList.toggle("changed", this.state.stops[k] !== slider.start);
+      const [full, growth] = [numbers[names.indexOf("aeb_deceleration")], numbers[names.indexOf("aeb_jerk")]];
+      const helps = { aeb_jerk: `full braking after ${(full / growth).toFixed(2)} s` };
+      element(`help-${k}`).textContent = helps[slider.name] || (this.state.stops[k] === slider.start ? "as in the study" : "");
+    });
+  }
+
+  listen() {
+    const later = (change) => (event) => {
+      change(event);
+      if (this.waiting) return; // one computation for all changes before the next frame
+      this.waiting = requestAnimationFrame(() => { this.waiting = 0; this.update(); });
+    };
+    element("vehicle").addEventListener("change", later(({ target }) => {
+      const { law, event, lead } = this.state, vehicle = this.vehicles.find(({ name }) => name === target.value);
+      this.state = Object.assign(this.start(vehicle), { law: vehicle.kernel && !vehicle.striped ? law : "all", event, lead });
+      this.showControls();
+    }));
+    for (const name of ["law", "event"]) element(name).addEventListener("change", later(({ target }) => { this.state[name] = target.value; }));
+    element("sliders").addEventListener("input", later(({ target }) => {
+      this.state.stops[Number(target.id.split("-")[1])] = Number(target.value);
+      this.showStops();
+    }));
+    element("lead").addEventListener("input", later(({ target }) => { this.state.lead = Number(target.value); }));
+    element("reset").addEventListener("click", later(() => { this.state = this.start(this.vehicles[0]); this.showControls(); }));
+    element("likeliest").addEventListener("click", later(() => Object.assign(this.state, { own: null, lead: null })));
+    for (const id of ["at-lead", "at-range", "at-closing"]) element(id).addEventListener("change", later(() => this.readEncounter()));
+    element("copy").addEventListener("click", () => this.copyLink());
+    element("time").addEventListener("input", ({ target }) => { this.time = Number(target.value); this.showMoment(); });
+    element("map").addEventListener("click", later((event) => {
+      const [range, closing] = this.map.encounter(event.offsetX, event.offsetY);
+      this.replayAt(range, closing);
+    }));
+    element("map").addEventListener("keydown", (event) => this.moveCross(event, later));
+    window.addEventListener("hashchange", later(() => { if (location.hash !== this.written) this.readLink(); }));
+    window.addEventListener("resize", later(() => {}));
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", later(() => {}));
+  }
+
+  readEncounter() {
+    const fields = ["at-lead", "at-range", "at-closing"].map(element);
+    if (!fields.every((field) => field.value !== "" && field.checkValidity())) return;
+    const [leadSpeed, range, closingSpeed] = fields.map((field) => Number(field.value));
+    this.state.own = { leadSpeed, range, closingSpeed };
+    const [low, high] = this.meta.lead_speeds;
+    this.state.lead = Math.min(Math.max(leadSpeed, low), high);
+  }
+
+  replayAt(range, closing) {
+    const rounded = (value) => Number(value.toFixed(2));
+    this.state.own = { leadSpeed: this.lead, range: Math.max(rounded(range), 0.01), closingSpeed: rounded(closing) };
+    this.state.lead = this.lead;
+  }
+
+  moveCross(event, later) {
+    const steps = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 0.5], ArrowDown: [0, -0.5] }[event.key];
+    if (!steps) return;
+    event.preventDefault();
+    const from = this.state.own || this.encounter || { range: this.meta.range_max / 2, closingSpeed: 10 };
+    const within = (value, low, high) => Math.min(Math.max(value, low), high);
+    const factor = event.shiftKey ? 5 : 1;
+    later(() => this.replayAt(
+      within(from.range + factor * steps[0], 0.1, this.meta.range_max), within(from.closingSpeed + factor * steps[1], 0, this.map.closingMax),
+    ))(event);
+  }
+
+  async copyLink() {
+    try {
+      await navigator.clipboard.writeText(location.href);
+      element("copied").textContent = "Copied.";
+    } catch {
+      element("copied").textContent = "Copy the address of this page.";
+    }
+  }
+}

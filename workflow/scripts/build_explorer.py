@@ -1,0 +1,39 @@
+"""Make the explorer: one page on which a reader changes the vehicle, the law and the event."""
+
+from pathlib import Path
+
+import pandas as pd
+from accelerated_evaluation.answer.explored import DrawnLaws
+from accelerated_evaluation.answer.family_file import read_family
+from accelerated_evaluation.answer.study import ANSWER_STREAM
+from accelerated_evaluation.base.files import atomic_path, read_json
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.crash_map.maps import read_crash_map
+from accelerated_evaluation.laws.smooth.family import DistinctRecords
+from accelerated_evaluation.laws.smooth.support import Support
+from accelerated_evaluation.publishing.explorer.page import Explored, write_page
+from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.study.jobs import job
+
+if __name__ == "__main__":
+    with job(snakemake.log[0]):
+        files, params = snakemake.input, snakemake.params
+        seed = params.config["seed"]
+        records = DistinctRecords.of(read_encounters(files.encounters), Support.of(params.support))
+        weighted = read_family(files.family, records).weighted(
+            child_generator(seed, "laws", "weigh"), params.config["answer"]["draws"]
+        )
+        answered = child_generator(seed, "laws", *ANSWER_STREAM)
+        more = child_generator(seed, "explorer", "draws")
+        explored = Explored(
+            config=params.config,
+            weighted=weighted,
+            drawn=DrawnLaws.of(weighted, answered, more),
+            exposure=read_json(files.exposure),
+            answer=pd.read_csv(files.answer),
+            vehicles=pd.read_csv(files.vehicles),
+            crash_map=next(map(read_crash_map, files.map), None),
+        )
+        templates, generator = Path(files.templates[0]).parent, child_generator(seed, "explorer")
+        with atomic_path(snakemake.output.page) as temporary:
+            write_page(explored, templates, temporary, generator)
