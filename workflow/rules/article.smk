@@ -1,0 +1,50 @@
+# Article: a preprint of a study, made only if it is asked for (make article).
+#
+# In: the published tables and figures, the tables of the benchmarks. Out: article.pdf, and its numbers in article.json.
+
+from accelerated_evaluation.publishing.article.text import BENCHMARKS, shown_figures
+
+ARTICLE = PROJECT / "article"
+
+
+def shown_in_article(_):
+    """Figures that the article shows; a study that does not publish all of them has no article."""
+    published = {name for made in NOTEBOOKS.values() for name in made.figures}
+    for name in shown_figures(ARTICLE):
+        if name not in published:
+            raise WorkflowError(
+                f"the study {STUDY} has no article, because it does not publish {name}, which the article shows. An"
+                " article is made of a study of cut-ins whose vehicle is fast enough for a crash map"
+                " (simulations.slow: false). Use the book: make book."
+            )
+    return [str(FIGURES / f"{name}.pdf") for name in shown_figures(ARTICLE)]
+
+
+rule article:
+    """Make an article of the study: a PDF whose numbers and figures are all published results."""
+    input:
+        text=sorted(map(str, ARTICLE.iterdir())),
+        figures=shown_in_article,
+        captions=[str(CAPTIONS / f"{name}.rst") for name in shown_figures(ARTICLE)],
+        tables=[file for name in NOTEBOOKS for file in tables_of(name)],
+        benchmarks=[
+            str(PROJECT / "benchmarks/results" / f"{name}.csv") for name in BENCHMARKS
+        ],
+        config=result("config.json"),
+        library=modules_of("write_article.py"),
+    output:
+        pdf=result("article.pdf"),
+        numbers=result("article.json"),
+    log:
+        log_of("article.log"),
+    benchmark:
+        benchmark_of("article.tsv")
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        study={"results": str(RESULTS), "figures": str(FIGURES)},
+    message:
+        "Writing the article"
+    script:
+        "../scripts/write_article.py"
