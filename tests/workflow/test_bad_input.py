@@ -94,7 +94,7 @@ def test_braces_in_a_description_are_no_wildcards(project):
 @pytest.mark.parametrize("other", ["config/pedestrian.yaml", "slow.yaml"])
 def test_a_study_without_the_figures_of_the_article_says_so(project, other):
     (project.folder / "slow.yaml").write_text("study: slow\nsimulations: {slow: true}\n")
-    run = project.run("--dry-run", "--", "article", config=other)
+    run = project.run("article", "--dry-run", config=other)
     assert run.returncode != 0
     assert "has no article, because it does not publish fig" in run.stdout + run.stderr
     assert not list(project.folder.glob("results/*/article*"))

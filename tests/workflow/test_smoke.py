@@ -140,7 +140,7 @@ def test_the_report_holds_figures_and_tables(finished):
 
 
 def test_a_miniature_with_a_vehicle_of_its_own_gets_an_article(finished):
-    run = finished.run("--", "article")
+    run = finished.run("article")
     assert run.returncode == 0, run.stderr[-3000:]
     results = finished.folder / "results" / "smoke"
     assert (results / "article.pdf").read_bytes().startswith(b"%PDF-")
