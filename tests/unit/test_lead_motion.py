@@ -1,5 +1,7 @@
 """Lead motion: constant as before, the statistics of the recorded profiles, and bad input."""
 
+import itertools
+
 import numpy as np
 import pytest
 from accelerated_evaluation.base.errors import InputError
@@ -86,3 +88,24 @@ def test_bad_lead_speeds_end_with_one_message(name, change, message):
     speeds = np.full((2, 81), 20.0)
     with pytest.raises(InputError, match=message):
         load_vehicle(name).simulate_moving([20.0, 20.0], [10.0, 10.0], [5.0, 5.0], change(speeds))
+
+
+def test_strata_contain_every_closing_speed_once():
+    from accelerated_evaluation.answer.lead_motion import DISTANCES, SIZES, strata
+    from accelerated_evaluation.crash_map.mapping import map_crashes
+    from accelerated_evaluation.crash_map.maps import Grid
+    from accelerated_evaluation.vehicles.events import CRASH
+
+    crash_map = map_crashes(
+        load_vehicle("acc_aeb"), Grid(5, 35, 75, 4, 8, 1, 45.0, 60), [], np.random.default_rng(5)
+    )
+    parts = [part.intervals(CRASH) for part in strata(crash_map)]
+    assert len(parts) == len(DISTANCES) + 1 == len(SIZES)
+    for line in range(crash_map.lead_speed.size):
+        own = sorted((p.start[p.line == line][0], p.end[p.line == line][0]) for p in parts if line in p.line)
+        assert own[0][0] == 0
+        assert own[-1][1] == np.inf
+        assert all(end == start for (_, end), (start, _) in itertools.pairwise(own))
+    crashes = crash_map.intervals(CRASH)
+    first = dict(zip(crashes.line[::-1], crashes.start[::-1], strict=True))
+    assert dict(zip(parts[0].line, parts[0].start, strict=True)) == first

@@ -53,3 +53,33 @@ rule predict_humans:
         "Predicting crashes and near-crashes of human drivers"
     script:
         "../scripts/predict_humans.py"
+
+
+rule study_lead_motion:
+    """Estimate crash probabilities with a lead vehicle that changes its speed, around the crash maps."""
+    input:
+        encounters=rules.ingest_encounters.output.encounters,
+        family=rules.fit_family.output.family,
+        maps=[f"{folder}/crash_map/full.npz" for folder in FOLDERS.values()],
+        vehicles=ancient(ALL_FILES),
+        library=modules_of("study_lead_motion.py", members=OF_VEHICLES),
+    output:
+        moving=result("lead_motion.csv"),
+    log:
+        log_of("study_lead_motion.log"),
+    benchmark:
+        benchmark_of("study_lead_motion.tsv")
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        seed=config["seed"],
+        vehicles=VEHICLES,
+        vehicle_content=ALL_CONTENT,
+        simulations=ALL_SIMULATIONS,
+        draws=config["answer"]["draws"],
+        support=SUPPORT,
+    message:
+        "Estimating crashes with a lead vehicle that changes its speed"
+    script:
+        "../scripts/study_lead_motion.py"

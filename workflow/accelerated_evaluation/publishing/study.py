@@ -89,6 +89,8 @@ TABLES = {
     "counted_crashes": "counted_crashes.csv",
     # Crashes and near-crashes that are predicted for human drivers, and those that were counted.
     "human_predictions": "human_predictions.csv",
+    # Crash probabilities if the lead vehicle changes its speed.
+    "lead_motion": "lead_motion.csv",
     # The likeliest ways to crash and the nearest records, with what they end in.
     "happened": "happened/encounters.csv",
     # Every state of the encounters of `happened`.

@@ -186,3 +186,9 @@ def with_limits_in_one(predictions: pd.DataFrame) -> pd.DataFrame:
 def human_predictions_table(human_predictions: pd.DataFrame) -> pd.DataFrame:
     """Return predicted and counted crashes and near-crashes of human drivers as they are published."""
     return human_predictions
+
+
+@table("lead_motion", digits=2)
+def lead_motion_table(lead_motion: pd.DataFrame) -> pd.DataFrame:
+    """Return the crash probabilities with a lead vehicle that changes its speed as they are published."""
+    return lead_motion
