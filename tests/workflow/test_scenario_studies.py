@@ -23,7 +23,8 @@ surrogate: {{replicates: 1, maximum_calls: 100}}
 @pytest.mark.parametrize("name", ["left_turn", "pedestrian"])
 def test_a_study_of_a_scenario_completes_and_a_second_run_does_nothing(project, name):
     (project.folder / "mini.yaml").write_text(MINIATURE.format(name))
-    project.run(config="mini.yaml")
+    done = project.run(config="mini.yaml")
+    assert done.returncode == 0, done.stdout + done.stderr
     results, figures = (project.folder / folder / name for folder in ("results", "figures"))
     answer = pd.read_csv(results / "scenario/answer.csv")
     assert (answer["low80"] <= answer["median"]).all()
@@ -34,7 +35,8 @@ def test_a_study_of_a_scenario_completes_and_a_second_run_does_nothing(project, 
     page = (results / "book/index.html").read_text()
     assert "An encounter ends in a crash with probability" in page
     assert (results / "book/03_methods_and_verdicts.html").is_file()
-    assert "Nothing to be done" in project.run("--dry-run", config="mini.yaml").stdout
+    again = project.run("--dry-run", config="mini.yaml")
+    assert "Nothing to be done" in again.stdout + again.stderr
 
 
 @pytest.fixture
