@@ -2,22 +2,7 @@
 #
 # In: the published tables and figures, the tables of the benchmarks. Out: article.pdf, and its numbers in article.json.
 
-from accelerated_evaluation.publishing.article.text import BENCHMARKS, shown_figures
-
-ARTICLE = PROJECT / "article"
-
-
-def shown_in_article(_):
-    """Figures that the article shows; a study that does not publish all of them has no article."""
-    published = {name for made in NOTEBOOKS.values() for name in made.figures}
-    for name in shown_figures(ARTICLE):
-        if name not in published:
-            raise WorkflowError(
-                f"the study {STUDY} has no article, because it does not publish {name}, which the article shows. An"
-                " article is made of a study of cut-ins whose vehicle is fast enough for a crash map"
-                " (simulations.slow: false). Use the book: make book."
-            )
-    return [str(FIGURES / f"{name}.pdf") for name in shown_figures(ARTICLE)]
+from accelerated_evaluation.publishing.article.text import BENCHMARKS
 
 
 rule article:

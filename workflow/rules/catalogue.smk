@@ -2,6 +2,7 @@
 #
 # In: the notebooks, the captions. Out: nothing; definitions only.
 
+from accelerated_evaluation.publishing.article.text import shown_figures
 from accelerated_evaluation.publishing.book.catalogue import (
     read_contents,
     require_captions,
@@ -10,6 +11,7 @@ from accelerated_evaluation.publishing.book.catalogue import (
 FIGURE_FORMATS = ["png", "pdf", "svg", "csv"]
 TABLE_FORMATS = ["csv", "md", "tex"]
 CAPTIONS = PROJECT / "workflow/report"
+ARTICLE = PROJECT / "article"
 FOLDER = PROJECT / "notebooks" if IS_CUT_IN else PROJECT / "notebooks/scenario"
 CHAPTERS = sorted(FOLDER.glob("*.ipynb"))
 # A study of a slow vehicle has chapters of its own, and those of the others for which it has all results.
@@ -84,3 +86,16 @@ def tables_of(notebook):
         for name in names
         for file in files_of(name, FIGURES / "tables", TABLE_FORMATS, "Tables")
     ]
+
+
+def shown_in_article(_):
+    """Figures that the article shows; a study that does not publish all of them has no article."""
+    published = {name for made in NOTEBOOKS.values() for name in made.figures}
+    for name in shown_figures(ARTICLE):
+        if name not in published:
+            raise WorkflowError(
+                f"the study {STUDY} has no article, because it does not publish {name}, which the article shows. An"
+                " article is made of a study of cut-ins whose vehicle is fast enough for a crash map"
+                " (simulations.slow: false). Use the book: make book."
+            )
+    return [str(FIGURES / f"{name}.pdf") for name in shown_figures(ARTICLE)]

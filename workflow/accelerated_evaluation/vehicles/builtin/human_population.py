@@ -43,7 +43,7 @@ BRAKING_SHARES = np.array([0.0, 0.01, 0.10, 0.42, 0.70, 1.0])
 JERK_RANGE = (0.7 * G / 1.10, 0.7 * G / 0.51)
 # Of the near-crashes in data/crash_counts, by the column of evasive manoeuvres.
 SWERVED, STRUCK = 23, 70
-# 61 drivers before whom a box was dropped at 50 mph: .44 g, deviation .14 (Weir and McRuer 1976, SAE 760066,
+# 61 drivers before whom a box was dropped at 50 mph: .44 g, deviation .14 (Weir and McRuer 1976, SAE 766060,
 # as W. Bartlett reports them in "Avoidance Maneuver Accelerations").
 SWERVE_MEAN, SWERVE_DEVIATION, SWERVE_LEAST = 0.44 * G, 0.14 * G, 0.05 * G
 # Drivers above 25 steered by 2 feet, younger ones by more than 6 (Muttart 2015, SAE 2015-01-1417, abstract).
