@@ -21,6 +21,7 @@ from accelerated_evaluation.problem import Problem as CutInProblem
 from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.study.preflight import compared_sections
 from accelerated_evaluation.vehicles import load_vehicle
+from accelerated_evaluation.vehicles.protocol import repeats_itself
 from problems import Problem
 from run import ROOT, repeated
 from summarise import summary
@@ -44,10 +45,18 @@ SHOWN = (
 
 
 def vehicles() -> dict[str, dict]:
-    """Return the parameters of the study's vehicles by name, the car under test first."""
+    """Return the parameters of the study's vehicles by name, the car under test first.
+
+    A vehicle whose outcomes are random is left out.
+    """
     config = load()
     sections = [config["vehicle"], *compared_sections(config["compared_vehicles"]).values()]
-    return {section["name"]: section["parameters"] for section in sections}
+    parameters = {section["name"]: section["parameters"] for section in sections}
+    return {
+        name: given
+        for name, given in parameters.items()
+        if repeats_itself(load_vehicle(name, **given)) is not False
+    }
 
 
 def mapped(name: str) -> CrashMap:

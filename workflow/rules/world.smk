@@ -56,12 +56,12 @@ rule predict_humans:
 
 
 rule study_lead_motion:
-    """Estimate crash probabilities with a lead vehicle that changes its speed, around the crash maps."""
+    """Estimate crash probabilities with a lead vehicle that changes its speed, for vehicles with a map."""
     input:
         encounters=rules.ingest_encounters.output.encounters,
         family=rules.fit_family.output.family,
         maps=[f"{folder}/crash_map/full.npz" for folder in FOLDERS.values()],
-        vehicles=ancient(ALL_FILES),
+        vehicles=ancient(INPUTS.files_of(*MAPPED_VEHICLES)),
         library=modules_of("study_lead_motion.py", members=OF_VEHICLES),
     output:
         moving=result("lead_motion.csv"),
@@ -74,9 +74,9 @@ rule study_lead_motion:
         mem_mb=2000,
     params:
         seed=config["seed"],
-        vehicles=VEHICLES,
-        vehicle_content=ALL_CONTENT,
-        simulations=ALL_SIMULATIONS,
+        vehicles={name: VEHICLES[name] for name in MAPPED_VEHICLES},
+        vehicle_content=INPUTS.content_of(*MAPPED_VEHICLES),
+        simulations=INPUTS.simulating(*MAPPED_VEHICLES)[1],
         draws=config["answer"]["draws"],
         support=SUPPORT,
     message:
