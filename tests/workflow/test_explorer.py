@@ -172,7 +172,7 @@ def test_statements_of_the_subset(browser):  # noqa: F811
     assert (expected[0, 7:] == 0).all()  # lanes beyond the count are not touched
 
 
-READY = "() => window.page && window.page.milliseconds"
+READY = "() => window.page && window.page.isSettled"
 EXPLORE = """([name, values, threshold]) => {
   const vehicle = explorer.vehicle(name), stops = vehicle.sliders.map((slider, k) =>
     slider.stops.findIndex((stop) => stop.value === values[k]));
@@ -227,7 +227,7 @@ def test_probabilities_are_those_of_a_crash_map(watch, made, laws, name, values,
     page = opened(watch, made)
     threshold = None if event == CRASH else event.threshold
     found = np.array(page.evaluate(EXPLORE, [name, values, threshold]))[: drawn.answered]
-    # A fifth or more of the 4,096 lines count, and neighbours differ by a fifth or less: 0.7 %.
+    # A fifth or more of the 12,288 lines count, and neighbours differ by a fifth or less: 0.4 %.
     assert found.mean() == pytest.approx(expected.mean(), rel=0.02)
     assert np.quantile(np.log(found / expected), [0.1, 0.9]) == pytest.approx([0, 0], abs=0.05)
     starts = page.evaluate(
@@ -235,6 +235,33 @@ def test_probabilities_are_those_of_a_crash_map(watch, made, laws, name, values,
     )
     usual = np.array(page.evaluate(EXPLORE, [name, starts, threshold]))[: drawn.answered]
     assert usual.mean() != pytest.approx(expected.mean(), rel=0.05)
+
+
+def test_a_first_result_is_refined_unless_the_next_change_comes(watch, made):  # noqa: F811
+    page = opened(watch, made)
+    move = """(stop) => {
+      page.state.stops[1] = stop;
+      page.update();
+      return [page.found.draws[0], page.isSettled];
+    }"""
+    first, is_settled = page.evaluate(move, 3)
+    assert not is_settled
+    assert "being refined" in page.inner_text("#refining")
+    assert page.get_attribute("#results", "aria-busy") == "true"
+    page.wait_for_function(READY)
+    settled = page.evaluate("() => page.found.draws[0]")
+    numbers = "explorer.numbers(page.vehicle, page.state.stops)"
+    explore = f"() => explorer.explore(page.vehicle, {numbers}, page.threshold).draws[0]"
+    assert settled == page.evaluate(explore)
+    assert settled != first
+    assert settled == pytest.approx(first, rel=0.2)
+    assert "12,28" in page.inner_text("#refining")  # a systematic sample may have a line more or less
+    assert page.get_attribute("#results", "aria-busy") == "false"
+    page.evaluate(move, 4)
+    page.evaluate(move, 5)
+    page.wait_for_function(READY)
+    assert page.evaluate("() => [...page.cache].filter(([, found]) => found.asked).length") == 1
+    assert page.evaluate(move, 3) == [settled, True]  # kept, so that nothing is refined
 
 
 def test_the_page_is_small_and_asks_for_nothing(watch, made):  # noqa: F811
@@ -273,6 +300,7 @@ def test_the_keyboard_changes_everything_and_a_link_holds_it(watch, made):  # no
     page.locator("#event").focus()
     page.keyboard.press("i")
     page.wait_for_function("() => location.hash.includes('event')")
+    page.wait_for_function(READY)
     address, shown = page.url, [page.inner_text(f"#{name}") for name in ("headline", "outcome", "value-1")]
     again = opened(watch, made)
     again.goto("about:blank")

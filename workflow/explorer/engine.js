@@ -2,9 +2,10 @@
 "use strict";
 
 const TYPES = { f4: Float32Array, u2: Uint16Array, u1: Uint8Array };
-// Strata of the cumulative hazard in a first scan, their parts, and after how many strata with the event nothing
-// beyond them is simulated: a share of exp(-3) of the line is left there.
-const COARSE_STEP = 0.5, PARTS = 2, ENOUGH = 6;
+// How a first result and the settled one are computed: on every how many lines, in strata of which width of the
+// cumulative hazard, and for how wide a run of the event nothing beyond it is simulated.
+const QUICK = { every: 6, step: 0.5, enough: 3 }, SETTLED = { every: 1, step: 0.25, enough: 6 };
+const BLOCK = 128; // lines that are simulated between two pauses
 
 // The four weights of cubic interpolation at place x between n nodes, and the first of the four nodes.
 function cubic(x, n) {
@@ -96,9 +97,9 @@ class Engine {
 
   // Closing speeds on lines at cumulative hazards under the mean law.
   closingSpeeds(lines, hazards) {
-    const n = this.meta.lines.depth + 1, speeds = new Float64Array(lines.length);
+    const { depth } = this.meta.lines, speeds = new Float64Array(lines.length);
     for (let k = 0; k < lines.length; k++) {
-      const [first, weight] = cubic(hazards[k], n);
+      const [first, weight] = cubic(Math.sqrt(hazards[k] * depth), depth + 1);
       let speed = 0;
       for (let j = 0; j < 4; j++) speed += weight[j] * this.speeds[(first + j) * this.lines + lines[k]];
       speeds[k] = Math.max(speed, 0);
@@ -116,67 +117,65 @@ class Engine {
     return threshold === null ? found.crash : found.impactSpeed.map((speed) => (speed > threshold ? 1 : 0));
   }
 
-  // Whether the event happens in each part of each stratum of each line, shape (lines, parts): one point in each
-  // stratum first, and then one in each part of the strata where the outcome changes.
-  scan(vehicle, numbers, threshold) {
-    const strata = this.meta.lines.depth / COARSE_STEP, parts = strata * PARTS, n = this.lines;
-    const coarse = new Uint8Array(n * strata), flags = new Uint8Array(n * parts);
-    const share = (line) => (0.5 + line * 0.5497004779019703) % 1;
-    const run = new Uint8Array(n);
-    let active = Array.from({ length: n }, (_, line) => line);
-    for (let k = 0; k < strata && active.length; k++) {
-      const points = active.map((line) => inside(k * COARSE_STEP, COARSE_STEP, share(line)));
-      const happened = this.happens(vehicle, numbers, threshold, active, points);
-      active = active.filter((line, place) => {
-        coarse[line * strata + k] = happened[place];
-        run[line] = happened[place] ? run[line] + 1 : 0;
-        if (run[line] === ENOUGH) coarse.fill(1, line * strata + k, (line + 1) * strata);
-        return run[line] < ENOUGH;
-      });
-    }
-    const lines = [], points = [], places = [], width = COARSE_STEP / PARTS;
-    for (let line = 0; line < n; line++) {
-      for (let k = 0; k < strata; k++) {
-        const own = coarse[line * strata + k], place = line * parts + k * PARTS;
-        const changes = (k > 0 && coarse[line * strata + k - 1] !== own)
-          || (k < strata - 1 && coarse[line * strata + k + 1] !== own);
-        if (!changes) flags.fill(own, place, place + PARTS);
-        for (let part = 0; changes && part < PARTS; part++) {
-          lines.push(line);
-          places.push(place + part);
-          points.push(inside(k * COARSE_STEP + part * width, width, (share(line) + 0.618034 * (part + 1) + 0.37 * k) % 1));
-        }
+  // Whether the event happens at a point of each stratum of each line, shape (lines, strata). Pauses between blocks.
+  *scan(vehicle, numbers, threshold, { every, step, enough }) {
+    const strata = this.meta.lines.depth / step, flags = new Uint8Array(Math.ceil(this.lines / every) * strata);
+    for (let first = 0; first < this.lines; first += BLOCK * every) {
+      let active = [];
+      for (let line = first; line < Math.min(first + BLOCK * every, this.lines); line += every) active.push(line);
+      const run = new Uint8Array(BLOCK);
+      for (let k = 0; k < strata && active.length; k++) {
+        const share = (line) => (0.5 + line * 0.5497004779019703 + k * 0.7548776662466927) % 1;
+        const points = active.map((line) => inside(k * step, step, share(line)));
+        const happened = this.happens(vehicle, numbers, threshold, active, points);
+        active = active.filter((line, place) => {
+          const own = (line - first) / every, row = line / every * strata;
+          flags[row + k] = happened[place];
+          run[own] = happened[place] ? run[own] + 1 : 0;
+          if (run[own] * step < enough) return true;
+          flags.fill(1, row + k, row + strata);
+          return false;
+        });
       }
+      yield;
     }
-    const happened = this.happens(vehicle, numbers, threshold, lines, points);
-    places.forEach((place, k) => { flags[place] = happened[k]; });
     return flags;
   }
 
+  // A first result at once, and the settled one.
+  quick(...asked) {
+    return finished(this.exploring(...asked, QUICK));
+  }
+
+  explore(...asked) {
+    return finished(this.exploring(...asked, SETTLED));
+  }
+
   // The probability of an event under every draw of the law, and the likeliest encounter in which it happens.
-  explore(vehicle, numbers, threshold) {
-    const flags = this.scan(vehicle, numbers, threshold), parts = flags.length / this.lines;
-    const width = this.meta.lines.depth / parts, [vn, rn, ln] = this.meta.laws.fine;
+  *exploring(vehicle, numbers, threshold, effort) {
+    const flags = yield* this.scan(vehicle, numbers, threshold, effort), { every, step } = effort;
+    const strata = this.meta.lines.depth / step, [vn, rn, ln] = this.meta.laws.fine;
     const nodes = new Float64Array(vn * rn * ln), own = new Float64Array(ln);
-    const places = Array.from({ length: parts }, (_, part) => cubic(part * width, ln));
+    const places = Array.from({ length: strata }, (_, k) => cubic(k * step, ln));
     let mean = 0, likeliest = null;
-    for (let line = 0; line < this.lines; line++) {
+    for (let line = 0, row = 0; line < this.lines; line += every, row += strata) {
       own.fill(0);
       let total = 0;
-      for (let part = 0, before = 0; part < parts; part++) {
-        const flag = flags[line * parts + part];
+      for (let k = 0, before = 0; k < strata; k++) {
+        const flag = flags[row + k];
         if (flag === before) continue;
-        const mass = (flag - before) * this.data.probability[line] * Math.exp(-part * width);
-        const [first, weight] = places[part];
+        const mass = (flag - before) * every * this.data.probability[line] * Math.exp(-k * step);
+        const [first, weight] = places[k];
         for (let j = 0; j < 4; j++) own[first + j] += mass * weight[j];
         total += mass;
-        if (flag && !before) likeliest = this.likelier(likeliest, line, part * width);
+        if (flag && !before) likeliest = this.likelier(likeliest, line, k * step);
         before = flag;
       }
       mean += total;
       if (total) addTo(nodes, own, this.corner[line], rn, ln);
     }
-    return { draws: this.underDraws(nodes), mean, likeliest: likeliest && this.refined(likeliest, vehicle, numbers, threshold) };
+    const asked = [vehicle, numbers, threshold];
+    return { draws: this.underDraws(nodes), mean, likeliest: likeliest && this.refined(likeliest, step, ...asked) };
   }
 
   // The design point of reliability analysis: the encounter nearest to the median in normal scores.
@@ -186,10 +185,10 @@ class Engine {
   }
 
   // The smallest closing speed of the likeliest encounter at which the event happens, by halving.
-  refined({ line, hazard }, vehicle, numbers, threshold) {
-    let high = hazard + COARSE_STEP / PARTS, low = Math.max(hazard - COARSE_STEP / PARTS, 0);
+  refined({ line, hazard }, step, vehicle, numbers, threshold) {
+    let high = hazard + step, low = Math.max(hazard - step, 0);
     const does = (point) => this.happens(vehicle, numbers, threshold, [line], [point])[0];
-    for (let k = 0; !does(high) && k < 8; k++) high += COARSE_STEP / PARTS;
+    for (let k = 0; !does(high) && k < 8; k++) high += step;
     for (let k = 0; k < 12; k++) {
       const middle = (low + high) / 2;
       if (does(middle)) high = middle;
@@ -221,6 +220,13 @@ class Engine {
     member.forEach((place) => { counts[place] += 1; });
     return weights.map((_, k) => wanted[member[k]] / counts[member[k]]);
   }
+}
+
+// What a generator returns, without pauses.
+function finished(work) {
+  let step = work.next();
+  while (!step.done) step = work.next();
+  return step.value;
 }
 
 function unpacked(bytes, { type, start, shape }) {

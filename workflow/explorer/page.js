@@ -2,13 +2,17 @@
 "use strict";
 
 const NEAR = 1.5; // [m/s], how far the lead speed of a shown record may differ
+const REST = 150; // [ms] without a change, after which the result is refined
+const SLICE = 12; // [ms] of computing between two pauses
 const NEVER = 1e-12; // probabilities below are those of the far ends of the laws, not of the records
+
+const pause = (milliseconds) => new Promise((resume) => { setTimeout(resume, milliseconds); });
 
 class Page extends Settings {
   constructor(engine) {
     super();
     const { meta } = engine, at = meta.vehicles.findIndex((vehicle) => vehicle.name === meta.tested);
-    Object.assign(this, { engine, meta, cache: new Map(), time: 0 });
+    Object.assign(this, { engine, meta, cache: new Map(), rough: new Map(), time: 0 });
     this.vehicles = [...meta.vehicles];
     if (at < 0) this.vehicles.unshift({ name: meta.tested, title: `Vehicle of the study: ${meta.tested}`, sliders: [] });
     else this.vehicles.unshift(...this.vehicles.splice(at, 1));
@@ -23,9 +27,12 @@ class Page extends Settings {
     const key = [vehicle.name, stops.join(), this.state.event].join("|");
     if (!this.cache.has(key)) {
       if (this.cache.size > 60) this.cache.clear();
-      this.cache.set(key, this.engine.explore(vehicle, this.engine.numbers(vehicle, stops), this.threshold));
+      const asked = [vehicle, this.engine.numbers(vehicle, stops), this.threshold];
+      this.cache.set(key, { ...this.engine.quick(...asked), asked });
     }
-    return this.cache.get(key);
+    const found = this.cache.get(key);
+    if (found.asked) this.rough.set(key, found.asked);
+    return found;
   }
 
   usual(name) {
@@ -42,8 +49,40 @@ class Page extends Settings {
     return { mean: row.probability, quantiles: ["low95", "low80", "low50", "median", "high50", "high80", "high95"].map((name) => row[name]) };
   }
 
+  // Show a first result at once. When no other change follows, refine it.
   update() {
-    const begin = performance.now();
+    this.begin = performance.now();
+    this.isSettled = false;
+    this.show();
+    this.milliseconds = performance.now() - this.begin;
+    element("speed").textContent = `Last change: first result after ${Math.round(this.milliseconds)} ms.`;
+    this.refine();
+  }
+
+  // Replace the first results by settled ones, in slices between which the page answers; a new change ends this.
+  async refine() {
+    const { begin } = this, isOld = () => begin !== this.begin;
+    if (this.rough.size) await pause(REST);
+    if (isOld()) return;
+    for (const [key, asked] of this.rough) {
+      const work = this.engine.exploring(...asked, SETTLED);
+      let step = work.next();
+      for (let from = performance.now(); !step.done; step = work.next()) {
+        if (performance.now() - from < SLICE) continue;
+        await pause(0);
+        if (isOld()) return;
+        from = performance.now();
+      }
+      this.cache.set(key, step.value);
+    }
+    if (this.rough.size) this.show();
+    this.isSettled = true;
+    this.settledMilliseconds = performance.now() - begin;
+    if (this.settledMilliseconds > REST) element("speed").textContent += ` Refined after ${Math.round(this.settledMilliseconds)} ms.`;
+  }
+
+  show() {
+    this.rough.clear();
     this.weights = this.engine.weightsOf(this.state.law);
     this.found = this.isExplored ? this.explored(this.vehicle, this.state.stops) : null;
     this.result = this.found ? summary(this.found.draws, this.weights) : this.published();
@@ -54,9 +93,8 @@ class Page extends Settings {
     this.showMap();
     this.showReplay();
     this.writeLink();
-    this.milliseconds = performance.now() - begin;
-    element("speed").textContent = `Last change: ${Math.round(this.milliseconds)} ms.`;
-    element("results").setAttribute("aria-busy", "false");
+    element("refining").textContent = this.rough.size ? "A first result, which is being refined …" : `Computed on ${this.engine.lines.toLocaleString("en-US")} lines.`;
+    element("results").setAttribute("aria-busy", String(this.rough.size > 0)); // a screen reader reads the settled result
   }
 
   showAnswer() {

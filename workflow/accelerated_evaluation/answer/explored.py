@@ -26,9 +26,11 @@ from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
-LINES = 4096
+LINES = 12_288
 CELLS = 60  # of lead speed and of the root of the range, in which lines are drawn
 DEPTH = 28  # largest cumulative hazard: a probability of 7e-13 given lead speed and range lies beyond
+# Cumulative hazards at which closing speeds are stored: closest near 0, where closing speeds bend most.
+NODES = np.arange(DEPTH + 1) ** 2 / DEPTH
 EVEN = 0.1  # share of the lines that are drawn from the law of lead speed and range alone
 PILOT_DRAWS = 20  # laws whose mean places the lines
 FEWEST = 20  # draws of each member, so that a reader can ask for one member alone
@@ -146,7 +148,7 @@ class ExploredLines:
     distance
         Squared distance of each line from the median in normal scores of v_L, and of R given v_L.
     closing_speed
-        Closing speeds [m/s] at the cumulative hazards 0, 1, ... `DEPTH`, shape (lines, DEPTH + 1).
+        Closing speeds [m/s] at the cumulative hazards `NODES`, shape (lines, DEPTH + 1).
     """
 
     lead_speed: Array
@@ -190,7 +192,7 @@ def explored_lines(
     survival = mean_law(own, Places.of(lead_speed, range_, support), drawn.laws[: drawn.answered])
     probability = survival[:, 0] / drawn_times
     distance = _distance(lead_speed, range_, np.sort(lead_speeds), drawn, support)
-    return ExploredLines(lead_speed, range_, probability, distance, closing_speeds(survival))
+    return ExploredLines(lead_speed, range_, probability, distance, closing_speeds(survival, NODES))
 
 
 def _distance(lead_speed: Array, range_: Array, recorded: Array, drawn: DrawnLaws, support: Support) -> Array:
@@ -208,7 +210,7 @@ def _chances(cells: Cell, laws: Sequence[tuple[SmoothHazard, SpeedLaw]], pilots:
     lead_speed, range_ = cells.at(0.5, 0.5)
     survival = mean_law(cells, Places.of(lead_speed, range_, cells.support), laws)
     edges = np.arange(DEPTH + 1)
-    speeds = closing_speeds(survival)
+    speeds = closing_speeds(survival, edges)
     middles = (speeds[:, 1:] + speeds[:, :-1]) / 2
     crashing = [np.zeros(survival.shape[0])]
     for pilot in pilots:
@@ -234,8 +236,7 @@ def mean_law(cells: Cell, places: Places, laws: Sequence[tuple[SmoothHazard, Spe
     return total / len(laws)
 
 
-def closing_speeds(survival: Array) -> Array:
-    """Return the closing speeds [m/s] at cumulative hazards 0 to `DEPTH`, shape (n, DEPTH + 1)."""
+def closing_speeds(survival: Array, hazards: Array) -> Array:
+    """Return the closing speeds [m/s] at cumulative hazards, shape (n, hazards)."""
     hazard = -np.log(np.maximum(survival / survival[:, :1], np.finfo(float).tiny))
-    levels = np.arange(DEPTH + 1)
-    return np.array([np.interp(levels, own, SPEEDS) for own in hazard])
+    return np.array([np.interp(hazards, own, SPEEDS) for own in hazard])

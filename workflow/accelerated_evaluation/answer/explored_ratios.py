@@ -42,7 +42,8 @@ def log_ratios(drawn: DrawnLaws, support: Support) -> Array:
     width = roots[0]
     sides = np.column_stack([np.minimum(root + width, roots[-1]), root - width]) / roots[-1]
     cells = Cell(np.column_stack([lead_speed, lead_speed]), sides, np.ones(root.size), support)
-    levels = closing_speeds(mean_law(cells, places, drawn.laws[: drawn.answered]))[:, list(LEVELS)]
+    survival = mean_law(cells, places, drawn.laws[: drawn.answered])
+    levels = closing_speeds(survival, np.array(LEVELS))
     row = np.repeat(np.arange(root.size), len(LEVELS))
     logs = np.empty((len(drawn.laws), root.size, len(LEVELS)))
     for own, (ranges, law) in zip(logs, drawn.laws, strict=True):
