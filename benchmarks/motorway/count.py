@@ -73,7 +73,7 @@ def crashes(
     """
     given = [cut_ins[name].to_numpy() for name in NAMES]
     drawn = [
-        car.simulate_moving(*given, draw_lead_speeds(motion, given[0], generator)).crash
+        car.simulate_moving(*given, draw_lead_speeds(motion, np.stack(given), generator)).crash
         for _ in range(COURSES)
     ]
     return {

@@ -19,7 +19,7 @@ def encounters(size, seed=1):
 @pytest.mark.parametrize("name", VEHICLES)
 def test_a_constant_lead_gives_the_same_bits(name):
     vehicle, cut_ins = load_vehicle(name), encounters(3000)
-    speeds = MOTIONS["constant"]().lead_speeds(cut_ins[0], np.empty((3000, 0)))
+    speeds = MOTIONS["constant"]().lead_speeds(np.stack(cut_ins), np.empty((3000, 0)))
     moving, still = vehicle.simulate_moving(*cut_ins, speeds), vehicle.simulate(*cut_ins)
     assert 100 < still.crash.sum() < 2900
     np.testing.assert_array_equal(moving.crash, still.crash)
@@ -48,7 +48,7 @@ def test_an_opening_gap_may_end_in_a_crash():
 
 
 def test_profiles_have_the_statistics_of_the_recorded_ones():
-    speeds = draw_lead_speeds(MOTIONS["ngsim"](), np.full(50_000, 30.0), np.random.default_rng(3))
+    speeds = draw_lead_speeds(MOTIONS["ngsim"](), np.full((3, 50_000), 30.0), np.random.default_rng(3))
     change = speeds - 30
     assert (speeds[:, 0] == 30).all()
     # Of 13,602 recorded profiles: after 5 s -0.27 and 1.85 m/s; 7.7 % fall by more than 3 m/s, 1.1 % by 5.
@@ -63,7 +63,7 @@ def test_profiles_have_the_statistics_of_the_recorded_ones():
 
 
 def test_no_speed_is_negative():
-    speeds = draw_lead_speeds(MOTIONS["ngsim"](), np.full(20_000, 1.0), np.random.default_rng(4))
+    speeds = draw_lead_speeds(MOTIONS["ngsim"](), np.full((3, 20_000), 1.0), np.random.default_rng(4))
     assert speeds.min() == 0
 
 

@@ -104,7 +104,7 @@ class MovingProblem:
 
     def _shares(self, cut_ins: tuple[Array, Array, Array]) -> tuple[float, float]:
         """Return the shares of cut-ins that crash with a constant and with a changing lead speed."""
-        speeds = draw_lead_speeds(self.motion, cut_ins[0], self.generator)
+        speeds = draw_lead_speeds(self.motion, np.stack(cut_ins), self.generator)
         still = self.vehicle.simulate(*cut_ins).crash.mean()
         return float(still), float(self.vehicle.simulate_moving(*cut_ins, speeds).crash.mean())
 

@@ -23,13 +23,13 @@ class LeadMotion(Protocol):
 
     inputs: int
 
-    def lead_speeds(self, lead_speed: Array, inputs: Array) -> Array:
+    def lead_speeds(self, encounters: Array, inputs: Array) -> Array:
         """Return lead speeds over time.
 
         Parameters
         ----------
-        lead_speed
-            Lead speed at the crossing [m/s], shape (n,).
+        encounters
+            Lead speed [m/s], range [m] and closing speed [m/s] at the crossing, shape (3, n).
         inputs
             Inputs between 0 and 1, shape (n, inputs).
 
@@ -44,6 +44,6 @@ class LeadMotion(Protocol):
 MOTIONS: Registry[type[LeadMotion]] = Registry("lead motion", __package__, [str(Path(__file__).parent)])
 
 
-def draw_lead_speeds(motion: LeadMotion, lead_speed: Array, generator: np.random.Generator) -> Array:
+def draw_lead_speeds(motion: LeadMotion, encounters: Array, generator: np.random.Generator) -> Array:
     """Draw the lead speeds of n encounters; shapes as in `LeadMotion.lead_speeds`."""
-    return motion.lead_speeds(lead_speed, generator.random((len(lead_speed), motion.inputs)))
+    return motion.lead_speeds(encounters, generator.random((encounters.shape[1], motion.inputs)))

@@ -16,6 +16,6 @@ class Constant:
 
     inputs: ClassVar[int] = 0
 
-    def lead_speeds(self, lead_speed: Array, inputs: Array) -> Array:
+    def lead_speeds(self, encounters: Array, inputs: Array) -> Array:
         """Return the lead speed at all times; see `LeadMotion`."""
-        return np.repeat(np.asarray(lead_speed, dtype=float)[:, None], STATES, axis=1)
+        return np.repeat(encounters[0][:, None], STATES, axis=1)

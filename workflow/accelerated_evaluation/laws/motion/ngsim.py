@@ -46,9 +46,9 @@ class Ngsim:
 
     inputs: ClassVar[int] = 3
 
-    def lead_speeds(self, lead_speed: Array, inputs: Array) -> Array:
+    def lead_speeds(self, encounters: Array, inputs: Array) -> Array:
         """Return lead speeds over time; see `LeadMotion`."""
         scores = np.column_stack([np.interp(inputs[:, k], LEVELS, values) for k, values in enumerate(SCORES)])
         knots = np.hstack([np.zeros((len(scores), 1)), MEAN + scores @ COMPONENTS])
         changes = PchipInterpolator(KNOTS, knots, axis=1)(STEP * np.arange(STATES))
-        return np.maximum(np.asarray(lead_speed, dtype=float)[:, None] + changes, 0.0)
+        return np.maximum(encounters[0][:, None] + changes, 0.0)
