@@ -1,6 +1,6 @@
 """The law of cut-ins that a user names: fitted to the records, or read from the file of a finished study."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from accelerated_evaluation.answer.family_file import fit_or_read
 from accelerated_evaluation.answer.weighted_family import ScoredFamily, score_family
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import FITS, Law
@@ -106,18 +107,16 @@ def choose_sampled_law(choice: str, encounters: pd.DataFrame, config: Mapping[st
     if choice != ANSWER and choice not in SMOOTH:
         return choose_law(choice, encounters, config)
     count, closing_speed_max = config["answer"]["draws"], config["answer"]["grid"]["closing_speed_max"]
-    records = DistinctRecords.of(encounters, Support.configured(config))
+    seed, records = config["seed"], DistinctRecords.of(encounters, Support.configured(config))
     with threadpool_limits(1, "blas"):
         if choice == ANSWER:
             # The fit of all laws is kept where the study keeps it, so that it is made once.
             scored = fit_or_read(Path("results", config["study"], "laws", "family.npz"), records)
-            law = mean_law(scored, encounters, count, config["seed"], closing_speed_max)
-            return law.description, law
-        family, weights = _family(choice, records), np.ones((count, 1))
-        generator = child_generator(config["seed"], "laws", "draws")
-        draws = LawDraws.of(family, [SMOOTH[choice]], weights, records.support, generator)
-    name = f"mean of {draws.size} draws of {choice}"
-    return name, MeanLaw.fitted(draws, encounters, name, closing_speed_max)
+            law = mean_law(scored, encounters, count, seed, closing_speed_max)
+        else:
+            fitted = _family(choice, records), [SMOOTH[choice]], np.ones((count, 1)), records.support
+            law = _mean_of_draws(fitted, choice, encounters, seed, closing_speed_max)
+    return law.description, law
 
 
 def mean_law(
@@ -139,11 +138,20 @@ def mean_law(
         Closing speed [m/s] at which faster cut-ins are simulated.
     """
     weighted = scored.weighted(child_generator(seed, "laws", "weigh"), count)
-    generator = child_generator(seed, "laws", "draws")
-    support = scored.records.support
-    draws = LawDraws.of(weighted.family, weighted.members, weighted.weights, support, generator)
-    name = f"mean of {draws.size} draws of all laws"
-    return MeanLaw.fitted(draws, encounters, name, closing_speed_max)
+    fitted = weighted.family, weighted.members, weighted.weights, scored.records.support
+    return _mean_of_draws(fitted, "all laws", encounters, seed, closing_speed_max)
+
+
+def _mean_of_draws(
+    fitted: tuple[LawFamily, Sequence[Member], Array, Support],
+    name: str,
+    encounters: pd.DataFrame,
+    seed: int,
+    closing_speed_max: float,
+) -> MeanLaw:
+    """Return the mean of draws of a fitted family, given as the first arguments of `LawDraws.of`."""
+    draws = LawDraws.of(*fitted, child_generator(seed, "laws", "draws"))
+    return MeanLaw.fitted(draws, encounters, f"mean of {draws.size} draws of {name}", closing_speed_max)
 
 
 def _smooth(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any]) -> DependentLaw:

@@ -22,7 +22,7 @@ from accelerated_evaluation.laws.joint.expectation_maximisation import (
 )
 from accelerated_evaluation.laws.joint.protocol import Box, JointLaw
 from accelerated_evaluation.laws.joint.truncated import Normals
-from accelerated_evaluation.laws.smooth.mean import solve
+from accelerated_evaluation.laws.smooth.mixture import solve
 
 COMPONENTS = 4
 TABLE_STEP = 0.25  # distance of the nodes of a table of the first variable, in its standard deviations

@@ -11,7 +11,9 @@ Body and tail have no common parameters. Therefore the likelihood is the product
 they are independent in the posterior. The unit-exponential coordinate of a cut-in is Lambda(c).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -138,6 +140,15 @@ class Threshold:
         low = (1 - b) * self.table[i, j] + b * self.table[i, j + 1]
         high = (1 - b) * self.table[i + 1, j] + b * self.table[i + 1, j + 1]
         return (1 - a) * low + a * high
+
+    def content(self) -> dict[str, Any]:
+        """Return the content of the law file: level, unit and table."""
+        return {"level": self.level, "unit": "m/s", "table": self.table.tolist()}
+
+    @classmethod
+    def from_content(cls, content: Mapping[str, Any], grid: HazardGrid) -> "Threshold":
+        """Build the surface from the result of `content`; the first two edges of the grid are its nodes."""
+        return cls(content["level"], *grid.edges[:2], np.array(content["table"]))
 
 
 def _between(nodes: Array, x: Array) -> tuple[Array, Array]:

@@ -7,14 +7,16 @@ therefore one small matrix, which is computed by quadrature. The information abo
 follows from it.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, solve_triangular
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import ConvergenceError
-from accelerated_evaluation.laws.smooth.shapes import Shape
+from accelerated_evaluation.laws.smooth.shapes import SHAPES, Shape
 from accelerated_evaluation.laws.smooth.splines import SMOOTHING_ROUNDS, SMOOTHING_TOLERANCE, Penalty
 
 ITERATIONS = 300
@@ -62,6 +64,20 @@ class Excess:
         return replace(
             self, coefficients=self.coefficients + noise[:p], parameters=self.parameters + noise[p:]
         )
+
+    def content(self) -> dict[str, Any]:
+        """Return the content of the law file: name and parameters of the shape, and coefficients."""
+        return {
+            "shape": self.shape.name,
+            "parameters": self.parameters.tolist(),
+            "log_scale": self.coefficients.tolist(),
+        }
+
+    @classmethod
+    def from_content(cls, content: Mapping[str, Any]) -> "Excess":
+        """Build the distribution from the result of `content`."""
+        coefficients, parameters = (np.array(content[name]) for name in ("log_scale", "parameters"))
+        return cls(SHAPES[content["shape"]], coefficients, parameters)
 
 
 def fit_excess(

@@ -12,7 +12,7 @@ map is found by Newton's method.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
@@ -25,204 +25,111 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.distributions import Empirical
 from accelerated_evaluation.laws import LAWS
 from accelerated_evaluation.laws.paper.independent import recorded_lead_speeds
-from accelerated_evaluation.laws.protocol import CutIns, Factors, Law, Stratum
+from accelerated_evaluation.laws.protocol import CutIns, Factors
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw, Threshold, range_grid, speed_grid
-from accelerated_evaluation.laws.smooth.dependent import COORDINATES, CUT
-from accelerated_evaluation.laws.smooth.draws import Hazards, LawDraws, SpeedsAt
+from accelerated_evaluation.laws.smooth.draws import LawDraws, SpeedsAt
 from accelerated_evaluation.laws.smooth.excess import Excess
-from accelerated_evaluation.laws.smooth.shapes import SHAPES
+from accelerated_evaluation.laws.smooth.mixture import TOLERANCE, RangeMixture, mixed, solve
+from accelerated_evaluation.laws.smooth.segments import (
+    COORDINATES,
+    SmoothLaw,
+    SmoothStratum,
+    floats,
+    parts,
+    recorded_segments,
+)
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 from accelerated_evaluation.laws.smooth.support import Support
 
 PLACES_AT_ONCE = 400  # bounds the memory: some 100 MB with 500 draws
-STEPS = 100  # most steps of Newton's method, or of bisection where a step leaves its bracket
-TOLERANCE = 1e-12  # relative, of the closing speed and of log(R_max / R)
 
 
 @dataclass(frozen=True)
-class Cell:
-    """The mixture at n places, part by part of the Rosenblatt map.
-
-    Attributes
-    ----------
-    ranges
-        Hazards of log(R_max / R) of the shared ranges.
-    share
-        Share of the draws that have each of the ranges, shape (a, 1).
-    """
-
-    ranges: Hazards
-    share: Array
-
-    def range_score(self, value: Array) -> tuple[Array, Array]:
-        """Return -log P(X > x) of the mixture at x = log(R_max / R), shape (n,), and its derivative by x."""
-        cumulative, rate = self.ranges.at(value)
-        return _mixed(cumulative, np.log(rate) - cumulative, np.log(self.share))
-
-    def log_density(self, value: Array) -> Array:
-        """Return the log density of x = log(R_max / R) of each of the shared ranges, shape (a, n)."""
-        cumulative, rate = self.ranges.at(value)
-        return np.log(rate) - cumulative
-
-
-def _mixed(cumulative: Array, log_density: Array, log_weight: Array) -> tuple[Array, Array]:
-    """Return -log of the mean survival function, and the hazard of the mixture; the rows are mixed."""
-    survival = log_weight - cumulative
-    largest = survival.max(axis=0)
-    left = np.exp(survival - largest).sum(axis=0)
-    hazard = np.exp(log_weight + log_density - largest).sum(axis=0) / left
-    lost = -(np.exp(log_weight) * np.expm1(-cumulative)).sum(axis=0)
-    # Near 0 the score keeps its digits if it is found from what is lost, and otherwise from what is left.
-    is_near = lost < 0.5
-    score = np.where(is_near, -np.log1p(-np.where(is_near, lost, 0.0)), -largest - np.log(left))
-    return score, hazard
-
-
-def solve(
-    score: Callable[[Array], tuple[Array, Array]], level: Array, start: Array, largest: float = math.inf
-) -> Array:
-    """Return where an increasing function of n values, 0 at 0, reaches a level.
-
-    Newton's method, with bisection where a step leaves the bracket that is known so far.
-
-    Parameters
-    ----------
-    score
-        Returns the function and its derivative at values of shape (n,).
-    level
-        Not negative, shape (n,).
-    start
-        Where to begin, above 0, shape (n,).
-    largest
-        Value at which the function is known to have reached every level.
-    """
-    low, high, value = np.zeros(level.size), np.full(level.size, largest), start
-    has_settled = np.zeros(level.size, dtype=bool)
-    for _ in range(STEPS):
-        reached, slope = score(value)
-        short = reached < level
-        low, high = np.where(short, value, low), np.where(short, high, value)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            step = value + (level - reached) / slope
-        middle = np.where(np.isfinite(high), (low + high) / 2, 2 * value)
-        new = np.where((step > low) & (step < high), step, middle)
-        # A value stays once it has settled, so that it does not depend on the others.
-        close = TOLERANCE * new
-        has_settled_now = (np.abs(new - value) <= close) | (high - low <= close)
-        value, has_settled = np.where(has_settled, value, new), has_settled | has_settled_now
-        if has_settled.all():
-            break
-    return value
-
-
-@dataclass(frozen=True)
-class MeanStratum(Stratum):
-    """One segment of the lead speed; its coordinates are the scores of `DependentStratum`."""
+class MeanStratum(SmoothStratum):
+    """One segment of the lead speed under the mixture of the draws."""
 
     lead_speed: Empirical
     draws: LawDraws
     factors: Factors = COORDINATES
 
     @property
-    def pieces(self) -> Factors:
-        """The unit exponentials of the scores, each cut at its 95 % quantile."""
-        return Factors(CUT, CUT)
-
-    @property
-    def inverse_range_min(self) -> float:
-        """The smallest R^-1 [1/m]: that of the largest range that is recorded."""
-        return 1 / self.draws.support.range_max
+    def support(self) -> Support:
+        """Limits of the records."""
+        return self.draws.support
 
     def cut_ins(self, lead_speed: Array, first: Array, second: Array) -> CutIns:
         """Return the cut-ins of given scores."""
         range_, speed = np.empty(first.size), np.empty(first.size)
-        farthest = self.draws.support.range_max
-        for part in _parts(first.size):
+        farthest = self.support.range_max
+        for part in parts(first.size, PLACES_AT_ONCE):
             lead = lead_speed[part]
-            places = self._places(lead, np.full(lead.size, farthest))
-            cell = self._cell(places)
-            value = solve(cell.range_score, first[part], np.ones(lead.size))
+            ranges = self._mixture(self.places(lead, np.full(lead.size, farthest)))
+            value = solve(ranges.score, first[part], np.ones(lead.size))
             range_[part] = farthest * np.exp(-value)
-            speeds, log_weight = self._speeds(lead, range_[part], cell, value)
-            start = self.draws.laws[0].given(self._places(lead, range_[part])).inverse(second[part])
+            speeds, log_weight = self._speeds(lead, range_[part], ranges, value)
+            start = self.draws.laws[0].given(self.places(lead, range_[part])).inverse(second[part])
             speed[part] = solve(
-                lambda c, at=speeds, weight=log_weight: _mixed(*at.at(c), weight),
+                lambda c, at=speeds, weight=log_weight: mixed(*at.at(c), weight),
                 second[part],
                 np.maximum(start, TOLERANCE),
             )
         return CutIns(lead_speed, 1 / range_, speed / range_)
 
-    def first(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
-        """Return the score of the range; infinite where R^-1 is."""
-        speed, inverse_range = np.broadcast_arrays(*_floats(lead_speed, inverse_range))
-        score = np.full(speed.shape, math.inf)
-        near = np.isfinite(inverse_range)
-        score[near] = self._range_scores(speed[near], inverse_range[near])[0]
-        return score
-
-    def log_first_slope(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
-        """Return the log derivative of the first score by R^-1."""
-        speed, inverse_range = np.broadcast_arrays(*_floats(lead_speed, inverse_range))
-        return np.log(self._range_scores(speed, inverse_range)[1]) - np.log(inverse_range)
+    def range_coordinate(self, lead_speed: Array, inverse_range: Array) -> tuple[Array, Array]:
+        """Return the score of the range at n places, and its derivative by log(R_max / R)."""
+        scores = np.empty((2, lead_speed.size))
+        for part in parts(lead_speed.size, PLACES_AT_ONCE):
+            places = self.places(lead_speed[part], 1 / inverse_range[part])
+            scores[:, part] = self._mixture(places).score(self.logarithm(inverse_range[part]))
+        return scores[0], scores[1]
 
     def second(self, lead_speed: ArrayLike, inverse_range: ArrayLike, closing_speed: ArrayLike) -> Array:
         """Return the score of the closing speed; infinite where that is."""
-        arrays = np.broadcast_arrays(*_floats(lead_speed, inverse_range, closing_speed))
+        arrays = np.broadcast_arrays(*floats(lead_speed, inverse_range, closing_speed))
         lead, inverse_range, closing = (array.ravel() for array in arrays)
         return self.second_at(lead, inverse_range, closing[:, None]).reshape(arrays[0].shape)
 
     def second_at(self, lead_speed: Array, inverse_range: Array, closing_speeds: Array) -> Array:
         """Return the scores of several closing speeds at each of n places, shape (n, m)."""
         score = np.full(closing_speeds.shape, math.inf)
-        for part in _parts(lead_speed.size):
+        for part in parts(lead_speed.size, PLACES_AT_ONCE):
             lead, range_, closing = lead_speed[part], 1 / inverse_range[part], closing_speeds[part]
-            value, cell = self._logarithm(inverse_range[part]), self._cell(self._places(lead, range_))
-            speeds, log_weight = self._speeds(lead, range_, cell, value)
+            value, ranges = self.logarithm(inverse_range[part]), self._mixture(self.places(lead, range_))
+            speeds, log_weight = self._speeds(lead, range_, ranges, value)
             for column, speed in enumerate(closing.T):
                 finite = np.isfinite(speed)
-                found = _mixed(*speeds.at(np.where(finite, speed, 0.0)), log_weight)[0]
+                found = mixed(*speeds.at(np.where(finite, speed, 0.0)), log_weight)[0]
                 score[part, column] = np.where(finite, found, math.inf)
         return score
 
     def log_densities(self, lead_speed: Array, range_: Array, closing_speed: Array) -> Array:
         """Return the log density of log(R_max / R) and closing speed under each draw, shape (K, n)."""
         density = np.empty((self.draws.size, lead_speed.size))
-        for part in _parts(lead_speed.size):
-            places = self._places(lead_speed[part], range_[part])
-            value = self._logarithm(1 / range_[part])
-            of_range = self._cell(places).log_density(value)[self.draws.shared]
+        for part in parts(lead_speed.size, PLACES_AT_ONCE):
+            places = self.places(lead_speed[part], range_[part])
+            value = self.logarithm(1 / range_[part])
+            of_range = self._mixture(places).log_density(value)[self.draws.shared]
             density[:, part] = of_range + self.draws.speeds_at(places).at(closing_speed[part])[1]
         return density
 
-    def _cell(self, places: Places) -> Cell:
+    def _mixture(self, places: Places) -> RangeMixture:
         counts = np.bincount(self.draws.shared, minlength=len(self.draws.ranges))
-        return Cell(self.draws.ranges_at(places), counts[:, None] / self.draws.size)
+        return RangeMixture(self.draws.ranges_at(places), counts[:, None] / self.draws.size)
 
-    def _speeds(self, lead: Array, range_: Array, cell: Cell, value: Array) -> tuple[SpeedsAt, Array]:
+    def _speeds(
+        self, lead: Array, range_: Array, ranges: RangeMixture, value: Array
+    ) -> tuple[SpeedsAt, Array]:
         """Return the laws of the closing speed at places, and the log weights of the draws there, (K, n)."""
-        log_weight = cell.log_density(value)[self.draws.shared]
+        log_weight = ranges.log_density(value)[self.draws.shared]
         return (
-            self.draws.speeds_at(self._places(lead, range_)),
+            self.draws.speeds_at(self.places(lead, range_)),
             log_weight - logsumexp(log_weight, axis=0),
         )
-
-    def _range_scores(self, lead_speed: Array, inverse_range: Array) -> tuple[Array, Array]:
-        scores = np.empty((2, lead_speed.size))
-        for part in _parts(lead_speed.size):
-            places = self._places(lead_speed[part], 1 / inverse_range[part])
-            scores[:, part] = self._cell(places).range_score(self._logarithm(inverse_range[part]))
-        return scores[0], scores[1]
-
-    def _logarithm(self, inverse_range: Array) -> Array:
-        return np.maximum(np.log(self.draws.support.range_max * inverse_range), 0.0)
-
-    def _places(self, lead_speed: Array, range_: Array) -> Places:
-        return Places.of(lead_speed, range_, self.draws.support)
 
 
 @LAWS.add("mean")
 @dataclass(frozen=True, repr=False)
-class MeanLaw(Law):
+class MeanLaw(SmoothLaw):
     """v_L as recorded, and the mean of draws of range and closing speed given v_L.
 
     Attributes
@@ -254,9 +161,8 @@ class MeanLaw(Law):
         cls, draws: LawDraws, encounters: pd.DataFrame, description: str, closing_speed_max: float = math.inf
     ) -> Self:
         """Return the mean of draws, with segments and lead speeds of the encounter table of their fit."""
-        segments = encounters.groupby("segment")["lead_speed"].agg(["min", "size"]).sort_values("min")
-        counts = {segment: int(size) for segment, size in segments["size"].items()}
-        return cls(description, counts, draws, recorded_lead_speeds(encounters, counts), closing_speed_max)
+        counts, lead_speeds = recorded_segments(encounters)
+        return cls(description, counts, draws, lead_speeds, closing_speed_max)
 
     def __repr__(self) -> str:
         """Return a text that identifies the law: description, counts, and a digest of its draws."""
@@ -264,20 +170,9 @@ class MeanLaw(Law):
         return f"{type(self).__name__}{parts}"
 
     @property
-    def shares(self) -> dict[str, float]:
-        """Share of the lane changes that fall into each segment."""
-        total = sum(self.counts.values())
-        return {segment: count / total for segment, count in self.counts.items()}
-
-    @property
     def strata(self) -> dict[str, MeanStratum]:
         """The law in each segment."""
         return {segment: MeanStratum(self.lead_speeds[segment], self.draws) for segment in self.counts}
-
-    def only(self, stratum: str) -> Self:
-        """Return the law of one segment alone, whose share is then one."""
-        counts, lead_speeds = {stratum: self.counts[stratum]}, {stratum: self.lead_speeds[stratum]}
-        return replace(self, counts=counts, lead_speeds=lead_speeds)
 
     def thinned(self, size: int) -> Self:
         """Return the mean of fewer draws."""
@@ -295,18 +190,14 @@ class MeanLaw(Law):
 
     def content(self) -> dict[str, Any]:
         """Return what a law file holds of it: the parameters of all draws."""
-        draws, levels = self.draws, {}
-        for law in draws.laws:
-            if law.threshold is not None:
-                levels[law.threshold.level] = law.threshold.table.tolist()
+        draws = self.draws
+        surfaces = {law.threshold.level: law.threshold for law in draws.laws if law.threshold is not None}
         return {
             "counts": dict(self.counts),
             "support": draws.support.content(),
             "range": [{"log_hazard": ranges.coefficients.tolist()} for ranges in draws.ranges],
             "closing_speed": [{"log_hazard": body.coefficients.tolist()} for body in draws.bodies],
-            "thresholds": [
-                {"level": level, "unit": "m/s", "table": table} for level, table in levels.items()
-            ],
+            "thresholds": [threshold.content() for threshold in surfaces.values()],
             "draws": [
                 {"name": name, "shared": int(shared)} | _tail_content(law)
                 for name, shared, law in zip(draws.names, draws.shared, draws.laws, strict=True)
@@ -324,10 +215,7 @@ class MeanLaw(Law):
             tuple(SmoothHazard(grid, np.array(part["log_hazard"])) for part in content[name])
             for grid, name in zip(grids, ("range", "closing_speed"), strict=True)
         )
-        surfaces = {
-            part["level"]: Threshold(part["level"], *grids[1].edges[:2], np.array(part["table"]))
-            for part in content["thresholds"]
-        }
+        surfaces = {part["level"]: Threshold.from_content(part, grids[1]) for part in content["thresholds"]}
         laws = tuple(_speed_law(part, bodies, surfaces) for part in content["draws"])
         shared = np.array([part["shared"] for part in content["draws"]])
         names = tuple(part["name"] for part in content["draws"])
@@ -339,12 +227,7 @@ class MeanLaw(Law):
 def _tail_content(law: SpeedLaw) -> dict[str, Any]:
     if law.tail is None:
         return {}
-    return {
-        "level": law.threshold.level,
-        "shape": law.tail.shape.name,
-        "parameters": law.tail.parameters.tolist(),
-        "log_scale": law.tail.coefficients.tolist(),
-    }
+    return {"level": law.threshold.level} | law.tail.content()
 
 
 def _speed_law(
@@ -353,13 +236,4 @@ def _speed_law(
     body = bodies[part["shared"]]
     if "shape" not in part:
         return SpeedLaw(body)
-    excess = Excess(SHAPES[part["shape"]], np.array(part["log_scale"]), np.array(part["parameters"]))
-    return SpeedLaw(body, surfaces[part["level"]], excess)
-
-
-def _floats(*arrays: ArrayLike) -> list[Array]:
-    return [np.atleast_1d(np.asarray(array, dtype=float)) for array in arrays]
-
-
-def _parts(size: int) -> list[slice]:
-    return [slice(start, start + PLACES_AT_ONCE) for start in range(0, size, PLACES_AT_ONCE)]
+    return SpeedLaw(body, surfaces[part["level"]], Excess.from_content(part))
