@@ -5,7 +5,7 @@ import pytest
 from accelerated_evaluation.methods.surrogate.belief import Belief
 from accelerated_evaluation.methods.surrogate.constants import MOST_TRUST
 from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurrogate, Predecessor
-from accelerated_evaluation.methods.surrogate.state import Progress
+from accelerated_evaluation.methods.surrogate.progress import Progress
 from accelerated_evaluation.methods.surrogate.subspace import WholeSpace
 from accelerated_evaluation.methods.surrogate.wide_laws import draw_wide
 

@@ -12,7 +12,7 @@ from accelerated_evaluation.methods.surrogate.directions import (
     learn_directions,
 )
 from accelerated_evaluation.methods.surrogate.graded import graded
-from accelerated_evaluation.methods.surrogate.pools import draw_pool
+from accelerated_evaluation.methods.surrogate.pools import Defence, draw_pool
 from accelerated_evaluation.methods.surrogate.state import State
 from accelerated_evaluation.methods.surrogate.subspace import (
     Subspace,
@@ -21,7 +21,6 @@ from accelerated_evaluation.methods.surrogate.subspace import (
     space_along,
     square_of_distance,
 )
-from accelerated_evaluation.methods.surrogate.two_phase import Defence
 from accelerated_evaluation.methods.surrogate.wide_laws import draw_at
 from sampler_checks import drive, new_sampler, standard_normal_event
 from scipy.stats import chi2, kstest, norm

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.methods import METHODS
-from accelerated_evaluation.methods.surrogate import Surrogate, two_phase
+from accelerated_evaluation.methods.surrogate import Surrogate, pools, two_phase
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.methods.surrogate.state import (
     FORMAT,
@@ -269,9 +269,9 @@ def test_a_pending_batch_does_not_tighten_the_bound():
 
 
 def test_a_surrogate_that_expects_no_event_can_be_saved():
-    pool = two_phase.Pool(np.zeros((50, 2)), *np.array([[1.0], [0.0], [1.0], [5.0]]) * np.ones(50))
+    pool = pools.Pool(np.zeros((50, 2)), *np.array([[1.0], [0.0], [1.0], [5.0]]) * np.ones(50))
     nothing = two_phase.expect(pool, 0.0)
-    prediction = two_phase.predict(pool, nothing, 10, 100, two_phase.Defence())
+    prediction = two_phase.predict(pool, nothing, 10, 100, pools.Defence())
     assert prediction.probability == 0
     json.dumps(prediction.variation, allow_nan=False)
     assert prediction.variation > 1e50

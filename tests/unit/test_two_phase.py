@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from accelerated_evaluation.methods.surrogate import combining, two_phase
+from accelerated_evaluation.methods.surrogate import combining, pools, selection, two_phase
 from accelerated_evaluation.methods.surrogate.constants import (
     AGREEMENT,
     BEST,
@@ -30,13 +30,13 @@ def pool():
 
 
 PREDICTION = two_phase.Prediction(0.3, 4.0)
-USUAL = two_phase.Defence()
+USUAL = pools.Defence()
 
 
 def points(weight, probability):
     """Return a pool whose places do not matter, with a wide law that is h and rarities of 5."""
     n = len(weight)
-    return two_phase.Pool(np.zeros((n, 2)), np.asarray(weight), probability, np.ones(n), np.full(n, 5.0))
+    return pools.Pool(np.zeros((n, 2)), np.asarray(weight), probability, np.ones(n), np.full(n, 5.0))
 
 
 def batch(weight, control, inclusion, controlled, controlled_square=0.0, *, aimed=True):
@@ -69,7 +69,7 @@ def test_inclusion_probabilities(count, n, spread):
     generator = np.random.default_rng(count + n)
     size = generator.lognormal(0, spread, count) * (generator.random(count) < 0.7)
     guard = generator.lognormal(0, 0.3, count)
-    pi = two_phase.inclusion_probabilities(size, guard, n, 0.2)
+    pi = selection.inclusion_probabilities(size, guard, n, 0.2)
     assert pi.sum() == pytest.approx(n, rel=1e-12)
     assert pi.max() <= 1
     certain = (pi == 1).sum()
@@ -77,12 +77,12 @@ def test_inclusion_probabilities(count, n, spread):
     defended = 0.8 * size / size.sum() + 0.2 * guard / guard.sum()
     ratio = (pi / defended)[pi < 1]
     assert ratio == pytest.approx(ratio[0], rel=1e-12)
-    nothing = two_phase.inclusion_probabilities(np.zeros(count), guard, 1, 0.2)
+    nothing = selection.inclusion_probabilities(np.zeros(count), guard, 1, 0.2)
     assert nothing == pytest.approx(guard / guard.sum(), rel=1e-12)
 
 
 def test_some_points_are_certain():
-    pi = two_phase.inclusion_probabilities(np.array([100.0, 50.0, 1.0, 1.0, 1.0, 1.0]), np.ones(6), 3, 0.2)
+    pi = selection.inclusion_probabilities(np.array([100.0, 50.0, 1.0, 1.0, 1.0, 1.0]), np.ones(6), 3, 0.2)
     # without the defence: 1, 1 and a quarter of the third run for each
     assert pi == pytest.approx([1, 1, 0.25, 0.25, 0.25, 0.25], rel=1e-12)
 
@@ -93,12 +93,12 @@ def test_the_defence_is_worth_draws_of_the_wide_law():
     wide = generator.lognormal(0, 1, 400) * (generator.random(400) < 0.5)
     wide /= wide.mean()
     guard = EVEN + (1 - EVEN) * wide
-    pi = two_phase.inclusion_probabilities(generator.lognormal(0, 3, 400), guard, 10, 0.2)
-    draws = two_phase.draws_of_the_wide_law(wide, pi)
+    pi = selection.inclusion_probabilities(generator.lognormal(0, 3, 400), guard, 10, 0.2)
+    draws = selection.draws_of_the_wide_law(wide, pi)
     assert 1 < draws < 3
     assert (pi >= draws * wide / 400 * (1 - 1e-12)).all()
     assert (pi < 1.001 * draws * wide / 400).any()
-    assert two_phase.draws_of_the_wide_law(0 * wide, pi) == 0
+    assert selection.draws_of_the_wide_law(0 * wide, pi) == 0
 
 
 def test_the_cut_wide_law_keeps_its_mass():
@@ -106,7 +106,7 @@ def test_the_cut_wide_law_keeps_its_mass():
     rarity = (np.arange(600) + 0.5) / 600 * REACH
     weight, nowhere = np.ones(600), np.zeros(600)
     weight[-1] = 0  # so far out that no cut-in belongs to it
-    pool = two_phase.Pool(np.zeros((600, 2)), weight, nowhere, np.ones(600), rarity)
+    pool = pools.Pool(np.zeros((600, 2)), weight, nowhere, np.ones(600), rarity)
     within = pool.within(0.0, REACH / 3)
     assert within.mean() == pytest.approx(1)
     assert set(within.round(9)) == {0.0, 3.0}
@@ -120,25 +120,23 @@ def test_the_cut_wide_law_keeps_its_mass():
 def test_the_defence_is_where_something_is_looked_for(share):
     """A quarter of the usual fifth of the runs is spread evenly, and all else beyond what is said."""
     rarity = (np.arange(600) + 0.5) / 600 * REACH
-    pool = two_phase.Pool(np.zeros((600, 2)), np.ones(600), np.zeros(600), np.ones(600), rarity)
+    pool = pools.Pool(np.zeros((600, 2)), np.ones(600), np.zeros(600), np.ones(600), rarity)
     there = (rarity > 15.0) & (rarity <= 20.0)
-    guard = pool.guard(20.0, two_phase.Defence(share, beyond=15.0))
+    guard = pool.guard(20.0, pools.Defence(share, beyond=15.0))
     np.testing.assert_allclose(guard, 0.05 + np.where(there, (share - 0.05) * 12, 0.0), atol=1e-12)
     # Where no part can be beyond, all of a larger share too is spread as usual.
     for beyond in (0.0, 20.0, 30.0):
-        np.testing.assert_array_equal(
-            pool.guard(20.0, two_phase.Defence(share, beyond)), pool.guard(20.0, USUAL)
-        )
-        assert two_phase.Defence(share, beyond).zones(20.0) == [(0.0, 20.0)]
+        np.testing.assert_array_equal(pool.guard(20.0, pools.Defence(share, beyond)), pool.guard(20.0, USUAL))
+        assert pools.Defence(share, beyond).zones(20.0) == [(0.0, 20.0)]
 
 
 def test_systematic_sample_includes_by_pi(pool):
     z, w, p, _, _ = pool
-    pi = two_phase.inclusion_probabilities(w * np.sqrt(p), np.ones(12), 4, 0.2)
+    pi = selection.inclusion_probabilities(w * np.sqrt(p), np.ones(12), 4, 0.2)
     generator, draws = np.random.default_rng(1), 4000
     taken = np.zeros(12)
     for _ in range(draws):
-        chosen = two_phase.draw_systematically(z, w * p, pi, generator)
+        chosen = selection.draw_systematically(z, w * p, pi, generator)
         assert len(set(chosen.tolist())) == 4
         taken[chosen] += 1
     allowed = 4.5 * np.sqrt(pi * (1 - pi) / draws) + 1e-9
@@ -148,7 +146,7 @@ def test_systematic_sample_includes_by_pi(pool):
 
 def test_systematic_sample_is_spread_along_the_principal_axis():
     z = np.random.default_rng(2).normal(size=(1000, 2)) * [5.0, 0.5]
-    chosen = two_phase.draw_systematically(z, np.ones(1000), np.full(1000, 0.01), np.random.default_rng(3))
+    chosen = selection.draw_systematically(z, np.ones(1000), np.full(1000, 0.01), np.random.default_rng(3))
     rank = np.sort(z[:, 0].argsort().argsort()[chosen])
     # one run in each tenth of the axis, up to the little that it is turned against the first variable
     assert abs(rank - 100 * np.arange(10) - 50).max() < 65
@@ -157,13 +155,13 @@ def test_systematic_sample_is_spread_along_the_principal_axis():
 def test_difference_estimator_is_exactly_unbiased(pool):
     """Over the starts the estimate is a step function with a jump a point: midpoints err by jumps / (2 K)."""
     z, w, p, g, flags = pool
-    pi = two_phase.inclusion_probabilities(w * np.sqrt(p), np.ones(12), 4, 0.2)
+    pi = selection.inclusion_probabilities(w * np.sqrt(p), np.ones(12), 4, 0.2)
     starts = 2000
 
     def mean_estimate(pi_used, g_used, controlled):
         estimates = []
         for k in range(starts):
-            chosen = two_phase.draw_systematically(z, w * p, pi, Start((k + 0.5) / starts))
+            chosen = selection.draw_systematically(z, w * p, pi, Start((k + 0.5) / starts))
             drawn = batch(w[chosen] / 12, g_used[chosen], pi_used[chosen], controlled)
             estimates.append(combining.estimate_batch(drawn, flags[chosen]).probability)
         return np.mean(estimates), 12 * np.ptp(estimates) / (2 * starts)
@@ -212,7 +210,7 @@ def test_predicted_variance_by_hand(pool):
     drawn = points(w, p)
     expected = two_phase.expect(drawn, 0.0)
     p, error = expected.probability, expected.error
-    pi = two_phase.inclusion_probabilities(w * np.sqrt(error + FLOOR * p), drawn.guard(5.0, USUAL), 3, 0.2)
+    pi = selection.inclusion_probabilities(w * np.sqrt(error + FLOOR * p), drawn.guard(5.0, USUAL), 3, 0.2)
     mean = sum(w * p) / 12
     second = sum(w[i] ** 2 * error[i] / pi[i] for i in range(12)) / 12**2
     first = (sum(w**2 * p) / 12 - mean**2) / 12
@@ -309,7 +307,7 @@ def test_kept_points_integrate_the_control_variate_under_another_law():
     generator = np.random.default_rng(8)
     z, w = generator.normal(size=(4000, 2)), generator.lognormal(0, 1, 4000)
     mass = w * np.where(z[:, 0] > 0.5, 0.8, 0.0)
-    kept = two_phase.spread_by_mass(z, mass, 400)
+    kept = selection.spread_by_mass(z, mass, 400)
     ratio = np.exp(0.5 * z[:, 0] - 0.2 * z[:, 1])
     exact = (mass * ratio).sum() / mass.sum()
     error = ratio[kept].std() / np.sqrt(400)
@@ -317,7 +315,7 @@ def test_kept_points_integrate_the_control_variate_under_another_law():
     assert (mass[kept] > 0).all()
     unweighted = generator.choice(np.flatnonzero(mass), 400)  # the points without their masses
     assert abs((w * ratio)[unweighted].mean() - exact) > 4 * error
-    assert two_phase.spread_by_mass(z, np.zeros(4000), 400).size == 0
+    assert selection.spread_by_mass(z, np.zeros(4000), 400).size == 0
 
 
 def test_the_sampler_keeps_what_its_estimates_are_made_of():

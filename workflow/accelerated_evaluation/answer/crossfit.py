@@ -17,8 +17,9 @@ from threadpoolctl import threadpool_limits
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.methods.surrogate.belief import Belief
+from accelerated_evaluation.methods.surrogate.progress import Progress
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
-from accelerated_evaluation.methods.surrogate.state import Progress, State
+from accelerated_evaluation.methods.surrogate.state import State
 from accelerated_evaluation.methods.surrogate.subspace import space_along
 from accelerated_evaluation.methods.surrogate.two_phase import TwoPhaseBatch
 

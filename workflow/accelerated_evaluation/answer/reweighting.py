@@ -19,7 +19,7 @@ from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws import CutIns
 from accelerated_evaluation.methods.surrogate.combining import BatchEstimate, that_count
-from accelerated_evaluation.methods.surrogate.state import Progress
+from accelerated_evaluation.methods.surrogate.progress import Progress
 from accelerated_evaluation.methods.surrogate.two_phase import TwoPhaseBatch
 
 LEVEL = 0.8  # of the interval whose width the sampling may add to

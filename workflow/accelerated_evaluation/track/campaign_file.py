@@ -20,7 +20,9 @@ from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.methods.estimate import Stopping
 from accelerated_evaluation.methods.surrogate import state as sampler_state
+from accelerated_evaluation.methods.surrogate.progress import ApproachBatch
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
+from accelerated_evaluation.methods.surrogate.state_json import MISFIT, decode
 from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.track.campaign import Campaign, Run, Source
 from accelerated_evaluation.track.driven import DrivenOutcome
@@ -126,7 +128,7 @@ def read_campaign(path: str | os.PathLike) -> Campaign:
         )
     try:
         return _campaign(content, str(path))
-    except sampler_state.MISFIT as error:  # but the checksum is its own
+    except MISFIT as error:  # but the checksum is its own
         raise InputError(
             str(path),
             seen=f"a content that does not fit together ({type(error).__name__}: {error})",
@@ -137,17 +139,17 @@ def read_campaign(path: str | os.PathLike) -> Campaign:
 
 def _campaign(content: Mapping[str, Any], where: str) -> Campaign:
     """Return the campaign that a content holds; raise one of `MISFIT` if it holds none."""
-    goal = sampler_state.decode(dict[str, float], content["goal"])
-    limits = {"probability_beyond": 0.0} | sampler_state.decode(dict[str, Any], content.get("limits", {}))
-    beyond = sampler_state.decode(float, limits.pop("probability_beyond"))
+    goal = decode(dict[str, float], content["goal"])
+    limits = {"probability_beyond": 0.0} | decode(dict[str, Any], content.get("limits", {}))
+    beyond = decode(float, limits.pop("probability_beyond"))
     campaign = Campaign(
-        sampler_state.decode(Source, content["law"]),
-        sampler_state.decode(Source, content["encounters"]),
-        sampler_state.decode(str, content["description"]),
-        sampler_state.decode(Event, content["event"]),
+        decode(Source, content["law"]),
+        decode(Source, content["encounters"]),
+        decode(str, content["description"]),
+        decode(Event, content["event"]),
         stopping(**goal, anytime=content.get("interval", "usual") == "anytime"),
         _sampler(content["sampler"], where),
-        sampler_state.decode(Limits, asdict(UNLIMITED) | limits),
+        decode(Limits, asdict(UNLIMITED) | limits),
         beyond,
         [_run(run) for run in content["runs"]],
     )
@@ -206,7 +208,7 @@ def _run(plain: Mapping[str, Any]) -> Run:
     own = {name: plain[CUT_IN.get(name, name)] for name in get_type_hints(Run)}
     if own["outcome"] is not None:  # what was not measured is left out of the file
         own["outcome"] = vars(DrivenOutcome(crash=False)) | own["outcome"]
-    return sampler_state.decode(Run, own)
+    return decode(Run, own)
 
 
 def _laid_out(value: Any, margin: str = "") -> str:  # noqa: ANN401
@@ -242,7 +244,7 @@ def _sampler(content: Mapping[str, Any], where: str) -> Sampler:
     if (pending := old["progress"]["pending"]) is not None:
         # These runs are on their way. They will teach the new version, which cannot weigh what it did not
         # choose. To leave their batch out does no harm: that was decided before its outcomes were known.
-        progress.pending = sampler_state.ApproachBatch(np.array(pending["z"]))
+        progress.pending = ApproachBatch(np.array(pending["z"]))
     generator = sampler_state.generator_in(old["generator"])
     sampler = Sampler(old["dimension"], generator, old["batch_size"], fingerprint=old["fingerprint"])
     sampler.progress = progress
@@ -257,9 +259,9 @@ def _carried_over(old: Mapping[str, Any], dimension: int) -> sampler_state.Progr
     """
     types = get_type_hints(sampler_state.Progress)
     try:
-        estimates = sampler_state.decode(types["estimates"], old["estimates"])
-    except sampler_state.MISFIT:
+        estimates = decode(types["estimates"], old["estimates"])
+    except MISFIT:
         estimates = []
     progress = sampler_state.Progress.start(dimension)
-    z, flags, scores = (sampler_state.decode(types[name], old[name]) for name in ("z", "happened", "score"))
+    z, flags, scores = (decode(types[name], old[name]) for name in ("z", "happened", "score"))
     return replace(progress, z=z.reshape(-1, dimension), happened=flags, score=scores, estimates=estimates)

@@ -24,7 +24,7 @@ from accelerated_evaluation.methods.surrogate.constants import (
 from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurrogate, Predecessor
 from accelerated_evaluation.methods.surrogate.graded import GradedSurrogate, end_of_events, graded
 from accelerated_evaluation.methods.surrogate.kernel import principal_axes
-from accelerated_evaluation.methods.surrogate.state import Progress
+from accelerated_evaluation.methods.surrogate.progress import Progress
 from accelerated_evaluation.methods.surrogate.subspace import Space
 
 

@@ -12,9 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.methods.surrogate.constants import ALONG, DEFENCE, WHOLE_SHARE, WIDE_SHARE
+from accelerated_evaluation.methods.surrogate.constants import (
+    ALONG,
+    DEFENCE,
+    EVEN,
+    REACH,
+    WHOLE_SHARE,
+    WIDE_SHARE,
+)
 from accelerated_evaluation.methods.surrogate.subspace import Space, Subspace
-from accelerated_evaluation.methods.surrogate.two_phase import Defence, Pool
 from accelerated_evaluation.methods.surrogate.wide_laws import (
     KernelMixture,
     WideLaw,
@@ -22,6 +28,69 @@ from accelerated_evaluation.methods.surrogate.wide_laws import (
     log_normal_to_wide,
     rarity,
 )
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Points of the first phase, which need no simulation; arrays of shape (m,).
+
+    Attributes
+    ----------
+    z
+        The points, shape (m, d).
+    weight
+        phi / h, where h is the density from which the points were drawn.
+    probability
+        Predicted probability of the event.
+    wide
+        Density of the wide distribution divided by h.
+    rarity
+        -log P(|Z| > |z|) of the points.
+    """
+
+    z: Array
+    weight: Array
+    probability: Array
+    wide: Array
+    rarity: Array
+
+    def within(self, begin: float, end: float) -> Array:
+        """Return the density of the wide distribution between two rarities, divided by h, shape (m,)."""
+        there = (begin < self.rarity) & (self.rarity <= end)
+        return np.where(there, self.wide * REACH / (end - begin), 0.0)
+
+    def guard(self, reach: float, defence: "Defence") -> Array:
+        """Return the distribution of the defensive share over the pool, shape (m,).
+
+        A share `EVEN` is spread evenly, and the rest follows the wide distribution up to the rarity
+        ``reach``. Points with weight 0 get nothing, because their scores may not correspond to any cut-in.
+        While the certificate is not sufficient, defensive runs beyond the default share follow the wide
+        distribution beyond the nearest point of the part that must be excluded.
+        """
+        evenly = np.where(self.weight > 0, EVEN, 0.0)
+        if not 0 < defence.beyond < reach:
+            return evenly + (1 - EVEN) * self.within(0.0, reach)
+        return DEFENCE * evenly + (defence.share - EVEN * DEFENCE) * self.within(defence.beyond, reach)
+
+
+@dataclass(frozen=True)
+class Defence:
+    """The defensive share: runs that are distributed independently of the surrogate.
+
+    Attributes
+    ----------
+    share
+        Share of the runs.
+    beyond
+        Rarity of the nearest point of a part that must be excluded; 0 if there is none.
+    """
+
+    share: float = DEFENCE
+    beyond: float = 0.0
+
+    def zones(self, reach: float) -> list[tuple[float, float]]:
+        """Return the ranges of rarities among which this share is divided equally."""
+        return [(0.0, self.beyond), (self.beyond, reach)] if 0 < self.beyond < reach else [(0.0, reach)]
 
 
 @dataclass(frozen=True)

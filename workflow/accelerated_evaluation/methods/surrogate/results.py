@@ -18,7 +18,7 @@ from accelerated_evaluation.methods.surrogate.combining import (
 )
 from accelerated_evaluation.methods.surrogate.constants import NOISY_USABLE, USABLE
 from accelerated_evaluation.methods.surrogate.lapses import LapseBounds
-from accelerated_evaluation.methods.surrogate.state import Progress
+from accelerated_evaluation.methods.surrogate.progress import Progress
 from accelerated_evaluation.methods.surrogate.two_phase import reach_of
 from accelerated_evaluation.methods.surrogate.wide_laws import bound_without_event
 

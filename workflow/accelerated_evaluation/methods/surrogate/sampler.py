@@ -32,21 +32,14 @@ from accelerated_evaluation.methods.surrogate.certificate import BY_DEFAULT, Cer
 from accelerated_evaluation.methods.surrogate.combining import estimate_batch
 from accelerated_evaluation.methods.surrogate.constants import (
     BEYOND,
-    CORE,
     DEFENCE,
     DEFENCE_ALONE,
     ENOUGH_REPEATS,
     FEW,
     FIRST_REPEATS,
-    FRINGE,
-    FRINGE_WEIGHT,
-    KERNELS,
     LARGEST_SCORE,
-    NOISY_FRINGE,
-    NOISY_FRINGE_WEIGHT,
     PATIENCE,
     POOL,
-    POOL_PER_RUN,
     REACH,
     RELEARN,
     START,
@@ -54,33 +47,15 @@ from accelerated_evaluation.methods.surrogate.constants import (
 )
 from accelerated_evaluation.methods.surrogate.directions import learn_directions
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
-from accelerated_evaluation.methods.surrogate.pools import draw_pool
+from accelerated_evaluation.methods.surrogate.pools import Defence
+from accelerated_evaluation.methods.surrogate.progress import ApproachBatch, Batch, Progress, WideBatch
 from accelerated_evaluation.methods.surrogate.repeats import RepeatBatch, choose_repeats, end_differently
 from accelerated_evaluation.methods.surrogate.search import draw_approach
-from accelerated_evaluation.methods.surrogate.state import (
-    ApproachBatch,
-    Batch,
-    Progress,
-    State,
-    WideBatch,
-    generator_in,
-)
+from accelerated_evaluation.methods.surrogate.second_phase import SecondPhase
+from accelerated_evaluation.methods.surrogate.state import State, generator_in
 from accelerated_evaluation.methods.surrogate.subspace import WholeSpace, space_along
-from accelerated_evaluation.methods.surrogate.two_phase import (
-    Defence,
-    Flags,
-    Pool,
-    Prediction,
-    TwoPhaseBatch,
-    draw_batch,
-    expect,
-    predict,
-)
-from accelerated_evaluation.methods.surrogate.wide_laws import (
-    draw_wide,
-    rarity,
-    truncated,
-)
+from accelerated_evaluation.methods.surrogate.two_phase import Flags, TwoPhaseBatch
+from accelerated_evaluation.methods.surrogate.wide_laws import draw_wide, rarity
 
 # The matrices are small, so that several threads do not pay, and bytes must not depend on the number of
 # cores.
@@ -339,7 +314,8 @@ class Sampler:
                 z = draw_approach(self.batch_size, reach, *known, self._generator, in_vain=in_vain)
                 return ApproachBatch(space.draw(z, self._generator))
         self._belief.fit(progress)
-        return self._two_phase_batch(defence)
+        phase = SecondPhase(self._belief, progress, self.batch_size, defence, self.emphasis, self._generator)
+        return phase.batch()
 
     def _learn_directions(self) -> None:
         """Learn now and then, where there are many normal scores, along which directions the event lies."""
@@ -363,50 +339,3 @@ class Sampler:
     def _search_reach(self) -> float:
         """Rarity up to which the search goes: a little beyond the most probable event that it knows."""
         return min(self.progress.rarest + BEYOND, REACH)
-
-    @property
-    def _fringe(self) -> float:
-        """Least probability of the fringe."""
-        return NOISY_FRINGE if self.progress.chance else FRINGE
-
-    @property
-    def _pool_size(self) -> int:
-        """Number of points of the pool of a batch."""
-        return max(POOL, POOL_PER_RUN * self.batch_size)
-
-    def _pool(self, size: int) -> Pool:
-        """Return points of the first phase with their weights, the surrogate there, and the defensive law."""
-        belief = self._belief
-        return draw_pool(belief.space, self.progress.centres, size, belief.probability, self._generator)
-
-    def _look_ahead(self, defence: Defence) -> tuple[Prediction, float]:
-        """Return what the next batch will be worth, and the largest weight of a point of the fringe.
-
-        Also moves the centres of the next pool to where w sqrt(p) is large. All this comes from a pool of its
-        own: nothing of the batch's own pool may decide where that is drawn or how much the batch counts.
-        """
-        fringe_limit = 0.0
-        # The first pool of all is drawn from the wide law and finds few points that matter; a second one,
-        # drawn about these, finds more.
-        for _ in range(1 if self.progress.centres is not None else 2):
-            pool = self._pool(self._pool_size // 2)
-            core = np.where(pool.probability >= CORE, pool.probability, 0.0)
-            if not core.any():
-                break
-            w = pool.weight
-            fringe_limit = (w @ (w * core)) / (w * core).sum()
-            fringe_limit *= NOISY_FRINGE_WEIGHT if self.progress.chance else FRINGE_WEIGHT
-            mattered = expect(pool, fringe_limit, self._fringe).probability if self.progress.chance else core
-            share = truncated(w * np.sqrt(mattered))
-            self.progress.centres = pool.z[self._generator.choice(len(w), KERNELS, p=share / share.sum())]
-        expected = expect(pool, fringe_limit, self._fringe, self.emphasis)
-        return predict(pool, expected, self.batch_size, self._pool_size, defence), fringe_limit
-
-    def _two_phase_batch(self, defence: Defence) -> TwoPhaseBatch:
-        """Choose runs from a pool, as the module says in steps 2 and 3."""
-        prediction, fringe_limit = self._look_ahead(defence)
-        pool = self._pool(self._pool_size)
-        expected = expect(pool, fringe_limit, self._fringe, self.emphasis)
-        return draw_batch(
-            pool, expected, prediction, self.batch_size, defence, self._belief.foresee, self._generator
-        )

@@ -8,122 +8,23 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
-from types import UnionType
-from typing import Any, Self, get_args, get_origin, get_type_hints
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import read_json, write_json
-from accelerated_evaluation.methods.surrogate.combining import BatchEstimate
-from accelerated_evaluation.methods.surrogate.constants import ENOUGH_REPEATS, POOL, REACH
+from accelerated_evaluation.methods.surrogate.constants import ENOUGH_REPEATS
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
-from accelerated_evaluation.methods.surrogate.repeats import RepeatBatch, Repeats
+from accelerated_evaluation.methods.surrogate.progress import Batch, Progress
+from accelerated_evaluation.methods.surrogate.repeats import RepeatBatch
+from accelerated_evaluation.methods.surrogate.state_json import MISFIT, decode, encode
 from accelerated_evaluation.methods.surrogate.subspace import space_along
-from accelerated_evaluation.methods.surrogate.two_phase import Flags, TwoPhaseBatch
+from accelerated_evaluation.methods.surrogate.two_phase import TwoPhaseBatch
 
 FORMAT, VERSION = "accelerated-evaluation sampler state", 10
-
-# What is raised where a content does not fit together.
-MISFIT = (KeyError, TypeError, ValueError, OverflowError, AttributeError, StopIteration)
-
-# Between which numbers a field can be, where that is known; other numbers would fail only when they are used.
-LARGEST = float(np.finfo(float).max)
-RANGES = {
-    **dict.fromkeys(("looks", "searched", "learnt_at"), (0, 1e12)),
-    **dict.fromkeys(("sites", "probability", "controlled", "controlled_square"), (-1e100, 1e100)),
-    **dict.fromkeys(("z", "centres", "kept", "directions"), (-1e6, 1e6)),
-    "axes": (-1.001, 1.001),  # with a margin for rounding
-    "dimension": (1, 1e6),
-    "batch_size": (1, POOL // 4),
-    **dict.fromkeys(("theta", "graded_theta"), (-20, 20)),  # logarithms of lengths, amplitude and noise
-    "rarest": (0, REACH),
-    **dict.fromkeys(("weight", "kept_weight"), (0, 1e100)),
-    "inclusion": (1e-100, 1.001),  # with a margin for rounding
-    **dict.fromkeys(("control", "kept_control", "foreseen"), (0, 1)),
-}
-
-
-@dataclass(frozen=True)
-class WideBatch:
-    """A batch drawn from the wide distribution, independently of earlier runs; ``z`` has shape (n, d)."""
-
-    z: Array
-
-
-@dataclass(frozen=True)
-class ApproachBatch:
-    """A batch of the search, drawn where the scores predict an event; ``z`` has shape (n, d)."""
-
-    z: Array
-
-
-Batch = WideBatch | ApproachBatch | TwoPhaseBatch | RepeatBatch
-
-
-@dataclass
-class Progress:
-    """The runs of a sampler so far, and the quantities derived from them.
-
-    Attributes
-    ----------
-    z, happened, score
-        Normal scores of all runs, shape (n, d), whether the event happened, and their scores, shape (n,).
-    looks
-        Draws from the wide distribution to which the runs are equivalent: their number, and the rarities
-        between which they are, shape (k, 3).
-    estimates
-        The estimates of all batches of the second phase.
-    batches
-        The batches of the second phase whose outcomes are known, with which their estimates can be reweighted
-        for another law. They belong to the last of the ``estimates``; estimates of an earlier version of the
-        sampler have none.
-    foreseen
-        Probabilities that the two surrogates predicted for all runs of the second phase, which are the last
-        m, before they were made, shape (m, 2).
-    repeats
-        Repetitions of runs, which are not counted among the runs.
-    chance, chance_since
-        Whether the outcomes are random, and the number of estimates when this was found. These estimates
-        assumed deterministic outcomes and are no longer used.
-    pending
-        The batch that was requested and whose outcomes have not been received.
-    centres
-        Centres of the next pool, shape (k, d); None before the first pool.
-    searched
-        Number of runs of the search per unit of rarity, up to slightly beyond ``rarest``.
-    rarest
-        Rarity of the most probable event found by the search.
-    directions
-        Directions on which the event depends, divided by their lengths, shape (d, k), if there are many
-        normal scores.
-    learnt_at
-        Number of runs when the lengths and the amplitude were last learnt.
-    """
-
-    z: Array
-    happened: Flags
-    score: Array
-    looks: Array = field(default_factory=lambda: np.empty((0, 3)))
-    estimates: list[BatchEstimate] = field(default_factory=list)
-    batches: list[TwoPhaseBatch] = field(default_factory=list)
-    foreseen: Array = field(default_factory=lambda: np.empty((0, 2)))
-    repeats: Repeats = field(default_factory=Repeats.none)
-    chance: bool = False
-    chance_since: int = 0
-    pending: Batch | None = None
-    centres: Array | None = None
-    searched: float = 0.0
-    rarest: float = REACH
-    directions: Array | None = None
-    learnt_at: int = 0
-
-    @classmethod
-    def start(cls, dimension: int) -> Self:
-        """Return the progress of a sampler without any run."""
-        return cls(np.empty((0, dimension)), np.empty(0, bool), np.empty(0))
 
 
 @dataclass(frozen=True)
@@ -166,7 +67,7 @@ class State:
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of a state file: plain lists and numbers, with a version and a checksum."""
-        state = _encode(self)
+        state = encode(self)
         return {"format": FORMAT, "version": VERSION, "checksum": _checksum(state), "state": state}
 
     @classmethod
@@ -305,53 +206,3 @@ def generator_in(state: Mapping[str, Any]) -> np.random.Generator:
     bits = getattr(np.random, state["bit_generator"])()
     bits.state = state
     return np.random.Generator(bits)
-
-
-def _encode(value: Any) -> Any:  # noqa: ANN401
-    """Return a value in the types that JSON has; a batch also gets the name of its class."""
-    if is_dataclass(value):
-        plain = {item.name: _encode(getattr(value, item.name)) for item in fields(value)}
-        return {"kind": type(value).__name__} | plain if isinstance(value, Batch) else plain
-    if isinstance(value, dict):
-        return {key: _encode(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_encode(item) for item in value]
-    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
-
-
-def decode(annotation: Any, value: Any) -> Any:  # noqa: ANN401
-    """Return a value of the annotated type from what `_encode` made of it; raise ValueError for any other."""
-    if isinstance(annotation, UnionType):  # a batch, or something that may be None
-        if value is None and type(None) in get_args(annotation):
-            return None
-        choices = [choice for choice in get_args(annotation) if choice is not type(None)]
-        name = value["kind"] if len(choices) > 1 else choices[0].__name__
-        return decode(next(choice for choice in choices if choice.__name__ == name), value)
-    if is_dataclass(annotation):
-        types = get_type_hints(annotation)
-        return annotation(**{name: _within(name, decode(types[name], value[name])) for name in types})
-    kind = get_origin(annotation) or annotation
-    if kind is np.ndarray:
-        return _array(value, get_args(get_args(annotation)[1])[0])
-    if type(value) is not kind and (type(value), kind) != (int, float):
-        raise ValueError(f"{value!r:.40} where a value of the type {kind.__name__} was expected")
-    return [decode(get_args(annotation)[0], item) for item in value] if kind is list else kind(value)
-
-
-def _array(value: Any, kind: type) -> np.ndarray:  # noqa: ANN401
-    """Return a list as an array of flags or of numbers."""
-    array = np.array(value)
-    if not isinstance(value, list) or (
-        array.size and array.dtype.kind not in ("b" if kind is np.bool_ else "iuf")
-    ):
-        raise ValueError(f"{value!r:.40} where a list of type {kind.__name__} was expected")
-    return array.astype(kind)
-
-
-def _within(name: str, value: Any) -> Any:  # noqa: ANN401
-    """Return a value of a field; raise ValueError if it is none that a sampler can have written."""
-    if isinstance(value, int | float | np.ndarray):
-        low, high = RANGES.get(name, (-LARGEST, LARGEST))
-        if not np.all((np.asarray(value) >= low) & (np.asarray(value) <= high)):  # nor if it is NaN
-            raise ValueError(f"{name} outside of {low:g} to {high:g}")
-    return value

@@ -21,79 +21,21 @@ from accelerated_evaluation.methods.surrogate.constants import (
     BEYOND,
     CONTROLLED,
     CORE,
-    DEFENCE,
-    EVEN,
     FLOOR,
     FRINGE,
     KEPT,
     REACH,
     WORTHLESS,
 )
+from accelerated_evaluation.methods.surrogate.pools import Defence, Pool
+from accelerated_evaluation.methods.surrogate.selection import (
+    draw_systematically,
+    draws_of_the_wide_law,
+    inclusion_probabilities,
+    spread_by_mass,
+)
 
 Flags = NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class Pool:
-    """Points of the first phase, which need no simulation; arrays of shape (m,).
-
-    Attributes
-    ----------
-    z
-        The points, shape (m, d).
-    weight
-        phi / h, where h is the density from which the points were drawn.
-    probability
-        Predicted probability of the event.
-    wide
-        Density of the wide distribution divided by h.
-    rarity
-        -log P(|Z| > |z|) of the points.
-    """
-
-    z: Array
-    weight: Array
-    probability: Array
-    wide: Array
-    rarity: Array
-
-    def within(self, begin: float, end: float) -> Array:
-        """Return the density of the wide distribution between two rarities, divided by h, shape (m,)."""
-        there = (begin < self.rarity) & (self.rarity <= end)
-        return np.where(there, self.wide * REACH / (end - begin), 0.0)
-
-    def guard(self, reach: float, defence: "Defence") -> Array:
-        """Return the distribution of the defensive share over the pool, shape (m,).
-
-        A share `EVEN` is spread evenly, and the rest follows the wide distribution up to the rarity
-        ``reach``. Points with weight 0 get nothing, because their scores may not correspond to any cut-in.
-        While the certificate is not sufficient, defensive runs beyond the default share follow the wide
-        distribution beyond the nearest point of the part that must be excluded.
-        """
-        evenly = np.where(self.weight > 0, EVEN, 0.0)
-        if not 0 < defence.beyond < reach:
-            return evenly + (1 - EVEN) * self.within(0.0, reach)
-        return DEFENCE * evenly + (defence.share - EVEN * DEFENCE) * self.within(defence.beyond, reach)
-
-
-@dataclass(frozen=True)
-class Defence:
-    """The defensive share: runs that are distributed independently of the surrogate.
-
-    Attributes
-    ----------
-    share
-        Share of the runs.
-    beyond
-        Rarity of the nearest point of a part that must be excluded; 0 if there is none.
-    """
-
-    share: float = DEFENCE
-    beyond: float = 0.0
-
-    def zones(self, reach: float) -> list[tuple[float, float]]:
-        """Return the ranges of rarities among which this share is divided equally."""
-        return [(0.0, self.beyond), (self.beyond, reach)] if 0 < self.beyond < reach else [(0.0, reach)]
 
 
 @dataclass(frozen=True)
@@ -249,99 +191,6 @@ def predict(pool: Pool, expected: Expectation, runs: int, pool_size: int, defenc
     second_phase = np.divide(square, inclusion, out=square, where=inclusion > 0).sum() / size**2
     first_phase = max((weight * weight * expected.probability).mean() - probability**2, 0.0) / size
     return Prediction(probability, float(runs_here * (second_phase + first_phase) / probability**2))
-
-
-def inclusion_probabilities(size: Array, guard: Array, n: float, defence: float) -> Array:
-    """Return inclusion probabilities that sum to n and, below 1, are proportional to a given size.
-
-    A point whose probability would exceed 1 is included with certainty, and the remaining probability is
-    divided among the others. This may raise further points above 1, so the step is repeated.
-
-    Parameters
-    ----------
-    size
-        Values to which the probabilities should be proportional, shape (m,).
-    guard
-        Distribution of the defensive share, shape (m,), positive wherever the event is possible.
-    n
-        Sum of the probabilities.
-    defence
-        Defensive share, which is mixed with the size first, so that the probabilities are positive.
-    """
-    size = size if size.any() else guard
-    size = (1 - defence) * size / size.sum() + defence * guard / guard.sum()
-    certain = np.zeros(len(size), bool)
-    while True:
-        inclusion = np.where(certain, 1.0, (n - certain.sum()) * size / size[~certain].sum())
-        if not (new := (inclusion >= 1) & ~certain).any():
-            return inclusion
-        certain |= new
-
-
-def draws_of_the_wide_law(wide: Array, inclusion: Array) -> float:
-    """Return the number of draws from a wide distribution to which a sample of the pool is equivalent.
-
-    N draws would include a point with probability N (wide / h) / m. The result is the largest N for which no
-    inclusion probability is smaller. ``wide`` is the density of the wide distribution, shape (m,).
-    """
-    within = wide > 0
-    return float((inclusion[within] / wide[within]).min() * len(inclusion)) if within.any() else 0.0
-
-
-def draw_systematically(
-    z: Array, importance: Array, inclusion: Array, generator: np.random.Generator
-) -> NDArray[np.intp]:
-    """Draw points of a pool by systematic sampling with given inclusion probabilities; return their indices.
-
-    The points are ordered along the principal axis of the important points, and the inclusion probabilities
-    are cumulated in this order. A point is selected wherever the cumulated sum passes u, u + 1, u + 2, ...
-    for one uniform random number u. This keeps every inclusion probability and spreads the runs along the
-    axis, like one stratum for each run.
-
-    Parameters
-    ----------
-    z
-        Normal scores of the pool, shape (m, d).
-    importance
-        Weight of each point for the principal axis, shape (m,).
-    inclusion
-        Inclusion probabilities, shape (m,); their sum is the number of runs.
-    generator
-        Source of the uniform number.
-    """
-    order = along_principal_axis(z, importance)
-    marks, n = np.cumsum(inclusion[order]), round(inclusion.sum())
-    # The marks are scaled because rounding may leave their last one a little below n.
-    return order[np.searchsorted(marks / marks[-1] * n, generator.random() + np.arange(n))]
-
-
-def along_principal_axis(z: Array, importance: Array) -> NDArray[np.intp]:
-    """Return the order of points, shape (m, d), along their principal axis, weighted by importance."""
-    share = importance / importance.sum() if importance.any() else np.full(len(z), 1 / len(z))
-    centred = z - share @ z
-    return np.argsort(centred @ np.linalg.eigh((centred.T * share) @ centred)[1][:, -1])
-
-
-def spread_by_mass(z: Array, mass: Array, count: int) -> NDArray[np.intp]:
-    """Return the indices of points of a pool that represent equal parts of a mass.
-
-    The points are ordered along the principal axis of the mass. The mass is divided into ``count`` equal
-    parts in this order, and the point in the middle of each part is selected. No random number is used.
-
-    Parameters
-    ----------
-    z
-        Normal scores of the pool, shape (m, d).
-    mass
-        Mass of each point, not negative, shape (m,).
-    count
-        Number of indices; there are none if all masses are 0.
-    """
-    if not mass.any():
-        return np.empty(0, dtype=np.intp)
-    order = along_principal_axis(z, mass)
-    marks = np.cumsum(mass[order])
-    return order[np.searchsorted(marks / marks[-1] * count, np.arange(count) + 0.5)]
 
 
 def draw_batch(
