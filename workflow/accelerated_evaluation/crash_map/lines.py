@@ -11,18 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, CrashMap
+from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, CrashMap, Lines
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
 from accelerated_evaluation.vehicles.events import CRASH, Event
-from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle, simulate_inner
 
 EVEN = 0.05  # share of the kept lines that are selected independently of their probability
 
 
 @dataclass(frozen=True)
-class CrashLines:
+class CrashLines(Lines):
     """Lines of a crash map on which an event happens, shape (lines,), and its intervals, (intervals,).
 
     Attributes
@@ -112,19 +111,9 @@ class CrashLines:
         """Return the probability of the event under a law."""
         return float(self.masses(ranges, law).sum())
 
-    def simulate(self, vehicle: Vehicle, line: NDArray[np.int_], closing_speed: Array) -> Outcomes:
-        """Simulate cut-ins on lines, with their inner variables if they have any.
-
-        Parameters
-        ----------
-        vehicle
-            The vehicle of the map.
-        line, closing_speed
-            Index of the line and closing speed [m/s] of each cut-in, shape (n,).
-        """
-        cut_ins = self.places.lead_speed[line], self.places.range_[line], closing_speed
-        inner = None if self.inner is None else self.inner[line]
-        return simulate_inner(vehicle, cut_ins, inner)
+    def place(self, line: NDArray) -> tuple[Array, Array]:
+        """Return lead speed [m/s] and range [m] of lines."""
+        return self.places.lead_speed[line], self.places.range_[line]
 
     def of_draw(self, draw: int) -> "CrashLines":
         """Return the lines for one draw of what is not known of the vehicle, if they have weights."""

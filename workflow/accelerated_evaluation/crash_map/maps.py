@@ -12,6 +12,7 @@ inner variables, too, and the difference between the two lines of a cell contain
 
 import json
 import os
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from zipfile import BadZipFile
@@ -129,8 +130,37 @@ class Cells:
         return lead_speed.ravel(), (1 / (self.range_max * root**2)).ravel()
 
 
+class Lines(ABC):
+    """Lines along which only the closing speed varies.
+
+    Attributes
+    ----------
+    inner
+        Inner variables of the lines, shape (lines, variables), for a vehicle whose outcomes are random.
+    """
+
+    inner: Array | None
+
+    @abstractmethod
+    def place(self, line: NDArray) -> tuple[Array, Array]:
+        """Return lead speed [m/s] and range [m] of the lines with given indices."""
+
+    def simulate(self, vehicle: Vehicle, line: NDArray, closing_speed: Array) -> Outcomes:
+        """Simulate cut-ins on lines, with the inner variables of the lines if they have any.
+
+        Parameters
+        ----------
+        vehicle
+            The vehicle of the map.
+        line, closing_speed
+            Index of the line and closing speed [m/s] of each cut-in, shape (n,).
+        """
+        inner = None if self.inner is None else self.inner[line]
+        return simulate_inner(vehicle, (*self.place(line), closing_speed), inner)
+
+
 @dataclass(frozen=True)
-class CrashMap:
+class CrashMap(Lines):
     """A crash map: two lines in each cell, with the intervals of every event.
 
     Attributes
@@ -152,18 +182,9 @@ class CrashMap:
     events: Mapping[Event, Intervals]
     inner: Array | None = None
 
-    def simulate(self, vehicle: Vehicle, line: NDArray, closing_speed: Array) -> Outcomes:
-        """Simulate cut-ins on lines of the map, with the inner variables of the lines if they have any.
-
-        Parameters
-        ----------
-        vehicle
-            The vehicle of the map.
-        line, closing_speed
-            Index of the line and closing speed [m/s] of each cut-in, shape (n,).
-        """
-        cut_ins = self.lead_speed[line], 1 / self.inverse_range[line], closing_speed
-        return simulate_inner(vehicle, cut_ins, None if self.inner is None else self.inner[line])
+    def place(self, line: NDArray) -> tuple[Array, Array]:
+        """Return lead speed [m/s] and range [m] of lines."""
+        return self.lead_speed[line], 1 / self.inverse_range[line]
 
     def intervals(self, event: Event) -> Intervals:
         """Return the intervals in which an event happens.

@@ -82,6 +82,26 @@ def table(
     return register
 
 
+def result_table(
+    name: str, *, digits: int | None = None, digest: Callable[[pd.DataFrame], pd.DataFrame] | None = None
+) -> Callable[..., pd.DataFrame]:
+    """Register a table that is a result of the study as it is.
+
+    Parameters
+    ----------
+    name
+        Name of the result in `Study`, and of the files.
+    digits, digest
+        As in `table`.
+    """
+
+    def make(**results: pd.DataFrame) -> pd.DataFrame:
+        return results[name]
+
+    make.__signature__ = inspect.Signature([inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY)])
+    return table(name, digits=digits, digest=digest)(make)
+
+
 @dataclass(frozen=True)
 class ShownFigure:
     """A published figure, which notebooks display, with its data."""

@@ -18,6 +18,7 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.publishing.book.texts import attributes
 
 PACKAGE = Path(__file__).resolve().parents[2]
+READER = ("study.py", "study_tables.py")  # modules of `Study`
 READERS = ("path", "table", "_law")  # methods of Study that are called with the name of a file
 FOLDERS = ("results", "figures")  # attributes of Study that read nothing
 
@@ -33,7 +34,7 @@ class Contents:
 
 @dataclass(frozen=True)
 class Registered:
-    """A function that the decorator `figure` or `table` registered: kind, published name, parameters."""
+    """What `figure`, `table` or `result_table` registered: kind, published name, parameters."""
 
     kind: str
     name: str
@@ -136,7 +137,7 @@ def _registered(imported: dict[str, Path], call: ast.Call, notebook: Path) -> Re
         raise InputError(
             f"{notebook}, show(study, {shown})",
             seen=f"{shown}, which is no registered figure or table",
-            expected="a function with the decorator @figure or @table",
+            expected="a function with the decorator @figure or @table, or a result_table",
             change="Import it by name from its module, and register it there.",
         )
     return _register(module)[shown]
@@ -153,13 +154,17 @@ def _register(module: Path) -> dict[str, Registered]:
                 name = decorator.args[0].value if isinstance(decorator, ast.Call) else node.name
                 parameters = tuple(argument.arg for argument in (*node.args.args, *node.args.kwonlyargs))
                 registered[node.name] = Registered(called.id, name, parameters)
+        if isinstance(node, ast.Assign) and any(_calls(node.value, "result_table")):
+            name = node.value.args[0].value
+            registered[node.targets[0].id] = Registered("table", name, (name,))
     return registered
 
 
 @cache
 def _reader() -> ast.Module:
-    """Return the code of the module of `Study`."""
-    return ast.parse((PACKAGE / "publishing" / "study.py").read_text(encoding="utf-8"))
+    """Return the code of the module of `Study`, and of the module of its tables."""
+    sources = [(PACKAGE / "publishing" / name).read_text(encoding="utf-8") for name in READER]
+    return ast.parse("\n".join(sources))
 
 
 @cache

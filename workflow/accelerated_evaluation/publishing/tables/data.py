@@ -2,7 +2,7 @@
 
 import pandas as pd
 
-from accelerated_evaluation.publishing.published import table
+from accelerated_evaluation.publishing.published import result_table, table
 
 
 @table("encounters_account")
@@ -16,7 +16,5 @@ def _what_was_seen(report: pd.DataFrame) -> pd.DataFrame:
     return report[["check", "verdict", "looked_at", "seen"]]
 
 
-@table("records_report", digits=3, digest=_what_was_seen)
-def records_report_table(records_report: pd.DataFrame) -> pd.DataFrame:
-    """Return the report on the records in the published form."""
-    return records_report
+# The report on the records.
+records_report_table = result_table("records_report", digits=3, digest=_what_was_seen)

@@ -8,7 +8,7 @@ from scipy.special import ndtri
 from scipy.stats import binomtest
 
 from accelerated_evaluation.methods.importance_sampling import crude_simulations
-from accelerated_evaluation.publishing.published import table
+from accelerated_evaluation.publishing.published import result_table
 from accelerated_evaluation.publishing.tables.paper_numbers import PAPER_SIMULATIONS
 
 DIGEST = ("event", "probability", "to_crash", "per_million_km")
@@ -106,37 +106,20 @@ def contradictions(truth: pd.Series, crude: pd.DataFrame) -> str:
     )
 
 
-@table("exact", digits=4)
-def exact_table(exact: pd.DataFrame) -> pd.DataFrame:
-    """Return the exact crash probabilities in the published form."""
-    return exact
+# The exact crash probabilities.
+exact_table = result_table("exact", digits=4)
 
+# The exact crash probabilities by resolution of the map.
+convergence_table = result_table("convergence", digits=4)
 
-@table("convergence", digits=4)
-def convergence_table(convergence: pd.DataFrame) -> pd.DataFrame:
-    """Return the exact crash probabilities by resolution of the map in the published form."""
-    return convergence
+# The results of crude Monte Carlo.
+crude_table = result_table("crude", digits=3)
 
+# The crash probability by choice.
+sensitivity_table = result_table("sensitivity", digits=4)
 
-@table("crude", digits=3)
-def crude_table(crude: pd.DataFrame) -> pd.DataFrame:
-    """Return the results of crude Monte Carlo in the published form."""
-    return crude
+# The budget of the uncertainty.
+uncertainty_table = result_table("uncertainty", digits=3)
 
-
-@table("sensitivity", digits=4)
-def sensitivity_table(sensitivity: pd.DataFrame) -> pd.DataFrame:
-    """Return the crash probability by choice in the published form."""
-    return sensitivity
-
-
-@table("uncertainty", digits=3)
-def uncertainty_table(uncertainty: pd.DataFrame) -> pd.DataFrame:
-    """Return the budget of the uncertainty in the published form."""
-    return uncertainty
-
-
-@table("severity", digits=3, digest=severity_digest)
-def severity_table(severity: pd.DataFrame) -> pd.DataFrame:
-    """Return the probabilities of crashes and near misses; readers are shown the `severity_digest`."""
-    return severity
+# The probabilities of crashes and near misses; readers are shown the `severity_digest`.
+severity_table = result_table("severity", digits=3, digest=severity_digest)

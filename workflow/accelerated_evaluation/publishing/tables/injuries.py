@@ -2,7 +2,7 @@
 
 import pandas as pd
 
-from accelerated_evaluation.publishing.published import table
+from accelerated_evaluation.publishing.published import result_table
 from accelerated_evaluation.publishing.tables.formats import readable
 from accelerated_evaluation.publishing.tables.laws import DIGITS, interval_column
 
@@ -35,10 +35,8 @@ def injuries_digest(injuries: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-@table("injuries", digits=DIGITS, digest=injuries_digest)
-def injuries_table(injuries: pd.DataFrame) -> pd.DataFrame:
-    """Return the injured drivers of all vehicles in the published form."""
-    return injuries
+# The injured drivers of all vehicles.
+injuries_table = result_table("injuries", digits=DIGITS, digest=injuries_digest)
 
 
 def balance_digest(risk_balance: pd.DataFrame) -> pd.DataFrame:
@@ -48,16 +46,11 @@ def balance_digest(risk_balance: pd.DataFrame) -> pd.DataFrame:
     return shown.assign(fewer_injured=risk_balance["fewer_injured"])
 
 
-@table("risk_balance", digits=DIGITS, digest=balance_digest)
-def risk_balance_table(risk_balance: pd.DataFrame) -> pd.DataFrame:
-    """Return the ratios of injured drivers to those of the other vehicles in the published form."""
-    return risk_balance
+# The ratios of injured drivers to those of the other vehicles.
+risk_balance_table = result_table("risk_balance", digits=DIGITS, digest=balance_digest)
 
-
-@table("injury_budget", digits=3)
-def injury_budget_table(injury_budget: pd.DataFrame) -> pd.DataFrame:
-    """Return the sources of the uncertainty of the injured drivers in the published form."""
-    return injury_budget
+# The sources of the uncertainty of the injured drivers.
+injury_budget_table = result_table("injury_budget", digits=3)
 
 
 def curves_digest(injury_curves: pd.DataFrame) -> pd.DataFrame:
@@ -65,10 +58,8 @@ def curves_digest(injury_curves: pd.DataFrame) -> pd.DataFrame:
     return injury_curves[["level", "impact", "source", "curve"]]
 
 
-@table("injury_curves", digest=curves_digest)
-def injury_curves_table(injury_curves: pd.DataFrame) -> pd.DataFrame:
-    """Return the published curves in the published form."""
-    return injury_curves
+# The published curves.
+injury_curves_table = result_table("injury_curves", digest=curves_digest)
 
 
 def injuries_in_words(injuries: pd.DataFrame, level: str) -> str:

@@ -3,7 +3,7 @@
 import pandas as pd
 
 from accelerated_evaluation.answer.posterior import LEVELS
-from accelerated_evaluation.publishing.published import table
+from accelerated_evaluation.publishing.published import result_table, table
 from accelerated_evaluation.publishing.tables.formats import readable
 
 DIGITS = 2  # of a probability whose interval spans a factor
@@ -40,16 +40,11 @@ def of_the_answer(calibration: pd.DataFrame) -> pd.DataFrame:
     return calibration[calibration["law"] == calibration["law"].iloc[0]].drop(columns="law")
 
 
-@table("laws", digits=3, digest=without_details)
-def laws_table(laws: pd.DataFrame) -> pd.DataFrame:
-    """Return the scores, weights and crash probabilities of all laws in the published form."""
-    return laws
+# The scores, weights and crash probabilities of all laws.
+laws_table = result_table("laws", digits=3, digest=without_details)
 
-
-@table("calibration", digits=3, digest=of_the_answer)
-def calibration_table(calibration: pd.DataFrame) -> pd.DataFrame:
-    """Return recorded and expected counts near the crash set in the published form."""
-    return calibration
+# Recorded and expected counts near the crash set.
+calibration_table = result_table("calibration", digits=3, digest=of_the_answer)
 
 
 @table("answer", digits=DIGITS, digest=with_intervals)
@@ -58,10 +53,8 @@ def answer_table(answer: pd.DataFrame, stops: list[str]) -> pd.DataFrame:
     return answer.assign(records=f"STOP: {', '.join(stops)}") if stops else answer
 
 
-@table("exposure", digits=DIGITS, digest=with_intervals)
-def exposure_table(exposure: pd.DataFrame) -> pd.DataFrame:
-    """Return the rates per kilometre and hour in the published form."""
-    return exposure
+# The rates per kilometre and hour.
+exposure_table = result_table("exposure", digits=DIGITS, digest=with_intervals)
 
 
 def rates_in_words(exposure: pd.DataFrame) -> str:
@@ -77,10 +70,8 @@ def rates_in_words(exposure: pd.DataFrame) -> str:
     return f"**Crashes of cut-ins, median: {' and '.join(medians)}.**"
 
 
-@table("answer_budget", digits=3)
-def answer_budget_table(answer_budget: pd.DataFrame) -> pd.DataFrame:
-    """Return the sources of the uncertainty of the answer in the published form."""
-    return answer_budget
+# The sources of the uncertainty of the answer.
+answer_budget_table = result_table("answer_budget", digits=3)
 
 
 def thresholds_digest(answer_thresholds: pd.DataFrame) -> pd.DataFrame:
@@ -89,16 +80,11 @@ def thresholds_digest(answer_thresholds: pd.DataFrame) -> pd.DataFrame:
     return with_intervals(answer_thresholds.assign(level=levels))
 
 
-@table("answer_thresholds", digits=DIGITS, digest=thresholds_digest)
-def answer_thresholds_table(answer_thresholds: pd.DataFrame) -> pd.DataFrame:
-    """Return the answer for each threshold alone in the published form."""
-    return answer_thresholds
+# The answer for each threshold alone.
+answer_thresholds_table = result_table("answer_thresholds", digits=DIGITS, digest=thresholds_digest)
 
-
-@table("data_quality", digits=DIGITS, digest=with_intervals)
-def data_quality_table(data_quality: pd.DataFrame) -> pd.DataFrame:
-    """Return the answer for alternative treatments of the records in the published form."""
-    return data_quality
+# The answer for alternative treatments of the records.
+data_quality_table = result_table("data_quality", digits=DIGITS, digest=with_intervals)
 
 
 def vehicles_digest(vehicles: pd.DataFrame) -> pd.DataFrame:
@@ -120,10 +106,8 @@ def vehicles_digest(vehicles: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-@table("vehicles", digits=DIGITS, digest=vehicles_digest)
-def vehicles_table(vehicles: pd.DataFrame) -> pd.DataFrame:
-    """Return the comparison of vehicles in the published form."""
-    return vehicles
+# The comparison of vehicles.
+vehicles_table = result_table("vehicles", digits=DIGITS, digest=vehicles_digest)
 
 
 def calibration_verdict(calibration: pd.DataFrame) -> pd.DataFrame:
@@ -170,10 +154,8 @@ def without_sources(counted: pd.DataFrame) -> pd.DataFrame:
     return counted.assign(**{"95 %": interval_column(counted["low95"], counted["high95"])})[shown]
 
 
-@table("counted_crashes", digits=2, digest=without_sources)
-def counted_crashes_table(counted_crashes: pd.DataFrame) -> pd.DataFrame:
-    """Return predicted and counted crash rates as they are published."""
-    return counted_crashes
+# Predicted and counted crash rates.
+counted_crashes_table = result_table("counted_crashes", digits=2, digest=without_sources)
 
 
 def with_limits_in_one(predictions: pd.DataFrame) -> pd.DataFrame:
@@ -182,13 +164,8 @@ def with_limits_in_one(predictions: pd.DataFrame) -> pd.DataFrame:
     return predictions.assign(**{"90 %": interval_column(predictions["low90"], predictions["high90"])})[shown]
 
 
-@table("human_predictions", digits=2, digest=with_limits_in_one)
-def human_predictions_table(human_predictions: pd.DataFrame) -> pd.DataFrame:
-    """Return predicted and counted crashes and near-crashes of human drivers as they are published."""
-    return human_predictions
+# Predicted and counted crashes and near-crashes of human drivers.
+human_predictions_table = result_table("human_predictions", digits=2, digest=with_limits_in_one)
 
-
-@table("lead_motion", digits=2)
-def lead_motion_table(lead_motion: pd.DataFrame) -> pd.DataFrame:
-    """Return the crash probabilities with a lead vehicle that changes its speed as they are published."""
-    return lead_motion
+# The crash probabilities with a lead vehicle that changes its speed.
+lead_motion_table = result_table("lead_motion", digits=2)

@@ -6,7 +6,7 @@ import pandas as pd
 
 from accelerated_evaluation.distributions import Distribution, Empirical, Mixture, unit_to_power
 from accelerated_evaluation.laws.paper.independent import UNITS, IndependentLaw
-from accelerated_evaluation.publishing.published import table
+from accelerated_evaluation.publishing.published import result_table
 
 SYMBOLS = {"inverse_range": "R⁻¹", "inverse_ttc": "TTC⁻¹"}
 
@@ -79,10 +79,8 @@ def rank_table(candidates: pd.DataFrame) -> pd.DataFrame:
     return ranks.reset_index()
 
 
-@table("candidates", digits=5, digest=rank_table)
-def candidates_table(candidates: pd.DataFrame) -> pd.DataFrame:
-    """Return the fits of all candidate families; readers are shown the `rank_table`."""
-    return candidates
+# The fits of all candidate families; readers are shown the `rank_table`.
+candidates_table = result_table("candidates", digits=5, digest=rank_table)
 
 
 def close_call_table(

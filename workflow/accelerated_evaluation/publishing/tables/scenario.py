@@ -2,39 +2,25 @@
 
 import pandas as pd
 
-from accelerated_evaluation.publishing.published import table
+from accelerated_evaluation.publishing.published import result_table, table
 
 DIGITS = 3
 
 
-@table("scenario_records", digits=DIGITS)
-def records_table(scenario_records: pd.DataFrame) -> pd.DataFrame:
-    """Return the account of the records: a row for each variable."""
-    return scenario_records
+# The account of the records: a row for each variable.
+records_table = result_table("scenario_records", digits=DIGITS)
 
+# The laws with their criteria, held-out scores and weights.
+laws_table = result_table("scenario_laws", digits=6)
 
-@table("scenario_laws", digits=6)
-def laws_table(scenario_laws: pd.DataFrame) -> pd.DataFrame:
-    """Return the laws with their criteria, held-out scores and weights."""
-    return scenario_laws
+# The probability of each event with its intervals.
+answer_table = result_table("scenario_answer", digits=DIGITS)
 
+# Where the uncertainty of the crash probability comes from.
+budget_table = result_table("scenario_budget", digits=DIGITS)
 
-@table("scenario_answer", digits=DIGITS)
-def answer_table(scenario_answer: pd.DataFrame) -> pd.DataFrame:
-    """Return the probability of each event with its intervals."""
-    return scenario_answer
-
-
-@table("scenario_budget", digits=DIGITS)
-def budget_table(scenario_budget: pd.DataFrame) -> pd.DataFrame:
-    """Return where the uncertainty of the crash probability comes from."""
-    return scenario_budget
-
-
-@table("scenario_crash_shares", digits=DIGITS)
-def crash_shares_table(scenario_crash_shares: pd.DataFrame) -> pd.DataFrame:
-    """Return which encounters the crashes come from, by the size of a variable."""
-    return scenario_crash_shares
+# Which encounters the crashes come from, by the size of a variable.
+crash_shares_table = result_table("scenario_crash_shares", digits=DIGITS)
 
 
 @table("scenario_methods", digits=DIGITS)
