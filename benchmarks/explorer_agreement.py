@@ -19,6 +19,7 @@ import pandas as pd
 from accelerated_evaluation.answer.explored import DrawnLaws
 from accelerated_evaluation.answer.family_file import read_family
 from accelerated_evaluation.answer.study import ANSWER_STREAM
+from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.mapping import map_crashes
@@ -65,8 +66,8 @@ def main() -> None:
     records = DistinctRecords.of(read_encounters(arguments.results / "encounters.parquet"), support)
     family = arguments.family or arguments.results / "laws/family.npz"
     seed = config["seed"]
-    weighted = read_family(family, records).weighted(
-        child_generator(seed, "laws", "weigh"), config["answer"]["draws"]
+    weighted = WeightedLaws.drawn(
+        read_family(family, records), child_generator(seed, "laws", "weigh"), config["answer"]["draws"]
     )
     drawn = DrawnLaws.of(weighted, child_generator(seed, "laws", *ANSWER_STREAM), child_generator(0, "none"))
     limits = config["filters"]

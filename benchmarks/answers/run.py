@@ -14,6 +14,7 @@ from accelerated_evaluation.answer.chosen_law import ANSWER, choose_sampled_law
 from accelerated_evaluation.answer.estimation import read_records
 from accelerated_evaluation.answer.family_file import fit_or_read
 from accelerated_evaluation.answer.references import under_draws
+from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.lines import CrashLines
@@ -45,7 +46,7 @@ def mapped(name: str, config: dict, records: DistinctRecords, family: Path) -> t
         load_vehicle(name, **parameters[name]), grid, [], child_generator(ROOT, "answers", "map", name)
     )
     generator = child_generator(ROOT, "answers", "posterior", name)
-    weighted = fit_or_read(family, records).weighted(generator, config["answer"]["draws"])
+    weighted = WeightedLaws.drawn(fit_or_read(family, records), generator, config["answer"]["draws"])
     whole = CrashLines.of(crashes, records.lead_speed, support=records.support)
     lines = weighted.thinned(whole, generator)
     independent = weighted.draw({"crash": lines}, generator)["crash"].probabilities

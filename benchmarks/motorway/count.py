@@ -8,7 +8,8 @@ import argparse
 
 import numpy as np
 import pandas as pd
-from accelerated_evaluation.answer.weighted_family import score_family
+from accelerated_evaluation.answer.scored_family import score_family
+from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
@@ -135,7 +136,7 @@ def chain(cut_ins: pd.DataFrame, generator: np.random.Generator) -> pd.DataFrame
     recorded = generator.permutation(len(kept)) < len(kept) // SHARE
     sample, rest = kept[recorded], kept[~recorded]
     records = DistinctRecords.of(sample)
-    weighted = score_family(records, MEMBERS).weighted(generator, DRAWS)
+    weighted = WeightedLaws.drawn(score_family(records, MEMBERS), generator, DRAWS)
     rows = []
     for host, (name, parameters) in HOSTS.items():
         car = load_vehicle(name, **parameters)

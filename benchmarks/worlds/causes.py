@@ -9,8 +9,9 @@ import argparse
 
 import numpy as np
 import pandas as pd
+from accelerated_evaluation.answer.scored_family import score_family
 from accelerated_evaluation.answer.summary import threshold_table
-from accelerated_evaluation.answer.weighted_family import score_family
+from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.smooth.family import Member
@@ -36,7 +37,7 @@ def examine(kind: str, number: int, world: World, setting: WorldSettings) -> dic
     """
     records = simulate_records(world, setting, child_generator(ROOT, "worlds", kind, number))
     generator = child_generator(ROOT, "worlds", kind, number, "causes")
-    weighted = score_family(distinct_records(records)[0]).weighted(generator, DRAWS)
+    weighted = WeightedLaws.drawn(score_family(distinct_records(records)[0]), generator, DRAWS)
     true_law = [member == Member(LEVEL, TRUE_LAW[kind]) for member in weighted.members]
     only = np.tile(np.array(true_law, dtype=float), (DRAWS, 1))
     levels = threshold_table(weighted, setting.lines, generator)["probability"]

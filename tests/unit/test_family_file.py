@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from accelerated_evaluation.answer import family_file
 from accelerated_evaluation.answer.family_file import fit_or_read, read_family, write_family
-from accelerated_evaluation.answer.weighted_family import score_family
+from accelerated_evaluation.answer.scored_family import score_family
+from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.smooth.family import MEMBERS, DistinctRecords
 from accelerated_evaluation.laws.smooth.support import SUPPORT
@@ -40,7 +41,7 @@ def test_a_family_comes_back_equal(path, records, scored, tmp_path):
     assert len(read.members) < len(MEMBERS)
     for level, above in scored.family.exceedances.items():
         assert np.array_equal(read.family.exceedances[level].excess, above.excess)
-    one, two = (each.weighted(np.random.default_rng(2), 20) for each in (read, scored))
+    one, two = (WeightedLaws.drawn(each, np.random.default_rng(2), 20) for each in (read, scored))
     assert np.array_equal(one.weights, two.weights)
     places = records.only(np.arange(50)).places
     for member in scored.members:

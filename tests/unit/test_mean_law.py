@@ -7,7 +7,7 @@ from accelerated_evaluation.answer.averaged import AveragedSurrogate
 from accelerated_evaluation.answer.emphasis import Emphasis
 from accelerated_evaluation.answer.references import Reference
 from accelerated_evaluation.answer.reweighting import SampledPosterior
-from accelerated_evaluation.answer.weighted_family import score_family
+from accelerated_evaluation.answer.scored_family import score_family
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws import CutIns

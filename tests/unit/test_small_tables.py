@@ -7,7 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.answer import law_table as law_scores
-from accelerated_evaluation.answer.weighted_family import score_family
+from accelerated_evaluation.answer.scored_family import score_family
+from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.base.errors import ConvergenceError, InputError
 from accelerated_evaluation.crash_map.sensitivity import Levels
 from accelerated_evaluation.distributions import BoundedExponential
@@ -150,7 +151,8 @@ def test_a_variable_that_hardly_varies_is_refused(recorded, column, what):
 
 def test_laws_of_few_records_have_tails_above_thresholds_that_some_exceed(recorded):
     rows = recorded.iloc[:: len(recorded) // 200].assign(range=lambda table: 1 / table["inverse_range"])
-    weighted = score_family(DistinctRecords.of(rows)).weighted(np.random.default_rng(1), 20)
+    scored = score_family(DistinctRecords.of(rows))
+    weighted = WeightedLaws.drawn(scored, np.random.default_rng(1), 20)
     levels = {member.level for member in weighted.members} - {None}
     assert levels < set(LEVELS)
     assert all(weighted.family.exceedances[level].index.size >= FEWEST for level in levels)
@@ -169,7 +171,8 @@ def test_a_rival_whose_fit_overflows_has_no_scores(recorded, monkeypatch):
         log_density = cumulative
 
     rows = recorded.iloc[:: len(recorded) // 200].assign(range=lambda table: 1 / table["inverse_range"])
-    weighted = score_family(DistinctRecords.of(rows), (Member(),)).weighted(np.random.default_rng(1), 20)
+    scored = score_family(DistinctRecords.of(rows), (Member(),))
+    weighted = WeightedLaws.drawn(scored, np.random.default_rng(1), 20)
     monkeypatch.setattr(law_scores, "regions", lambda records, _: {"all": np.zeros(records.size)})
     monkeypatch.setattr(law_scores, "rivals", lambda *_: {"a regression": lambda _: Overflown()})
     with pytest.warns(

@@ -10,6 +10,7 @@ import pytest
 from accelerated_evaluation.answer.explored import DrawnLaws
 from accelerated_evaluation.answer.family_file import read_family
 from accelerated_evaluation.answer.study import ANSWER_STREAM
+from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.mapping import map_crashes
@@ -201,7 +202,9 @@ def laws(finished):
     weigh, answered = (
         child_generator(config["seed"], "laws", *names) for names in (["weigh"], ANSWER_STREAM)
     )
-    weighted = read_family(folder / "laws/family.npz", records).weighted(weigh, config["answer"]["draws"])
+    weighted = WeightedLaws.drawn(
+        read_family(folder / "laws/family.npz", records), weigh, config["answer"]["draws"]
+    )
     return DrawnLaws.of(weighted, answered, np.random.default_rng(0)), records.lead_speed, support
 
 

@@ -6,6 +6,7 @@ import pandas as pd
 from accelerated_evaluation.answer.explored import DrawnLaws
 from accelerated_evaluation.answer.family_file import read_family
 from accelerated_evaluation.answer.study import ANSWER_STREAM
+from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.base.files import atomic_path, read_json
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.maps import read_crash_map
@@ -20,8 +21,10 @@ if __name__ == "__main__":
         files, params = snakemake.input, snakemake.params
         seed = params.config["seed"]
         records = DistinctRecords.of(read_encounters(files.encounters), Support.of(params.support))
-        weighted = read_family(files.family, records).weighted(
-            child_generator(seed, "laws", "weigh"), params.config["answer"]["draws"]
+        weighted = WeightedLaws.drawn(
+            read_family(files.family, records),
+            child_generator(seed, "laws", "weigh"),
+            params.config["answer"]["draws"],
         )
         answered = child_generator(seed, "laws", *ANSWER_STREAM)
         more = child_generator(seed, "explorer", "draws")

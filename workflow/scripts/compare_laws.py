@@ -2,6 +2,7 @@
 
 from accelerated_evaluation.answer.family_file import read_family
 from accelerated_evaluation.answer.law_table import compare_laws
+from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.lines import CrashLines
@@ -16,8 +17,8 @@ if __name__ == "__main__":
     with job(snakemake.log[0]):
         files, params = snakemake.input, snakemake.params
         records = DistinctRecords.of(read_encounters(files.encounters), Support.of(params.support))
-        weighted = read_family(files.family, records).weighted(
-            child_generator(params.seed, "laws", "weigh"), params.draws
+        weighted = WeightedLaws.drawn(
+            read_family(files.family, records), child_generator(params.seed, "laws", "weigh"), params.draws
         )
         lines = CrashLines.of(read_crash_map(files.map), records.lead_speed, support=records.support)
         with loaded_for(params.vehicle, params.simulations | {"workers": snakemake.threads}) as vehicle:

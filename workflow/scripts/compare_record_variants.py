@@ -2,6 +2,7 @@
 
 from accelerated_evaluation.answer.family_file import read_family
 from accelerated_evaluation.answer.summary import quality_table, record_variants
+from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.lines import CrashLines
@@ -18,7 +19,7 @@ if __name__ == "__main__":
         encounters, support = read_encounters(files.encounters), Support.of(params.support)
         records = DistinctRecords.of(encounters, support)
         weigh, generator = (child_generator(params.seed, "laws", name) for name in ("weigh", "data_quality"))
-        weighted = read_family(files.family, records).weighted(weigh, params.answer["draws"])
+        weighted = WeightedLaws.drawn(read_family(files.family, records), weigh, params.answer["draws"])
         lines = CrashLines.of(read_crash_map(files.map), records.lead_speed, support=support)
         thinned = weighted.thinned(lines, weigh)
         cut_ins = (encounters[name].to_numpy() for name in ("lead_speed", "range", "closing_speed"))

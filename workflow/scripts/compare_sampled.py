@@ -5,6 +5,7 @@ from accelerated_evaluation.answer.averaged import posterior_of
 from accelerated_evaluation.answer.calibration_table import calibration_table
 from accelerated_evaluation.answer.family_file import read_family
 from accelerated_evaluation.answer.references import Reference, compared_with, vehicles_with
+from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.maps import read_crash_map
@@ -21,7 +22,7 @@ if __name__ == "__main__":
         encounters = read_encounters(files.encounters)
         records = DistinctRecords.of(encounters, Support.of(params.support))
         scored = read_family(files.family, records)
-        weighted = scored.weighted(child_generator(params.seed, "laws", "weigh"), params.draws)
+        weighted = WeightedLaws.drawn(scored, child_generator(params.seed, "laws", "weigh"), params.draws)
         draws, known = read_law(files.law, encounters).draws, pd.read_csv(files.draws)
         own = posterior_of(known) if len(known) else None
         with all_loaded(params.vehicles, params.simulations | {"workers": 1}) as vehicles:

@@ -1,7 +1,7 @@
 """Fit the family of laws with dependence to the records, and score each law on held-out records."""
 
 from accelerated_evaluation.answer.family_file import write_family
-from accelerated_evaluation.answer.weighted_family import score_family
+from accelerated_evaluation.answer.scored_family import score_family
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.records.encounter_table import read_encounters

@@ -2,6 +2,7 @@
 
 from accelerated_evaluation.answer.family_file import read_family
 from accelerated_evaluation.answer.lead_motion import motion_table
+from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.crash_map.maps import read_crash_map
@@ -17,7 +18,7 @@ if __name__ == "__main__":
         files, params = snakemake.input, snakemake.params
         records = DistinctRecords.of(read_encounters(files.encounters), Support.of(params.support))
         generator = child_generator(params.seed, "lead motion")
-        weighted = read_family(files.family, records).weighted(generator, params.draws)
+        weighted = WeightedLaws.drawn(read_family(files.family, records), generator, params.draws)
         maps = dict(zip(params.vehicles, map(read_crash_map, files.maps), strict=True))
         with all_loaded(params.vehicles, params.simulations | {"workers": 1}) as vehicles:
             table = motion_table(vehicles, maps, weighted, MOTIONS["ngsim"](), generator)

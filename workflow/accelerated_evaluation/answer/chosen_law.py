@@ -10,7 +10,8 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from accelerated_evaluation.answer.family_file import fit_or_read
-from accelerated_evaluation.answer.weighted_family import ScoredFamily, score_family
+from accelerated_evaluation.answer.scored_family import ScoredFamily, score_family
+from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
@@ -137,7 +138,7 @@ def mean_law(
     closing_speed_max
         Closing speed [m/s] at which faster cut-ins are simulated.
     """
-    weighted = scored.weighted(child_generator(seed, "laws", "weigh"), count)
+    weighted = WeightedLaws.drawn(scored, child_generator(seed, "laws", "weigh"), count)
     fitted = weighted.family, weighted.members, weighted.weights, scored.records.support
     return _mean_of_draws(fitted, "all laws", encounters, seed, closing_speed_max)
 
@@ -159,7 +160,7 @@ def _smooth(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any]) ->
     records = DistinctRecords.of(encounters, Support.configured(config))
     if choice == ANSWER:
         generator = child_generator(config["seed"], "laws", "weigh")
-        weighted = score_family(records).weighted(generator, config["answer"]["draws"])
+        weighted = WeightedLaws.drawn(score_family(records), generator, config["answer"]["draws"])
         return DependentLaw.fitted(weighted.family, weighted.heaviest, encounters, records.support)
     return DependentLaw.fitted(_family(choice, records), SMOOTH[choice], encounters, records.support)
 

@@ -34,7 +34,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from accelerated_evaluation import answer
-from accelerated_evaluation.answer.weighted_family import ScoredFamily, score_family
+from accelerated_evaluation.answer.scored_family import ScoredFamily, score_family
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.digests import content_digest
 from accelerated_evaluation.base.errors import InputError
@@ -58,7 +58,7 @@ VERSION = 1
 HAZARD = ("coefficients", "smoothing", "factor")
 EXCESS = (*HAZARD, "parameters")
 BY_NAME = {member.name: member for member in MEMBERS}
-SCORING = ("scores.py", "weighted_family.py", "family_file.py")
+SCORING = ("scores.py", "scored_family.py", "family_file.py")
 
 
 def fit_or_read(path: str | os.PathLike, records: DistinctRecords) -> ScoredFamily:

@@ -23,8 +23,9 @@ from accelerated_evaluation.answer.counted_crashes import (
     count_of,
 )
 from accelerated_evaluation.answer.posterior import draw_posterior
+from accelerated_evaluation.answer.scored_family import ScoredFamily
 from accelerated_evaluation.answer.study import with_draws
-from accelerated_evaluation.answer.weighted_family import ScoredFamily, WeightedLaws
+from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.mapping import map_crashes
@@ -156,7 +157,7 @@ class HumanPrediction:
             number; and ``verdict``. Variants are computed with the law of the largest weight and have no
             limits.
         """
-        weighted = self.scored.weighted(deepcopy(self.generator), self.draws)
+        weighted = WeightedLaws.drawn(self.scored, deepcopy(self.generator), self.draws)
         counted = {
             "crash": count_of(counts, CUT_IN, "crash"),
             "near-crash": count_of(counts, STRUCK, "near-crash"),

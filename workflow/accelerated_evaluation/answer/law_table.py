@@ -9,13 +9,14 @@ import pandas as pd
 from numpy.linalg import LinAlgError
 from tqdm import tqdm
 
+from accelerated_evaluation.answer.scored_family import region
 from accelerated_evaluation.answer.scores import (
     FittedLaw,
     HeldOut,
     threshold_weighted_crps,
     time_to_collision_boundary,
 )
-from accelerated_evaluation.answer.weighted_family import WeightedLaws, region
+from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.answer.weights import mixture_scores, stacking_weights
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import ConvergenceError

@@ -14,13 +14,14 @@ from accelerated_evaluation.answer.injuries.impacts import ImpactSpeeds, Key, ta
 from accelerated_evaluation.answer.injuries.tables import injury_tables
 from accelerated_evaluation.answer.likeliest_crashes import largest_near
 from accelerated_evaluation.answer.posterior import Posterior, budget
+from accelerated_evaluation.answer.scored_family import ScoredFamily
 from accelerated_evaluation.answer.summary import (
     answer_table,
     is_supported,
     threshold_table,
     vehicle_table,
 )
-from accelerated_evaluation.answer.weighted_family import ScoredFamily, WeightedLaws
+from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines, crash_places
 from accelerated_evaluation.crash_map.maps import CrashMap
@@ -118,7 +119,7 @@ class LawStudy:
         lines |= {
             f"crash of {name}": CrashLines.of(mapped, speeds, support=support) for name, mapped in others
         }
-        weighted = scored.weighted(generator, draws)
+        weighted = WeightedLaws.drawn(scored, generator, draws)
         # Random vehicles have generators of their own, so that they do not change what other vehicles get.
         own_generators = dict(zip(vehicles, generator.spawn(len(vehicles)), strict=True))
         thinned = {}

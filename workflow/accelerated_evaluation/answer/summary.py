@@ -9,7 +9,8 @@ from tqdm import tqdm
 
 from accelerated_evaluation.answer.calibration import mid_p
 from accelerated_evaluation.answer.posterior import LEVELS, Posterior
-from accelerated_evaluation.answer.weighted_family import ScoredFamily, WeightedLaws, score_family
+from accelerated_evaluation.answer.scored_family import ScoredFamily, score_family
+from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
@@ -204,7 +205,8 @@ def quality_table(
             rows.append({"reading": reading, "events": records.size})
             continue
         same = deepcopy(generator)  # the same random numbers for every reading
-        weighted = score_family(records, start.members, start=start.family).weighted(same, draws)
+        scored = score_family(records, start.members, start=start.family)
+        weighted = WeightedLaws.drawn(scored, same, draws)
         posterior = weighted.draw({"crash": lines}, same)["crash"]
         rows.append({"reading": reading, "events": records.size} | summarise(posterior))
     return pd.DataFrame(rows)
