@@ -52,7 +52,6 @@ class Crate:
         from accelerated_evaluation.publishing.study import Study
 
         name = arguments.study
-        study = Study(Path("results") / name, Path("figures") / name)
         target = arguments.target or Path("results") / f"{name}.crate.zip"
-        files = write_crate(study, target, arguments.licence)
+        files = write_crate(Study.named(name), target, arguments.licence)
         print(f"{target}: {files:,} files, {target.stat().st_size / 1e6:.1f} MB")

@@ -47,5 +47,5 @@ class Paper:
 
         name = arguments.study
         target = arguments.target or Path("results") / name / "paper"
-        write_paper(Study(Path("results") / name, Path("figures") / name), target, arguments.font)
+        write_paper(Study.named(name), target, arguments.font)
         print(f"{target}: {sum(path.is_file() for path in target.rglob('*'))} files")

@@ -48,6 +48,11 @@ class Study:
     def __init__(self, results: str | Path, figures: str | Path) -> None:
         self.results, self.figures = Path(results), Path(figures)
 
+    @classmethod
+    def named(cls, name: str) -> "Study":
+        """Return the study of a name that ran in the present folder."""
+        return cls(Path("results") / name, Path("figures") / name)
+
     def path(self, name: str, **parts: str) -> Path:
         """Return the path of an existing result; ``parts`` replace names in braces."""
         path = self.results / name.format(**parts)

@@ -1,6 +1,7 @@
 """Checks of the units, by limits of physics and of traffic."""
 
 import numpy as np
+import pandas as pd
 from scipy.stats import binom, spearmanr
 
 from accelerated_evaluation.records.checks import (
@@ -131,14 +132,12 @@ def sign_of_range_rate(records: Records) -> Finding:
 def far_ranges(records: Records) -> Finding:
     """Check for ranges beyond the reach of automotive sensors."""
     range_ = records.valid["range"]
-    rows = range_[range_ > FARTHEST].sort_values(ascending=False)
-    return Finding(
-        by_share(len(rows), len(range_)),
+    return _outside(
+        range_[range_ > FARTHEST].sort_values(ascending=False),
+        len(range_),
         f"ranges above {FARTHEST:g} m, which no radar or camera of a car reaches",
-        f"{len(rows):,} rows; largest {range_.max():.1f} m",
-        len(rows),
+        f"largest {range_.max():.1f} m",
         "State the unit of the range, or leave these rows out with filters.range_max.",
-        list(rows.index),
     )
 
 
@@ -146,12 +145,16 @@ def far_ranges(records: Records) -> Finding:
 def short_ranges(records: Records) -> Finding:
     """Check for ranges that are too short for a lane change."""
     range_ = records.valid["range"]
-    rows = range_[range_ < NEAREST].sort_values()
-    return Finding(
-        by_share(len(rows), len(range_)),
+    return _outside(
+        range_[range_ < NEAREST].sort_values(),
+        len(range_),
         f"ranges under {NEAREST:g} m, which a camera behind the windscreen cannot see",
-        f"{len(rows):,} rows; smallest {range_.min():.2f} m",
-        len(rows),
+        f"smallest {range_.min():.2f} m",
         "Look at these rows: another lane, a false target? Table data_quality has the answer without them.",
-        list(rows.index),
     )
+
+
+def _outside(rows: pd.Series, size: int, what: str, extreme: str, advice: str) -> Finding:
+    """Return the finding about ``rows`` outside of a limit, the worst one first, of ``size`` rows in all."""
+    seen = f"{len(rows):,} rows; {extreme}"
+    return Finding(by_share(len(rows), size), what, seen, len(rows), advice, list(rows.index))

@@ -28,6 +28,15 @@ if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection
 
 OUTPUT = ("lead_speed", "range", "closing_speed", "host_speed", "recording", "time", "vehicle", "host")
+# Rows of a vehicle and frame occur twice in some recordings; ``copy`` numbers them, and the first one counts.
+FRAMES = """
+    CREATE OR REPLACE TEMP TABLE frames AS
+    SELECT * EXCLUDE (copy), x - lag(x) OVER one AS moved,
+        velocity * (time - lag(time) OVER one) / 1000 AS reported,
+        min(time) OVER (PARTITION BY id) AS seen
+    FROM ({rows}) WHERE copy = 1
+    WINDOW one AS (PARTITION BY id ORDER BY time)
+"""
 STAYS = """
     CREATE OR REPLACE TEMP TABLE stays AS
     SELECT id, lane, stay, min(time) AS time, max(time) AS until, any_value(seen) AS seen

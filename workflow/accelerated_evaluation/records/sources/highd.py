@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from accelerated_evaluation.records.recordings import drone
+from accelerated_evaluation.records.recordings import drone, trajectories
 from accelerated_evaluation.records.recordings.database import whole
 from accelerated_evaluation.records.recordings.trajectories import trajectory_keys
 from accelerated_evaluation.records.sources import source
@@ -16,20 +16,15 @@ from accelerated_evaluation.records.sources import source
 # In the format `x` is the left end of the bounding box and `width` its length along the road. Vehicles of
 # direction 1 drive to the left, so that their front is at x; those of direction 2 drive to the right.
 COLUMNS = ("frame", "id", "x", "width", "xVelocity", "followingId", "laneId")
-FRAMES = f"""
-    CREATE OR REPLACE TEMP TABLE frames AS
-    SELECT * EXCLUDE (copy), x - lag(x) OVER one AS moved,
-        velocity * (time - lag(time) OVER one) / 1000 AS reported,
-        min(time) OVER (PARTITION BY id) AS seen
-    FROM (
+FRAMES = trajectories.FRAMES.format(
+    rows=f"""
         SELECT {whole("id", "id")} AS id, {whole("round(frame * 1000 / {rate})", "frame")} AS time, x, width,
             xVelocity AS velocity, {whole("followingId", "followingId")} AS host,
             {whole("laneId", "laneId")} AS lane,
             row_number() OVER (PARTITION BY id, frame ORDER BY x, xVelocity, laneId) AS copy
         FROM tracks WHERE {{complete}}
-    ) WHERE copy = 1
-    WINDOW one AS (PARTITION BY id ORDER BY time)
-"""
+    """
+)
 META = """
     CREATE OR REPLACE TEMP TABLE meta AS
     SELECT DISTINCT ON (id) id, drivingDirection, class FROM meta_file ORDER BY id, drivingDirection, class

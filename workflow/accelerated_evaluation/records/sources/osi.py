@@ -13,6 +13,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from accelerated_evaluation.base.errors import InputError, StudyError
+from accelerated_evaluation.records.recordings import trajectories
 from accelerated_evaluation.records.recordings.cut_ins import require_agreement
 from accelerated_evaluation.records.recordings.database import database
 from accelerated_evaluation.records.recordings.osi_lanes import joined_lanes
@@ -36,16 +37,10 @@ TRACKS = """
     CREATE OR REPLACE TEMP TABLE tracks
     (id BIGINT, time BIGINT, lane BIGINT, x DOUBLE, velocity DOUBLE, host BIGINT, gap DOUBLE)
 """
-FRAMES = f"""
-    CREATE OR REPLACE TEMP TABLE frames AS
-    SELECT * EXCLUDE (copy), x - lag(x) OVER one AS moved,
-        velocity * (time - lag(time) OVER one) / 1000 AS reported,
-        min(time) OVER (PARTITION BY id) AS seen
-    FROM (
-        SELECT *, row_number() OVER (PARTITION BY id, time ORDER BY x) AS copy FROM tracks WHERE {COMPLETE}
-    ) WHERE copy = 1
-    WINDOW one AS (PARTITION BY id ORDER BY time)
-"""
+FRAMES = trajectories.FRAMES.format(
+    rows="SELECT *, row_number() OVER (PARTITION BY id, time ORDER BY x) AS copy FROM tracks "
+    f"WHERE {COMPLETE}"
+)
 
 
 @source(
