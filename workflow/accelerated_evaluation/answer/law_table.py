@@ -31,7 +31,7 @@ from accelerated_evaluation.vehicles.protocol import Vehicle
 INVERSE_TTC = (0.25, 0.35, 0.45)  # [1/s]
 SIMULATED_TTC = (2.0, 3.0, 4.0)  # [s]
 PAPER = "paper: independent, exponential 0.95"
-TOGETHER = "all laws, weighed"
+TOGETHER = "all laws, weighted"
 KNOT = 0.95
 EXTREME = 0.98  # level of the threshold of conditional extremes
 ERRORS = 2.5  # standard errors by which a refused law lies behind the best

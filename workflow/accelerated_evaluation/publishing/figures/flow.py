@@ -39,7 +39,7 @@ FLOW_BOXES = {
         *(MAIN, 3.31, 2.05, 0.4),
     ),
     "update": Box(
-        "weigh events by f / f*; update weights,\n"
+        "weight events by f / f*; update weights,\n"
         "$\\theta$ of pieces with {minimum_piece_events} events (single: rates)",
         *(MAIN, 2.71, WIDE, 0.4),
     ),
