@@ -334,6 +334,14 @@ def test_a_strange_link_gives_the_page_of_the_study(watch, made):  # noqa: F811
     assert not watch.faults
 
 
+SLOW = """() => {
+  const runs = { lead_speed: [5, 5], range: [10, 20], closing_speed: [9, 1], crash: [1, 0] };
+  for (const [name, values] of Object.entries(runs)) explorer.data[`run_${name}`] = Float32Array.from(values);
+  page.showControls();
+  page.update();
+}"""
+
+
 def test_a_vehicle_without_code_and_records_without_a_distance(watch, made, tmp_path):  # noqa: F811
     text = made.read_text()
     data = re.search(r'id="data">(.*?)</script>', text, re.DOTALL)[1]
@@ -348,6 +356,10 @@ def test_a_vehicle_without_code_and_records_without_a_distance(watch, made, tmp_
     assert re.search(r"One cut-in in [\d,]+ ends in a crash", page.inner_text("#headline"))
     assert "no rates per kilometre" in page.inner_text("#rates")
     assert page.locator("#sliders input").count() == 0
+    assert "The map is missing, too." in page.inner_text("#missing")
+    page.evaluate(SLOW)
+    assert "the map shows the 2 simulations of the study" in page.inner_text("#missing")
+    assert "simulated, no crash" in page.inner_text("#legend")
     page.select_option("#vehicle", "reg157")
     page.wait_for_function("() => document.getElementById('missing').textContent.includes('millimetres')")
     assert not watch.faults

@@ -170,6 +170,9 @@ class Page extends Settings {
     } else if (data.map_range) {
       drawn.lines = [...data.map_range.keys()].filter((k) => Math.abs(data.map_lead_speed[k] - lead) < NEAR)
         .map((k) => [data.map_range[k], data.map_start[k], data.map_end[k]]);
+    } else if (data.run_range) {
+      drawn.runs = [...data.run_range.keys()].filter((k) => Math.abs(data.run_lead_speed[k] - lead) < NEAR)
+        .map((k) => [data.run_range[k], data.run_closing_speed[k], data.run_crash[k]]);
     }
     const likeliest = this.found && this.found.mean > NEVER && this.found.likeliest;
     const near = (one) => one && Math.abs(one.leadSpeed - lead) < NEAR;
@@ -177,8 +180,11 @@ class Page extends Settings {
     if (this.state.own && near(this.state.own)) drawn.marks.push({ range: this.state.own.range, closing: this.state.own.closingSpeed, kind: "cross" });
     this.map.draw(drawn);
     const patch = (shade, text, kind = "") => `<span><i class="${kind}" style="background:var(--${shade})"></i>${text}</span>`;
-    const crashes = this.vehicle.kernel ? [patch("slow", "crash up to 5 m/s"), patch("middle", "5 to 10 m/s"), patch("fast", "above 10 m/s")] : [patch("middle", "crash, from the map of the study")];
-    element("legend").innerHTML = [...crashes, patch("record", "recorded cut-in", "dot"), "<span>✕ likeliest</span>", "<span>+ replayed</span>"].join("");
+    const crashes = this.vehicle.kernel ? [patch("slow", "crash up to 5 m/s"), patch("middle", "5 to 10 m/s"), patch("fast", "above 10 m/s")]
+      : drawn.runs ? [patch("fast", "simulated, crash", "dot"), patch("study", "simulated, no crash", "dot")]
+        : drawn.lines ? [patch("middle", "crash, from the map of the study")] : [];
+    const marks = this.vehicle.kernel ? ["<span>✕ likeliest</span>", "<span>+ replayed</span>"] : [];
+    element("legend").innerHTML = [...crashes, patch("record", "recorded cut-in", "dot"), ...marks].join("");
     const share = drawn.found ? drawn.found.crash.reduce((sum, flag) => sum + flag, 0) / drawn.found.crash.length : null;
     element("map").setAttribute("aria-label", `Map of cut-ins at a lead speed of ${lead.toFixed(1)} m/s`
       + (share === null ? "" : `: the vehicle crashes in ${percent(share)} of the shown area`));

@@ -73,11 +73,18 @@ class Settings {
     const reason = vehicle.striped
       ? "Whether this driver crashes changes within millimetres of range, so no few lines can answer. The numbers are those of the study, and cut-ins can be replayed."
       : "The page has no compiled code of this vehicle. The numbers are those of the study; sliders and replays are missing. "
-        + (this.engine.data.map_range ? "The map is that of the study." : "The map is missing, too, because the study simulates only a few cut-ins.");
+        + this.mapInWords();
     element("missing").hidden = this.isExplored;
     element("missing").textContent = reason;
     element("law").disabled = !this.isExplored;
     this.showStops();
+  }
+
+  // What the map shows of a vehicle whose code the page does not have.
+  mapInWords() {
+    const { map_range: map, run_range: runs } = this.engine.data;
+    if (map) return "The map is that of the study.";
+    return runs ? `Instead of crash areas, the map shows the ${runs.length} simulations of the study.` : "The map is missing, too.";
   }
 
   showStops() {

@@ -106,8 +106,8 @@ class MapView {
     return { columns, rows, range, closing };
   }
 
-  // Draw {cells, found} of a simulated vehicle or the lines of a map, [range, start, end]; then points and marks.
-  draw({ cells, found, lines, records, marks }) {
+  // Draw {cells, found} of a simulated vehicle, or the lines of a map, [range, start, end]; then records, runs and marks.
+  draw({ cells, found, lines, records, runs, marks }) {
     const ratio = window.devicePixelRatio || 1, { canvas } = this, pen = canvas.getContext("2d");
     canvas.width = canvas.clientWidth * ratio;
     canvas.height = canvas.clientHeight * ratio;
@@ -115,16 +115,19 @@ class MapView {
     if (cells) this.drawCells(pen, cells, found);
     if (lines) this.drawLines(pen, lines);
     this.drawAxes(pen);
-    pen.fillStyle = colour("record");
     pen.globalAlpha = 0.55;
-    records.forEach(([range, closing]) => {
-      const [px, py] = this.place(range, closing);
-      pen.beginPath();
-      pen.arc(px, py, 1.8, 0, 7);
-      pen.fill();
-    });
+    records.forEach(([range, closing]) => this.drawDot(pen, range, closing, "record", 1.8));
     pen.globalAlpha = 1;
+    (runs || []).forEach(([range, closing, crash]) => this.drawDot(pen, range, Math.min(closing, this.closingMax), crash ? "fast" : "study", 4));
     marks.forEach((mark) => this.drawMark(pen, mark));
+  }
+
+  drawDot(pen, range, closing, shade, radius) {
+    const [px, py] = this.place(range, closing);
+    pen.fillStyle = colour(shade);
+    pen.beginPath();
+    pen.arc(px, py, radius, 0, 7);
+    pen.fill();
   }
 
   drawCells(pen, { columns, rows }, { crash, impactSpeed }) {

@@ -70,6 +70,7 @@ if IS_CUT_IN:
                 for name in MAPPED_VEHICLES[:1]
                 if name == "under_test"
             ],
+            runs=[result("sampled", "runs.csv")] if SLOW else [],
             answer=result("laws", "answer.csv"),
             vehicles=result("laws", "vehicles.csv"),
             templates=sorted(map(str, (PROJECT / "workflow/explorer").iterdir())),

@@ -36,6 +36,7 @@ if __name__ == "__main__":
             answer=pd.read_csv(files.answer),
             vehicles=pd.read_csv(files.vehicles),
             crash_map=next(map(read_crash_map, files.map), None),
+            runs=next(map(pd.read_csv, files.runs), None),
         )
         templates, generator = Path(files.templates[0]).parent, child_generator(seed, "explorer")
         with atomic_path(snakemake.output.page) as temporary:

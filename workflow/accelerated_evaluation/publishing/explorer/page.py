@@ -48,6 +48,8 @@ class Explored:
         Tables of the published answer by event and by vehicle.
     crash_map
         Map of the vehicle under test, for a page that cannot simulate it; None if the study has no map.
+    runs
+        Simulations of a slow vehicle under test, ``sampled/runs.csv``; None if the vehicle is not slow.
     """
 
     config: Mapping[str, Any]
@@ -57,6 +59,7 @@ class Explored:
     answer: pd.DataFrame
     vehicles: pd.DataFrame
     crash_map: CrashMap | None
+    runs: pd.DataFrame | None
 
     @property
     def tested(self) -> Mapping[str, Any]:
@@ -128,4 +131,6 @@ def _payload(explored: Explored, generator: np.random.Generator) -> parts.Payloa
     parts.add_records(payload, records, generator)
     if not explored.is_compiled and explored.crash_map is not None:
         parts.add_map(payload, explored.crash_map, SHOWN_EVENTS, generator)
+    if not explored.is_compiled and explored.runs is not None:
+        parts.add_runs(payload, explored.runs)
     return payload

@@ -124,6 +124,15 @@ def add_map(
     payload.add("map_end", np.minimum(intervals.end[chosen], crash_map.grid.closing_speed_max), "f4")
 
 
+def add_runs(payload: Payload, runs: pd.DataFrame) -> None:
+    """Add the simulations of a slow vehicle: cut-ins, and whether they crashed. Repeats are left out."""
+    once = runs[runs["phase"] != "repeat"]
+    payload.add("run_lead_speed", once["lead_speed"], "f4")
+    payload.add("run_range", 1 / once["inverse_range"], "f4")
+    payload.add("run_closing_speed", once["inverse_ttc"] / once["inverse_range"], "f4")
+    payload.add("run_crash", once["event"], "u1")
+
+
 def exposure_of(cut_ins: int, exposure: Mapping[str, float | None]) -> dict[str, Any]:
     """Return rates of cut-ins per million kilometres: quantiles of equal weight; None if not known."""
     kilometres = exposure.get("kilometres")
