@@ -93,7 +93,7 @@ def choose_law(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any])
 
 
 def choose_sampled_law(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any]) -> tuple[str, Law]:
-    """Return the law under which a slow vehicle is simulated, and what it is called.
+    """Return the law under which a slow vehicle is simulated, and its name.
 
     Parameters
     ----------

@@ -134,7 +134,7 @@ def estimate_alone(
 
 @dataclass(frozen=True)
 class Traffic:
-    """How often cut-ins happen.
+    """The frequency of cut-ins.
 
     Attributes
     ----------
@@ -206,7 +206,7 @@ def simulate_answer(
 
 
 def _reproduced(section: Mapping[str, Any], problem: Problem, runs: pd.DataFrame) -> str | None:
-    """Return what a new copy of the vehicle does otherwise than in the runs of the last replicate."""
+    """Describe how a new copy of the vehicle differs from the last replicate; None if it agrees."""
     if getattr(problem.vehicle, "deterministic", None) is False:
         return None
     own = runs[(runs["phase"] != "repeat") & (runs["replicate"] == runs["replicate"].max())]

@@ -74,9 +74,17 @@ class Rate:
         return float(np.exp(brentq(excess, *np.log(ends), xtol=1e-12)))
 
     def summary(self, probabilities: Array) -> dict[str, float]:
-        """Return the ``mean``, the ``median``, and the interval ends ``low50`` to ``high95`` of a rate.
+        """Summarise the rate of a sub-event, such as the crashes among the cut-ins.
 
-        ``probabilities`` are draws of the probability of the sub-event, as in `quantile`.
+        Parameters
+        ----------
+        probabilities
+            Draws of the probability that the event is also the sub-event, shape (n,).
+
+        Returns
+        -------
+        dict
+            ``mean``, ``median`` and the interval ends ``low50`` to ``high95``, in the unit of the rate.
         """
         row = {"mean": self.mean(probabilities), "median": self.quantile(0.5, probabilities)}
         for level in LEVELS:

@@ -3,7 +3,7 @@
 The driver is `vehicles.builtin.human.Human`, whose numbers come from publications other than these counts. A
 near-crash is an encounter without a crash in which the driver brakes at least as hard as a given
 deceleration. The predicted number is the probability of a cut-in times the number of cut-ins in the distance.
-Its 90 % limits contain the chance of a count, and what is not known of the law of cut-ins and of the drivers.
+Its 90 % limits contain the chance of a count, and the uncertainty in the law of cut-ins and in the drivers.
 """
 
 from collections.abc import Iterator, Mapping

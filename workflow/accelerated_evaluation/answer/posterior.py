@@ -59,8 +59,8 @@ def draw_posterior(
     Parameters
     ----------
     lines
-        Thinned crash map of a vehicle, by event. All events use the same draws. If the lines have weights, a
-        draw of the law goes with a draw of what is not known of the vehicle.
+        Thinned crash map of a vehicle, by event. All events use the same draws. If the lines have weights,
+        each draw of the law is combined with a draw of the uncertain parameters of the vehicle.
     family
         The family fitted to all records.
     members

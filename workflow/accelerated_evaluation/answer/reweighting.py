@@ -96,7 +96,7 @@ class SampledPosterior:
 
     @property
     def share_of_sampling(self) -> float:
-        """By which share the sampling error widens the 80 % interval; widths are of the logarithm."""
+        """Relative increase of the width of the 80 % interval, on the log scale, by the sampling error."""
         (low, high), (low_alone, high_alone) = (part.interval(LEVEL) for part in (self.whole, self.alone))
         with np.errstate(divide="ignore", invalid="ignore"):
             return float(np.log(high / low) / np.log(high_alone / low_alone) - 1)

@@ -276,10 +276,10 @@ class LawStudy:
 
 
 def with_draws(lines: CrashLines, vehicle: Vehicle, draws: int, generator: np.random.Generator) -> CrashLines:
-    """Return lines with the weights of draws of what is not known of their vehicle, if there is anything.
+    """Return lines with weights for draws of the uncertain parameters of a random vehicle.
 
-    The draws depend on the seed of the generator and not on its state, so that all events of a vehicle have
-    the same draws.
+    The lines of any other vehicle are returned as they are. The draws depend on the seed of the generator and
+    not on its state, so that all events of a vehicle have the same draws.
     """
     if not isinstance(vehicle, RandomVehicle) or lines.inner is None:
         return lines

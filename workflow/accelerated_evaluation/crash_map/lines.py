@@ -38,7 +38,7 @@ class CrashLines(Lines):
     inner
         Inner variables of the lines, shape (lines, variables), for a vehicle whose outcomes are random.
     weights
-        Weights of the lines for draws of what is not known of the vehicle, shape (draws, lines).
+        Weights of the lines for draws of the uncertain parameters of the vehicle, shape (draws, lines).
     """
 
     places: Places
@@ -116,7 +116,7 @@ class CrashLines(Lines):
         return self.places.lead_speed[line], self.places.range_[line]
 
     def of_draw(self, draw: int) -> "CrashLines":
-        """Return the lines for one draw of what is not known of the vehicle, if they have weights."""
+        """Return the lines for one draw of the uncertain parameters of the vehicle, if they have weights."""
         return self if self.weights is None else replace(self, share=self.share * self.weights[draw])
 
     def thinned(self, mass: Array, size: int, generator: np.random.Generator) -> "CrashLines":

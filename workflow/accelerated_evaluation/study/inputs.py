@@ -145,7 +145,7 @@ class StudyInputs:
 
     @property
     def description(self) -> str:
-        """What outputs call the records."""
+        """Description of the records in the outputs."""
         return describe(self.config["data"])
 
     def files_of(self, *names: str) -> list[str]:

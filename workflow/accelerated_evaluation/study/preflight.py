@@ -29,7 +29,8 @@ ENDINGS = {
 def compared_sections(compared: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
     """Return the entries of the section ``compared_vehicles``, each with all keys of the section ``vehicle``.
 
-    The name of an entry without a name is its label, which must be the name of a built-in vehicle.
+    An entry is a label and a section. If the section has no key ``name``, the label is the name of a built-in
+    vehicle.
     """
     return {
         label: {"name": label, "parameters": {}, "files": [], "deterministic": None, **entry}

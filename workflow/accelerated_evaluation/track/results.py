@@ -102,7 +102,7 @@ def _run_of(given: Mapping[str, str], campaign: Campaign, where: str) -> Run:
 
 
 def _driven_outcome(given: Mapping[str, str], run: Run, event: Event, where: str) -> DrivenOutcome | None:
-    """Return what a row says of a run, None where it says nothing yet."""
+    """Return the outcome of a run from a row of a table; None if the row has no outcome yet."""
     measured = {name: _number(given, name, f"{where}, column {name}") for name in MEASURED}
     if "crash" not in given:
         filled = [name for name, value in measured.items() if value is not None]

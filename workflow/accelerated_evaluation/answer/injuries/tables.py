@@ -81,7 +81,10 @@ class Injured:
         return Posterior(self.numbers.ravel(), np.repeat(self.member, self.numbers.shape[1]))
 
     def variances(self) -> dict[str, float]:
-        """Return the variance of the logarithm from the data, the choice of law and the choice of curve."""
+        """Return the variance of the logarithm of the number of injured drivers, by source.
+
+        The sources are the data, the choice of law and the choice of curve.
+        """
         columns = [Posterior(column, self.member) for column in self.numbers.T]
         parts = pd.DataFrame([log_variances(column) for column in columns]).mean(skipna=False).to_dict()
         known = not np.isnan(list(parts.values())).any()

@@ -1,4 +1,4 @@
-"""What all smooth laws have in common: unit-exponential coordinates, and segments that only group results.
+"""The common part of all smooth laws: unit-exponential coordinates, and segments that only group results.
 
 The first coordinate of a cut-in is -log P(R^-1 > r | v_L), and the second is -log P(C > c | v_L, R) for the
 closing speed C. Each of them increases with its variable. They are independent of each other and of v_L

@@ -1,4 +1,4 @@
-"""What a sampler can have missed: a bound on the probability of a part of the event that no run has met.
+"""A bound on the probability of a part of the event that no run of a sampler has met.
 
 Some runs are draws of the wide law, cut at some rarity, whatever the surrogate believes. If Q(A) is the
 number of them that is expected in a part A of the event, none is there with probability at most exp(-Q(A)).
@@ -92,7 +92,10 @@ class Unseen:
 
 
 def unseen_in_words(diagnostics: Mapping[str, float]) -> str:
-    """Return a sentence with the bounds ``unseen_mode`` and ``unseen_any`` of an estimate's diagnostics."""
+    """Return a sentence with the two bounds on the probability of unobserved parts of the event.
+
+    They are ``unseen_mode`` and ``unseen_any`` in the diagnostics of an estimate.
+    """
     return (
         f"a part of the event that no run has met: at most {diagnostics['unseen_mode']:.1g} if a half-space, "
         f"{diagnostics['unseen_any']:.1g} if of any shape ({1 - UNSEEN_ALPHA:.0%} confidence)"

@@ -101,7 +101,11 @@ class _Model:
 
     @property
     def cost(self) -> float:
-        """What the parameters cost; rotations of columns whose entries are free together change nothing."""
+        """The penalty of the parameters in the comparison of models.
+
+        If all columns have the same free entries, a rotation of the columns changes nothing, so that the
+        parameters of the rotation cost nothing.
+        """
         (d, k), inputs = self.directions.shape, self.free.any(axis=1).sum()
         turned = k * (k - 1) / 2 if self.free.sum() == inputs * k else 0
         return COST * (self.free.sum() - turned) + (math.log(d) * inputs if inputs < d else 0.0)

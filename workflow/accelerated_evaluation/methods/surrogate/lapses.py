@@ -1,10 +1,10 @@
-"""What lapses can add to a probability: a bound where a vehicle drives differently in few of its runs.
+"""Bounds on the probability that lapses add, if a vehicle drives differently in few of its runs.
 
-The estimate holds what the runs have met. A lapse is seldom met: if none of n runs in cut-ins of probability
-Q was a crash, lapses may cause crashes there with probability 3 Q / n (95 % confidence). It is bounded here,
-not estimated, and a shape has to be assumed for it. Cut-ins are sorted by their hardness, which is the
-probability of the event by a surrogate of the flags, and cut into shells. Each has a tenth of the probability
-of the one before.
+The estimate contains only the events that the runs have met. A lapse is seldom met: if none of n runs in
+cut-ins of probability Q was a crash, lapses may cause crashes there with probability 3 Q / n (95 %
+confidence). The probability of lapses is bounded here, not estimated, and a shape has to be assumed for it.
+Cut-ins are sorted by their hardness, which is the probability of the event by a surrogate of the flags, and
+divided into shells. Each shell has a tenth of the probability of the previous one.
 
 - *Like hardness*: all cut-ins of a shell have the same probability of a lapse that ends in the event, so that
   it does not matter how the runs were chosen. Every shell has its own bound.

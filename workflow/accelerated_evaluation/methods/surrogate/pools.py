@@ -106,7 +106,11 @@ class SubspacePool(Pool):
     along: Pool
 
     def guard(self, reach: float, defence: Defence) -> Array:
-        """Return the distribution of the defensive share, a part of which follows the coordinates."""
+        """Return the distribution of the defensive share over the pool, shape (m,).
+
+        The part `ALONG` of it follows the wide distribution of the few coordinates on which the event
+        depends, and the rest that of all normal scores, as in `Pool.guard`.
+        """
         share, mean = ALONG * DEFENCE / defence.share, defence.share if 0 < defence.beyond < reach else 1.0
         return (1 - share) * super().guard(reach, defence) + share * mean * self.along.within(0.0, reach)
 

@@ -73,11 +73,12 @@ def estimate(progress: Progress, batch_size: int, stopping: Stopping, certificat
 
 
 def with_lapses(found: Estimate, progress: Progress, stopping: Stopping) -> Estimate:
-    """Return the estimate of a vehicle that may lapse: its interval ends where the bound on lapses says.
+    """Extend the interval of an estimate by the probability that unobserved lapses can add.
 
-    The diagnostics get ``unseen_lapses`` and ``unseen_lapses_monotone``, bounds on what lapses can add, and
-    ``settling_runs``, the draws of the law itself after which they would add less than half of the width; see
-    `lapses`.
+    A lapse is a failure of the vehicle in few of its runs; `lapses` derives the bounds. The upper end of the
+    interval is raised by the first bound. The diagnostics get both bounds, ``unseen_lapses`` and
+    ``unseen_lapses_monotone``, and ``settling_runs``, the number of draws from the law itself after which
+    lapses could add less than half of the width of the interval.
     """
     bounds = LapseBounds.after(progress.z, progress.happened, found.probability, stopping.beta)
     own = {

@@ -49,7 +49,9 @@ def draw_approach(
     *,
     in_vain: bool = False,
 ) -> Array:
-    """Draw one point in each step of rarity, where an event is expected; shape (runs, d).
+    """Draw the points of a batch of the search: one in each of n steps of rarity, shape (n, d).
+
+    The rarity of a point z is -log P(|Z| > |z|).
 
     The steps become finer as the rarity increases, because a part of the event that begins at some rarity can
     also be met at larger ones. Runs far out can therefore find all parts, but runs near the origin only the

@@ -32,7 +32,7 @@ VECTORS = {FLOAT: FLOATS, INT: FLOATS, BOOL: BOOLS}
 
 
 class Expressions:
-    """What the translation of a function knows, and its expressions.
+    """The state of the translation of a function, and the translation of its expressions.
 
     Parameters
     ----------
@@ -157,7 +157,19 @@ class Expressions:
     def pair(
         self, first: ast.expr, second: ast.expr, *, to_float: bool = False, to_lanes: bool = False
     ) -> Type:
-        """Push two values of one type: a float if one of them is, and one for each lane if one of them is."""
+        """Translate two operands, convert them to a common type, and return this type.
+
+        The common type is a float if one operand is a float. It has a value for each lane if one operand has.
+
+        Parameters
+        ----------
+        first, second
+            The operands, in the order in which they are pushed.
+        to_float
+            Convert two integers to floats, as a division needs.
+        to_lanes
+            Give each lane a value, even if both operands are single values.
+        """
         left = self.value(first)
         here = len(self.function.code)
         right = self.value(second)

@@ -34,7 +34,7 @@ PLACES = {
 
 @dataclass(frozen=True)
 class Explored:
-    """What a page is made of.
+    """The data of a page.
 
     Attributes
     ----------

@@ -136,7 +136,7 @@ def fig15_sensitivity(
 def fig16_uncertainty(
     uncertainty: pd.DataFrame, bootstrap: pd.DataFrame, exact: pd.DataFrame, source: str
 ) -> tuple[Figure, pd.DataFrame]:
-    """Draw the intervals of the crash probability by what they allow for, the paper's the first.
+    """Draw the crash probability with its interval for each source of uncertainty; the paper's is first.
 
     Parameters
     ----------

@@ -67,7 +67,7 @@ def draw_flow_chart(axes: Axes, boxes: Mapping[str, Box], arrows: Iterable[Arrow
 
 
 def _write_answer(axes: Axes, arrow: Arrow, start: tuple[float, float]) -> None:
-    """Write the answer that an arrow stands for beside its start."""
+    """Write the answer that an arrow represents next to its start."""
     place = {
         "bottom": {"xytext": (3, -2), "ha": "left", "va": "top"},
         "left": {"xytext": (-2, 1), "ha": "right", "va": "bottom"},

@@ -167,7 +167,7 @@ def _draw_scores(axes: Axes, shown: pd.DataFrame) -> None:
 
 
 def _draw_shares(axes: Axes, spread: pd.DataFrame, y: Array) -> None:
-    """Draw shares as rows, segment by segment, with their values beside them."""
+    """Draw shares as rows, segment by segment, with their values next to them."""
     axes.hlines(y, 0, spread["share"], color=DOT["color"], linewidth=0.8, zorder=2)
     axes.plot(spread["share"], y, clip_on=False, zorder=3, **DOT)
     name_rows(axes, y, spread["segment"].str.replace("-", "–") + " m/s", spread["quantity"])

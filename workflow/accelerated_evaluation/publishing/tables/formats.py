@@ -56,10 +56,11 @@ def to_markdown(table: pd.DataFrame) -> str:
 
 
 def reproducible(table: pd.DataFrame) -> pd.DataFrame:
-    """Round numbers to `DIGITS`, which are the same on any processor; counts stay as they are.
+    """Round floats to `DIGITS` significant digits, which do not depend on the processor.
 
-    A count that stands in a column with missing values is a float, and must not lose its last digits. A float
-    above `LARGEST_COUNT` cannot tell neighbouring whole numbers apart, so it is no count.
+    Counts are not rounded. A column of counts with missing values contains floats, so a float without a
+    fractional part is treated as a count. Above `LARGEST_COUNT`, floats cannot represent every whole number,
+    so larger values are not treated as counts.
     """
 
     def rounded(value: Any) -> Any:  # noqa: ANN401

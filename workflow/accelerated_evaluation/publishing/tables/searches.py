@@ -24,11 +24,11 @@ def searched_parameters(trace: pd.DataFrame, method: str) -> int:
 
 
 def search_digest(trace: pd.DataFrame) -> pd.DataFrame:
-    """Digest the traces, a row for each method and segment.
+    """Summarise the Cross-Entropy searches by method and segment.
 
-    Means over the seeds: iterations with an update, simulations (and their extremes), and of the last
-    iteration the threshold reached, the crashes and the effective sample size of their weights; and how far
-    the heuristic moved the truncation points [1/m] and [1/s].
+    The columns are means over the seeds: iterations with an update; simulations, with their extremes; the
+    threshold, the crashes and the effective sample size of their weights in the last iteration; and the
+    distance by which the heuristic method moved the truncation points [1/m], [1/s].
     """
     first, last = (
         trace.groupby(["method", "segment", "seed"], sort=False).nth(row).reset_index(drop=True)

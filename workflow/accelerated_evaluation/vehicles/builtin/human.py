@@ -39,7 +39,8 @@ class Human:
     Drivers who had responded early would seldom have reached a critical record. This selection is neglected,
     which makes the driver too safe if it responds before the crossing.
 
-    `human_population` has the distributions of the traits, with their sources, and what is not known of them.
+    `human_population` has the distributions of the traits with their sources, and the ranges of their
+    uncertain parameters.
 
     Attributes
     ----------

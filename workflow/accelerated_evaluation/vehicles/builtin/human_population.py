@@ -1,4 +1,4 @@
-"""The population of human drivers: how their traits are distributed, and what is not known of that.
+"""The population of human drivers: the distributions of their traits, and the ranges of uncertain parameters.
 
 Each range below is one that publications give, or an assumption, as the comments say. All are uniform, except
 that of the share of drivers who swerve, which is a beta distribution, and that of the noticing, whose
@@ -89,7 +89,7 @@ class Population:
 
     @classmethod
     def central(cls, size: int) -> "Population":
-        """Return the population in the middle of what is not known, ``size`` times."""
+        """Return the population in the middle of the published ranges, repeated ``size`` times."""
         middle = [np.mean(ends) for ends in (RESPONSE_SCALE, RESPONSE_SPREAD)]
         middle += [1.0, np.mean(LANE_CHANGE), np.mean(BRAKING_SCALE), SWERVED / STRUCK]
         return cls(*(np.full(size, value) for value in middle))
