@@ -28,14 +28,15 @@ from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.publishing.explorer.vehicles import SLIDERS
 from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.parameters import parameter_names
-from accelerated_evaluation.vehicles.events import CRASH, Event
+from accelerated_evaluation.vehicles.events import CRASH
 from accelerated_evaluation.vehicles.registry import VEHICLES
 from playwright.sync_api import sync_playwright
 from tqdm import tqdm
 
 SETTINGS, DRAWS, SEED = 200, 100, 30
-EVENTS = (CRASH, Event("impact_speed", 5.0), Event("impact_speed", 10.0))
+EVENTS = (CRASH, CUT_IN.event("impact_speed", 5.0), CUT_IN.event("impact_speed", 10.0))
 KINDS = ("acc_aeb", "acc_aeb", "acc_aeb", "acc_only", "cc_human", "rss", "fsm")
 SETTLED = "() => window.page && window.page.isSettled"
 ASK = """([name, values, threshold]) => {

@@ -26,8 +26,9 @@ from accelerated_evaluation.distributions import (
 from accelerated_evaluation.laws import CutIns, Factors
 from accelerated_evaluation.laws.paper.independent import IndependentLaw, recorded_counts
 from accelerated_evaluation.problem import ScoreProblem, SystemProblem
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios.protocol import Event
 from accelerated_evaluation.vehicles import AccAeb, Outcomes, Vehicle, load_vehicle
-from accelerated_evaluation.vehicles.events import Event
 from scipy.special import ndtr
 from scipy.stats import chi2
 from tabulated import tabulated
@@ -191,7 +192,7 @@ def near_miss(name: str, label: str, ttc: float) -> Problem:
     def bounded(outcomes: Outcomes, cut_ins: CutIns) -> Array:
         return np.maximum(nearer(outcomes, cut_ins), -1 / ttc)  # without end as the time goes to zero
 
-    problem = other_event(name, label, Event("min_ttc", ttc), nearer)
+    problem = other_event(name, label, CUT_IN.event("min_ttc", ttc), nearer)
     return replace(problem, graded=Scored(problem.event, bounded))
 
 
@@ -201,7 +202,9 @@ def short_range(metres: float) -> Problem:
     def nearer(outcomes: Outcomes, cut_ins: CutIns) -> Array:
         return (outcomes.min_range - metres) * cut_ins.inverse_range
 
-    return other_event(f"range_{metres:g}", f"range ≤ {metres:g} m", Event("min_range", metres), nearer)
+    return other_event(
+        f"range_{metres:g}", f"range ≤ {metres:g} m", CUT_IN.event("min_range", metres), nearer
+    )
 
 
 def hard_impact(speed: float) -> Problem:
@@ -212,7 +215,9 @@ def hard_impact(speed: float) -> Problem:
         before = 1 + range_left(outcomes, cut_ins)
         return np.where(outcomes.crash, 1 - impact / speed, before)
 
-    return other_event(f"impact_{speed:g}", f"impact > {speed:g} m/s", Event("impact_speed", speed), nearer)
+    return other_event(
+        f"impact_{speed:g}", f"impact > {speed:g} m/s", CUT_IN.event("impact_speed", speed), nearer
+    )
 
 
 def limit_state(

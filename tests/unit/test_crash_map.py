@@ -7,8 +7,9 @@ import pytest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.crash_map.mapping import HALVINGS, map_crashes
 from accelerated_evaluation.crash_map.maps import Grid, read_crash_map, write_crash_map
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import AccAeb
-from accelerated_evaluation.vehicles.events import CRASH, Event
+from accelerated_evaluation.vehicles.events import CRASH
 from wall_car import WallCar
 
 GRID = Grid(
@@ -82,7 +83,11 @@ def test_island_below_no_crash_is_found_where_the_car_comes_nearest():
 
 
 def test_levels_of_impact_speed_range_and_ttc():
-    events = [Event("impact_speed", 15.0), Event("min_range", 0.5), Event("min_ttc", 2.0)]
+    events = [
+        CUT_IN.event("impact_speed", 15.0),
+        CUT_IN.event("min_range", 0.5),
+        CUT_IN.event("min_ttc", 2.0),
+    ]
     crash_map = mapped(WallCar(hole=(99, 99)), events)
     impact = crash_map.intervals(events[0])
     np.testing.assert_allclose(impact.start, 15, atol=2e-3)
@@ -104,11 +109,11 @@ def test_no_crash_gives_an_empty_map():
 
 def test_event_that_was_not_mapped_is_refused():
     with pytest.raises(InputError, match="min_ttc"):
-        mapped(WallCar(hole=HOLE)).intervals(Event("min_ttc", 1.0))
+        mapped(WallCar(hole=HOLE)).intervals(CUT_IN.event("min_ttc", 1.0))
 
 
 def test_file_is_read_back_equal_and_written_to_the_same_bytes(tmp_path):
-    events = [Event("impact_speed", 15.0)]
+    events = [CUT_IN.event("impact_speed", 15.0)]
     for name in ("one.npz", "two.npz"):
         write_crash_map(tmp_path / name, mapped(WallCar(hole=HOLE), events))
     assert (tmp_path / "one.npz").read_bytes() == (tmp_path / "two.npz").read_bytes()

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from accelerated_evaluation.answer.human_prediction import SEVERE, VARIANTS, BrakingHuman, predictive_limits
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles.builtin.human import Human
-from accelerated_evaluation.vehicles.events import CRASH, Event
+from accelerated_evaluation.vehicles.events import CRASH
 from accelerated_evaluation.vehicles.protocol import RandomVehicle
 from scipy.stats import poisson
 
@@ -34,7 +35,7 @@ def test_severe_braking_contains_every_crash_and_less_of_it_is_harder():
     inner = human.draw_inner(4000, generator)
     outcomes = braking.simulate_given(*cut_ins, inner)
     np.testing.assert_array_equal(outcomes.crash, human.simulate_given(*cut_ins, inner).crash)
-    severe = [Event("impact_speed", 9.81 * level).happens(outcomes) for level in SEVERE.values()]
+    severe = [CUT_IN.event("impact_speed", 9.81 * level).happens(outcomes) for level in SEVERE.values()]
     counts = [CRASH.happens(outcomes).sum(), *(flags.sum() for flags in severe[::-1])]
     assert counts == sorted(counts)
     assert 0 < counts[0] < counts[-1] < 4000

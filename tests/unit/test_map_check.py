@@ -8,8 +8,9 @@ from accelerated_evaluation.crash_map.exact import exact_probabilities
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import CrashMap, Grid, Intervals
 from accelerated_evaluation.publishing.tables.exact import contradictions
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import Outcomes, load_vehicle
-from accelerated_evaluation.vehicles.events import CRASH, Event
+from accelerated_evaluation.vehicles.events import CRASH
 from law_folder import LAW
 
 GRID = Grid(5, 15.1, 75, 8, 12, 2, 23.49, 60)
@@ -58,7 +59,7 @@ def test_a_wrong_map_is_found():
 def test_stripes_that_a_coarse_scan_misses_are_found(width, capsys):
     """The map that takes the place of the wrong one has the right probability, within its standard error."""
     vehicle = Striped(width)
-    impact = Event("impact_speed", 5.0)
+    impact = CUT_IN.event("impact_speed", 5.0)
     crash_map = map_crashes(vehicle, GRID, [impact], np.random.default_rng(2))
     replaced = require_right_map(vehicle, crash_map, np.random.default_rng(3))
     assert replaced is not crash_map

@@ -19,8 +19,9 @@ from accelerated_evaluation.laws.smooth.mean import MeanLaw
 from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.methods.estimate import Stopping
 from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import Outcomes
-from accelerated_evaluation.vehicles.events import CRASH, Event
+from accelerated_evaluation.vehicles.events import CRASH
 from scipy.special import log_ndtr
 from scipy.stats import norm
 
@@ -230,10 +231,11 @@ def test_the_emphasis_is_large_where_draws_of_small_probability_have_their_event
 
 
 def test_runs_that_are_chosen_for_a_near_miss_find_its_probability(law):
-    near = Event("min_ttc", 6.0)  # which the quick closer meets where the gap closes within six seconds
+    # The quick closer has this near miss where the gap closes within six seconds.
+    near = CUT_IN.event("min_ttc", 6.0)
     problem = Problem(law, QuickCloser(), near)
     stopping = Stopping(minimum_events=1, maximum_simulations=400)
-    method = AveragedSurrogate(events=(CRASH, Event("min_range", 1.0)))
+    method = AveragedSurrogate(events=(CRASH, CUT_IN.event("min_range", 1.0)))
     found = method.estimate(problem, stopping, np.random.default_rng(10))
     answer = found.tables["answer"].set_index("event")
     cut_ins = law.from_normal_scores(np.random.default_rng(6).normal(size=(20_000, 3)))

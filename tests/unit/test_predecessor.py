@@ -24,6 +24,7 @@ from sampler_checks import HALF_PLANE, STOPPING, drive, half_plane, numbers, sta
 from scipy.stats import ttest_1samp
 
 SEEDS = 8
+PROBLEM = Problem(LAW, load_vehicle("acc_aeb"))
 
 
 def runs_of(event, seed=100):
@@ -175,12 +176,12 @@ def table():
     """Some simulations as `estimate` writes them."""
     z = np.random.default_rng(5).normal(size=(30, 3))
     runs = pd.DataFrame({f"z_{k + 1}": z[:, k] for k in range(3)}).assign(event=np.arange(30) > 25)
-    return with_encounters(runs, Problem(LAW, load_vehicle("acc_aeb")))
+    return with_encounters(runs, PROBLEM)
 
 
 def test_a_table_of_simulations_is_read(table, tmp_path):
     write_csv(tmp_path / "runs.csv", table)
-    known = read_predecessor(tmp_path / "runs.csv", LAW)
+    known = read_predecessor(tmp_path / "runs.csv", PROBLEM)
     np.testing.assert_allclose(known.z[:, 2], table["z_inverse_ttc"])
     assert known.happened.sum() == 4
 
@@ -198,9 +199,9 @@ def test_a_table_of_simulations_is_read(table, tmp_path):
 def test_a_table_that_does_not_fit_is_refused(table, tmp_path, spoil, message):
     write_csv(tmp_path / "runs.csv", spoil(table))
     with pytest.raises(InputError, match=message):
-        read_predecessor(tmp_path / "runs.csv", LAW)
+        read_predecessor(tmp_path / "runs.csv", PROBLEM)
 
 
 def test_no_table_is_refused(tmp_path):
     with pytest.raises(InputError, match="no such file"):
-        read_predecessor(tmp_path / "none.csv", LAW)
+        read_predecessor(tmp_path / "none.csv", PROBLEM)

@@ -14,8 +14,9 @@ from accelerated_evaluation.distributions.tails import normal_score_quantile
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.problem import Problem, SystemProblem
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import AccAeb, Outcomes, load_vehicle
-from accelerated_evaluation.vehicles.events import CRASH, Event
+from accelerated_evaluation.vehicles.events import CRASH
 from scipy.stats import chisquare, kstest, norm
 
 SIZE = 20_000
@@ -129,7 +130,7 @@ def test_the_score_of_a_cut_in_is_shown_only_where_it_is_graded():
     flags, nothing = replace(PROBLEM, graded=False).evaluate(z)
     np.testing.assert_array_equal(flags, happened)
     assert nothing is None
-    near, _ = replace(PROBLEM, event=Event("min_ttc", 20.0)).evaluate(z)
+    near, _ = replace(PROBLEM, event=CUT_IN.event("min_ttc", 20.0)).evaluate(z)
     np.testing.assert_array_equal(near, score <= 20.0)
     assert near.sum() > happened.sum()
 
@@ -173,7 +174,7 @@ def test_samples_of_a_stratum_have_its_lead_speeds_and_the_densities_of_f_and_f_
 
 
 def test_an_event_other_than_the_crash_is_sampled():
-    near = replace(PROBLEM, event=Event("min_ttc", 20.0))
+    near = replace(PROBLEM, event=CUT_IN.event("min_ttc", 20.0))
     sample = near.sample("fast", LAW.strata["fast"].factors, np.random.default_rng(4), 2000)
     np.testing.assert_array_equal(sample.happened, sample.outcomes.min_ttc <= 20.0)
     assert sample.happened.sum() > sample.outcomes.crash.sum() > 0
@@ -193,9 +194,9 @@ FINGERPRINTED = {
     ),
     "another vehicle": replace(PROBLEM, vehicle=AccAeb()),
     "another parameter": replace(PROBLEM, vehicle=AccAeb(aeb=False)),
-    "another event": replace(PROBLEM, event=Event("min_ttc", 2.0)),
+    "another event": replace(PROBLEM, event=CUT_IN.event("min_ttc", 2.0)),
     "not graded": replace(PROBLEM, graded=False),
-    "another threshold": replace(PROBLEM, event=Event("min_ttc", 3.0)),
+    "another threshold": replace(PROBLEM, event=CUT_IN.event("min_ttc", 3.0)),
 }
 
 
@@ -247,9 +248,9 @@ def test_the_fingerprint_of_a_users_vehicle_holds_no_address(tmp_path):
     ("event", "happened", "score"),
     [
         (CRASH, [True, False, True, False], [0.5, 2.0, 0.8, np.inf]),
-        (Event("min_range", 4.0), [True, True, True, False], [-0.1, 4.0, 0.0, 30.0]),
-        (Event("min_ttc", 2.0), [True, True, True, False], [0.5, 2.0, 0.8, np.inf]),
-        (Event("impact_speed", 3.0), [True, False, False, False], [-7.0, 2.0, -3.0, np.inf]),
+        (CUT_IN.event("min_range", 4.0), [True, True, True, False], [-0.1, 4.0, 0.0, 30.0]),
+        (CUT_IN.event("min_ttc", 2.0), [True, True, True, False], [0.5, 2.0, 0.8, np.inf]),
+        (CUT_IN.event("impact_speed", 3.0), [True, False, False, False], [-7.0, 2.0, -3.0, np.inf]),
     ],
 )
 def test_scores_of_events(event, happened, score):

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import cli
-from accelerated_evaluation.answer.scenario import Restricted, read_scenario_records, records_account
+from accelerated_evaluation.answer.scenario import Restricted, records_account
 from accelerated_evaluation.answer.scenario_methods import agreement, read_verdicts
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.joint import Box
@@ -14,6 +14,7 @@ from accelerated_evaluation.laws.joint.files import write_joint_law
 from accelerated_evaluation.laws.joint.truncated import Normals
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
+from accelerated_evaluation.scenarios.record_table import read_scenario_records
 from accelerated_evaluation.vehicles.loading import load_vehicle
 from scipy.stats import truncnorm
 

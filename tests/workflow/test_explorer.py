@@ -21,8 +21,9 @@ from accelerated_evaluation.publishing.explorer.kernels import translated_kernel
 from accelerated_evaluation.publishing.explorer.kinds import FLOAT, INT, ArrayOf
 from accelerated_evaluation.publishing.explorer.translator import Translator
 from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import load_vehicle
-from accelerated_evaluation.vehicles.events import CRASH, Event
+from accelerated_evaluation.vehicles.events import CRASH
 from conftest import ROOT
 from test_browser import TOO_WIDE, Watch, browser, pytestmark, watch  # noqa: F401
 
@@ -215,7 +216,7 @@ SETTINGS = [
         {"aeb_ttc": 1.5, "aeb_release_ttc": 1.5, "aeb_deceleration": 7.0},
         CRASH,
     ),
-    ("acc_only", ["1.2"], {"headway": 1.2}, Event("impact_speed", 5.0)),
+    ("acc_only", ["1.2"], {"headway": 1.2}, CUT_IN.event("impact_speed", 5.0)),
     ("rss", ["0.5", "7.59294", "12.65"], {"reaction_time": 0.5}, CRASH),
 ]
 

@@ -84,6 +84,18 @@ def test_three_files_add_a_scenario_that_is_simulated_and_estimated(tmp_path, wi
         "crude",
     )
     found = pd.read_csv(tmp_path / "results/toy/estimate/estimate.csv").iloc[0]
+    law = ["--scenario", "backing_out", "--law", "results/toy/estimate/law.json"]
+    assert "4 checks of the records" in run(tmp_path, with_toy, "inspect", "toy.yaml")
+    run(tmp_path, with_toy, "replay", "9", "35", "trace.csv", *law[:2], "--figure", "trace.svg")
+    trace, far = pd.read_csv(tmp_path / "trace.csv"), 35 - 9 - 9**2 / 12
+    assert trace["gap_m"].iloc[-1] == pytest.approx(far, abs=0.1)
+    run(tmp_path, with_toy, "campaign", "new", "c.json", *law)
+    run(tmp_path, with_toy, "campaign", "ask", "c.json", "next")
+    run(tmp_path, with_toy, "simulate", "next/runs.csv", "done.csv", *law[:2])
+    assert "10 runs taken" in run(tmp_path, with_toy, "campaign", "tell", "c.json", "done.csv")
+    run(tmp_path, with_toy, "export", "set", *law)
+    weights = pd.read_csv(tmp_path / "set/scenarios.csv")
+    assert weights["weight"].sum() == pytest.approx(1)
     speed, gap = generator.normal(9, 2, 1_000_000), generator.normal(35, 8, 1_000_000)
     truth = np.mean(gap <= speed + speed**2 / 12)
     assert found["converged"]

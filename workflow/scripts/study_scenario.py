@@ -1,13 +1,12 @@
 """Account for the records of a scenario, weight its laws, and write the answer with its tables."""
 
-from pathlib import Path
-
 from accelerated_evaluation.answer.crash_shares import crash_shares
-from accelerated_evaluation.answer.scenario import ScenarioStudy, read_scenario_records, records_account
+from accelerated_evaluation.answer.scenario import ScenarioStudy, records_account
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.joint.files import write_joint_law
 from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.scenarios.record_table import read_scenario_records
 from accelerated_evaluation.study.jobs import job
 from accelerated_evaluation.vehicles.external.slow import loaded_for
 from accelerated_evaluation.vehicles.loading import load_vehicle
@@ -17,7 +16,7 @@ if __name__ == "__main__":
         files, params, settings = snakemake.input, snakemake.params, snakemake.params.scenario
         outputs = dict(snakemake.output.items())
         scenario = SCENARIOS[settings["name"]]
-        records = read_scenario_records(scenario, Path(files.records[0]))
+        records = read_scenario_records(scenario, files.records[0])
         known = load_vehicle(scenario.default_vehicle, scenario)
         study = ScenarioStudy.of(scenario, records, known, params.seed, settings["draws"])
         with loaded_for(

@@ -25,7 +25,8 @@ from accelerated_evaluation.methods.estimate import Estimate, Stopping
 from accelerated_evaluation.methods.surrogate import Surrogate
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.problem import Problem
-from accelerated_evaluation.vehicles.events import CRASH, Event
+from accelerated_evaluation.scenarios.protocol import Event
+from accelerated_evaluation.vehicles.events import CRASH
 from accelerated_evaluation.vehicles.protocol import Outcomes
 
 SHARE = 0.05  # of the width of the interval that the sampling may add

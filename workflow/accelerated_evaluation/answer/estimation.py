@@ -31,7 +31,8 @@ from accelerated_evaluation.records.ingest import ingest
 from accelerated_evaluation.records.segments import require_rows
 from accelerated_evaluation.records.sources import read_source
 from accelerated_evaluation.records.verdict import Verdict, verdict_on
-from accelerated_evaluation.vehicles.events import CRASH, Event, events_from
+from accelerated_evaluation.scenarios.protocol import Event
+from accelerated_evaluation.vehicles.events import CRASH, events_from
 from accelerated_evaluation.vehicles.external.alone import difference_when_alone
 from accelerated_evaluation.vehicles.external.slow import SlowVehicle, loaded_for
 
@@ -118,12 +119,11 @@ def estimate_alone(
         verdict = verdict_on(raw, config)
         encounters, account = _ingested(raw, config)
         name, chosen = choose_sampled_law(law, encounters, config)
-        known = None if predecessor is None else read_predecessor(predecessor, chosen)
+        problem = Problem(chosen, vehicle, event)
+        known = None if predecessor is None else read_predecessor(predecessor, problem)
         exposure = encounters.attrs["exposure"]
         cut_ins = DistinctRecords.of(encounters, Support.configured(config)).size
-        found = simulate_answer(
-            config, Problem(chosen, vehicle, event), Traffic(cut_ins, exposure), replicates, known, share
-        )
+        found = simulate_answer(config, problem, Traffic(cut_ins, exposure), replicates, known, share)
     tables = found.tables | {"account": account.table()}
     tables["estimate"] = tables["estimate"].assign(law=name)
     for table in {"estimate", "answer"} & tables.keys():

@@ -30,8 +30,9 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
+from accelerated_evaluation.scenarios import cut_in
 from accelerated_evaluation.vehicles.builtin.human import Human
-from accelerated_evaluation.vehicles.events import CRASH, Event
+from accelerated_evaluation.vehicles.events import CRASH
 from accelerated_evaluation.vehicles.protocol import Outcomes
 
 G = 9.81  # [m/s^2]
@@ -167,7 +168,9 @@ class HumanPrediction:
 
     def _lines(self, human: Human, *, finer: float = 1.0) -> dict[str, CrashLines]:
         """Return the lines of a crash map by event; all maps use the same random numbers."""
-        braking = {event: Event("impact_speed", G * threshold) for event, threshold in SEVERE.items()}
+        braking = {
+            event: cut_in.CUT_IN.event("impact_speed", G * threshold) for event, threshold in SEVERE.items()
+        }
         generator = deepcopy(self.of_maps)
         grid = self.grid.refined(finer)
         crash_map = map_crashes(BrakingHuman(human), grid, braking.values(), generator)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -27,35 +26,6 @@ from accelerated_evaluation.vehicles.protocol import Vehicle
 
 WHOLE = "all encounters"  # name of the law without a restriction
 POINTS = 20_000  # with which the share of a restricted law is found
-
-
-def read_scenario_records(scenario: Scenario, path: Path | None = None) -> pd.DataFrame:
-    """Read the records of a scenario, and check that the rows for the fit are within its limits.
-
-    Parameters
-    ----------
-    scenario
-        The scenario.
-    path
-        The file; by default the records that come with the project.
-
-    Raises
-    ------
-    InputError
-        If there is no file, or a row cannot be used.
-    """
-    source = path or scenario.records
-    if source is None:
-        raise InputError(
-            "scenario.records",
-            seen="null",
-            expected=f"a file, because no records of the scenario {scenario.name} come with the project",
-            change="Name the file of the records.",
-        )
-    table = scenario.read_records(Path(source))
-    fitted = table[table[FITTED]]
-    scenario.checked(*(fitted[name] for name in scenario.names), source=str(source), rows=fitted.index + 2)
-    return table
 
 
 def clustered_records(scenario: Scenario, records: pd.DataFrame) -> ClusteredRecords:
@@ -186,9 +156,9 @@ class ScenarioStudy:
             generator = child_generator(seed, "scenario", "answer", restriction)
             drawn = self.restricted(restriction, generator)
             for event in self.scenario.events:
-                respond = responder(self.scenario, vehicle, event)
+                named, respond = self.scenario.event_in_words(event), responder(self.scenario, vehicle, event)
                 made = answer_tables(simulated_posterior(drawn, respond, generator, simulations), drawn)
-                rows.append(made["answer"].assign(event=event.in_words, encounters=restriction))
+                rows.append(made["answer"].assign(event=named, encounters=restriction))
                 tables = tables or made
         return tables | {"answer": pd.concat(rows, ignore_index=True)}
 

@@ -1,8 +1,8 @@
 """The estimate for one vehicle in another scenario than the cut-in, by some 150 runs."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,20 +11,15 @@ import pandas as pd
 from accelerated_evaluation.answer.averaged import answer_in_words, budget_in_words
 from accelerated_evaluation.answer.chosen_law import ANSWER
 from accelerated_evaluation.answer.joint.scores import Candidate
-from accelerated_evaluation.answer.scenario import (
-    ScenarioStudy,
-    clustered_records,
-    read_scenario_records,
-)
+from accelerated_evaluation.answer.scenario import ScenarioStudy, clustered_records
 from accelerated_evaluation.answer.scenario_methods import METHODS_OF_SCORES, compare_methods
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.joint import JOINT_LAWS, JointLaw
-from accelerated_evaluation.laws.joint.files import read_joint_law
-from accelerated_evaluation.laws.joint.folding import folded
-from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
+from accelerated_evaluation.problem import read_scenario_law
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.protocol import Scenario
+from accelerated_evaluation.scenarios.record_table import read_scenario_records
 from accelerated_evaluation.vehicles.external.slow import loaded_for
 from accelerated_evaluation.vehicles.loading import load_vehicle
 
@@ -62,7 +57,11 @@ class ScenarioEstimate:
 
 
 def estimate_scenario(
-    config: Mapping[str, Any], law: str = ANSWER, replicates: int = 1, method: str = "surrogate"
+    config: Mapping[str, Any],
+    law: str = ANSWER,
+    replicates: int = 1,
+    method: str = "surrogate",
+    predecessor: str | os.PathLike | None = None,
 ) -> ScenarioEstimate:
     """Estimate the crash probability of the vehicle of a configuration in its scenario.
 
@@ -77,6 +76,8 @@ def estimate_scenario(
         Number of independent replicates under one law.
     method
         Method under one law.
+    predecessor
+        Table of the runs of a similar vehicle under the same law, for the method ``surrogate``.
 
     Raises
     ------
@@ -90,10 +91,17 @@ def estimate_scenario(
             expected=f"one of {', '.join(METHODS_OF_SCORES)}",
             change="Name one of these.",
         )
+    if predecessor is not None and (law == ANSWER or method != "surrogate"):
+        raise InputError(
+            "--predecessor",
+            seen=f"the law {law} and the method {method}",
+            expected="one law, and the method surrogate",
+            change="Name the law.json of the predecessor's estimate (--law), or leave --predecessor out.",
+        )
     scenario, seed = SCENARIOS[config["scenario"]["name"]], config["seed"]
     with loaded_for(config["vehicle"], config["simulations"], scenario) as vehicle:
         if law == ANSWER:
-            records = read_scenario_records(scenario, _path(config))
+            records = read_scenario_records(scenario, config["scenario"]["records"])
             known = load_vehicle(scenario.default_vehicle, scenario)
             study = ScenarioStudy.of(scenario, records, known, seed, config["scenario"]["draws"])
             tables = study.answer_by_few_runs(vehicle, seed)
@@ -103,7 +111,7 @@ def estimate_scenario(
             name: {**config[name], "replicates": replicates} for name in ("importance_sampling", "surrogate")
         }
         settings = {**config, **repeated}
-        made = compare_methods(scenario, {law: chosen}, vehicle, settings, [method])
+        made = compare_methods(scenario, {law: chosen}, vehicle, settings, [method], predecessor)
     estimate = made.pop("estimates")
     if not estimate["events"].any():
         runs = int((estimate["learning"] + estimate["estimating"]).sum())
@@ -119,7 +127,7 @@ def estimate_scenario(
 def chosen_law(scenario: Scenario, law: str, config: Mapping[str, Any]) -> JointLaw:
     """Return a joint law: that of a file, or of a kind that is fitted to the records of the configuration."""
     if law.endswith(".json"):
-        return without_signs(scenario, read_joint_law(law))
+        return read_scenario_law(scenario, law)
     if law not in JOINT_LAWS:
         raise InputError(
             "--law",
@@ -127,19 +135,5 @@ def chosen_law(scenario: Scenario, law: str, config: Mapping[str, Any]) -> Joint
             expected=f"{ANSWER}, {', '.join(JOINT_LAWS)} or the file of a joint law (.json)",
             change="Name one of these.",
         )
-    records = clustered_records(scenario, read_scenario_records(scenario, _path(config)))
+    records = clustered_records(scenario, read_scenario_records(scenario, config["scenario"]["records"]))
     return Candidate(law, law, {}).fit(records, child_generator(config["seed"], "scenario", "law", law))
-
-
-def without_signs(scenario: Scenario, law: JointLaw) -> JointLaw:
-    """Return a law of the absolute values of variables whose sign does not matter to the vehicle."""
-    for k, variable in enumerate(scenario.variables):
-        if not variable.sign_matters and isinstance(law, TruncatedNormalMixture) and law.box.lower[k] < 0:
-            law = folded(law, k)
-    return law
-
-
-def _path(config: Mapping[str, Any]) -> Path | None:
-    """Return the file of the records that a configuration names, if it names one."""
-    records = config["scenario"]["records"]
-    return None if records is None else Path(records)

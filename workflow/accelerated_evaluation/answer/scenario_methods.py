@@ -1,6 +1,8 @@
 """The methods compared on a scenario, and the vehicle compared with published verdicts."""
 
+import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +12,7 @@ from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.joint import JointLaw
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.study import study_method
+from accelerated_evaluation.methods.surrogate.predecessor import read_predecessor
 from accelerated_evaluation.problem import ScenarioProblem
 from accelerated_evaluation.scenarios.protocol import ENDED, Scenario
 from accelerated_evaluation.vehicles.protocol import Vehicle
@@ -23,6 +26,7 @@ def compare_methods(
     vehicle: Vehicle,
     config: Mapping[str, Any],
     methods: Sequence[str] = METHODS_OF_SCORES,
+    predecessor: str | os.PathLike | None = None,
 ) -> dict[str, pd.DataFrame]:
     """Estimate the probability of the crash under single laws by every method that needs only normal scores.
 
@@ -36,6 +40,8 @@ def compare_methods(
         A complete configuration: its seed, and the settings of the methods.
     methods
         Names of the methods.
+    predecessor
+        Table of the runs of a similar vehicle under the same law, from which the surrogate begins.
 
     Returns
     -------
@@ -47,6 +53,8 @@ def compare_methods(
         problem = ScenarioProblem(scenario, law, vehicle, scenario.events[0])
         for name in methods:
             method = METHODS[name].configured(config)
+            if predecessor is not None:
+                method = replace(method, predecessor=read_predecessor(predecessor, problem))
             count = method.replicates(config) or 1
             stream = config["seed"], "scenario", name, law_name
             generators = [child_generator(*stream, replicate) for replicate in range(count)]

@@ -28,7 +28,7 @@ from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.crash_map.sampled import sample_crashes
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw
 from accelerated_evaluation.laws.smooth.family import LawFamily, Member
-from accelerated_evaluation.vehicles.events import Event
+from accelerated_evaluation.scenarios.protocol import Event
 from accelerated_evaluation.vehicles.protocol import Outcomes, RandomVehicle, Vehicle
 
 QUANTITIES = {

@@ -4,9 +4,23 @@ import argparse
 from pathlib import Path
 
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.commands import COMMANDS, LAW, add_accept, add_law, add_seed, require_seed
+from accelerated_evaluation.commands import (
+    COMMANDS,
+    LAW,
+    add_accept,
+    add_law,
+    add_seed,
+    given_law,
+    refuse_options,
+    require_seed,
+)
 
 LEAST = 1e-6  # half-width and confidence that can be asked for, and what they have to keep from 1
+LIMITS = (  # of the proving ground, for cut-ins
+    ("host_speed_max", "m/s", "highest host speed"),
+    ("closing_speed_max", "m/s", "highest closing speed"),
+    ("range_min", "m", "least range"),
+)
 DETERMINISTIC = {"yes": True, "no": False, "unknown": None}
 DESCRIPTION = """\
 Estimate how often a real vehicle meets an event, from runs on a proving ground, by as few runs as possible.
@@ -25,7 +39,8 @@ The table has one row a run, and empty columns to be filled in on the track:
   min_range       smallest range [m]; 0 or less after a crash                     (may be empty)
   min_ttc         smallest time to collision [s]; it helps to find the event      (may be empty)
   impact_speed    closing speed at the crash [m/s]; 0 without one                  (may be empty)
-  note            anything to remember                                             (may be empty)"""
+  note            anything to remember                                             (may be empty)
+In another scenario, its own outcomes can be measured; `accelerated-evaluation simulate --help` lists them."""
 
 NEW = f"""\
 Begin a campaign and write its file.
@@ -33,8 +48,8 @@ Begin a campaign and write its file.
 {LAW}"""
 
 ASK = f"""\
-Write the runs to drive next into FOLDER: runs.csv, and run_0001.xosc and so on with their road. If outcomes
-of earlier runs are still missing, it writes these runs again.
+Write the runs to drive next into FOLDER: runs.csv, and of cut-ins run_0001.xosc and so on with their road. If
+outcomes of earlier runs are still missing, it writes these runs again.
 
 {TABLE}"""
 
@@ -85,7 +100,8 @@ def _add_new(command: argparse.ArgumentParser) -> None:
         "--event",
         default="crash",
         metavar="EVENT",
-        help="crash; or impact_speed=5 [m/s], min_range=1 [m], min_ttc=1.5 [s] and the like (default: crash)",
+        help="crash; or impact_speed=5 [m/s], min_range=1 [m], min_ttc=1.5 [s] and the like, as far as the "
+        "scenario has them (default: crash)",
     )
     command.add_argument(
         "--half-width",
@@ -117,18 +133,16 @@ def _add_new(command: argparse.ArgumentParser) -> None:
         "--deterministic",
         choices=DETERMINISTIC,
         default="unknown",
-        help="whether the vehicle always does the same in the same cut-in; with unknown, repeats of runs "
+        help="whether the vehicle always does the same in the same encounter; with unknown, repeats of runs "
         "find it out (default: %(default)s)",
     )
     add_seed(command)
     add_accept(command)
     limits = command.add_argument_group("limits of the proving ground, none by default; see docs/campaign.md")
-    for name, unit, what in (
-        ("host-speed-max", "m/s", "highest host speed"),
-        ("closing-speed-max", "m/s", "highest closing speed"),
-        ("range-min", "m", "least range"),
-    ):
-        limits.add_argument(f"--{name}", type=float, metavar="X", help=f"{what} at the cut-in [{unit}]")
+    for name, unit, what in LIMITS:
+        limits.add_argument(
+            f"--{name.replace('_', '-')}", type=float, metavar="X", help=f"{what} at the cut-in [{unit}]"
+        )
 
 
 def _add_ask(command: argparse.ArgumentParser) -> None:
@@ -145,11 +159,8 @@ def _add_tell(command: argparse.ArgumentParser) -> None:
 
 
 def _new(arguments: argparse.Namespace) -> None:
-    from accelerated_evaluation.laws.files import read_law, require_shares
-    from accelerated_evaluation.records.encounter_table import read_encounters
-    from accelerated_evaluation.records.verdict import verdict_on_encounters
     from accelerated_evaluation.track.campaign import Campaign
-    from accelerated_evaluation.track.campaign_file import read_campaign, source_of, stopping, write_campaign
+    from accelerated_evaluation.track.campaign_file import read_campaign, stopping, write_campaign
     from accelerated_evaluation.track.limits import Limits
     from accelerated_evaluation.vehicles.events import event_named
 
@@ -161,23 +172,24 @@ def _new(arguments: argparse.Namespace) -> None:
             where, expected = f"--{name.replace('_', '-')}", f"a number from {LEAST:g} to 1 - {LEAST:g}"
             raise InputError(where, seen=f"{value:g}", expected=expected, change="Correct it.")
     require_seed(arguments.seed)
-    encounters = read_encounters(arguments.encounters)
-    verdict = verdict_on_encounters(encounters, str(arguments.encounters), arguments.accept)
-    require_shares(arguments.law, read_law(arguments.law, encounters), encounters)
+    given = given_law(arguments)
+    if given.verdict is None:
+        refuse_options(arguments, given.scenario.name, *(name for name, *_ in LIMITS))
     campaign = Campaign.begin(
-        source_of(arguments.law),
-        source_of(arguments.encounters),
-        event_named(arguments.event),
+        given.sources["law"],
+        given.sources.get("encounters"),
+        event_named(arguments.event, given.scenario),
         stopping(arguments.confidence, arguments.half_width, anytime=arguments.interval == "anytime"),
         batch_size=arguments.batch_size,
         seed=arguments.seed,
         limits=Limits(arguments.host_speed_max, arguments.closing_speed_max, arguments.range_min),
         predecessor=None if arguments.predecessor is None else read_campaign(arguments.predecessor),
         deterministic=DETERMINISTIC[arguments.deterministic],
+        scenario=given.scenario,
     )
-    campaign.description = "; ".join([campaign.description, *verdict.stop_lines()])
+    campaign.description = "; ".join([campaign.description, *given.stop_lines()])
     write_campaign(arguments.campaign, campaign)
-    for line in verdict.lines():
+    for line in given.lines():
         print(line)
     if campaign.limits:
         print(f"{campaign.beyond:.2g} of all cut-ins of the law lie beyond {campaign.limits.in_words}")
@@ -187,20 +199,28 @@ def _new(arguments: argparse.Namespace) -> None:
 
 
 def _ask(arguments: argparse.Namespace) -> None:
+    from accelerated_evaluation.scenarios.cut_in import CUT_IN
     from accelerated_evaluation.track.campaign_file import law_of, read_campaign, write_campaign
     from accelerated_evaluation.track.results import write_table
-    from accelerated_evaluation.track.scenarios import require_scenariogeneration, write_scenarios
+    from accelerated_evaluation.track.scenarios import (
+        NOT_WRITTEN,
+        require_scenariogeneration,
+        write_scenarios,
+    )
 
-    if not arguments.no_scenarios:
-        require_scenariogeneration()
     campaign = read_campaign(arguments.campaign)
+    writes_files = campaign.scenario is CUT_IN and not arguments.no_scenarios
+    if writes_files:
+        require_scenariogeneration()
+    elif not arguments.no_scenarios:
+        print(NOT_WRITTEN)
     if campaign.estimate().converged and not campaign.outstanding:
         print("the goal is met, so no further run is needed; they are written all the same")
     runs = campaign.ask(law_of(campaign), arguments.batch_size)
     write_campaign(arguments.campaign, campaign)
-    write_table(arguments.folder / "runs.csv", runs)
-    if not arguments.no_scenarios:
-        write_scenarios(arguments.folder, [run.scenario for run in runs])
+    write_table(arguments.folder / "runs.csv", runs, campaign.scenario)
+    if writes_files:
+        write_scenarios(arguments.folder, [run.concrete for run in runs])
     print(
         f"{len(runs)} runs to drive, {runs[0].number} to {runs[-1].number}: {arguments.folder / 'runs.csv'}"
     )

@@ -212,11 +212,13 @@ def _estimate_scenario(arguments: argparse.Namespace, config: dict[str, Any]) ->
     from accelerated_evaluation.laws.joint.files import write_joint_law
 
     name = config["scenario"]["name"]
-    for option in ("predecessor", "compare", "reference", "accept"):
+    for option in ("compare", "reference", "accept"):
         if getattr(arguments, option):
             change = "Leave it out."
             raise InputError(f"--{option}", seen=f"the scenario {name}", expected=CUT_IN, change=change)
-    found = estimate_scenario(config, arguments.law, arguments.replicates, arguments.method)
+    found = estimate_scenario(
+        config, arguments.law, arguments.replicates, arguments.method, arguments.predecessor
+    )
     folder = Path("results", config["study"], "estimate")
     for table, rows in found.tables.items():
         write_csv(folder / f"{table}.csv", rows)

@@ -3,13 +3,24 @@
 import argparse
 from pathlib import Path
 
-from accelerated_evaluation.commands import COMMANDS, LAW, add_accept, add_law, add_seed, require_seed
+from accelerated_evaluation.commands import (
+    COMMANDS,
+    LAW,
+    add_accept,
+    add_law,
+    add_seed,
+    given_law,
+    refuse_options,
+    require_seed,
+)
 
+SAFE = 1.5  # [m/s^2], the deceleration below which cut-ins are assumed to be safe
 DESCRIPTION = f"""\
 Write a weighted set of concrete scenarios, from which anyone can compute a vehicle's crash probability.
 
 FOLDER holds the scenarios as OpenSCENARIO XML 1.2 with their OpenDRIVE road, scenarios.csv with the weights,
 and README.md, which says how to compute the crash probability and its interval from one's own outcomes.
+Scenarios other than the cut-in (--scenario) have the table and the instructions only.
 
 {LAW}"""
 
@@ -32,9 +43,8 @@ class Export:
         command.add_argument(
             "--safe-deceleration",
             type=float,
-            default=1.5,
             metavar="A",
-            help="cut-ins that this deceleration avoids are assumed to be safe [m/s^2] (default: 1.5)",
+            help=f"cut-ins that this deceleration avoids are assumed to be safe [m/s^2] (default: {SAFE})",
         )
         add_seed(command)
         add_accept(command)
@@ -43,29 +53,29 @@ class Export:
     def run(arguments: argparse.Namespace) -> None:
         """Draw the set and write it."""
         from accelerated_evaluation.base.randomness import child_generator
-        from accelerated_evaluation.laws.files import read_law, require_shares
-        from accelerated_evaluation.records.encounter_table import read_encounters
-        from accelerated_evaluation.records.verdict import verdict_on_encounters
-        from accelerated_evaluation.track.campaign_file import source_of
         from accelerated_evaluation.track.export import write_set
-        from accelerated_evaluation.track.weighted_set import draw_weighted_set
+        from accelerated_evaluation.track.scenarios import NOT_WRITTEN
+        from accelerated_evaluation.track.weighted_set import draw_scored_set, draw_weighted_set
 
         require_seed(arguments.seed)
-        sources = {name: source_of(getattr(arguments, name)) for name in ("law", "encounters")}
-        encounters = read_encounters(arguments.encounters)
-        verdict = verdict_on_encounters(encounters, str(arguments.encounters), arguments.accept)
-        law = read_law(arguments.law, encounters)
-        require_shares(arguments.law, law, encounters)
+        given = given_law(arguments)
+        scenario, (law, description) = given.scenario, given.read()
         generator = child_generator(arguments.seed, "export")
-        drawn = draw_weighted_set(law, arguments.size, arguments.safe_deceleration, generator)
+        if given.table is None:
+            refuse_options(arguments, scenario.name, "safe_deceleration")
+            drawn, data = draw_scored_set(scenario, law, arguments.size, generator), {}
+        else:
+            safe = SAFE if arguments.safe_deceleration is None else arguments.safe_deceleration
+            drawn = draw_weighted_set(law, arguments.size, safe, generator)
+            data = {"data": given.table.attrs.get("description", "not described")}
         origin = {
-            "law of cut-ins": law.description,
-            "data": encounters.attrs.get("description", "not described"),
-            **{f"{name}, SHA-256": source.sha256 for name, source in sources.items()},
+            f"law of {scenario.noun}s": description,
+            **data,
+            **{f"{name}, SHA-256": source.sha256 for name, source in given.sources.items()},
             "seed": str(arguments.seed),
-            **dict(line.split(": ", 1) for line in verdict.stop_lines()),
+            **dict(line.split(": ", 1) for line in given.stop_lines()),
         }
-        write_set(arguments.folder, drawn, origin)
-        for line in verdict.lines():
+        write_set(arguments.folder, drawn, origin, scenario)
+        for line in [*given.lines(), *([NOT_WRITTEN] if given.table is None else [])]:
             print(line)
         print(f"{len(drawn.table)} scenarios: {arguments.folder}; read {arguments.folder / 'README.md'}")

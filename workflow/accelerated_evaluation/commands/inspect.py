@@ -17,6 +17,9 @@ TABLE_OR_CONFIG is one of:
                   closing_speed [m/s] (host speed minus lead speed)
   a configuration .yaml of a study, whose data section says where the records are, and their columns and units
 
+The records of another scenario (--scenario, or scenario.name of the configuration) have the columns of its
+variables and of its clusters. The checks are then repeats, limits, clusters, and records that crash.
+
 Exit status 1 if a check says stop."""
 
 
@@ -37,6 +40,9 @@ class Inspect:
             help="vehicle that replays the records: built in, or path/to/file.py:ClassName (default: that of "
             "the configuration)",
         )
+        command.add_argument(
+            "--scenario", metavar="NAME", help="scenario of a table (default: cut_in, or the configuration's)"
+        )
         command.add_argument("--report", metavar="OUT.csv", type=Path, help="write the report as a table too")
 
     @staticmethod
@@ -48,24 +54,42 @@ class Inspect:
         from accelerated_evaluation.records.limits import limits_in_words
         from accelerated_evaluation.records.report import report_in_words
         from accelerated_evaluation.records.sources import read_source
+        from accelerated_evaluation.scenarios import SCENARIOS
+        from accelerated_evaluation.scenarios.cut_in import CUT_IN
+        from accelerated_evaluation.scenarios.record_report import inspect_scenario_records
+        from accelerated_evaluation.scenarios.record_table import read_scenario_records
         from accelerated_evaluation.study.configuration import load, resolved
         from accelerated_evaluation.vehicles.external.slow import loaded_for
 
         is_config = arguments.records.suffix.lower() in (".yaml", ".yml")
-        config = resolved(load([arguments.records]) if is_config else load(given=_table(arguments.records)))
+        given = _given(arguments.records, arguments.scenario, is_config=is_config)
+        config = load([arguments.records] if is_config else [], given)
+        scenario = SCENARIOS[config["scenario"]["name"]]
         vehicle = config["vehicle"]
         if arguments.vehicle is not None:
             vehicle = {"name": arguments.vehicle, "parameters": {}, "files": []}
-        raw = read_source(config["data"], child_generator(config["seed"], "sample"))
-        with loaded_for(vehicle, config["simulations"]) as car:
-            report = inspect_records(Records.of(raw, config, car.simulate))
-        print(limits_in_words(config), report_in_words(report), sep="\n")
+        if scenario is CUT_IN:
+            config = resolved(config)
+            raw = read_source(config["data"], child_generator(config["seed"], "sample"))
+            with loaded_for(vehicle, config["simulations"]) as car:
+                report = inspect_records(Records.of(raw, config, car.simulate))
+            print(limits_in_words(config))
+        else:
+            records = read_scenario_records(scenario, config["scenario"]["records"])
+            with loaded_for(vehicle, config["simulations"], scenario) as car:
+                report = inspect_scenario_records(scenario, records, car.simulate)
+        print(report_in_words(report))
         if arguments.report is not None:
             write_csv(arguments.report, report)
         if STOP in set(report["verdict"]):
             sys.exit(1)
 
 
-def _table(path: Path) -> dict[str, Any]:
-    """Return what a configuration says of a table in the form of the command."""
-    return {"data": {"source": "table", "table": {"path": str(path), "description": path.name}}}
+def _given(path: Path, scenario: str | None, *, is_config: bool) -> dict[str, Any]:
+    """Return what the command line adds to a configuration: the table, unless the path is a configuration."""
+    given = {} if scenario is None else {"scenario": {"name": scenario}}
+    if is_config:
+        return given
+    if scenario not in (None, "cut_in"):
+        return {"scenario": {"name": scenario, "records": str(path)}}
+    return given | {"data": {"source": "table", "table": {"path": str(path), "description": path.name}}}

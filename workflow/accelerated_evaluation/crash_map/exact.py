@@ -15,7 +15,8 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, CrashMap
 from accelerated_evaluation.laws import Law, Stratum
-from accelerated_evaluation.vehicles.events import CRASH, Event
+from accelerated_evaluation.scenarios.protocol import Event
+from accelerated_evaluation.vehicles.events import CRASH
 
 ALL = "all"
 

@@ -15,7 +15,8 @@ from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, CrashMap, Line
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
-from accelerated_evaluation.vehicles.events import CRASH, Event
+from accelerated_evaluation.scenarios.protocol import Event
+from accelerated_evaluation.vehicles.events import CRASH
 
 EVEN = 0.05  # share of the kept lines that are selected independently of their probability
 

@@ -11,7 +11,8 @@ from tqdm import tqdm
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, Cells, CrashMap, Grid, Intervals
-from accelerated_evaluation.vehicles.events import CRASH, Event
+from accelerated_evaluation.scenarios.protocol import Event
+from accelerated_evaluation.vehicles.events import CRASH
 from accelerated_evaluation.vehicles.protocol import Outcomes, RandomVehicle, Vehicle, repeats_itself
 
 STANDSTILL = 1e-6  # first point of a scan; outcomes at smaller closing speeds are assumed to be the same

@@ -23,7 +23,9 @@ from numpy.typing import NDArray
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import atomic_path
-from accelerated_evaluation.vehicles.events import CRASH, Event
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios.protocol import Event
+from accelerated_evaluation.vehicles.events import CRASH
 from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle, simulate_inner
 
 LINES_PER_CELL = 2  # their difference gives the standard error of the cell's mean
@@ -241,7 +243,7 @@ def read_crash_map(path: str | os.PathLike) -> CrashMap:
         columns: dict[Event, dict[str, NDArray]] = {}
         for key, values in arrays.items():
             quantity, threshold, name = key.split()
-            columns.setdefault(Event(quantity, float(threshold)), {})[name] = values
+            columns.setdefault(CUT_IN.event(quantity, float(threshold)), {})[name] = values
         events = {event: Intervals(**parts) for event, parts in columns.items()}
     except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile) as error:
         seen, expected = f"{type(error).__name__}: {error}", "a crash map"

@@ -14,7 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from accelerated_evaluation.crash_map.maps import CrashMap, Intervals
-from accelerated_evaluation.vehicles.events import CRASH, Event
+from accelerated_evaluation.scenarios.protocol import Event
+from accelerated_evaluation.vehicles.events import CRASH
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 ENCOUNTERS_AT_ONCE = 500_000  # bounds the memory: about 100 MB

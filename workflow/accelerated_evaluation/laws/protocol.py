@@ -278,3 +278,11 @@ class Law(ABC):
             )
             columns[:, here] = list(vars(stratum.cut_ins(lead_speed, *coordinates)).values())
         return CutIns(*columns)
+
+    def encounters(self, z: Array) -> Array:
+        """Return cut-ins at normal scores as a vehicle receives them.
+
+        Lead speed [m/s], range [m] and closing speed [m/s] with the cap of the law, shape (3, n).
+        """
+        cut_ins = self.from_normal_scores(z)
+        return np.stack([cut_ins.lead_speed, cut_ins.range_, self.capped(cut_ins.closing_speed)])

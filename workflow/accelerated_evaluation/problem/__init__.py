@@ -2,7 +2,7 @@
 
 from accelerated_evaluation.problem.cut_in import Problem, Sample, loaded_problem
 from accelerated_evaluation.problem.protocol import Response, ScoreProblem, SystemProblem
-from accelerated_evaluation.problem.scenario import ScenarioProblem
+from accelerated_evaluation.problem.scenario import ScenarioProblem, read_scenario_law
 
 __all__ = [
     "Problem",
@@ -12,4 +12,5 @@ __all__ = [
     "ScoreProblem",
     "SystemProblem",
     "loaded_problem",
+    "read_scenario_law",
 ]

@@ -14,7 +14,8 @@ from accelerated_evaluation.laws import CutIns, Factors, Law
 from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.problem.protocol import Response, without_addresses
 from accelerated_evaluation.records.encounter_table import read_encounters
-from accelerated_evaluation.vehicles.events import CRASH, Event
+from accelerated_evaluation.scenarios.protocol import Event
+from accelerated_evaluation.vehicles.events import CRASH
 from accelerated_evaluation.vehicles.external.slow import loaded_for
 from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle, repeats_itself
 

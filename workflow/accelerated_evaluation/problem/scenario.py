@@ -1,5 +1,6 @@
 """The problem of a scenario: the probability of an event, for a joint law of the variables and a vehicle."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,6 +11,9 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.digests import value_digest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.joint import JointLaw
+from accelerated_evaluation.laws.joint.files import read_joint_law
+from accelerated_evaluation.laws.joint.folding import folded
+from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 from accelerated_evaluation.problem.protocol import Response, without_addresses
 from accelerated_evaluation.scenarios.protocol import Event, Scenario
 from accelerated_evaluation.vehicles.protocol import Vehicle, repeats_itself
@@ -45,15 +49,7 @@ class ScenarioProblem:
     graded: bool = True
 
     def __post_init__(self) -> None:
-        box, limits = self.law.box, self.scenario.limits
-        own = np.column_stack([box.lower, box.upper])
-        if box.names != self.scenario.names or not _within(own, limits):
-            raise InputError(
-                f"the law for the scenario {self.scenario.name}",
-                seen=_in_words(box.names, own),
-                expected=f"limits within {_in_words(self.scenario.names, limits)}",
-                change="Name a law of this scenario, or fit the law again within these limits.",
-            )
+        require_law(self.scenario, self.law)
 
     @property
     def dimension(self) -> int:
@@ -92,6 +88,34 @@ class ScenarioProblem:
     def response(self, outcomes: Any) -> Response:  # noqa: ANN401
         """Return whether the event happened, and the score unless it is hidden from the sampler."""
         return self.event.happens(outcomes), self.event.score(outcomes) if self.graded else None
+
+
+def require_law(scenario: Scenario, law: JointLaw) -> None:
+    """Raise InputError if a law has other variables than a scenario, or exceeds its limits."""
+    own = np.column_stack([law.box.lower, law.box.upper])
+    if law.box.names != scenario.names or not _within(own, scenario.limits):
+        raise InputError(
+            f"the law for the scenario {scenario.name}",
+            seen=_in_words(law.box.names, own),
+            expected=f"limits within {_in_words(scenario.names, scenario.limits)}",
+            change="Name a law of this scenario, or fit the law again within these limits.",
+        )
+
+
+def read_scenario_law(scenario: Scenario, path: str | os.PathLike) -> JointLaw:
+    """Read a joint law for a scenario, with absolute values of the variables whose sign does not matter.
+
+    Raises
+    ------
+    InputError
+        If the file is not a joint law, or the law does not fit the scenario; see `require_law`.
+    """
+    law = read_joint_law(path)
+    require_law(scenario, law)
+    for k, variable in enumerate(scenario.variables):
+        if not variable.sign_matters and isinstance(law, TruncatedNormalMixture) and law.box.lower[k] < 0:
+            law = folded(law, k)
+    return law
 
 
 def _within(limits: Array, others: Array) -> bool:

@@ -4,6 +4,7 @@ Only this module, the paper's laws, the records of lane changes and the vehicles
 lead speed, range and closing speed.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,12 +16,22 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.scenarios import SCENARIOS
-from accelerated_evaluation.scenarios.protocol import FLAG, Event, Fault, Scenario, Variable, outcome
+from accelerated_evaluation.scenarios.protocol import (
+    FLAG,
+    Event,
+    Fault,
+    Panel,
+    ReportedRule,
+    Scenario,
+    Variable,
+    outcome,
+)
 
 # The speed of light. Nothing drives as fast, so a larger number is an overflow or another quantity. The limit
 # is no lower, because laws of cut-ins without a cap on the closing speed do draw absurd speeds at very long
 # ranges, which are harmless; below this limit no square of a speed overflows in a vehicle's arithmetic.
 SPEED_LIMIT = 299_792_458.0  # [m/s]
+ROUNDED = 0.01  # [m], by which a range may exceed that of the run after rounding in a spreadsheet
 ROOM = Path(__file__).parents[1] / "vehicles"
 
 
@@ -76,6 +87,18 @@ def _outcome_rules(columns: Mapping[str, Array]) -> list[Fault]:
     ]
 
 
+def _reported_rules(crash: bool, encounter: Mapping[str, float]) -> dict[str, ReportedRule]:
+    kind, longest = "with a crash" if crash else "without a crash", encounter["range"]
+    above = (lambda x: 0 < x <= longest + ROUNDED, f"above 0 {kind}, and at most {longest:g}")
+    return {
+        "min_range": (lambda x: -math.inf < x <= 0, f"0 or less {kind}") if crash else above,
+        "min_ttc": (lambda x: x >= 0, "0 or more"),
+        "impact_speed": (lambda x: 0 <= x < math.inf, f"0 or more {kind}")
+        if crash
+        else (lambda x: x == 0, f"0 {kind}"),
+    }
+
+
 CUT_IN = SCENARIOS.add("cut_in")(
     Scenario(
         name="cut_in",
@@ -101,15 +124,24 @@ CUT_IN = SCENARIOS.add("cut_in")(
         ),
         outcome_type=Outcomes,
         events=(
-            Event("crash", "min_ttc"),
-            Event("impact_speed", "min_ttc", threshold=5.0, is_above=True),
-            Event("min_range", "min_range", threshold=1.0),
-            Event("min_ttc", "min_ttc", threshold=1.0),
+            Event("crash", scored_by="min_ttc"),
+            Event("impact_speed", scored_by="min_ttc", threshold=5.0, is_above=True),
+            Event("min_range", scored_by="min_range", threshold=1.0),
+            Event("min_ttc", scored_by="min_ttc", threshold=1.0),
         ),
         vehicles=Registry("vehicle", "accelerated_evaluation.vehicles", [str(ROOM)]),
         default_vehicle="acc_aeb",
         read_records=read_encounters,
         input_rules=_input_rules,
         outcome_rules=_outcome_rules,
+        reported_rules=_reported_rules,
+        noun="cut-in",
+        derived={"host_speed": lambda cut_in: cut_in["lead_speed"] + cut_in["closing_speed"]},
+        panels=(
+            Panel("speed [m/s]", {"host_speed_m_per_s": "host", "lead_speed_m_per_s": "lead vehicle"}),
+            Panel("acceleration [m/s²]", {"host_acceleration_m_per_s2": "host"}),
+            Panel("range [m]", {"range_m": "range"}, zero=True),
+            Panel("time to collision [s]", {"time_to_collision_s": "TTC"}, limits=(0, 10)),
+        ),
     )
 )

@@ -6,7 +6,7 @@ the units and the limits, and therefore work for every scenario.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -24,6 +24,9 @@ CLUSTER, FITTED = "cluster", "fitted"  # columns of every table of records, next
 
 Fault = tuple[NDArray[np.bool_], str, str]
 """Rows that break a rule, the column to name in the message, and what was expected there."""
+
+ReportedRule = tuple[Callable[[float], bool], str]
+"""Whether a reported outcome is possible, and what was expected."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,12 @@ class Variable:
     role: Literal["covariate", "modelled"]
     description: str
     sign_matters: bool = True
+
+    @property
+    def in_title(self) -> str:
+        """Return the name as text without the unit at its end, such as ``sdv speed``."""
+        unit = self.unit.replace("/s", "ps")
+        return self.name.removesuffix(f"_{unit}").replace("_", " ")
 
     @property
     def in_words(self) -> str:
@@ -93,6 +102,28 @@ def outcome(unit: str, description: str) -> Any:  # noqa: ANN401
 
 
 @dataclass(frozen=True)
+class Panel:
+    """A panel of the figure of one simulated encounter, over time.
+
+    Attributes
+    ----------
+    label
+        Label of the vertical axis, with the unit.
+    lines
+        Columns of the trace that are drawn, and what they are called in the legend.
+    zero
+        Whether a line is drawn at 0.
+    limits
+        Limits of the vertical axis; None to show all values.
+    """
+
+    label: str
+    lines: Mapping[str, str]
+    zero: bool = False
+    limits: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, order=True)
 class Event:
     """An event of an encounter: the crash, or an outcome above or below a threshold.
 
@@ -102,16 +133,16 @@ class Event:
         Name of the outcome; a flag is an event without a threshold.
     threshold
         Threshold in the unit of the outcome.
-    is_above
-        Whether the event is a value above the threshold; otherwise it is a value at or below the threshold.
     scored_by
         Name of the outcome that becomes smaller the closer an encounter came to the event.
+    is_above
+        Whether the event is a value above the threshold; otherwise it is a value at or below the threshold.
     """
 
     quantity: str
-    scored_by: str
     threshold: float = 0.0
-    is_above: bool = False
+    scored_by: str = field(kw_only=True, repr=False)
+    is_above: bool = field(default=False, kw_only=True, repr=False)
 
     @property
     def in_words(self) -> str:
@@ -146,6 +177,10 @@ def _as_they_are(x: Array) -> Array:
 
 def _no_rules(columns: Mapping[str, Array]) -> list[Fault]:
     return []
+
+
+def _no_reported_rules(crash: bool, encounter: Mapping[str, float]) -> dict[str, ReportedRule]:
+    return {}
 
 
 @dataclass(frozen=True)
@@ -192,6 +227,16 @@ class Scenario:
     outcome_rules
         Function that returns rules for the outcomes of a user's vehicle; it receives the columns of the
         encounters and of the outcomes by name.
+    reported_rules
+        Function that returns, by name, rules for the outcomes of a run on a proving ground, of which any may
+        be missing; it receives whether there was a crash, and the variables of the run by name.
+    noun
+        What one encounter is called in texts.
+    derived
+        Quantities that follow from the variables and help those who run an encounter, by name. Each is a
+        function of the variables by name.
+    panels
+        What the figure of one simulated encounter shows; by default every column of the trace.
     """
 
     name: str
@@ -209,6 +254,10 @@ class Scenario:
     to_inputs: Callable[[Array], Array] = _as_they_are
     input_rules: Callable[[Mapping[str, Array]], list[Fault]] = _no_rules
     outcome_rules: Callable[[Mapping[str, Array]], list[Fault]] = _no_rules
+    reported_rules: Callable[[bool, Mapping[str, float]], Mapping[str, ReportedRule]] = _no_reported_rules
+    noun: str = "encounter"
+    derived: Mapping[str, Callable[[Mapping[str, Any]], Any]] = field(default_factory=dict)
+    panels: Sequence[Panel] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -248,6 +297,24 @@ class Scenario:
     def outcome_names(self) -> tuple[str, ...]:
         """Names of the outcomes, which are columns of a table of simulated encounters."""
         return tuple(each.name for each in fields(self.outcome_type))
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """Names of the outcomes that are numbers."""
+        return tuple(each.name for each in self.outcomes if not each.is_flag)
+
+    def with_derived(self, encounter: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the variables of an encounter by name, and after them the derived quantities."""
+        return {**encounter, **{name: quantity(encounter) for name, quantity in self.derived.items()}}
+
+    def event(self, quantity: str, threshold: float = 0.0) -> Event:
+        """Return the event that refers to an outcome, with another threshold; KeyError if there is none."""
+        return replace({each.quantity: each for each in self.events}[quantity], threshold=threshold)
+
+    def event_in_words(self, event: Event) -> str:
+        """Return an event as text with its unit, such as ``impact speed above 5 m/s``."""
+        units = {each.name: "" if each.is_flag else f" {each.unit}" for each in self.outcomes}
+        return event.in_words.replace("_", " ") + units[event.quantity]
 
     def outcomes_of(self, columns: Sequence[ArrayLike]) -> Any:  # noqa: ANN401
         """Return outcomes from their columns, in order, as numbers; flags become booleans."""

@@ -1,6 +1,7 @@
 """Tables of records of a scenario: read, checked, and with a verdict on every row."""
 
 import os
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -47,6 +48,35 @@ def read_record_table(scenario: Scenario, path: str | os.PathLike, cluster: str)
     values, (low, high) = table[names].to_numpy(), scenario.limits.T
     table[OUTSIDE] = ((values < low) | (values > high)).any(axis=1)
     table[FITTED] = ~(table[REPEATED] | table[OUTSIDE])
+    return table
+
+
+def read_scenario_records(scenario: Scenario, path: str | os.PathLike | None = None) -> pd.DataFrame:
+    """Read the records of a scenario, and check that the rows for the fit are within its limits.
+
+    Parameters
+    ----------
+    scenario
+        The scenario.
+    path
+        The file; by default the records that come with the project.
+
+    Raises
+    ------
+    InputError
+        If there is no file, or a row cannot be used.
+    """
+    source = path or scenario.records
+    if source is None:
+        raise InputError(
+            "scenario.records",
+            seen="null",
+            expected=f"a file, because no records of the scenario {scenario.name} come with the project",
+            change="Name the file of the records.",
+        )
+    table = scenario.read_records(Path(source))
+    fitted = table[table[FITTED]]
+    scenario.checked(*(fitted[name] for name in scenario.names), source=str(source), rows=fitted.index + 2)
     return table
 
 

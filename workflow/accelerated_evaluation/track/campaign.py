@@ -16,15 +16,16 @@ from typing import Self
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import Law
-from accelerated_evaluation.laws.files import read_law
+from accelerated_evaluation.laws.joint import JointLaw
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
-from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios.protocol import Event, Scenario
 from accelerated_evaluation.track.driven import BEYOND, DrivenOutcome, outcome_in_words, outcomes_of
 from accelerated_evaluation.track.limits import UNLIMITED, Limits, require_limits
-from accelerated_evaluation.track.scenarios import Scenario
-from accelerated_evaluation.vehicles.events import Event
+from accelerated_evaluation.track.scenarios import ConcreteScenario
+from accelerated_evaluation.track.sources import Source, law_in
 
 SMALLEST_BATCH, LARGEST_BATCH = 2, 500
 MOST_EMPTY = 100  # batches in a row without a run within the limits
@@ -32,34 +33,27 @@ MOST_EMPTY = 100  # batches in a row without a run within the limits
 
 @dataclass
 class Run:
-    """A run that was requested: its number and batch, counted from 1, the cut-in, and its outcome.
+    """A run that was requested.
 
     Attributes
     ----------
-    lead_speed, range_, closing_speed
-        v_L [m/s], range at the start [m] and host speed minus v_L at the start [m/s].
+    number, batch
+        Its number and that of its batch, counted from 1.
+    encounter
+        The variables of the scenario, in order.
+    outcome
+        Its outcome; None while it is not known.
     """
 
     number: int
     batch: int
-    lead_speed: float
-    range_: float
-    closing_speed: float
+    encounter: tuple[float, ...]
     outcome: DrivenOutcome | None = None
 
     @property
-    def scenario(self) -> Scenario:
-        """The run as a scenario."""
-        cut_in = self.lead_speed, self.range_, self.closing_speed
-        return Scenario(f"run_{self.number:04d}", *cut_in, notes={"batch": str(self.batch)})
-
-
-@dataclass(frozen=True)
-class Source:
-    """A file that a campaign uses, with the checksum of its content."""
-
-    file: str
-    sha256: str
+    def concrete(self) -> ConcreteScenario:
+        """The run of a cut-in as a scenario of OpenSCENARIO."""
+        return ConcreteScenario(f"run_{self.number:04d}", *self.encounter, notes={"batch": str(self.batch)})
 
 
 @dataclass
@@ -69,7 +63,7 @@ class Campaign:
     Attributes
     ----------
     law, encounters
-        The law file, and the encounter table to which the law was fitted.
+        The law file, and the encounter table to which the law was fitted; None if the law needs none.
     description
         The description of the law.
     event
@@ -82,10 +76,12 @@ class Campaign:
         Limits of the proving ground, and the probability of a cut-in beyond them.
     runs
         All runs that the sampler chose, by number; the outcome of a run beyond the limits is known at once.
+    scenario
+        The scenario.
     """
 
     law: Source
-    encounters: Source
+    encounters: Source | None
     description: str
     event: Event
     goal: Stopping
@@ -93,12 +89,13 @@ class Campaign:
     limits: Limits = UNLIMITED
     beyond: float = 0.0
     runs: list[Run] = field(default_factory=list)
+    scenario: Scenario = CUT_IN
 
     @classmethod
     def begin(
         cls,
         law: Source,
-        encounters: Source,
+        encounters: Source | None,
         event: Event,
         goal: Stopping,
         *,
@@ -107,13 +104,15 @@ class Campaign:
         limits: Limits = UNLIMITED,
         predecessor: "Campaign | None" = None,
         deterministic: bool | None = None,
+        scenario: Scenario = CUT_IN,
     ) -> Self:
         """Return a new campaign, after reading its law once to check that it can be used.
 
         Parameters
         ----------
         law, encounters
-            The law file, and the encounter table to which the law was fitted, with their checksums.
+            The law file, and the encounter table to which the law was fitted, with their checksums; a joint
+            law of another scenario needs no table.
         event, goal
             The event whose probability is estimated, and the required width of the interval.
         batch_size, seed
@@ -123,8 +122,10 @@ class Campaign:
         predecessor
             Campaign of a similar vehicle; the new campaign begins where the predecessor had the event.
         deterministic
-            Whether the vehicle always has the same outcome in the same cut-in; None if repeated runs have to
-            show it.
+            Whether the vehicle always has the same outcome in the same encounter; None if repeated runs have
+            to show it.
+        scenario
+            The scenario of the law.
 
         Raises
         ------
@@ -133,20 +134,20 @@ class Campaign:
             or the predecessor belongs to another law or event or had no event.
         """
         check_batch_size(batch_size)
-        read = read_law(law.file, read_encounters(encounters.file))
+        read, description = law_in(scenario, law, encounters)
         beyond = require_limits(limits, read)
         fingerprint = f"{event.quantity} {event.threshold!r} under the law {law.sha256}"
         if limits:
             fingerprint += f", within {limits!r}"
         sampler = Sampler(
-            3,
+            scenario.dimension,
             child_generator(seed, "campaign"),
             batch_size,
             fingerprint=fingerprint,
             predecessor=None if predecessor is None else predecessor.as_predecessor(law, event),
             deterministic=deterministic,
         )
-        return cls(law, encounters, read.description, event, goal, sampler, limits, beyond)
+        return cls(law, encounters, description, event, goal, sampler, limits, beyond, scenario=scenario)
 
     # ---- runs
 
@@ -155,7 +156,7 @@ class Campaign:
         """The requested runs without a reported outcome."""
         return [run for run in self.runs if run.outcome is None]
 
-    def ask(self, law: Law, batch_size: int | None = None) -> list[Run]:
+    def ask(self, law: Law | JointLaw, batch_size: int | None = None) -> list[Run]:
         """Return the runs to drive next: the outstanding runs, or a new batch if there are none.
 
         Parameters
@@ -181,16 +182,15 @@ class Campaign:
             change="Begin another campaign with wider limits.",
         )
 
-    def _choose(self, law: Law) -> None:
+    def _choose(self, law: Law | JointLaw) -> None:
         """Let the sampler choose a batch; what lies beyond the limits is known to be no event within them."""
-        cut_ins = law.from_normal_scores(self.sampler.ask(certify=self.sampler.is_narrow(self.goal)))
-        columns = cut_ins.lead_speed, cut_ins.range_, law.capped(cut_ins.closing_speed)
-        within = self.limits.hold(*columns).tolist()
+        x = law.encounters(self.sampler.ask(certify=self.sampler.is_narrow(self.goal)))
+        encounters = self.scenario.to_inputs(x.T)
+        within = self.limits.hold(*x) if self.limits else [True] * len(encounters)
         first, batch = len(self.runs) + 1, self.batches + 1
-        cut_ins_of_runs = zip(*(column.tolist() for column in columns), strict=True)
         self.runs += [
-            Run(first + place, batch, *cut_in, None if within[place] else BEYOND)
-            for place, cut_in in enumerate(cut_ins_of_runs)
+            Run(first + place, batch, tuple(encounter), None if within[place] else BEYOND)
+            for place, encounter in enumerate(encounters.tolist())
         ]
         self._hand_over()
 
@@ -233,7 +233,8 @@ class Campaign:
     def _hand_over(self) -> None:
         """Pass the outcomes of the open batch to the sampler, if all of them have been reported."""
         if not self.outstanding:
-            outcomes = outcomes_of(run.outcome for run in self.runs if run.batch == self.batches)
+            driven = (run.outcome for run in self.runs if run.batch == self.batches)
+            outcomes = outcomes_of(driven, self.scenario)
             self.sampler.tell(self.event.happens(outcomes), self.event.score(outcomes))
 
     def _require_open(self, number: int, *, correct: bool) -> None:

@@ -12,34 +12,27 @@ from typing import Any, get_type_hints
 
 import numpy as np
 
-from accelerated_evaluation.base.digests import file_digest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import read_json, write_text
 from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.laws import Law
-from accelerated_evaluation.laws.files import read_law
+from accelerated_evaluation.laws.joint import JointLaw
 from accelerated_evaluation.methods.estimate import Stopping
 from accelerated_evaluation.methods.surrogate import state as sampler_state
 from accelerated_evaluation.methods.surrogate.progress import ApproachBatch
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.methods.surrogate.state_json import MISFIT, decode
-from accelerated_evaluation.records.encounter_table import read_encounters
-from accelerated_evaluation.track.campaign import Campaign, Run, Source
+from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios.protocol import Scenario
+from accelerated_evaluation.track.campaign import Campaign, Run
 from accelerated_evaluation.track.driven import DrivenOutcome
 from accelerated_evaluation.track.limits import UNLIMITED, Limits
-from accelerated_evaluation.vehicles.events import Event
+from accelerated_evaluation.track.sources import Source, law_in, source_of
 
 FORMAT, VERSION = "accelerated-evaluation campaign", 2
 READABLE = (1, VERSION)  # campaigns of version 1 have no limits
 RESTORE = "Restore a copy of the file; report outcomes from the track with `campaign tell`."
-CUT_IN = {"range_": "range"}  # attributes of a run that have another name in the file
-
-
-def source_of(path: str | os.PathLike) -> Source:
-    """Return a file with its checksum; raise InputError if it does not exist."""
-    path = Path(path)
-    require_file(path, "Correct its path.")
-    return Source(str(path), file_digest(path))
 
 
 @contextmanager
@@ -61,7 +54,7 @@ def locked(path: str | os.PathLike) -> Iterator[None]:
         os.close(handle)
 
 
-def law_of(campaign: Campaign) -> Law:
+def law_of(campaign: Campaign) -> Law | JointLaw:
     """Read the law of a campaign.
 
     Raises
@@ -70,7 +63,7 @@ def law_of(campaign: Campaign) -> Law:
         If the law file or the encounter table is missing, or has changed since the campaign began.
     """
     for source in (campaign.law, campaign.encounters):
-        if source_of(source.file) != source:
+        if source is not None and source_of(source.file) != source:
             raise InputError(
                 source.file,
                 seen="another content than when the campaign began",
@@ -78,20 +71,22 @@ def law_of(campaign: Campaign) -> Law:
                 change="Restore the file: the runs were chosen for the law as it was. "
                 "For another law begin another campaign.",
             )
-    return read_law(campaign.law.file, read_encounters(campaign.encounters.file))
+    return law_in(campaign.scenario, campaign.law, campaign.encounters)[0]
 
 
 def write_campaign(path: str | os.PathLike, campaign: Campaign) -> None:
     """Write a campaign, atomically; `read_campaign` reads it."""
-    content = {
+    # The file of a campaign of cut-ins has no scenario, as in earlier versions.
+    scenario = {} if campaign.scenario is CUT_IN else {"scenario": campaign.scenario.name}
+    content = scenario | {
         "law": asdict(campaign.law),
-        "encounters": asdict(campaign.encounters),
+        "encounters": None if campaign.encounters is None else asdict(campaign.encounters),
         "description": campaign.description,
-        "event": asdict(campaign.event),
+        "event": {"quantity": campaign.event.quantity, "threshold": campaign.event.threshold},
         "goal": {"confidence": 1 - campaign.goal.alpha, "relative_half_width": campaign.goal.beta},
         "interval": "anytime" if campaign.goal.anytime else "usual",
         "limits": asdict(campaign.limits) | {"probability_beyond": campaign.beyond},
-        "runs": [_plain(run) for run in campaign.runs],
+        "runs": [_plain(run, campaign.scenario) for run in campaign.runs],
         "sampler": campaign.sampler.state().to_json(),
     }
     head = {"format": FORMAT, "version": VERSION, "checksum": _checksum(content)}
@@ -142,16 +137,19 @@ def _campaign(content: Mapping[str, Any], where: str) -> Campaign:
     goal = decode(dict[str, float], content["goal"])
     limits = {"probability_beyond": 0.0} | decode(dict[str, Any], content.get("limits", {}))
     beyond = decode(float, limits.pop("probability_beyond"))
+    scenario = SCENARIOS[content.get("scenario", CUT_IN.name)]
+    threshold = decode(float, content["event"]["threshold"])
     campaign = Campaign(
         decode(Source, content["law"]),
-        decode(Source, content["encounters"]),
+        decode(Source | None, content["encounters"]),
         decode(str, content["description"]),
-        decode(Event, content["event"]),
+        scenario.event(content["event"]["quantity"], threshold),
         stopping(**goal, anytime=content.get("interval", "usual") == "anytime"),
         _sampler(content["sampler"], where),
         decode(Limits, asdict(UNLIMITED) | limits),
         beyond,
-        [_run(run) for run in content["runs"]],
+        [_run(run, scenario) for run in content["runs"]],
+        scenario,
     )
     _require_whole(campaign)
     return campaign
@@ -168,11 +166,8 @@ def _require_whole(campaign: Campaign) -> None:
         (0 < campaign.goal.alpha < 1 and 0 < campaign.goal.beta < 1, "a goal between 0 and 1"),
         (0 <= campaign.beyond <= 1, "a probability beyond the limits from 0 to 1"),
         (all(value is None or value > 0 for value in vars(campaign.limits).values()), "limits above 0"),
-        (
-            campaign.event.quantity in ("crash", "impact_speed", "min_range", "min_ttc"),
-            "an event that is measured",
-        ),
-        (campaign.sampler.dimension == 3, "a sampler of three normal scores"),
+        (campaign.sampler.dimension == campaign.scenario.dimension, "a normal score for each variable"),
+        ((campaign.encounters is None) == (campaign.scenario is not CUT_IN), "a table for cut-ins alone"),
         (
             [run.number for run in campaign.runs] == [*range(1, len(campaign.runs) + 1)],
             "runs that are numbered from 1",
@@ -193,22 +188,27 @@ def stopping(confidence: float, relative_half_width: float, *, anytime: bool) ->
     return Stopping(round(1 - confidence, 12), relative_half_width, minimum_events=1, anytime=anytime)
 
 
-def _plain(run: Run) -> dict[str, Any]:
-    """Return a run as the file has it."""
-    plain = {CUT_IN.get(name, name): value for name, value in vars(run).items()}
+def _plain(run: Run, scenario: Scenario) -> dict[str, Any]:
+    """Return a run as the file has it; what was not measured is left out."""
+    outcome = None
     if run.outcome is not None:
-        plain["outcome"] = {
-            name: value for name, value in vars(run.outcome).items() if value not in (None, "")
-        }
-    return plain
+        note = {"note": run.outcome.note} if run.outcome.note else {}
+        outcome = {"crash": run.outcome.crash, **run.outcome.measured, **note}
+    encounter = zip(scenario.names, run.encounter, strict=True)
+    return {"number": run.number, "batch": run.batch, **dict(encounter), "outcome": outcome}
 
 
-def _run(plain: Mapping[str, Any]) -> Run:
+def _run(plain: Mapping[str, Any], scenario: Scenario) -> Run:
     """Return a run from what the file has."""
-    own = {name: plain[CUT_IN.get(name, name)] for name in get_type_hints(Run)}
-    if own["outcome"] is not None:  # what was not measured is left out of the file
-        own["outcome"] = vars(DrivenOutcome(crash=False)) | own["outcome"]
-    return decode(Run, own)
+    outcome = None
+    encounter = tuple(decode(float, plain[name]) for name in scenario.names)
+    if plain["outcome"] is not None:
+        own = dict(plain["outcome"])
+        crash, note = decode(bool, own.pop("crash")), decode(str, own.pop("note", ""))
+        if unknown := own.keys() - set(scenario.measured):
+            raise ValueError(f"outcomes {', '.join(sorted(unknown))}")
+        outcome = DrivenOutcome(crash, {name: decode(float, value) for name, value in own.items()}, note)
+    return Run(decode(int, plain["number"]), decode(int, plain["batch"]), encounter, outcome)
 
 
 def _laid_out(value: Any, margin: str = "") -> str:  # noqa: ANN401

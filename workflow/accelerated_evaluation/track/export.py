@@ -10,21 +10,28 @@ import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import write_csv, write_text
-from accelerated_evaluation.track.recipe import ALL_LAWS, ONE_LAW, RECIPE, WHOLE
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios.protocol import Scenario
+from accelerated_evaluation.track.recipe import ALL_LAWS, CUT_INS, ENCOUNTERS, ONE_LAW, RECIPE, WHOLE
 from accelerated_evaluation.track.scenarios import (
     LANE_CHANGE,
     RUN_UP,
-    Scenario,
+    ConcreteScenario,
     require_scenariogeneration,
     write_scenarios,
 )
-from accelerated_evaluation.track.weighted_set import WeightedSet
+from accelerated_evaluation.track.weighted_set import POOL, WeightedSet
 
 TABLE, WEIGHTS = "scenarios.csv", "weights.csv"
 
 
-def write_set(folder: str | os.PathLike, drawn: WeightedSet, origin: Mapping[str, str]) -> None:
-    """Write a set into a new folder: ``scenarios.csv``, the scenario files, their road, and ``README.md``.
+def write_set(
+    folder: str | os.PathLike,
+    drawn: WeightedSet,
+    origin: Mapping[str, str],
+    scenario: Scenario = CUT_IN,
+) -> None:
+    """Write a set into a new folder: ``scenarios.csv`` and ``README.md``, and of cut-ins the scenario files.
 
     The folder appears only when it is complete.
 
@@ -36,15 +43,18 @@ def write_set(folder: str | os.PathLike, drawn: WeightedSet, origin: Mapping[str
         The set.
     origin
         Statements about the origin of the set for the page, by name.
+    scenario
+        The scenario. Only cut-ins are written as OpenSCENARIO files, with their road.
 
     Raises
     ------
     InputError
         If the folder is not empty.
     StudyError
-        If the library scenariogeneration is not installed.
+        If the library scenariogeneration is needed and not installed.
     """
-    require_scenariogeneration()
+    if scenario is CUT_IN:
+        require_scenariogeneration()
     folder = Path(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         change = "Name another folder, because files of two sets must not be mixed."
@@ -53,32 +63,35 @@ def write_set(folder: str | os.PathLike, drawn: WeightedSet, origin: Mapping[str
     temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
     try:
         names = [f"scenario_{number:03d}" for number in drawn.table["scenario"]]
-        write_scenarios(temporary, map(_scenario, names, drawn.table.to_dict("records")))
-        write_csv(temporary / TABLE, table_of(drawn, names))
+        if scenario is CUT_IN:
+            write_scenarios(temporary, map(_scenario, names, drawn.table.to_dict("records")))
+        write_csv(temporary / TABLE, table_of(drawn, names, scenario))
         if drawn.draws is not None:
             write_csv(temporary / WEIGHTS, drawn.draws)
-        write_text(temporary / "README.md", page(drawn, origin))
+        write_text(temporary / "README.md", page(drawn, origin, scenario))
         temporary.chmod(0o755)
         temporary.replace(folder)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def table_of(drawn: WeightedSet, names: list[str]) -> pd.DataFrame:
-    """Return the table of weights, with the initial host speed [m/s] and the file of each scenario."""
-    host_speed = drawn.table["lead_speed"] + drawn.table["closing_speed"]
-    return drawn.table.assign(host_speed=host_speed, file=[f"{name}.xosc" for name in names])
+def table_of(drawn: WeightedSet, names: list[str], scenario: Scenario = CUT_IN) -> pd.DataFrame:
+    """Return the table of weights, with the derived quantities, and the file of each cut-in."""
+    files = {"file": [f"{name}.xosc" for name in names]} if scenario is CUT_IN else {}
+    return drawn.table.assign(**scenario.derived, **files)
 
 
-def _scenario(name: str, row: Mapping[str, float]) -> Scenario:
+def _scenario(name: str, row: Mapping[str, float]) -> ConcreteScenario:
     notes = {"weight": repr(float(row["weight"])), "shell": str(int(row["shell"]))}
-    return Scenario(name, row["lead_speed"], row["range"], row["closing_speed"], notes)
+    return ConcreteScenario(name, row["lead_speed"], row["range"], row["closing_speed"], notes)
 
 
-def page(drawn: WeightedSet, origin: Mapping[str, str]) -> str:
+def page(drawn: WeightedSet, origin: Mapping[str, str], scenario: Scenario = CUT_IN) -> str:
     """Return the page that explains how to compute the crash probability from the outcomes of a vehicle."""
+    parts = _parts_of_cut_ins(drawn) if scenario is CUT_IN else _parts_of(scenario)
     counts = drawn.table["shell"].value_counts(sort=False)
-    ends = [*(f"{edge:.2f}" for edge in drawn.edges[1:]), "more"]
+    beyond = "more" if drawn.edges[-1] > drawn.edges[0] else "less"
+    ends = [*(f"{edge:.2f}" for edge in drawn.edges[1:]), beyond]
     shells = "\n".join(
         f"| {shell} | {edge:.2f} to {end} | {probability:.4g} | {counts[shell]} |"
         for shell, (edge, end, probability) in enumerate(
@@ -87,13 +100,40 @@ def page(drawn: WeightedSet, origin: Mapping[str, str]) -> str:
     )
     return RECIPE.format(
         whole="" if drawn.draws is None else WHOLE.format(draws=drawn.draws.shape[1] - 1),
-        uncertainty=ONE_LAW if drawn.draws is None else ALL_LAWS,
-        run_up=RUN_UP,
-        begins=RUN_UP - LANE_CHANGE / 2,
+        uncertainty=ONE_LAW.format(noun=scenario.noun) if drawn.draws is None else ALL_LAWS,
+        noun=scenario.noun,
         size=len(drawn.table),
-        least=f"{drawn.edges[0]:.3g}",
-        safe=f"{drawn.assumed_safe:.6f}",
-        harder=f"{drawn.probabilities.sum():.4g}",
         shells=shells,
         origin="\n".join(f"- {name}: {value}" for name, value in origin.items()),
+        **parts,
     )
+
+
+def _parts_of_cut_ins(drawn: WeightedSet) -> dict[str, str]:
+    """Return the parts of the page that are about cut-ins."""
+    numbers = {
+        "run_up": RUN_UP,
+        "begins": RUN_UP - LANE_CHANGE / 2,
+        "least": f"{drawn.edges[0]:.3g}",
+        "safe": f"{drawn.assumed_safe:.6f}",
+        "harder": f"{drawn.probabilities.sum():.4g}",
+    }
+    return {name: part.format(**numbers) for name, part in CUT_INS.items()}
+
+
+def _parts_of(scenario: Scenario) -> dict[str, str]:
+    """Return the parts of the page that are about the encounters of another scenario."""
+    outcomes = {each.name: each for each in scenario.outcomes}
+    score = outcomes[scenario.events[0].scored_by]
+    known = {
+        "description": scenario.description,
+        "variables": "\n".join(
+            f"  - `{each.name}` [{each.unit}]: {each.description}" for each in scenario.variables
+        ),
+        "crash": outcomes["crash"].description,
+        "pool": POOL,
+        "vehicle": scenario.default_vehicle,
+        "score": f"{score.name} [{score.unit}]",
+        "score_meaning": score.description,
+    }
+    return {name: part.format(**known) for name, part in ENCOUNTERS.items()}

@@ -1,32 +1,21 @@
 """The instructions for an exported set: how others compute a crash probability from their own outcomes."""
 
 RECIPE = """\
-# {size} cut-ins with weights
+# {size} {noun}s with weights
 
-In each scenario another car comes into the lane of the host, at the given range, and keeps its speed;
-the host closes in. How often would your vehicle crash in such cut-ins, as often as they happen on the road?
-Run it in all {size} scenarios, note where it crashed, and follow this page. You need none of our
+{intro}Run it in all {size} scenarios, note where it crashed, and follow this page. You need none of our
 programs.
 
 ## Files
 
-- `scenario_001.xosc` and so on: OpenSCENARIO XML 1.2; `straight_road.xodr`: their road, OpenDRIVE. The
-  entity `host` is your vehicle. It has its speed at the start and no action. Let your controller keep
-  this speed in the {run_up:g} s before the other car crosses the marking, which it begins to do
-  {begins:g} s after the start; from then on it is free. If it is free before and brakes early, that is
-  its merit: count what happens. The range is that between the bumpers of two cars of 4.3 m when the
-  middle of the other car crosses the marking. If yours is longer or shorter, move its start so that the
-  range stays.
-- `scenarios.csv`: a row for each scenario with `scenario` (its number), `shell`, `weight`, `lead_speed`
-  [m/s], `range` [m], `closing_speed` [m/s] (host minus lead, at the marking), `host_speed` [m/s], `file`.
+{files}
 
 ## What to do
 
-1. Run every scenario once, until the cars touch or your vehicle is no longer faster than the other car.
+1. Run every scenario once, {until}.
    None may be left out: a scenario that you cannot run has an outcome too, and without it the sum is too
    small.
-2. Write `outcomes.csv` with two columns: `scenario`, and `crash`, which is 1 if the cars touched and 0
-   if not.
+2. Write `outcomes.csv` with two columns: `scenario`, and `crash`, which is {crash}.
 3. Run this script in the folder of the two tables. It needs Python and nothing else.
 
 ```python
@@ -53,32 +42,23 @@ else:
     low = 0.0
     high = max(w * n * (1 - (1 - confidence) ** (1 / n)) for w, n, _ in shells.values())
 interval = f"{{confidence:.0%}} interval {{low:.3g}} to {{high:.3g}}"
-print(f"crash probability {{probability:.3g}} per cut-in, {{interval}}")
+print(f"crash probability {{probability:.3g}} per {noun}, {{interval}}")
 ```
 
 {whole}## Why this is right
 
-Cut-ins are sorted by the constant deceleration that just avoids the crash if it begins at once, a = C^2
-/ (2 R) with closing speed C and range R, and cut into shells. Each shell has a known probability under
-the law of cut-ins, and its scenarios were drawn from it by that law. The crashes of a shell, divided by
-its scenarios, estimate without bias how often your vehicle crashes in it. A weight is the shell's
-probability divided by its number of scenarios, so the sum of the weights of all crashes is the crash
-probability of a cut-in (stratified sampling; Cochran, Sampling Techniques, 1977, chapter 5). This holds
-for any vehicle, whoever drew the set and whatever for.
+{why}
 
 The interval is that of the drawing. Half a crash is added to each shell, from the one before the first
 with a crash on, because a shell of a few scenarios without a crash is no proof that there are none.
 
 ## What is assumed
 
-**{safe} of all cut-ins are assumed to be safe, and are not in this set**: those that a constant
-deceleration of {least} m/s^2 avoids. The set holds the other {harder}. Whatever your vehicle does wrong
-in the easy cut-ins adds to the number that you get. If it crashes in shell 1, that is a sign that it
-crashes in easier cut-ins too; then ask for a set with a smaller deceleration.
+{assumed}
 
 {uncertainty}
 
-| shell | deceleration needed [m/s^2] | probability | scenarios |
+| shell | {measure} | probability | scenarios |
 | --- | --- | --- | --- |
 {shells}
 
@@ -87,8 +67,71 @@ crashes in easier cut-ins too; then ask for a set with a smaller deceleration.
 {origin}
 """
 
+CUT_INS = {
+    "intro": """\
+In each scenario another car comes into the lane of the host, at the given range, and keeps its speed;
+the host closes in. How often would your vehicle crash in such cut-ins, as often as they happen on the road?
+""",
+    "files": """\
+- `scenario_001.xosc` and so on: OpenSCENARIO XML 1.2; `straight_road.xodr`: their road, OpenDRIVE. The
+  entity `host` is your vehicle. It has its speed at the start and no action. Let your controller keep
+  this speed in the {run_up:g} s before the other car crosses the marking, which it begins to do
+  {begins:g} s after the start; from then on it is free. If it is free before and brakes early, that is
+  its merit: count what happens. The range is that between the bumpers of two cars of 4.3 m when the
+  middle of the other car crosses the marking. If yours is longer or shorter, move its start so that the
+  range stays.
+- `scenarios.csv`: a row for each scenario with `scenario` (its number), `shell`, `weight`, `lead_speed`
+  [m/s], `range` [m], `closing_speed` [m/s] (host minus lead, at the marking), `host_speed` [m/s], `file`.""",
+    "until": "until the cars touch or your vehicle is no longer faster than the other car",
+    "crash": "1 if the cars touched and 0\n   if not",
+    "why": """\
+Cut-ins are sorted by the constant deceleration that just avoids the crash if it begins at once, a = C^2
+/ (2 R) with closing speed C and range R, and cut into shells. Each shell has a known probability under
+the law of cut-ins, and its scenarios were drawn from it by that law. The crashes of a shell, divided by
+its scenarios, estimate without bias how often your vehicle crashes in it. A weight is the shell's
+probability divided by its number of scenarios, so the sum of the weights of all crashes is the crash
+probability of a cut-in (stratified sampling; Cochran, Sampling Techniques, 1977, chapter 5). This holds
+for any vehicle, whoever drew the set and whatever for.""",
+    "assumed": """\
+**{safe} of all cut-ins are assumed to be safe, and are not in this set**: those that a constant
+deceleration of {least} m/s^2 avoids. The set holds the other {harder}. Whatever your vehicle does wrong
+in the easy cut-ins adds to the number that you get. If it crashes in shell 1, that is a sign that it
+crashes in easier cut-ins too; then ask for a set with a smaller deceleration.""",
+    "measure": "deceleration needed [m/s^2]",
+}
+
+# The parts of the page for any other scenario.
+ENCOUNTERS = {
+    "intro": """\
+In each scenario, {description}. How often would your vehicle crash in such encounters, as often as they
+happen on the road?
+""",
+    "files": """\
+- `scenarios.csv`: a row for each scenario with `scenario` (its number), `shell`, `weight`, and
+{variables}
+
+There are no OpenSCENARIO files, because they are written for cut-ins only.""",
+    "until": "until the encounter is over",
+    "crash": "{crash}",
+    "why": """\
+{pool:,} encounters were drawn from the law, simulated with the built-in vehicle `{vehicle}`, and sorted by
+its score, the outcome `{score}` ({score_meaning}). They were cut into shells, and the scenarios of a shell
+were selected from its encounters at random. The crashes of a shell, divided by its scenarios, estimate
+without bias how often your vehicle crashes in it. A weight is the shell's share of the draws divided by its
+number of scenarios, so the sum of the weights of all crashes estimates the crash probability of an
+encounter (two-phase sampling for stratification; Cochran, Sampling Techniques, 1977, chapter 12). This holds
+for any vehicle. The estimate is more accurate if your vehicle resembles the built-in one.
+
+The shares of the shells are those of {pool:,} draws. This adds a relative error of
+1 / sqrt({pool:,} times the probability), which is not in the interval.""",
+    "assumed": """\
+No encounter is assumed to be safe. If your vehicle crashes in the first shells, it crashes in encounters
+that are easy for the built-in vehicle. These few scenarios have large weights, and the interval is wide.""",
+    "measure": "{score}",
+}
+
 ONE_LAW = """\
-The number is that of the law of cut-ins below. How well the records know that law is another question,
+The number is that of the law of {noun}s below. How well the records know that law is another question,
 whose uncertainty is not in the interval."""
 
 ALL_LAWS = """\

@@ -9,9 +9,9 @@ import pandas as pd
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.tables import listed, read_csv, require_file
+from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.track.campaign import Campaign, Run
 from accelerated_evaluation.track.driven import BEYOND, DrivenOutcome, outcome_in_words
-from accelerated_evaluation.vehicles.events import Event
 
 FLAGS = {
     "1": True,
@@ -23,10 +23,9 @@ FLAGS = {
     "yes": True,
     "no": False,
 }
-MEASURED = ("min_range", "min_ttc", "impact_speed")
-# How far the cut-in that is written beside an outcome may be from what was asked for [m/s, m, m/s]; it is as
+# How far a variable that is written beside an outcome may be from what was asked for, in its unit; it is as
 # well as a spreadsheet rounds. A run that was driven otherwise was another run, and has to be driven again.
-TOLERANCES = {"lead_speed": 0.01, "range": 0.01, "closing_speed": 0.01}
+TOLERANCE = 0.01
 
 
 def read_results(path: str | os.PathLike, campaign: Campaign) -> dict[int, DrivenOutcome]:
@@ -58,7 +57,7 @@ def read_results(path: str | os.PathLike, campaign: Campaign) -> dict[int, Drive
             continue
         where = f"{path}, row {row}"
         run = _run_of(given, campaign, where)
-        outcome = _driven_outcome(given, run, campaign.event, where)
+        outcome = _driven_outcome(given, run, campaign, where)
         if outcome is None:
             continue
         if results.setdefault(run.number, outcome) != outcome:
@@ -88,10 +87,9 @@ def _run_of(given: Mapping[str, str], campaign: Campaign, where: str) -> Run:
             expected="the number of a run that was asked for",
             change="Remove the row.",
         )
-    for name, tolerance in TOLERANCES.items():
-        asked = run.range_ if name == "range" else getattr(run, name)
+    for name, asked in zip(campaign.scenario.names, run.encounter, strict=True):
         driven = _number(given, name, f"{where}, column {name}")
-        if driven is not None and not abs(driven - asked) <= tolerance + 1e-6 * abs(asked):
+        if driven is not None and not abs(driven - asked) <= TOLERANCE + 1e-6 * abs(asked):
             raise InputError(
                 f"{where}, column {name}",
                 seen=f"{driven:g}",
@@ -101,50 +99,33 @@ def _run_of(given: Mapping[str, str], campaign: Campaign, where: str) -> Run:
     return run
 
 
-def _driven_outcome(given: Mapping[str, str], run: Run, event: Event, where: str) -> DrivenOutcome | None:
+def _driven_outcome(
+    given: Mapping[str, str], run: Run, campaign: Campaign, where: str
+) -> DrivenOutcome | None:
     """Return the outcome of a run from a row of a table; None if the row has no outcome yet."""
-    measured = {name: _number(given, name, f"{where}, column {name}") for name in MEASURED}
+    scenario, event = campaign.scenario, campaign.event
+    numbers = {name: _number(given, name, f"{where}, column {name}") for name in scenario.measured}
+    measured = {name: value for name, value in numbers.items() if value is not None}
     if "crash" not in given:
-        filled = [name for name, value in measured.items() if value is not None]
-        if filled:
-            _refuse(where, "crash", "nothing", f"0 or 1, because {filled[0]} is filled in")
+        if measured:
+            _refuse(where, "crash", "nothing", f"0 or 1, because {next(iter(measured))} is filled in")
         return None
     if given["crash"].lower() not in FLAGS:
         _refuse(
             where, "crash", repr(given["crash"]), "1 if the cars touched, 0 if not, nothing if not driven"
         )
     crash = FLAGS[given["crash"].lower()]
-    _check(measured, crash=crash, run=run, where=where)
-    needed = event.quantity
-    if needed in MEASURED and measured[needed] is None and (crash or needed != "impact_speed"):
-        _refuse(where, needed, "nothing", "a number: the event of this campaign is defined by it")
-    if measured["min_ttc"] == math.inf:
-        measured["min_ttc"] = None  # it never closed in; JSON has no infinity
-    return DrivenOutcome(crash, **measured, note=given.get("note", ""))
-
-
-def _check(measured: Mapping[str, float | None], *, crash: bool, run: Run, where: str) -> None:
-    """Refuse numbers that contradict the flag, the run or each other."""
-    kind = "with a crash" if crash else "without a crash"
-    rules = {
-        "min_range": (
-            (lambda value: -math.inf < value <= 0, f"0 or less {kind}")
-            if crash
-            else (
-                lambda value: 0 < value <= run.range_ + TOLERANCES["range"],
-                f"above 0 {kind}, and at most {run.range_:g}",
-            )
-        ),
-        "min_ttc": (lambda value: value >= 0, "0 or more"),
-        "impact_speed": (
-            (lambda value: 0 <= value < math.inf, f"0 or more {kind}")
-            if crash
-            else (lambda value: value == 0, f"0 {kind}")
-        ),
-    }
+    rules = scenario.reported_rules(crash, dict(zip(scenario.names, run.encounter, strict=True)))
     for name, (fits, expected) in rules.items():
-        if measured[name] is not None and not fits(measured[name]):
+        if name in measured and not fits(measured[name]):
             _refuse(where, name, f"{measured[name]:g}", expected)
+    # A value above a threshold, such as an impact speed, is that of a crash.
+    is_needed = event.quantity in scenario.measured and (crash or not event.is_above)
+    if is_needed and event.quantity not in measured:
+        _refuse(where, event.quantity, "nothing", "a number: the event of this campaign is defined by it")
+    # A quantity may be infinite, such as the TTC if the gap never closed; JSON has no infinity.
+    finite = {name: value for name, value in measured.items() if math.isfinite(value)}
+    return DrivenOutcome(crash, finite, note=given.get("note", ""))
 
 
 def _number(given: Mapping[str, str], name: str, where: str) -> float | None:
@@ -165,16 +146,10 @@ def _refuse(where: str, column: str, seen: str, expected: str) -> None:
     raise InputError(f"{where}, column {column}", seen=seen, expected=expected, change="Correct the row.")
 
 
-def write_table(path: str | os.PathLike, runs: Iterable[Run]) -> None:
-    """Write the runs to drive as a table with empty columns for the outcomes; speeds [m/s], range [m]."""
+def write_table(path: str | os.PathLike, runs: Iterable[Run], scenario: Scenario) -> None:
+    """Write the runs to drive as a table with empty columns for the outcomes."""
     rows = [
-        {
-            "run": run.number,
-            "lead_speed": run.lead_speed,
-            "range": run.range_,
-            "closing_speed": run.closing_speed,
-            "host_speed": run.lead_speed + run.closing_speed,
-        }
+        {"run": run.number, **scenario.with_derived(dict(zip(scenario.names, run.encounter, strict=True)))}
         for run in runs
     ]
-    write_csv(path, pd.DataFrame(rows).reindex(columns=[*rows[0], "crash", *MEASURED, "note"]))
+    write_csv(path, pd.DataFrame(rows).reindex(columns=[*rows[0], "crash", *scenario.measured, "note"]))

@@ -33,10 +33,11 @@ MINOR_VERSION = 2  # of OpenSCENARIO XML 1
 # The format wants a date. With a fixed one the same scenario is the same file.
 DATE = datetime.datetime(2000, 1, 1)
 AUTHOR = "accelerated-evaluation"
+NOT_WRITTEN = "no OpenSCENARIO files: they are written for cut-ins only, so the table has all there is"
 
 
 @dataclass(frozen=True)
-class Scenario:
+class ConcreteScenario:
     """One cut-in with its name.
 
     Attributes
@@ -57,7 +58,7 @@ class Scenario:
     notes: Mapping[str, str]
 
 
-def write_scenarios(folder: str | os.PathLike, scenarios: Iterable[Scenario]) -> list[Path]:
+def write_scenarios(folder: str | os.PathLike, scenarios: Iterable[ConcreteScenario]) -> list[Path]:
     """Write scenarios and the road that they share into a folder.
 
     Parameters
@@ -115,7 +116,7 @@ def _write_road(path: Path) -> None:
         temporary.write_text(text.replace(head, str(DATE)), encoding="utf-8")
 
 
-def _scenario(scenario: Scenario) -> "xosc.Scenario":
+def _scenario(scenario: ConcreteScenario) -> "xosc.Scenario":
     from scenariogeneration import xosc
 
     entities = xosc.Entities()
@@ -153,7 +154,7 @@ def _car(name: str, role: "xosc.Role") -> "xosc.Vehicle":
     return xosc.Vehicle(name, xosc.VehicleCategory.car, box, front, rear, *limits, mass=1500.0, role=role)
 
 
-def _storyboard(scenario: Scenario) -> "xosc.StoryBoard":
+def _storyboard(scenario: ConcreteScenario) -> "xosc.StoryBoard":
     from scenariogeneration import xosc
 
     at_once = xosc.TransitionDynamics(xosc.DynamicsShapes.step, xosc.DynamicsDimension.time, 0.0)
@@ -177,7 +178,7 @@ def _storyboard(scenario: Scenario) -> "xosc.StoryBoard":
     return board
 
 
-def headway_at_start(scenario: Scenario) -> float:
+def headway_at_start(scenario: ConcreteScenario) -> float:
     """Return the distance of the cars' reference points [m] when the scenario begins.
 
     Both cars have the same shape, so at the moment of the cut-in the distance is the range plus the length of

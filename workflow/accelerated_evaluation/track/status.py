@@ -107,7 +107,7 @@ def in_words(campaign: Campaign, status: Status) -> str:
         f"runs        {status.asked} asked for, {status.reported} reported, "
         f"{status.asked - status.reported} outstanding; "
         f"{found.events} with the event in the {status.used} runs of whole batches",
-        f"estimate    {_estimate(found)}",
+        f"estimate    {_estimate(found, campaign.scenario.noun)}",
         f"unseen      {unseen_in_words(found.diagnostics)}",
         *(f"{'chance':<12}{line}" for line in chance_in_words(found.diagnostics).splitlines()),
         *_about_limits(campaign, status),
@@ -131,7 +131,7 @@ def _about_limits(campaign: Campaign, status: Status) -> list[str]:
     ]
 
 
-def _estimate(found: Estimate) -> str:
+def _estimate(found: Estimate, noun: str) -> str:
     confidence = f"{1 - found.alpha:.0%}"
     if math.isnan(found.probability):
         return "none yet: events were seen, but their region is not known well enough"
@@ -139,7 +139,7 @@ def _estimate(found: Estimate) -> str:
         return f"0, no event was seen; at most {found.high:.2g} with {confidence} confidence"
     half = (found.high - found.low) / 2 / found.probability
     interval = f"{confidence} interval {found.low:.3g} to {found.high:.3g}"
-    return f"{found.probability:.3g} per cut-in, {interval} (half-width {half:.0%} of the estimate)"
+    return f"{found.probability:.3g} per {noun}, {interval} (half-width {half:.0%} of the estimate)"
 
 
 def _advice(status: Status) -> str:

@@ -1,14 +1,16 @@
-"""A weighted set of concrete cut-ins, from which the crash probability of any vehicle can be estimated.
+"""A weighted set of concrete encounters, from which the crash probability of any vehicle can be estimated.
 
 Cut-ins are sorted by their severity for any vehicle: the constant deceleration a = C^2 / (2 R), with closing
 speed C and range R, that just avoids the crash if it begins at once. Cut-ins below a smallest deceleration
 are assumed to be safe. The others are divided into shells of a, each of which has a known probability P_k
 under the law. The same number n_k of cut-ins is drawn from each shell under the law, and each has the weight
 P_k / n_k. The sum of the weights of the crashes is an unbiased estimate for every vehicle that does not crash
-in the cut-ins that are assumed to be safe (stratified sampling: Cochran 1977, chapter 5).
+in the cut-ins that are assumed to be safe (stratified sampling: Cochran 1977, chapter 5). The encounters of
+other scenarios are sorted by the score of a built-in vehicle instead; see `draw_scored_set`.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +21,10 @@ from scipy.special import ndtri
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws import CutIns, Law
+from accelerated_evaluation.laws.joint import JointLaw
 from accelerated_evaluation.laws.smooth.mean import MeanLaw
+from accelerated_evaluation.scenarios.protocol import Scenario
+from accelerated_evaluation.vehicles.loading import load_vehicle
 
 DRAWS = 100  # of a mean law, under which the cut-ins are weighted
 PLACES = 20_000  # lead speeds and ranges at which the probabilities of the shells are computed
@@ -28,6 +33,8 @@ SHELLS = 15
 HARDEST = 15.0  # [m/s^2], where the last shell begins: beyond what tyres can do on a dry road
 LEAST = 2 * SHELLS  # cut-ins of a set; two of each shell give a variance
 MOST = 300
+POOL = 200_000  # encounters of another scenario that are sorted by their scores
+HARDEST_SHARE = 1e-3  # of them, in the last shell
 EDGE = 1e-12  # numbers of the lattice stay that far from 0 and 1
 
 
@@ -41,7 +48,8 @@ class WeightedSet:
         A row for each cut-in: ``scenario`` (its number, from 1), ``shell`` (from 1), ``weight``,
         ``lead_speed`` [m/s], ``range`` [m] and ``closing_speed`` [m/s].
     edges
-        Deceleration [m/s^2] at which each shell begins; the last shell has no upper end.
+        Value at which each shell begins: the deceleration [m/s^2] of a cut-in, or the score of a built-in
+        vehicle. The last shell has no end.
     probabilities
         Probabilities of the shells under the law.
     draws
@@ -81,7 +89,8 @@ def draw_weighted_set(
     InputError
         If the size or the deceleration is out of range, or a shell has no probability under the law.
     """
-    _check(size, safe_deceleration)
+    _check_size(size)
+    _check_deceleration(safe_deceleration)
     if isinstance(law, MeanLaw):
         law = law.thinned(DRAWS)
     edges = np.geomspace(safe_deceleration, HARDEST, SHELLS)
@@ -100,16 +109,59 @@ def draw_weighted_set(
     count = size // SHELLS
     shells = (_Shell(law, places, stratum, *ends) for ends in zip(begin.T, end.T, strict=True))
     drawn = np.hstack([shell.draw(count, generator) for shell in shells])
-    table = pd.DataFrame(
+    table = _table(("lead_speed", "range", "closing_speed"), drawn, probabilities, count)
+    draws = _draws(law, table) if isinstance(law, MeanLaw) else None
+    return WeightedSet(table, edges, probabilities, draws)
+
+
+def draw_scored_set(
+    scenario: Scenario, law: JointLaw, size: int, generator: np.random.Generator
+) -> WeightedSet:
+    """Draw a weighted set of encounters of any scenario.
+
+    Draws of the law are simulated with the built-in vehicle of the scenario, and sorted by their scores for
+    the crash. They are divided into shells whose numbers of draws are in geometric progression, and equally
+    many encounters are selected from each shell at random (two-phase sampling for stratification: Cochran
+    1977, chapter 12). No encounter is assumed to be safe. The sum of the weights of the crashes is unbiased
+    for every vehicle, and more accurate if the vehicle resembles the built-in one.
+
+    Parameters
+    ----------
+    scenario, law
+        The scenario and a joint law of its variables.
+    size
+        Largest number of encounters; every shell gets the same number.
+    generator
+        Source of all randomness.
+
+    Raises
+    ------
+    InputError
+        If the size is out of range.
+    """
+    _check_size(size)
+    encounters = scenario.to_inputs(law.sample(POOL, generator))
+    known = load_vehicle(scenario.default_vehicle, scenario)
+    score = scenario.events[0].score(known.simulate(*encounters.T))
+    order = np.argsort(-score, kind="stable")  # the hardest last
+    begins = POOL - np.round(POOL * np.geomspace(1, HARDEST_SHARE, SHELLS)).astype(int)
+    shells, count = np.split(order, begins[1:]), size // SHELLS
+    chosen = np.concatenate([generator.choice(shell, count, replace=False) for shell in shells])
+    probabilities = np.array([len(shell) / POOL for shell in shells])
+    table = _table(scenario.names, encounters[chosen].T, probabilities, count)
+    return WeightedSet(table, score[order[begins]], probabilities)
+
+
+def _table(names: Sequence[str], drawn: Array, probabilities: Array, count: int) -> pd.DataFrame:
+    """Return encounters, shape (d, n), with their shells and weights, equally many of each shell."""
+    return pd.DataFrame(
         {
             "scenario": np.arange(count * SHELLS) + 1,
             "shell": np.repeat(np.arange(SHELLS) + 1, count),
             "weight": np.repeat(probabilities / count, count),
-            **dict(zip(("lead_speed", "range", "closing_speed"), drawn, strict=True)),
+            **dict(zip(names, drawn, strict=True)),
         }
     )
-    draws = _draws(law, table) if isinstance(law, MeanLaw) else None
-    return WeightedSet(table, edges, probabilities, draws)
 
 
 def _draws(law: MeanLaw, table: pd.DataFrame) -> pd.DataFrame:
@@ -121,10 +173,13 @@ def _draws(law: MeanLaw, table: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(weights, columns=names).assign(scenario=table["scenario"])[["scenario", *names]]
 
 
-def _check(size: int, safe_deceleration: float) -> None:
+def _check_size(size: int) -> None:
     if not LEAST <= size <= MOST:
         expected = f"{LEAST} to {MOST} scenarios"
         raise InputError("--size", seen=str(size), expected=expected, change="Choose another size.")
+
+
+def _check_deceleration(safe_deceleration: float) -> None:
     if not 0.1 <= safe_deceleration <= HARDEST / 2:
         raise InputError(
             "--safe-deceleration",

@@ -4,6 +4,7 @@ from accelerated_evaluation.answer.averaged import Course, answer_in_words, answ
 from accelerated_evaluation.answer.posterior import budget
 from accelerated_evaluation.answer.reweighting import LEVEL
 from accelerated_evaluation.laws import Law
+from accelerated_evaluation.laws.joint import JointLaw
 from accelerated_evaluation.laws.smooth.mean import MeanLaw
 from accelerated_evaluation.track.campaign import Campaign
 
@@ -13,7 +14,10 @@ ALONE = (
 )
 
 
-def whole_in_words(campaign: Campaign, law: Law) -> list[str]:
+JOINT = "laws        the interval above is that of the sampling alone, under one law of the scenario"
+
+
+def whole_in_words(campaign: Campaign, law: Law | JointLaw) -> list[str]:
     """Return the answer of a campaign under all draws of its law, in lines of text.
 
     Parameters
@@ -23,6 +27,8 @@ def whole_in_words(campaign: Campaign, law: Law) -> list[str]:
     law
         Its law.
     """
+    if isinstance(law, JointLaw):
+        return [JOINT]
     if not isinstance(law, MeanLaw):
         return [ALONE]
     posterior = Course.of(law, campaign.sampler).refined()

@@ -1,51 +1,67 @@
 """The trace of one encounter, as a table and as a figure."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import atomic_path, write_csv
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios.protocol import Panel, Scenario
 from accelerated_evaluation.vehicles.loading import load_vehicle
-from accelerated_evaluation.vehicles.registry import VEHICLES
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+HOST = "#08306b"
+LOOKS = {"color": HOST, "linestyle": "-"}, {"color": "#777777", "linestyle": "--"}  # of two lines
+TIME, EMERGENCY = "time_s", "emergency"  # columns of a trace that are not drawn as lines
 
 
-def trace_encounter(name: str, lead_speed: float, range_: float, closing_speed: float) -> pd.DataFrame:
+def trace_encounter(name: str, *encounter: float, scenario: Scenario = CUT_IN) -> pd.DataFrame:
     """Return the trace of one encounter with a built-in vehicle.
 
     Parameters
     ----------
     name
         The vehicle's name.
-    lead_speed, range_, closing_speed
-        Lead speed [m/s], range [m] and closing speed [m/s].
+    *encounter
+        The variables of the scenario, in order; lead speed [m/s], range [m] and closing speed [m/s] of a
+        cut-in.
+    scenario
+        The scenario.
 
     Returns
     -------
     pandas.DataFrame
-        One row for each state; see `traces` for the columns. The smallest range, the smallest time to
-        collision and the last closing speed are exactly the outcomes of `simulate`. If the vehicle simulates
-        lateral motion, only states in the same lane count.
+        One row for each state. Of a cut-in, see `traces` for the columns. The smallest range, the smallest
+        time to collision and the last closing speed are exactly the outcomes of `simulate`. If the vehicle
+        simulates lateral motion, only states in the same lane count.
 
     Raises
     ------
     InputError
         If the vehicle cannot be traced, or the encounter is not valid.
     """
-    vehicle = load_vehicle(name)
+    vehicle = load_vehicle(name, scenario)
     if not hasattr(vehicle, "trace"):
-        followed = [each for each in VEHICLES if hasattr(VEHICLES[each], "trace")]
+        known = scenario.vehicles
+        followed = [each for each in known if hasattr(known[each], "trace")]
         raise InputError(
             "vehicle",
             seen=name,
-            expected=f"one whose states are known: {', '.join(followed)}",
+            expected=f"one whose states are known: {', '.join(followed) or 'this scenario has none'}",
             change="Name one of these; of other vehicles only the outcomes are known.",
         )
-    return vehicle.trace(lead_speed, range_, closing_speed)
+    return vehicle.trace(*encounter)
 
 
-def write_trace(trace: pd.DataFrame, table: Path, figure: Path | None, title: str) -> None:
+def write_trace(
+    trace: pd.DataFrame, table: Path, figure: Path | None, title: str, panels: Sequence[Panel] = ()
+) -> None:
     """Write a trace as CSV, and as a figure whose format follows from the file name.
 
     Parameters
@@ -56,50 +72,62 @@ def write_trace(trace: pd.DataFrame, table: Path, figure: Path | None, title: st
         The files to write; no figure if it is None.
     title
         The title of the figure.
+    panels
+        What the figure shows; by default every column of the trace.
     """
     if figure is not None and figure.suffix not in (".png", ".pdf", ".svg"):
         change = "Name the figure so."
         raise InputError(str(figure), seen=repr(figure.suffix), expected=".png, .pdf or .svg", change=change)
     write_csv(table, trace)
     if figure is not None:
-        _draw(trace, figure, title)
+        _draw(trace, figure, title, panels or _panel_of_each(trace))
 
 
-def _draw(trace: pd.DataFrame, path: Path, title: str) -> None:
-    """Draw speeds, acceleration, range and time to collision over time; emergencies are shaded."""
+def _panel_of_each(trace: pd.DataFrame) -> list[Panel]:
+    """Return a panel for each column of a trace but the time and the emergency."""
+    return [Panel(name, {name: name}) for name in trace if name not in (TIME, EMERGENCY)]
+
+
+def _draw(trace: pd.DataFrame, path: Path, title: str, panels: Sequence[Panel]) -> None:
+    """Draw the panels over time; emergencies are shaded."""
     import matplotlib as mpl  # slow to import, and only needed here
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(5, 7), layout="constrained", dpi=150)
-    axes = figure.subplots(4, sharex=True)
-    time = trace["time_s"]
-    axes[0].plot(time, trace["host_speed_m_per_s"], color="#08306b", label="host")
-    axes[0].plot(time, trace["lead_speed_m_per_s"], color="#777777", linestyle="--", label="lead vehicle")
-    axes[0].legend(frameon=False)
-    for axis, column, label in (
-        (axes[0], None, "speed [m/s]"),
-        (axes[1], "host_acceleration_m_per_s2", "acceleration [m/s²]"),
-        (axes[2], "range_m", "range [m]"),
-        (axes[3], "time_to_collision_s", "time to collision [s]"),
-    ):
-        if column:
-            axis.plot(time, trace[column].replace(np.inf, np.nan), color="#08306b", marker=".", markersize=3)
-        axis.set_ylabel(label)
-        axis.fill_between(
-            time,
-            0,
-            1,
-            where=trace["emergency"] == 1,
-            transform=axis.get_xaxis_transform(),
-            color="#b2182b",
-            alpha=0.15,
-            linewidth=0,
-        )
-    axes[2].axhline(0, color="black", linewidth=0.6)
-    axes[3].set_ylim(0, 10)
-    axes[3].set_xlabel("time [s]")
+    figure = Figure(figsize=(5, 1.75 * len(panels)), layout="constrained", dpi=150)
+    axes = figure.subplots(len(panels), sharex=True, squeeze=False)[:, 0]
+    for axis, panel in zip(axes, panels, strict=True):
+        _draw_panel(axis, trace, panel)
+    axes[-1].set_xlabel("time [s]")
     axes[0].set_title(title, fontsize=9)
     # Without a date and with a fixed salt the same figure is the same file.
     dates = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}, ".png": None}
     with atomic_path(path) as temporary, mpl.rc_context({"svg.hashsalt": "accelerated-evaluation"}):
         figure.savefig(temporary, metadata=dates[path.suffix])
+
+
+def _draw_panel(axis: "Axes", trace: pd.DataFrame, panel: Panel) -> None:
+    """Draw the lines of a panel: one alone with its points, two with a legend."""
+    time = trace[TIME]
+    if len(panel.lines) == 1:
+        (column,) = panel.lines
+        axis.plot(time, trace[column].replace(np.inf, np.nan), color=HOST, marker=".", markersize=3)
+    else:
+        for (column, label), look in zip(panel.lines.items(), LOOKS, strict=True):
+            axis.plot(time, trace[column], label=label, **look)
+        axis.legend(frameon=False)
+    axis.set_ylabel(panel.label)
+    if EMERGENCY in trace:
+        axis.fill_between(
+            time,
+            0,
+            1,
+            where=trace[EMERGENCY] == 1,
+            transform=axis.get_xaxis_transform(),
+            color="#b2182b",
+            alpha=0.15,
+            linewidth=0,
+        )
+    if panel.zero:
+        axis.axhline(0, color="black", linewidth=0.6)
+    if panel.limits is not None:
+        axis.set_ylim(panel.limits)

@@ -148,6 +148,10 @@ class JointLaw(ABC):
         further one its conditional distribution, given the variables before it.
         """
 
+    def encounters(self, z: Array) -> Array:
+        """Return the variables at normal scores, shape (d, n), as a vehicle receives them."""
+        return self.from_normal_scores(z).T
+
     @abstractmethod
     def content(self) -> dict[str, Any]:
         """Return the parameters for JSON."""

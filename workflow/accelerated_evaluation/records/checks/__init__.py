@@ -186,14 +186,19 @@ def inspect_records(records: Records) -> pd.DataFrame:
             expected=f"at least {MINIMUM_ROWS} valid rows to check",
             change="Check the columns and their units.",
         )
-    table = pd.DataFrame([_line(name, check(records)) for name, check in CHECKS.items()])
+    return report_of({name.replace("_", " "): check(records) for name, check in CHECKS.items()})
+
+
+def report_of(findings: Mapping[str, Finding]) -> pd.DataFrame:
+    """Return the findings of checks by name as a table; see `inspect_records`."""
+    table = pd.DataFrame([_line(name, found) for name, found in findings.items()])
     order = table["verdict"].map(VERDICTS[::-1].index).sort_values(kind="stable").index  # stops first
     return table.loc[order].reset_index(drop=True)
 
 
 def _line(name: str, found: Finding) -> dict[str, Any]:
     return {
-        "check": name.replace("_", " "),
+        "check": name,
         "verdict": found.verdict,
         "looked_at": found.looked_at,
         "seen": found.seen,

@@ -5,13 +5,15 @@ The authors of the paper published both scenarios with the model of the car
 of the car, `kernel` the simulation. A scenario adds where host and target start, and when they touch.
 """
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.scenarios.protocol import FLAG, outcome
+from accelerated_evaluation.scenarios.protocol import FLAG, Panel, ReportedRule, outcome
 
 
 @dataclass(frozen=True)
@@ -28,3 +30,24 @@ class CrossingOutcomes:
     clearance: Array = outcome("m", "smallest distance minus the distance at contact; below 0 after a crash")
     impact_speed: Array = outcome("m/s", "relative speed at the first contact; 0 without a crash")
     run_time: Array = outcome("s", "time until the run ended, or was stopped")
+
+
+PANELS = (
+    Panel("speed [m/s]", {"host_speed_m_per_s": "host"}),
+    Panel("acceleration [m/s²]", {"host_acceleration_m_per_s2": "host"}),
+    Panel("position of the target [m]", {"ahead_m": "ahead", "aside_m": "aside"}, zero=True),
+)
+
+
+def reported_rules(crash: bool, encounter: Mapping[str, float]) -> dict[str, ReportedRule]:
+    """Return rules for the outcomes of a run on a proving ground; see `Scenario`."""
+    kind = "with a crash" if crash else "without a crash"
+    touched = (lambda x: -math.inf < x <= 0, f"0 or less {kind}")
+    apart = (lambda x: x >= 0, f"0 or more {kind}")
+    still = (lambda x: x == 0, f"0 {kind}")
+    return {
+        "min_distance": (lambda x: x >= 0, "0 or more"),
+        "clearance": touched if crash else apart,
+        "impact_speed": apart if crash else still,
+        "run_time": (lambda x: x >= 0, "0 or more"),
+    }

@@ -10,7 +10,7 @@ import pandas as pd
 
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.scenarios import SCENARIOS
-from accelerated_evaluation.scenarios.crossing import CrossingOutcomes
+from accelerated_evaluation.scenarios.crossing import PANELS, CrossingOutcomes, reported_rules
 from accelerated_evaluation.scenarios.protocol import Event, Scenario, Variable
 
 SLOWEST = 0.2  # [m/s], of the turning car; below it the host waits, and rounding decides the outcome
@@ -42,12 +42,14 @@ LEFT_TURN = SCENARIOS.add("left_turn")(
         ),
         outcome_type=CrossingOutcomes,
         events=(
-            Event("crash", "clearance"),
-            Event("impact_speed", "clearance", threshold=5.0, is_above=True),
+            Event("crash", scored_by="clearance"),
+            Event("impact_speed", scored_by="clearance", threshold=5.0, is_above=True),
         ),
         vehicles=Registry("vehicle", __name__, __path__),
         default_vehicle="acc_aeb",
         read_records=_read_records,
+        reported_rules=reported_rules,
+        panels=PANELS,
         records=Path("data/left_turn/records.parquet"),
         divided_by=("turning_speed_mps", (0.2, 1.0, 5.0)),
         verdicts=Path("data/left_turn/verdicts.csv.gz"),

@@ -12,7 +12,7 @@ import pandas as pd
 
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.scenarios import SCENARIOS
-from accelerated_evaluation.scenarios.crossing import CrossingOutcomes
+from accelerated_evaluation.scenarios.crossing import PANELS, CrossingOutcomes, reported_rules
 from accelerated_evaluation.scenarios.protocol import Event, Scenario, Variable
 
 SLOWEST = 0.3  # [m/s], of a pedestrian who walks; nearly all crashes with slower ones are artefacts
@@ -51,10 +51,12 @@ PEDESTRIAN = SCENARIOS.add("pedestrian")(
             ),
         ),
         outcome_type=CrossingOutcomes,
-        events=(Event("crash", "clearance"),),
+        events=(Event("crash", scored_by="clearance"),),
         vehicles=Registry("vehicle", __name__, __path__),
         default_vehicle="acc_aeb",
         read_records=_read_records,
+        reported_rules=reported_rules,
+        panels=PANELS,
         records=Path("data/pedestrian/records.parquet"),
         divided_by=("pedestrian_speed_mps", (0.13, 0.2, 0.3)),
         verdicts=Path("data/pedestrian/verdicts.csv.gz"),

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
-from accelerated_evaluation.scenarios.protocol import Scenario
-from accelerated_evaluation.vehicles.events import CRASH, Event
+from accelerated_evaluation.scenarios.protocol import Event, Scenario
+from accelerated_evaluation.vehicles.events import CRASH
 from accelerated_evaluation.vehicles.external.checked import CheckedVehicle
 from accelerated_evaluation.vehicles.loading import load_vehicle
 

@@ -1,0 +1,100 @@
+"""Report on the records of a scenario before any study: each check says fine, look or stop."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pandas as pd
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.records.checks import FINE, LOOK, STOP, Finding, by_share, report_of
+from accelerated_evaluation.scenarios.protocol import CLUSTER, FITTED, Scenario
+
+FEW_CLUSTERS = 20  # effective number, below which intervals by a bootstrap over clusters are too short
+MANY_CRASHES = 0.1  # of the records: the recorded drivers did not crash, so the vehicle or a unit is wrong
+Simulate = Callable[..., object]
+
+
+def inspect_scenario_records(scenario: Scenario, records: pd.DataFrame, simulate: Simulate) -> pd.DataFrame:
+    """Check the records of a scenario.
+
+    Parameters
+    ----------
+    scenario
+        The scenario.
+    records
+        Its records, as ``scenario.read_records`` returns them.
+    simulate
+        Function that simulates encounters with the vehicle under test.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row for each check, as `records.checks.inspect_records` returns it. Rows of the source are counted
+        from 1.
+    """
+    numbered = records.set_axis(range(1, len(records) + 1))
+    return report_of(
+        {
+            "repeated rows": _repeated(scenario, numbered),
+            "rows outside limits": _outside(scenario, numbered),
+            "clusters": _clusters(numbered),
+            "replayed crashes": _replayed(scenario, numbered, simulate),
+        }
+    )
+
+
+def _repeated(scenario: Scenario, records: pd.DataFrame) -> Finding:
+    rows = records.index[records.duplicated([*scenario.names, CLUSTER])]
+    return Finding(
+        STOP if len(rows) > len(records) / 2 else LOOK if len(rows) else FINE,
+        "rows whose variables and cluster are those of an earlier row",
+        f"{len(rows):,} of {len(records):,} rows",
+        len(rows),
+        "Find out whether one encounter was written twice. Laws are fitted to the first of them only.",
+        list(rows),
+    )
+
+
+def _outside(scenario: Scenario, records: pd.DataFrame) -> Finding:
+    values, (low, high) = records[list(scenario.names)].to_numpy(float), scenario.limits.T
+    outside = (values < low) | (values > high)
+    rows = records.index[outside.any(axis=1)]
+    counts = zip(scenario.variables, outside.sum(axis=0), strict=True)
+    named = [f"{count:,} in {each.name} ({each.in_words})" for each, count in counts if count]
+    return Finding(
+        by_share(len(rows), len(records)),
+        "rows with a variable outside the limits of the scenario",
+        f"{len(rows):,} of {len(records):,} rows{': ' if named else ''}{', '.join(named)}",
+        len(rows),
+        "Check the unit and the sign of the column. Laws are not fitted to these rows.",
+        list(rows),
+    )
+
+
+def _clusters(records: pd.DataFrame) -> Finding:
+    sizes = records.loc[records[FITTED], CLUSTER].value_counts().to_numpy(float)
+    effective = float(sizes.sum() ** 2 / (sizes**2).sum()) if sizes.size else 0.0
+    return Finding(
+        LOOK if effective < FEW_CLUSTERS else FINE,
+        "clusters, such as drivers or devices, that share the fitted records",
+        f"{sizes.size:,} clusters, worth {effective:.1f} of equal size",
+        effective,
+        "The records of one cluster are alike, so a few clusters say little about others. Expect wide "
+        "intervals, and records of more clusters to reduce them most.",
+    )
+
+
+def _replayed(scenario: Scenario, records: pd.DataFrame, simulate: Simulate) -> Finding:
+    fitted = records[records[FITTED]]
+    columns: list[Array] = [fitted[name].to_numpy(float) for name in scenario.names]
+    crash = simulate(*columns).crash if len(fitted) else np.zeros(0, bool)
+    rows = fitted.index[crash]
+    return Finding(
+        STOP if len(rows) > MANY_CRASHES * len(fitted) else LOOK if len(rows) else FINE,
+        "records that crash when the vehicle under test replays them",
+        f"{len(rows):,} of {len(fitted):,} rows",
+        len(rows),
+        "Look at these rows with the command accelerated-evaluation replay: an error of the record, or the "
+        "vehicle's?",
+        list(rows),
+    )

@@ -1,0 +1,53 @@
+"""The files that a campaign or a weighted set is made from: a law, and the table to which it was fitted."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from accelerated_evaluation.base.digests import file_digest
+from accelerated_evaluation.base.tables import require_file
+from accelerated_evaluation.laws import Law
+from accelerated_evaluation.laws.files import read_law
+from accelerated_evaluation.laws.joint import JointLaw
+from accelerated_evaluation.problem import read_scenario_law
+from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.scenarios.protocol import Scenario
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file that is used, with the checksum of its content."""
+
+    file: str
+    sha256: str
+
+
+def source_of(path: str | os.PathLike) -> Source:
+    """Return a file with its checksum; raise InputError if it does not exist."""
+    path = Path(path)
+    require_file(path, "Correct its path.")
+    return Source(str(path), file_digest(path))
+
+
+def law_in(scenario: Scenario, law: Source, encounters: Source | None) -> tuple[Law | JointLaw, str]:
+    """Read a law and its description.
+
+    Parameters
+    ----------
+    scenario
+        The scenario.
+    law
+        The law file: a law of cut-ins, or a joint law of the variables of another scenario.
+    encounters
+        The encounter table to which a law of cut-ins was fitted; None for a joint law.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be used, or the law is one of another scenario.
+    """
+    if encounters is None:
+        read = read_scenario_law(scenario, law.file)
+        return read, f"{read.kind.replace('_', ' ')}, law of the scenario {scenario.name}"
+    cut_ins = read_law(law.file, read_encounters(encounters.file))
+    return cut_ins, cut_ins.description
