@@ -1,13 +1,14 @@
 """Time and memory of every rule, as a finished study measured them, and what a cluster is asked for by them.
 
-Run as ``python benchmarks/rules.py results/spmd`` it writes ``benchmarks/results/rules.csv``, and from it the
-end of ``profiles/slurm/config.yaml``; without the folder of a study only the latter.
+Run as ``python benchmarks/rules.py results/spmd results/left_turn`` it writes ``benchmarks/results/rules.csv``, and
+from it the end of ``profiles/slurm/config.yaml``; without the folder of a study only the latter. What was measured on
+other studies is kept, and each rule is asked for by the study in which its jobs took longest.
 """
 
 import argparse
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import pandas as pd
@@ -62,6 +63,12 @@ def measure(results: Path) -> pd.DataFrame:
     return table.assign(study=results.name, processor=_processor())
 
 
+def longest(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
+    """Return a row for each rule: that of the study in which its longest job took most."""
+    together = pd.concat(tables).sort_values("seconds_longest", kind="stable")
+    return together.drop_duplicates("rule", keep="last").sort_values("rule").reset_index(drop=True)
+
+
 def rule_of(benchmark: Path) -> str:
     """Return the rule that a benchmark belongs to, by its path below the folder benchmarks."""
     folder = benchmark.parts[benchmark.parts.index("benchmarks") + 1]
@@ -91,10 +98,11 @@ def _processor() -> str:
 def main() -> None:
     """Write the table and the profile."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("results", nargs="?", type=Path, help="results of a finished study, as results/spmd")
-    results = parser.parse_args().results
-    if results is not None:
-        write_csv(MEASURED, measure(results))
+    parser.add_argument("results", nargs="*", type=Path, help="results of finished studies, as results/spmd")
+    if studies := parser.parse_args().results:
+        known = pd.read_csv(MEASURED)
+        others = known[~known["study"].isin([study.name for study in studies])]
+        write_csv(MEASURED, longest([others, *map(measure, studies)]))
     write_text(PROFILE, profile(PROFILE.read_text(encoding="utf-8"), pd.read_csv(MEASURED)))
 
 

@@ -36,8 +36,9 @@ def campaign(law, encounters, tmp_path_factory):  # noqa: F811
 
 
 def driven(run):
-    needed = max(run.closing_speed, 0.0) ** 2 / (2 * run.range_)
-    return DrivenOutcome(crash=bool(needed > LIMIT), min_ttc=float(LIMIT / (needed + 0.01)))
+    _, range_, closing_speed = run.encounter
+    needed = max(closing_speed, 0.0) ** 2 / (2 * range_)
+    return DrivenOutcome(bool(needed > LIMIT), {"min_ttc": float(LIMIT / (needed + 0.01))})
 
 
 def exact(few):

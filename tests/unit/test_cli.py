@@ -223,7 +223,7 @@ def test_encounters_of_any_scenario_are_simulated_by_a_user_s_class(table, tmp_p
     assert out["crash"].tolist() == [0, 1]
     assert out["ended"].tolist() == [0, 1]
     assert out["min_distance"].tolist() == [40, 50]
-    assert "1 runs did not end" in capfd.readouterr().err
+    assert "1 run did not end" in capfd.readouterr().err
     outside = text.replace("50,10", "50,99")
     assert table(outside, "--scenario", "left_turn", "--vehicle", "car.py:Turning")[0] == 2
     assert "row 2, column sdv_speed_mps: seen 99.0; expected 0 to 35 m/s" in capfd.readouterr().err

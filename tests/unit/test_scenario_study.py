@@ -80,6 +80,7 @@ def test_a_law_without_mass_at_the_event_is_named(tmp_path, monkeypatch, capsys)
 @pytest.mark.parametrize(
     ("options", "message"),
     [
+        (["--scenario", "left_turn", "--config", "slow.yaml"], "slow: false in another scenario"),
         (["--scenario", "left_trun"], 'scenario.name: seen "left_trun"; expected cut_in, left_turn'),
         (
             ["--scenario", "left_turn", "--law", "paper"],
@@ -92,8 +93,10 @@ def test_a_law_without_mass_at_the_event_is_named(tmp_path, monkeypatch, capsys)
         (["--scenario", "left_turn", "--law", "kernel", "--method", "single"], "needs a law of cut-ins"),
     ],
 )
-def test_options_that_do_not_fit_the_scenario_are_named(monkeypatch, capsys, options, message):
-    monkeypatch.chdir(ROOT)
+def test_options_that_do_not_fit_the_scenario_are_named(tmp_path, monkeypatch, capsys, options, message):
+    monkeypatch.chdir(tmp_path)
+    Path("data").symlink_to(ROOT / "data")
+    Path("slow.yaml").write_text("study: slow\nsimulations: {slow: true}\n")
     assert cli.main(["estimate", *options]) == 2
     assert message in capsys.readouterr().err
 

@@ -192,7 +192,8 @@ def simulate_table(
                 added = _records(outcomes, scenario)
                 writer.writerows(old + list(new) for old, new in zip(kept, added, strict=True))
     if not_ended:
-        print(f"warning: {not_ended:,} runs did not end; see the column {ENDED} of {target}", file=sys.stderr)
+        runs = "1 run" if not_ended == 1 else f"{not_ended:,} runs"
+        print(f"warning: {runs} did not end; see the column {ENDED} of {target}", file=sys.stderr)
 
 
 def _opened(source: Path) -> TextIO:
