@@ -201,8 +201,8 @@ CHECKS = (
     Check(
         ("scenario.name", "simulations.slow"),
         lambda name, slow: name == "cut_in" or not slow,
-        "slow: false in another scenario than cut_in, whose study simulates fast vehicles only; a slow one is "
-        "estimated by `accelerated-evaluation estimate`, with simulations.keep_class: true for a class",
+        "slow: false in another scenario than cut_in, whose study simulates fast vehicles only; a slow one "
+        "is estimated by `accelerated-evaluation estimate`, with simulations.keep_class: true for a class",
     ),
     Check(
         ("data.source",),
