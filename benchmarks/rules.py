@@ -1,9 +1,9 @@
 """Time and memory of every rule, as a finished study measured them, and what a cluster is asked for by them.
 
 Run as ``python benchmarks/rules.py results/spmd results/left_turn`` it writes the table of measurements,
-``benchmarks/results/rules.csv``, and from it the end of ``profiles/slurm/config.yaml``; without the folder of a study
-only the latter. What was measured on other studies is kept, and each rule is asked for by the study in which
-its jobs took longest.
+``benchmarks/results/rules.csv``, and from it the end of ``profiles/slurm/config.yaml``; without the folder of
+a study only the latter. What was measured on other studies is kept. Each rule is asked for by the study in
+which its jobs took longest.
 """
 
 import argparse
