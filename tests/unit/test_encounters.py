@@ -16,7 +16,7 @@ from accelerated_evaluation.records.encounter_table import (
     write_encounters,
 )
 from accelerated_evaluation.records.filters import Account
-from accelerated_evaluation.records.ingest import ingest
+from accelerated_evaluation.records.ingest import ingest, opening_cut_ins
 from accelerated_evaluation.records.segments import (
     assign_segments,
     dependence,
@@ -605,3 +605,24 @@ def test_impossible_speeds_are_refused_or_dropped_and_named(csv_config, row):
     assert len(encounters) == 3
     assert account.set_index("reason").loc["speed above 300 m/s", "example_rows"] == "4"
     assert "speed above 300 m/s" not in ingested(csv_config(GOOD_ROWS))[1]["reason"].tolist()
+
+
+def test_opening_cut_ins_are_kept_within_the_limits_of_the_closing_ones(csv_config):
+    rows = "10,40,-3\n20,50,0\n30,60,-31\n4,40,-1\n36,40,-1\n20,76,-1\n10,40,-3\n"
+    config = csv_config(GOOD_ROWS + rows + "10,40,-3\n")
+    raw = read_source(config["data"], np.random.default_rng(1))
+    opening = opening_cut_ins(raw, config)
+    assert list(opening.columns) == list(NUMBERS)
+    assert (
+        opening[["lead_speed", "range", "closing_speed"]].to_numpy().tolist()
+        == [
+            [10, 40, -3],
+            [20, 50, 0],
+            [10, 40, -3],
+            [10, 40, -3],
+        ][: len(opening)]
+    )
+    assert len(opening) == (3 if config["data"]["repeated_rows"] == "drop" else 4)
+    closing = ingest(raw, config, Account.of(raw))
+    assert (closing["closing_speed"] > 0).all()
+    assert opening_cut_ins(read_source(csv_config(GOOD_ROWS)["data"], np.random.default_rng(1)), config).empty

@@ -58,6 +58,7 @@ rule predict_humans:
 rule study_lead_motion:
     """Estimate crash probabilities with a lead vehicle that changes its speed, for vehicles with a map."""
     input:
+        records=ancient(RECORDS),  # also for the cut-ins whose gap opens
         encounters=rules.ingest_encounters.output.encounters,
         family=rules.fit_family.output.family,
         maps=[f"{folder}/crash_map/full.npz" for folder in FOLDERS.values()],
@@ -74,6 +75,9 @@ rule study_lead_motion:
         mem_mb=2000,
     params:
         seed=config["seed"],
+        content=content_of_records,
+        data=config["data"],
+        filters=config["filters"],
         vehicles={name: VEHICLES[name] for name in MAPPED_VEHICLES},
         vehicle_content=INPUTS.content_of(*MAPPED_VEHICLES),
         simulations=INPUTS.simulating(*MAPPED_VEHICLES)[1],

@@ -170,9 +170,14 @@ def apply_filters(encounters: pd.DataFrame, account: Account, filters: Mapping[s
     filters
         ``lead_speed_min`` [m/s], ``lead_speed_max`` [m/s], exclusive, and ``range_max`` [m].
     """
-    low, high, range_max = (filters[key] for key in ("lead_speed_min", "lead_speed_max", "range_max"))
     opening = encounters["closing_speed"] <= 0
     encounters = account.take(encounters, opening, step="closing", reason="range rate not negative")
+    return apply_limits(encounters, account, filters)
+
+
+def apply_limits(encounters: pd.DataFrame, account: Account, filters: Mapping[str, float]) -> pd.DataFrame:
+    """Keep the rows whose v_L and R are within the limits; the parameters are those of `apply_filters`."""
+    low, high, range_max = (filters[key] for key in ("lead_speed_min", "lead_speed_max", "range_max"))
     outside = ~encounters["lead_speed"].between(low, high, inclusive="left")
     encounters = account.take(
         encounters, outside, step="lead_speed", reason=f"v_L outside [{low:g}, {high:g}) m/s"

@@ -7,7 +7,13 @@ import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.records.encounter_table import COLUMNS
-from accelerated_evaluation.records.filters import Account, apply_filters, drop_invalid, drop_repeated
+from accelerated_evaluation.records.filters import (
+    Account,
+    apply_filters,
+    apply_limits,
+    drop_invalid,
+    drop_repeated,
+)
 from accelerated_evaluation.records.segments import assign_segments
 
 
@@ -55,3 +61,26 @@ def ingest(raw: pd.DataFrame, config: Mapping[str, Any], account: Account) -> pd
             change="Correct the list, or leave it empty.",
         )
     return encounters[list(COLUMNS)].reset_index(drop=True)
+
+
+def opening_cut_ins(raw: pd.DataFrame, config: Mapping[str, Any]) -> pd.DataFrame:
+    """Return the records whose gap opens or stays, within the limits of lead speed and range.
+
+    The paper leaves them out, because they cannot end in a crash while the lead vehicle keeps its speed.
+
+    Parameters
+    ----------
+    raw, config
+        As for `ingest`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns ``encounter_table.NUMBERS``; empty if the source has closing cut-ins only, as the published
+        lane changes of the paper.
+    """
+    data, account = config["data"], Account.of(raw)
+    found = drop_invalid(raw, account, policy=data["invalid_rows"], where=data[data["source"]]["path"])
+    found = drop_repeated(found, account, policy=data["repeated_rows"])
+    opening = (found["closing_speed"] <= 0) & (found["closing_speed"] >= -found["lead_speed"])
+    return apply_limits(found[opening], account, config["filters"]).reset_index(drop=True)

@@ -50,6 +50,20 @@ class RandomVehicle(Vehicle, Protocol):
         """
 
 
+@runtime_checkable
+class MovingVehicle(Protocol):
+    """A vehicle that can be given the speeds of the lead vehicle over time.
+
+    A `RandomVehicle` of this kind has a method ``simulate_moving_given``, with the inner variables as a fifth
+    argument.
+    """
+
+    def simulate_moving(
+        self, lead_speed: Array, range_: Array, closing_speed: Array, lead_speeds: Array
+    ) -> Outcomes:
+        """Simulate n cut-ins with lead speeds [m/s] at 0, 0.1, ..., at least 8 s, shape (n, states)."""
+
+
 def simulate_inner(vehicle: Vehicle, cut_ins: tuple[Array, Array, Array], inner: Array | None) -> Outcomes:
     """Simulate lead speeds, ranges and closing speeds, with inner variables unless they are None."""
     if inner is None or not isinstance(vehicle, RandomVehicle):

@@ -42,13 +42,20 @@ class Ngsim:
 
     The changes of speed at whole seconds are joined by monotone cubic pieces, so that the acceleration is
     continuous. The scores are bounded by the recorded ones, and speeds end at 0.
+
+    Attributes
+    ----------
+    scale
+        Factor of the changes of speed. With 0 the lead vehicle keeps its speed.
     """
 
     inputs: ClassVar[int] = 3
+
+    scale: float = 1.0
 
     def lead_speeds(self, encounters: Array, inputs: Array) -> Array:
         """Return lead speeds over time; see `LeadMotion`."""
         scores = np.column_stack([np.interp(inputs[:, k], LEVELS, values) for k, values in enumerate(SCORES)])
         knots = np.hstack([np.zeros((len(scores), 1)), MEAN + scores @ COMPONENTS])
         changes = PchipInterpolator(KNOTS, knots, axis=1)(STEP * np.arange(STATES))
-        return np.maximum(encounters[0][:, None] + changes, 0.0)
+        return np.maximum(encounters[0][:, None] + self.scale * changes, 0.0)

@@ -2,7 +2,9 @@
 
 import pandas as pd
 
+from accelerated_evaluation.answer.motion_tables import motion_budget
 from accelerated_evaluation.answer.posterior import LEVELS
+from accelerated_evaluation.answer.study import UNDER_TEST
 from accelerated_evaluation.publishing.published import result_table, table
 from accelerated_evaluation.publishing.tables.formats import readable
 
@@ -70,8 +72,16 @@ def rates_in_words(exposure: pd.DataFrame) -> str:
     return f"**Crashes of cut-ins, median: {' and '.join(medians)}.**"
 
 
-# The sources of the uncertainty of the answer.
-answer_budget_table = result_table("answer_budget", digits=3)
+@table("answer_budget", digits=3)
+def answer_budget_table(answer_budget: pd.DataFrame, lead_motion: pd.DataFrame) -> pd.DataFrame:
+    """Return the sources of the uncertainty of the answer in the published form.
+
+    If lead motion was studied for the vehicle under test, the last row is what not knowing it adds
+    (`motion_tables.motion_budget`). The other rows are for a lead vehicle that keeps its speed.
+    """
+    together = answer_budget.set_index("source").loc["together", "factor"]
+    motion = motion_budget(lead_motion, UNDER_TEST, together)
+    return pd.concat([answer_budget, motion], ignore_index=True) if len(motion) else answer_budget
 
 
 def thresholds_digest(answer_thresholds: pd.DataFrame) -> pd.DataFrame:
@@ -167,5 +177,12 @@ def with_limits_in_one(predictions: pd.DataFrame) -> pd.DataFrame:
 # Predicted and counted crashes and near-crashes of human drivers.
 human_predictions_table = result_table("human_predictions", digits=2, digest=with_limits_in_one)
 
+
+def with_errors(lead_motion: pd.DataFrame) -> pd.DataFrame:
+    """Return the columns that a reader needs of crash probabilities with lead motion."""
+    shown = ["vehicle", "gap", "constant", "moving", "standard_error", "high95", "factor", "factor_error"]
+    return lead_motion[shown]
+
+
 # The crash probabilities with a lead vehicle that changes its speed.
-lead_motion_table = result_table("lead_motion", digits=2)
+lead_motion_table = result_table("lead_motion", digits=2, digest=with_errors)

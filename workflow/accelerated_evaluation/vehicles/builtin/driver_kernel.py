@@ -301,20 +301,37 @@ def follow_moving(encounters: NDArray, lead_speeds: NDArray, driver: Driver, out
     After the last of its speeds the lead vehicle keeps it. An encounter in which the host no longer closes in
     ends only then. The cars move with the speeds at the end of each step, as everywhere in this file.
     """
-    state, last = np.empty((FIELDS, 1)), lead_speeds.shape[1] - 1
-    for i in range(encounters.shape[1]):
-        start(driver, encounters[:, i], i, state, 0)
-        step = 0
-        while True:
-            state[LEAD, 0] = lead_speeds[i, min(step, last)]
-            watch(state, 1, driver)
-            distance = state[DISTANCE, 0]
-            touches = abs(state[OFFSET, 0]) < driver.width and abs(distance) <= driver.length
-            if state[OVER, 0] > 0.0 and (touches or step >= last or step + 1 >= STATES):
-                break
-            state[OVER, 0] = 0.0
-            decide(state, 1, driver)
-            state[LEAD, 0] = lead_speeds[i, min(step + 1, last)]
-            move(state, 1, driver)
+    state, last = np.empty((FIELDS, LANES)), lead_speeds.shape[1] - 1
+    for first in range(0, encounters.shape[1], LANES):
+        count, step = min(LANES, encounters.shape[1] - first), 0
+        for i in range(count):
+            start(driver, encounters[:, first + i], first + i, state, i)
+        while count > 0:
+            for i in range(count):
+                state[LEAD, i] = lead_speeds[int(state[INDEX, i]), min(step, last)]
+            watch(state, count, driver)
+            count = _without_ended(state, count, step >= min(last, STATES - 1), driver, outcomes)
+            decide(state, count, driver)
+            for i in range(count):
+                state[LEAD, i] = lead_speeds[int(state[INDEX, i]), min(step + 1, last)]
+            move(state, count, driver)
             step += 1
-        _finish(state, 0, driver, outcomes)
+
+
+@compiled
+def _without_ended(state: NDArray, count: int, is_late: bool, driver: Driver, outcomes: NDArray) -> int:
+    """Write the outcomes of ended encounters, fill their lanes from the end, and count the others.
+
+    Encounters in which the host no longer closes in have only ended if no lead speed changes any more.
+    """
+    i = 0
+    while i < count:
+        touches = abs(state[OFFSET, i]) < driver.width and abs(state[DISTANCE, i]) <= driver.length
+        if state[OVER, i] > 0.0 and (touches or is_late):
+            _finish(state, i, driver, outcomes)
+            count -= 1
+            state[:, i] = state[:, count]
+        else:
+            state[OVER, i] = 0.0
+            i += 1
+    return count

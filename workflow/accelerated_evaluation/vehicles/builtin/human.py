@@ -15,6 +15,7 @@ from accelerated_evaluation.scenarios.parameters import check_number, parameter_
 from accelerated_evaluation.vehicles.builtin import human_kernel
 from accelerated_evaluation.vehicles.builtin.human_numbers import SWERVE, HumanNumbers
 from accelerated_evaluation.vehicles.builtin.human_population import Population
+from accelerated_evaluation.vehicles.builtin.moving import checked_lead_speeds
 from accelerated_evaluation.vehicles.builtin.traces import trace_human
 from accelerated_evaluation.vehicles.checks import checked_encounters
 from accelerated_evaluation.vehicles.protocol import Outcomes
@@ -66,6 +67,10 @@ class Human:
         Needed deceleration from which the driver brakes as hard as this driver ever does [m/s^2]: .32 g,
         which 95 % of the drivers exceed in emergency braking (Koppa, Fambro and Zimmer 1996, abstract). That
         drivers distinguish hard from other braking in this way is an assumption.
+    delay
+        Time [s] after which a driver who has responded sees a change of the lead speed. By default there is
+        none, as for the reference drivers: a driver who watches the other car. An assumption, which only
+        matters if the lead vehicle changes its speed.
     swerves
         If false, no driver swerves.
     certain
@@ -86,6 +91,7 @@ class Human:
     car_width: float = 1.9
     margin: float = zero_or_more(2.0)
     hard_braking: float = 0.32 * 9.81
+    delay: float = zero_or_more(0.0)
     swerves: bool = True
     certain: bool = False
     seed: int = 0
@@ -177,6 +183,42 @@ class Human:
         """Return what `simulate_given` returns, and the largest deceleration [m/s^2], shape (n,)."""
         return self._outcomes(checked_encounters(lead_speed, range_, closing_speed), inner)
 
+    def simulate_moving(
+        self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, lead_speeds: ArrayLike
+    ) -> Outcomes:
+        """Simulate n cut-ins, each with another driver, behind lead vehicles that change their speeds.
+
+        Parameters
+        ----------
+        lead_speed, range_, closing_speed
+            As in `Vehicle.simulate`.
+        lead_speeds
+            Lead speeds [m/s] at 0, 0.1, ... s, shape (n, at least 81). The first ones are ``lead_speed``.
+
+        Raises
+        ------
+        InputError
+            As in `simulate_given`, and if lead speeds are not finite, negative, or too short in time.
+        """
+        drivers = self.draw_next(len(np.atleast_1d(lead_speed)))
+        return self.simulate_moving_given(lead_speed, range_, closing_speed, lead_speeds, drivers)
+
+    def simulate_moving_given(
+        self,
+        lead_speed: ArrayLike,
+        range_: ArrayLike,
+        closing_speed: ArrayLike,
+        lead_speeds: ArrayLike,
+        inner: Array,
+    ) -> Outcomes:
+        """Simulate n cut-ins with given drivers behind lead vehicles that change their speeds.
+
+        The parameters are those of `simulate_moving`, and the traits of the drivers, shape (n, traits).
+        """
+        encounters = checked_encounters(lead_speed, range_, closing_speed)
+        speeds = checked_lead_speeds(lead_speeds, encounters[0])
+        return self._outcomes(encounters, inner, speeds)[0]
+
     def draw_next(self, size: int) -> Array:
         """Draw the next drivers of this object, shape (size, traits)."""
         return self.draw_inner(size, self._generator)
@@ -194,7 +236,9 @@ class Human:
         shared = {name: float(getattr(self, name)) for name in HumanNumbers._fields if hasattr(self, name)}
         return HumanNumbers(urgency_slope=math.log(calm / critical) / URGENCY, **shared)
 
-    def _outcomes(self, encounters: Array, inner: Array) -> tuple[Outcomes, Array]:
+    def _outcomes(
+        self, encounters: Array, inner: Array, lead_speeds: Array | None = None
+    ) -> tuple[Outcomes, Array]:
         """Return the outcomes, and the largest decelerations [m/s^2]."""
         if inner.shape[0] != encounters.shape[1]:
             raise InputError(
@@ -204,5 +248,9 @@ class Human:
                 change="Draw as many drivers as there are encounters.",
             )
         outcomes = np.empty((5, encounters.shape[1]))
-        human_kernel.follow_all(self.compiled(), encounters, np.ascontiguousarray(inner), outcomes)
+        traits = np.ascontiguousarray(inner)
+        if lead_speeds is None:
+            human_kernel.follow_all(self.compiled(), encounters, traits, outcomes)
+        else:
+            human_kernel.follow_all_moving(self.compiled(), encounters, lead_speeds, traits, outcomes)
         return Outcomes(outcomes[0] > 0, *outcomes[1:4]), outcomes[4]

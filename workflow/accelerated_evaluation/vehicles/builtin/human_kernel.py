@@ -141,6 +141,82 @@ def follow(
 
 
 @compiled
+def lead_at(lead_speeds: NDArray, time: float) -> float:
+    """Return the lead speed [m/s] at a time [s]: linear between values, constant outside."""
+    place = min(max(time / STEP, 0.0), lead_speeds.size - 1.0)
+    before = min(int(place), lead_speeds.size - 2)
+    return lead_speeds[before] + (place - before) * (lead_speeds[before + 1] - lead_speeds[before])
+
+
+@compiled
+def follow_motion(
+    numbers: HumanNumbers,
+    encounter: NDArray,
+    lead_speeds: NDArray,
+    traits: NDArray,
+    outcome: NDArray,
+    course: NDArray,
+) -> int:
+    """Simulate one encounter behind a lead vehicle that changes its speed; see `follow`.
+
+    A driver who has responded keeps watching the lead vehicle, and brakes again if a new approach begins.
+    With a constant lead speed the driver does the same as in `follow`.
+
+    Parameters
+    ----------
+    numbers, encounter, traits, outcome, course
+        As in `follow`.
+    lead_speeds
+        Lead speeds [m/s] at 0, 0.1, ... s; after them the lead vehicle keeps its speed.
+    """
+    range_, speed, closing = encounter[1], encounter[0] + encounter[2], encounter[2]
+    margin = min(numbers.margin, range_ / 2.0)
+    onset = response_time(numbers, traits, range_, closing) - head_start(numbers, traits)
+    braking = min(traits[JERK] * max(-onset, 0.0), wanted(numbers, traits, margin, range_, closing))
+    outcome[0], outcome[1], outcome[2], outcome[3], outcome[4] = 0.0, range_, np.inf, 0.0, braking
+    time, target, written, recorded = 0.0, 0.0, 0, course.shape[0] > 0
+    settled = STEP * (lead_speeds.size - 1.0) + numbers.delay  # the driver has seen all changes
+    for _ in range(STEPS):
+        closing = speed - lead_at(lead_speeds, time)
+        if closing > 0.0:
+            outcome[2] = min(outcome[2], range_ / closing)
+        if recorded:
+            sideways = numbers.car_width - overlap(numbers, traits, time, time - onset)
+            course[written] = (time, range_, closing, braking, sideways)
+            written += 1
+        if closing <= 0.0 and time >= settled:
+            break
+        needed = wanted(numbers, traits, margin, range_, speed - lead_at(lead_speeds, time - numbers.delay))
+        # Hard braking does not end before the approach.
+        target = max(needed, target) if time >= onset and needed > 0.0 else 0.0
+        step = min(STEP, onset - time) if time < onset else STEP
+        ahead = min(braking + traits[JERK] * step, target)
+        rise = max(ahead - braking, 0.0) / traits[JERK]  # time during which the deceleration grows
+        mean = ahead - (ahead - braking) * rise / (2.0 * step)
+        new_speed = max(speed - mean * step, 0.0)
+        new_closing = new_speed - lead_at(lead_speeds, time + step)
+        # Within a step the range is smallest at its end, or where the approach ends.
+        until = closing / (closing - new_closing) if new_closing < 0.0 < closing else 1.0
+        nearest = (closing + max(new_closing, 0.0)) / 2.0 * until * step
+        if nearest >= range_:
+            share = range_ / nearest * until
+            time += share * step
+            closing += share * (new_closing - closing)
+            outcome[4] = max(outcome[4], ahead)
+            if overlap(numbers, traits, time, time - onset) > 0.0:
+                outcome[0], outcome[1], outcome[2] = 1.0, 0.0, min(outcome[2], STEP)
+                outcome[3] = max(closing, 0.0)
+            if recorded:
+                course[written] = (time, 0.0, closing, ahead, 0.0)
+                written += 1
+            break
+        outcome[1], outcome[4] = min(outcome[1], range_ - nearest), max(outcome[4], ahead)
+        range_ -= (closing + new_closing) / 2.0 * step
+        time, speed, braking = time + step, new_speed, ahead
+    return written
+
+
+@compiled
 def _settle(margin: float, closing: float, braking: float, outcome: NDArray) -> None:
     """Write the outcomes of an approach that ends at the margin with the present deceleration.
 
@@ -159,4 +235,15 @@ def follow_all(numbers: HumanNumbers, encounters: NDArray, traits: NDArray, outc
     nothing, outcome = np.empty((0, 5)), np.empty(5)
     for i in range(encounters.shape[1]):
         follow(numbers, encounters[:, i], traits[i], outcome, nothing)
+        outcomes[:, i] = outcome
+
+
+@compiled
+def follow_all_moving(
+    numbers: HumanNumbers, encounters: NDArray, lead_speeds: NDArray, traits: NDArray, outcomes: NDArray
+) -> None:
+    """Simulate the columns of ``encounters`` with the rows of ``lead_speeds`` and ``traits``."""
+    nothing, outcome = np.empty((0, 5)), np.empty(5)
+    for i in range(encounters.shape[1]):
+        follow_motion(numbers, encounters[:, i], lead_speeds[i], traits[i], outcome, nothing)
         outcomes[:, i] = outcome

@@ -21,3 +21,4 @@ class HumanNumbers(NamedTuple):
     car_width: float
     margin: float
     hard_braking: float
+    delay: float

@@ -173,16 +173,18 @@ def simulate_moving(encounters: NDArray, lead_speeds: NDArray, car: Car, outcome
     lead_speeds
         Lead speeds [m/s] at every step, shape (n, STEPS + 1).
     """
-    state, index = np.empty((FIELDS, 1)), np.empty(1, np.int64)
-    for i in range(encounters.shape[1]):
-        start(encounters, i, 1, car, state, index)
-        step, count = 0, 1
+    state, index = np.empty((FIELDS, LANES)), np.empty(LANES, np.int64)
+    for first in range(0, encounters.shape[1], LANES):
+        count = min(LANES, encounters.shape[1] - first)
+        start(encounters, first, count, car, state, index)
+        step = 0
         while count > 0:
-            state[LEAD, 0] = lead_speeds[i, step]
-            watch(state, 1, car)
-            command(state, 1, car)
-            state[LEAD, 0] = (lead_speeds[i, step] + lead_speeds[i, step + 1]) / 2
-            move(state, 1, car)
+            watch(state, count, car)
+            command(state, count, car)
+            for i in range(count):
+                state[LEAD, i] = (lead_speeds[index[i], step] + lead_speeds[index[i], step + 1]) / 2
+            move(state, count, car)
             step += 1
-            state[LEAD, 0] = lead_speeds[i, step]
+            for i in range(count):
+                state[LEAD, i] = lead_speeds[index[i], step]
             count = _sweep(state, index, count, step == STEPS, outcomes)

@@ -1,6 +1,4 @@
-"""Encounters in which the lead vehicle changes its speed: what the built-in vehicles share."""
-
-from typing import Protocol, runtime_checkable
+"""Encounters in which the lead vehicle changes its speed: what all vehicles share."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -8,20 +6,35 @@ from numpy.typing import ArrayLike
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.motion import STATES, STEP
-from accelerated_evaluation.vehicles.protocol import Outcomes
+from accelerated_evaluation.vehicles.protocol import MovingVehicle, Outcomes, RandomVehicle, Vehicle
 
 START = "the lead speed of the encounter"
 TOLERANCE = 1e-9  # [m/s], between the lead speed and the first of the lead speeds over time
 
 
-@runtime_checkable
-class MovingVehicle(Protocol):
-    """A vehicle that can be given the speeds of the lead vehicle over time."""
+def takes_motion(vehicle: Vehicle) -> bool:
+    """Return whether a vehicle can be given lead speeds over time."""
+    return getattr(vehicle, "takes_motion", isinstance(vehicle, MovingVehicle))
 
-    def simulate_moving(
-        self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, lead_speeds: ArrayLike
-    ) -> Outcomes:
-        """Simulate n cut-ins with lead speeds at 0, 0.1, ... s, shape (n, at least STATES)."""
+
+def require_motion(vehicle: Vehicle, name: str) -> None:
+    """Raise InputError if a vehicle cannot be given lead speeds over time."""
+    if not takes_motion(vehicle):
+        raise InputError(
+            f"vehicle {name}, lead speeds over time",
+            seen="a vehicle that only knows a lead vehicle that keeps its speed",
+            expected="a vehicle that can be given lead speeds over time",
+            change="Leave the lead motion out, or extend the vehicle as in docs/your_vehicle.md.",
+        )
+
+
+def simulate_motion(
+    vehicle: MovingVehicle, cut_ins: tuple[Array, Array, Array], lead_speeds: Array, inner: Array | None
+) -> Outcomes:
+    """Simulate n cut-ins with lead speeds over time, and with inner variables unless they are None."""
+    if inner is None or not isinstance(vehicle, RandomVehicle):
+        return vehicle.simulate_moving(*cut_ins, lead_speeds)
+    return vehicle.simulate_moving_given(*cut_ins, lead_speeds, inner)
 
 
 def checked_lead_speeds(lead_speeds: ArrayLike, lead_speed: Array) -> Array:

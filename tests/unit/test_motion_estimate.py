@@ -1,0 +1,250 @@
+"""Crash probabilities with lead motion, against quadratures that do not use the estimator."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation.answer import lead_motion as module
+from accelerated_evaluation.answer.lead_motion import Means, MovingProblem, mirrored
+from accelerated_evaluation.answer.motion_tables import MOTION, motion_budget
+from accelerated_evaluation.crash_map.mapping import map_crashes
+from accelerated_evaluation.crash_map.maps import Grid
+from accelerated_evaluation.laws.motion import RAREST, STATES, STEP, draw_wide
+from accelerated_evaluation.laws.smooth.conditional import SpeedLaw, range_grid, speed_grid
+from accelerated_evaluation.laws.smooth.family import DistinctRecords
+from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
+from accelerated_evaluation.vehicles.protocol import Outcomes
+
+TIME, MEAN, HARDEST, SHAPE = 2.0, 1.5, 4.0, 2.0  # [s], [m/s], [m/s^2]
+SPEEDS = np.linspace(20.0, 34.9, 300)  # [m/s]: no lead vehicle stops within 2 s
+
+
+@dataclass(frozen=True)
+class Brakes:
+    """A lead vehicle that brakes from the start, with a deceleration of HARDEST times its only input."""
+
+    inputs = 1
+
+    def lead_speeds(self, encounters, inputs):
+        return np.maximum(encounters[0][:, None] - HARDEST * inputs * STEP * np.arange(STATES), 0.0)
+
+
+class Coasts:
+    """A host that keeps its speed for 2 s, and crashes if the range is gone by then.
+
+    Given traits, a part of the drivers brakes at once and never crashes.
+    """
+
+    def __init__(self, careful=0.0):
+        self.careful = careful
+
+    def simulate(self, lead_speed, range_, closing_speed):
+        return self._ended(range_, closing_speed * TIME)
+
+    def simulate_moving(self, lead_speed, range_, closing_speed, lead_speeds):
+        until = round(TIME / STEP)
+        travelled = STEP * (lead_speeds[:, : until + 1].sum(axis=1) - lead_speeds[:, [0, until]].mean(axis=1))
+        return self._ended(range_, (lead_speed + closing_speed) * TIME - travelled)
+
+    def _ended(self, range_, approach):
+        left = np.asarray(range_) - approach
+        crash = left <= 0
+        return Outcomes(crash, np.minimum(left, range_), np.where(crash, 0.01, 1.0), 1.0 * crash)
+
+
+class Drivers(Coasts):
+    """The same, but three drivers of four brake at once."""
+
+    def draw_inner(self, size, generator):
+        return (generator.random((size, 1)) < 0.25) * 1.0
+
+    def inner_weights(self, inner, draws, generator):
+        return np.ones((draws, len(inner)))
+
+    def simulate_given(self, lead_speed, range_, closing_speed, inner):
+        return super().simulate(lead_speed, np.where(inner[:, 0], range_, 1e6), closing_speed)
+
+    def simulate_moving_given(self, lead_speed, range_, closing_speed, lead_speeds, inner):
+        far = np.where(inner[:, 0], range_, 1e6)
+        return super().simulate_moving(lead_speed, far, closing_speed, lead_speeds)
+
+
+def constant_hazard(grid, rate):
+    return SmoothHazard(grid, np.full(grid.tensor.shape, np.log(rate)))
+
+
+@pytest.fixture(scope="module")
+def records():
+    range_ = 75 * np.linspace(0.05, 1, SPEEDS.size) ** (1 / SHAPE)
+    return DistinctRecords(SPEEDS, range_, np.linspace(0.1, 6, SPEEDS.size))
+
+
+@pytest.fixture(scope="module")
+def opening():
+    return DistinctRecords(SPEEDS, np.linspace(3, 30, SPEEDS.size), -np.linspace(0, 2, SPEEDS.size))
+
+
+def problem(records, vehicle, motion=None, seed=1):
+    """A problem with P(C > c) = exp(-c / MEAN) and P(R < r) = (r / 75)^SHAPE."""
+    grid = Grid(20.0, 34.91, 75.0, 5, 40, 2, 45.0, 200)
+    crash_map = map_crashes(vehicle, grid, [], np.random.default_rng(seed))
+    law = SpeedLaw(constant_hazard(speed_grid(), 1 / MEAN))
+    return MovingProblem(
+        vehicle, crash_map, records, constant_hazard(range_grid(), SHAPE), law, motion or Brakes()
+    )
+
+
+def by_quadrature(places=None, weights=1.0):
+    """P(C 2 s + HARDEST u (2 s)^2 / 2 >= R) by Gauss-Legendre rules in u and, unless given, R."""
+    nodes, rule = (0.5 * each for each in np.polynomial.legendre.leggauss(400))
+    if places is None:
+        places, weights = 75 * (nodes + 0.5) ** (1 / SHAPE), rule
+    needed = np.maximum(places[:, None] - HARDEST * (nodes + 0.5) * TIME**2 / 2, 0) / TIME
+    return float(np.sum(weights * (np.exp(-needed / MEAN) @ rule)))
+
+
+def truth_of(crash_map):
+    """The same for the ranges of the lines of a map, each with half of the probability of its cell."""
+    far, near = (1 / (75 * crash_map.cells.inverse_range)).T ** SHAPE
+    low, high = crash_map.cells.lead_speed.T
+    shares = np.mean((low[:, None] <= SPEEDS) & (high[:, None] > SPEEDS), axis=1)
+    return by_quadrature(1 / crash_map.inverse_range, np.repeat(shares * (far - near) / 2, 2))
+
+
+def by_quadrature_opening(recorded):
+    """The share of motions in which the range is gone in 2 s, averaged over the recorded cut-ins."""
+    least = (recorded.range_ - recorded.closing_speed * TIME) / (HARDEST * TIME**2 / 2)
+    return float(np.clip(1 - least, 0, 1).mean())
+
+
+@pytest.fixture(autouse=True, scope="module")
+def fewer_draws():
+    before = module.PLACES, module.OPENING
+    module.PLACES, module.OPENING = 400, 5000
+    yield
+    module.PLACES, module.OPENING = before
+
+
+@pytest.fixture(scope="module")
+def asked(records):
+    return problem(records, Coasts())
+
+
+@pytest.fixture(scope="module")
+def replicates(asked):
+    return [asked.closing(np.random.default_rng([2, seed])) for seed in range(60)]
+
+
+def test_the_lines_of_the_map_have_the_probability(asked):
+    assert truth_of(asked.crash_map) == pytest.approx(by_quadrature(), rel=0.03)
+
+
+def mean_and_reach(found):
+    """The mean of independent estimates, and its standard error."""
+    return np.mean([each.moved for each in found]), np.sqrt(
+        np.mean([each.error**2 for each in found]) / len(found)
+    )
+
+
+def test_the_estimate_is_exact_on_average(asked, replicates):
+    truth = truth_of(asked.crash_map)
+    mean, reach = mean_and_reach(replicates)
+    assert reach < 0.015 * truth
+    assert abs(mean - truth) < 3.5 * reach
+
+
+def test_the_standard_error_is_the_spread_of_the_estimates(asked, replicates):
+    spread = np.std([each.moved for each in replicates], ddof=1)
+    assert mean_and_reach(replicates)[1] * np.sqrt(60) == pytest.approx(spread, rel=0.35)
+    factors = np.array([each.factor() for each in replicates])
+    assert np.sqrt(np.mean(factors[:, 1] ** 2)) == pytest.approx(factors[:, 0].std(ddof=1), rel=0.35)
+    truth = truth_of(asked.crash_map)
+    covered = [abs(each.moved - truth) < 1.645 * each.error for each in replicates]
+    assert np.mean(covered) > 0.78
+
+
+def test_an_estimator_without_the_tail_of_the_closing_speed_is_noticed(asked, monkeypatch):
+    monkeypatch.setattr(module, "STRATA", 2)
+    monkeypatch.setattr(module.np, "inf", 1.0)
+    mean, reach = mean_and_reach([asked.closing(np.random.default_rng([3, seed])) for seed in range(20)])
+    assert abs(mean - truth_of(asked.crash_map)) > 5 * reach
+
+
+def test_an_estimator_without_the_weights_of_the_motions_is_noticed(asked, opening, monkeypatch):
+    monkeypatch.setattr(module, "draw_wide", lambda *given: (draw_wide(*given)[0], np.ones(given[1])))
+    mean, reach = mean_and_reach([asked.opening(opening, np.random.default_rng([3, k])) for k in range(10)])
+    assert abs(mean - by_quadrature_opening(opening)) > 5 * reach
+
+
+def test_drivers_keep_their_inner_variables(records, opening):
+    asked = problem(records, Drivers())
+    mean, _ = mean_and_reach([asked.closing(np.random.default_rng([4, seed])) for seed in range(8)])
+    # The lines have drawn drivers: about 1300 lines with a quarter of the drivers.
+    assert mean == pytest.approx(by_quadrature() / 4, rel=0.15)
+    found = asked.opening(opening, np.random.default_rng(5))
+    assert abs(found.moved - by_quadrature_opening(opening) / 4) < 3.5 * found.error
+
+
+def test_opening_cut_ins_against_their_exact_shares(asked, opening):
+    found = [asked.opening(opening, np.random.default_rng([6, seed])) for seed in range(10)]
+    mean, reach = mean_and_reach(found)
+    truth = by_quadrature_opening(opening)
+    assert 0 < truth < 0.1
+    assert reach < 0.02 * truth
+    assert abs(mean - truth) < 3.5 * reach
+    assert found[0].still == 0
+    assert all(each.moved < each.limit < truth + 5 * each.error for each in found)
+
+
+def test_mirrored_records_open_and_drive_forwards(records):
+    slow = replace(records, lead_speed=np.full(SPEEDS.size, 2.0))
+    assert mirrored(slow).closing_speed.tolist() == np.maximum(-records.closing_speed, -2.0).tolist()
+
+
+def test_no_crash_has_a_limit_and_not_an_error_of_zero_alone(records):
+    never = replace(records, range_=np.full(SPEEDS.size, 60.0), closing_speed=np.zeros(SPEEDS.size))
+    found = problem(records, Coasts()).opening(never, np.random.default_rng(7))
+    assert (found.moved, found.error) == (0, 0)
+    assert found.limit == pytest.approx(3 * 4 / 5000)
+    assert np.isnan(found.factor()[0])
+
+
+def test_all_cut_ins_are_the_mean_of_both_kinds():
+    closing = Means(0.2, 0.4, np.diag([1.0, 4.0]), 5.0)
+    opening = Means(0.0, 0.1, np.diag([0.0, 1.0]), 2.0)
+    found = closing.together(opening, 0.25)
+    assert (found.still, found.moved, found.limit) == pytest.approx((0.15, 0.325, 4.25))
+    assert found.error**2 == pytest.approx(0.75**2 * 4 + 0.25**2)
+
+
+def test_wide_draws_have_the_moments_of_the_uniform_law():
+    @dataclass(frozen=True)
+    class Three:
+        inputs = 3
+
+    inputs, weights = draw_wide(Three(), 200_000, np.random.default_rng(8))
+    for value in (np.ones(len(weights)), inputs[:, 0], inputs[:, 2] ** 2, (inputs[:, 1] < 3e-4) * 1e3):
+        expected = (1.0, 0.5, 1 / 3, 0.3)
+        close = min(expected, key=lambda each: abs(each - np.mean(weights * value)))
+        assert abs(np.mean(weights * value) - close) < 4 * np.std(weights * value) / np.sqrt(len(weights))
+    assert (inputs[:, 1] < 3e-4).mean() > 20 * 3e-4
+    assert weights.max() <= 2
+    assert RAREST < 3e-4
+
+
+def test_the_line_of_the_budget_is_the_variance_over_the_scale():
+    """For a factor whose logarithm is a parabola of the scale, against a sum over scales."""
+    slope, bend, error = 0.5, 0.3, 0.02
+    logs = slope * np.linspace(0, 1, 100_001) + bend * np.linspace(0, 1, 100_001) ** 2
+    whole, half = np.exp(logs[-1]), np.exp(logs[50_000])
+    row = {"vehicle": "car", "gap": "closing", "factor": whole, "factor_error": error * whole}
+    moving = pd.DataFrame([row | {"factor_half": half}, row | {"gap": "all", "factor_half": 9.0}])
+    found = motion_budget(moving, "car", np.exp(2.0))
+    assert found["source"].tolist() == [MOTION]
+    variance = logs.var() + error**2
+    np.testing.assert_allclose(found["factor"], np.exp(np.sqrt(variance)), rtol=1e-4)
+    np.testing.assert_allclose(found["variance_share"], variance / 4, rtol=1e-4)
+    assert found["effect"].tolist() == [whole]
+    assert motion_budget(moving, "another car", np.exp(2.0)).empty
+    assert motion_budget(moving.assign(factor=np.nan), "car", np.exp(2.0)).empty
