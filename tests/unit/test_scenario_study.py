@@ -91,6 +91,14 @@ def test_a_law_without_mass_at_the_event_is_named(tmp_path, monkeypatch, capsys)
             "--compare: seen the scenario left_turn; expected cut_in",
         ),
         (["--scenario", "left_turn", "--law", "kernel", "--method", "single"], "needs a law of cut-ins"),
+        (["--scenario", "left_turn", "--event", "min_range=1"], "--event: seen the scenario left_turn"),
+        (
+            ["--scenario", "left_turn", "--sampling-share", "0"],
+            "--sampling-share: seen the scenario left_turn",
+        ),
+        (["--scenario", "left_turn", "--method", "crude"], "--method: seen the law answer; expected one law"),
+        (["--scenario", "left_turn", "--replicates", "2"], "--replicates: seen the law answer"),
+        (["--method", "crude"], "--method: seen the scenario cut_in; expected another scenario"),
     ],
 )
 def test_options_that_do_not_fit_the_scenario_are_named(tmp_path, monkeypatch, capsys, options, message):

@@ -180,7 +180,7 @@ class ScenarioStudy:
                 f"the laws of the scenario {self.scenario.name}",
                 seen=f"no crash in {sampler.simulations} runs",
                 expected="laws with probability where the event happens",
-                change="Allow more runs (--runs), or check the vehicle and the limits of the variables.",
+                change="Check the vehicle and the limits of the variables.",
             )
         tables = answer_tables(posterior, self.drawn)
         own = {"simulations": sampler.simulations, "converged": converged}

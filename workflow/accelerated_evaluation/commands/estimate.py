@@ -13,7 +13,7 @@ if TYPE_CHECKING:  # takes seconds, which --help can do without
 
     from accelerated_evaluation.answer.estimation import Alone
 
-CUT_IN = "cut_in"
+CUT_IN, ANSWER, SURROGATE = "cut_in", "answer", "surrogate"
 DESCRIPTION = """\
 Estimate how often a vehicle crashes when a human driver cuts in, by some 150 simulations: without crash maps
 and crude Monte Carlo, which take millions. For a slow vehicle: a command in any language, an FMU, or a Python
@@ -99,7 +99,7 @@ class EstimateAlone:
             help="what differs from config/config.yaml; a later file overrules an earlier one",
         )
         command.add_argument(
-            "--law", metavar="LAW", default="answer", help="law of cut-ins, see above (default: %(default)s)"
+            "--law", metavar="LAW", default=ANSWER, help="law of cut-ins, see above (default: %(default)s)"
         )
         command.add_argument(
             "--replicates",
@@ -112,9 +112,8 @@ class EstimateAlone:
             "--sampling-share",
             metavar="SHARE",
             type=_share,
-            default=0.05,
             help="stop when the sampling adds no more than this to the width of the 80 %% interval; 0 for "
-            "the paper's stopping rule alone (default: %(default)s)",
+            "the paper's stopping rule alone (default: 0.05; for cut-ins only)",
         )
         command.add_argument(
             "--predecessor",
@@ -140,15 +139,13 @@ class EstimateAlone:
         command.add_argument(
             "--method",
             metavar="NAME",
-            default="surrogate",
             help="in another scenario than the cut-in, and under one law: surrogate, normal_mixture or crude "
-            "(default: %(default)s)",
+            f"(default: {SURROGATE})",
         )
         command.add_argument(
             "--event",
             metavar="EVENT",
-            default="crash",
-            help="crash (default), impact_speed=MIN_M_S, min_range=MAX_M or min_ttc=MAX_S: the event for "
+            help="for cut-ins: crash (default), impact_speed=MIN_M_S, min_range=MAX_M or min_ttc=MAX_S, for "
             "which the simulations are chosen; near misses are not found from simulations for crashes",
         )
         command.add_argument(
@@ -164,6 +161,7 @@ class EstimateAlone:
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
         """Estimate the probability, write the tables, and print a summary."""
+        from accelerated_evaluation.answer.averaged import SHARE
         from accelerated_evaluation.answer.estimation import estimate_alone
         from accelerated_evaluation.base.files import write_csv
         from accelerated_evaluation.laws.files import write_law
@@ -181,16 +179,17 @@ class EstimateAlone:
             return
         config["data"]["accepted_warnings"] = [*config["data"]["accepted_warnings"], *arguments.accept]
         config = resolved(config)
-        event = event_named(arguments.event)
+        if arguments.method is not None:
+            _refuse("method", f"the scenario {CUT_IN}", "another scenario")
+        event = CRASH if arguments.event is None else event_named(arguments.event)
         if event != CRASH and arguments.reference:
-            change = "Leave out --event, or --reference."
-            raise InputError("--event", seen=arguments.event, expected=CRASH.in_words, change=change)
+            _refuse("reference", f"the event {arguments.event}", CRASH.in_words)
         found = estimate_alone(
             config,
             arguments.replicates,
             arguments.law,
             arguments.predecessor,
-            arguments.sampling_share,
+            SHARE if arguments.sampling_share is None else arguments.sampling_share,
             event,
         )
         folder = Path("results", config["study"], "estimate")
@@ -212,18 +211,26 @@ def _estimate_scenario(arguments: argparse.Namespace, config: dict[str, Any]) ->
     from accelerated_evaluation.laws.joint.files import write_joint_law
 
     name = config["scenario"]["name"]
-    for option in ("compare", "reference", "accept"):
-        if getattr(arguments, option):
-            change = "Leave it out."
-            raise InputError(f"--{option}", seen=f"the scenario {name}", expected=CUT_IN, change=change)
-    found = estimate_scenario(
-        config, arguments.law, arguments.replicates, arguments.method, arguments.predecessor
-    )
+    for option in ("compare", "reference", "accept", "event", "sampling_share"):
+        if getattr(arguments, option) not in (None, []):
+            _refuse(option, f"the scenario {name}", CUT_IN)
+    if arguments.law == ANSWER:
+        for option, default in (("method", None), ("replicates", 1)):
+            if getattr(arguments, option) != default:
+                _refuse(option, f"the law {ANSWER}", f"one law of the scenario {name}, named by --law")
+    method = SURROGATE if arguments.method is None else arguments.method
+    found = estimate_scenario(config, arguments.law, arguments.replicates, method, arguments.predecessor)
     folder = Path("results", config["study"], "estimate")
     for table, rows in found.tables.items():
         write_csv(folder / f"{table}.csv", rows)
     write_joint_law(folder / "law.json", found.law, f"records of the scenario {name}")
     print(*found.lines(), f"tables: {folder}", sep="\n")
+
+
+def _refuse(option: str, seen: str, expected: str) -> None:
+    """Raise the error for an option that would have no effect."""
+    where = f"--{option.replace('_', '-')}"
+    raise InputError(where, seen=seen, expected=expected, change="Leave the option out.")
 
 
 def _compared(
@@ -242,12 +249,7 @@ def _compared(
     if not references:
         return table
     if "draws" not in found.tables:
-        raise InputError(
-            "--reference",
-            seen=f"the law {found.name}, which has no draws",
-            expected="a law with draws",
-            change="Leave out --law.",
-        )
+        _refuse("reference", f"the law {found.name}, which has no draws", "a law with draws")
     records, draws = DistinctRecords.of(found.encounters, Support.configured(config)), found.law.draws
     mapped = {name: map_reference(name, config, records, draws) for name in references}
     known = found.tables["draws"]
