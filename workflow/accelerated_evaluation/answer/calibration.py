@@ -2,18 +2,19 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import pairwise
+from math import isfinite
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.stats import poisson
 
 from accelerated_evaluation.answer.scores import GivenLaw
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
-from accelerated_evaluation.laws.smooth.support import SUPPORT
+from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
 
 LIMITS = (0.05, 0.95)
 # Ranges [m] with the closing speeds [m/s] that cut them into cells, the last without an end; they rise with
@@ -29,37 +30,63 @@ CELLS = {
     (45, 60): (12, 14, 16),
     (60, 75): (13, 15, 18),
 }
+# Number of equal intervals of the lead speed, and host speeds [m/s] above the upper end of an interval that
+# cut it into cells, the last without an end: from thousands of records down to none.
+LEAD_SPEEDS, HOST_SPEEDS = 8, (0, 3, 6, 9, 12)
+CLOSING, HOST, REPLAYED = "closing speed", "host speed", "replay"  # what is counted
 
 
 @dataclass(frozen=True)
-class Cell:
-    """Ranges [m] and closing speeds [m/s], lower ends included.
+class Strip:
+    """Cells next to each other: records with one variable in an interval, cut by the values of a speed.
 
-    The last range also includes its upper end.
+    Attributes
+    ----------
+    counted
+        The speed that cuts: `CLOSING` in an interval of the range, or `HOST` in one of the lead speed.
+    interval
+        Of the range [m] or the lead speed [m/s]; both ends are included.
+    speeds
+        The lower ends of the cells [m/s]; the last cell has no upper end.
     """
 
-    range_: tuple[float, float]
-    closing_speed: tuple[float, float]
+    counted: str
+    interval: tuple[float, float]
+    speeds: tuple[float, ...]
 
     @property
-    def name(self) -> str:
-        """The name of the cell in tables."""
-        low, high = self.closing_speed
-        speeds = f"{low:g} to {high:g}" if np.isfinite(high) else f"above {low:g}"
-        return f"R {self.range_[0]:g} to {self.range_[1]:g} m, {speeds} m/s"
+    def names(self) -> list[str]:
+        """The names of the cells in tables."""
+        low, high = self.interval
+        unit, what = ("m", "R") if self.counted == CLOSING else ("m/s", "v_L")
+        begin = f"{what} {low:g} to {high:g} {unit}, {'' if self.counted == CLOSING else 'host '}"
+        return [
+            f"{begin}{slow:g} to {fast:g} m/s" if isfinite(fast) else f"{begin}above {slow:g} m/s"
+            for slow, fast in pairwise((*self.speeds, np.inf))
+        ]
 
-    def beside(self, range_: Array) -> Array:
-        """Return which ranges lie in the cell."""
-        return (range_ >= self.range_[0]) & (range_ < np.nextafter(self.range_[1], np.inf))
+    def inside(self, records: DistinctRecords) -> NDArray[np.intp]:
+        """Return the indices of the records in the interval."""
+        variable = records.range_ if self.counted == CLOSING else records.lead_speed
+        low, high = self.interval
+        return np.flatnonzero((variable >= low) & (variable <= high))
+
+    def ends(self, records: DistinctRecords) -> list[Array]:
+        """Return the closing speeds [m/s] between the cells for each record, from the slowest cell on."""
+        of_host = np.zeros(records.size) if self.counted == CLOSING else records.lead_speed
+        return [np.maximum(speed - of_host, 0.0) for speed in (*self.speeds, np.inf)]
 
 
-def cells(range_max: float = SUPPORT.range_max) -> list[Cell]:
-    """Return the cells up to the largest range [m]."""
-    within = [(ends, speeds) for ends, speeds in CELLS.items() if ends[0] < range_max]
-    return [
-        Cell((low, high if (low, high) != within[-1][0] else range_max), ends)
+def strips(support: Support = SUPPORT) -> list[Strip]:
+    """Return the cells of ranges and closing speeds, and those of lead and host speeds, within limits."""
+    within = [(ends, speeds) for ends, speeds in CELLS.items() if ends[0] < support.range_max]
+    near = [
+        Strip(CLOSING, (low, high if (low, high) != within[-1][0] else support.range_max), speeds)
         for (low, high), speeds in within
-        for ends in zip(speeds, (*speeds[1:], np.inf), strict=True)
+    ]
+    edges = np.linspace(*support.lead_speeds, LEAD_SPEEDS + 1).tolist()
+    return near + [
+        Strip(HOST, ends, tuple(ends[1] + step for step in HOST_SPEEDS)) for ends in pairwise(edges)
     ]
 
 
@@ -76,32 +103,29 @@ def cell_counts(
         Distinct cut-ins.
     given
         Function that returns the laws of the closing speed at places. It is called with the places of the
-        records of one interval of ranges at a time, which bounds the memory.
+        records of one strip of cells at a time, which bounds the memory.
 
     Returns
     -------
     list of pandas.DataFrame
-        For each law the columns ``where``, ``recorded`` and ``expected``.
+        For each law the columns ``where``, ``counted`` (which speed), ``recorded`` and ``expected``.
     """
     counts, expected = [], []
-    for _, cells_ in groupby(cells(records.support.range_max), key=lambda cell: cell.range_):
-        of_range = list(cells_)
-        part = records.only(np.flatnonzero(of_range[0].beside(records.range_)))
-        ends = [[np.full(part.size, speed) for speed in cell.closing_speed] for cell in of_range]
-        for cell, (low, high) in zip(of_range, ends, strict=True):
+    for strip in strips(records.support):
+        part = records.only(strip.inside(records))
+        ends = strip.ends(part)
+        for name, (low, high) in zip(strip.names, pairwise(ends), strict=True):
             inside = (part.closing_speed >= low) & (part.closing_speed < high)
-            counts.append((cell.name, int(inside.sum())))
-        expected.append(
-            [
-                [
-                    float(np.sum(np.exp(-law.cumulative(low)) - np.exp(-law.cumulative(high))))
-                    for low, high in ends
-                ]
-                for law in given(part.places)
-            ]
-        )
-    table = pd.DataFrame(counts, columns=["where", "recorded"])
+            counts.append((name, strip.counted, int(inside.sum())))
+        expected.append([_expected(law, ends) for law in given(part.places)])
+    table = pd.DataFrame(counts, columns=["where", "counted", "recorded"])
     return [table.assign(expected=np.concatenate(of_law)) for of_law in zip(*expected, strict=True)]
+
+
+def _expected(law: GivenLaw, ends: list[Array]) -> list[float]:
+    """Return the expected number of records between each pair of ends."""
+    faster = [np.exp(-law.cumulative(end)) for end in ends]
+    return [float(np.sum(low - high)) for low, high in pairwise(faster)]
 
 
 def near_miss_counts(
@@ -118,8 +142,8 @@ def near_miss_counts(
     size
         Number of distinct cut-ins.
     """
-    rows = [(name, count, size * probability[name]) for name, count in recorded.items()]
-    return pd.DataFrame(rows, columns=["where", "recorded", "expected"])
+    rows = [(name, REPLAYED, count, size * probability[name]) for name, count in recorded.items()]
+    return pd.DataFrame(rows, columns=["where", "counted", "recorded", "expected"])
 
 
 def with_limits(counts: pd.DataFrame) -> pd.DataFrame:

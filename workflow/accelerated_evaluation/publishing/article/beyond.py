@@ -6,6 +6,7 @@ from typing import Any
 import pandas as pd
 from scipy.stats import poisson
 
+from accelerated_evaluation.answer.calibration import HOST
 from accelerated_evaluation.publishing.article.tables import Tables, typeset
 from accelerated_evaluation.publishing.tables.injuries import best_known
 
@@ -37,6 +38,7 @@ def collect(tables: Tables, benchmarks: Tables, config: Mapping[str, Any]) -> di
 def _laws(tables: Tables) -> dict[str, Any]:
     laws = tables["laws"].set_index("law")
     cells = tables["calibration"]
+    cells = cells[cells["counted"] != HOST]
     cells = {law: cells[cells["law"] == law] for law in cells["law"].unique()}
     weighted = next(iter(cells.values()))
     paper = next(rows for law, rows in cells.items() if law.startswith(PAPER_LAW))

@@ -8,6 +8,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from accelerated_evaluation.answer.calibration import HOST
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.publishing.figures.dot_chart import FRAME, ROW, name_rows, spaced
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_source, paper_style
@@ -77,6 +78,8 @@ def fig22_calibration(
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw recorded against expected counts, and where each law puts its crashes over the records.
 
+    The counts of host speeds are in the table alone.
+
     Parameters
     ----------
     calibration, crash_places
@@ -86,6 +89,7 @@ def fig22_calibration(
     source
         Description of the data.
     """
+    calibration = calibration[calibration["counted"] != HOST].drop(columns="counted")
     names = calibration["law"].unique()
     defended, paper = (calibration[calibration["law"] == name] for name in (names[0], names[-1]))
     with paper_style():

@@ -2,6 +2,7 @@
 
 import pandas as pd
 
+from accelerated_evaluation.answer.calibration import HOST
 from accelerated_evaluation.answer.motion_tables import motion_budget
 from accelerated_evaluation.answer.posterior import LEVELS
 from accelerated_evaluation.answer.study import UNDER_TEST
@@ -131,11 +132,18 @@ def calibration_verdict(calibration: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        Columns ``law``, ``cells``, ``outside`` and ``smallest_p_value``.
+        ``law``; ``cells``, ``outside`` and ``smallest_p_value`` of the counts near the crash set;
+        ``host_cells``, ``host_outside`` and ``host_smallest_p_value`` of those by lead and host speed.
     """
+    is_host = calibration["counted"] == HOST
+    near, host = (_verdict(calibration[chosen]) for chosen in (~is_host, is_host))
+    return near.join(host.add_prefix("host_")).reset_index()
+
+
+def _verdict(calibration: pd.DataFrame) -> pd.DataFrame:
     groups = calibration.groupby("law", sort=False)
     counts = {"cells": groups.size(), "outside": groups["within"].apply(lambda within: int((~within).sum()))}
-    return pd.DataFrame(counts).assign(smallest_p_value=groups["p_value"].min()).reset_index()
+    return pd.DataFrame(counts).assign(smallest_p_value=groups["p_value"].min())
 
 
 def threshold_ratio(answer_thresholds: pd.DataFrame) -> float:
