@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from accelerated_evaluation.answer import crossfit
 from accelerated_evaluation.answer.crossfit import Control, cross_fitted
+from accelerated_evaluation.answer.posterior import without_scatter
 from accelerated_evaluation.answer.reweighting import (
     Ratios,
     Reweighting,
     SampledPosterior,
     reweight,
-    without_scatter,
 )
 from accelerated_evaluation.methods.surrogate import combining
 from sampler_checks import drive, half_plane, new_sampler
@@ -191,6 +191,27 @@ def test_estimates_drawn_together_scatter_as_the_probabilities_do():
     assert np.log(estimates).std() > 0.6 + 4 * error  # without it: too wide
     assert np.median(drawn) == pytest.approx(np.median(np.log(estimates)))
     assert without_scatter(estimates, 0 * own) == pytest.approx(estimates)
+
+
+def test_a_draw_that_is_not_known_takes_the_median():
+    generator = np.random.default_rng(9)
+    estimates, own = np.exp(generator.normal(-13, 0.6, 400)), np.full(400, 0.05)
+    estimates[0] *= 1e-3  # no event was met under this draw
+    own[0] = 50.0
+    drawn = without_scatter(estimates, own)
+    assert drawn[0] == pytest.approx(np.median(estimates), rel=0.1)
+    assert np.log(drawn[1:]) == pytest.approx(np.log(estimates[1:]), abs=0.02)
+
+
+def test_runs_that_know_too_little_do_not_end():
+    """Draws that scatter by their errors alone span a wide interval, which these errors hardly widen."""
+    scattered = np.exp(np.random.default_rng(10).normal(-13, 4.0, 4000))
+    unknown = SampledPosterior(scattered, np.full(4000, 0.7), np.zeros(4000, int), 5)
+    widths = [np.log(np.divide(*part.interval(0.8)[::-1])) for part in (unknown.alone, unknown.whole)]
+    assert widths[1] < 1.05 * widths[0]  # which would be enough to stop
+    assert unknown.share_of_sampling == np.inf
+    known = SampledPosterior(scattered, np.full(4000, 0.2), np.zeros(4000, int), 20)
+    assert known.share_of_sampling < 0.05
 
 
 def test_any_emphasis_leaves_the_estimate_right_and_attracts_runs(samplers):

@@ -15,6 +15,7 @@ from accelerated_evaluation.laws.smooth.family import LawFamily, Member
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 
 LEVELS = (0.5, 0.8, 0.95)
+LEAST_BETWEEN = 0.25  # share of the variance of the estimates that their own errors cannot explain
 
 
 @dataclass(frozen=True)
@@ -148,3 +149,27 @@ def shares(variances: Mapping[str, float]) -> pd.DataFrame:
     rows = [(name, float(np.exp(np.sqrt(value))), value / total) for name, value in variances.items()]
     rows.append(("together", float(np.exp(np.sqrt(total))), 1.0))
     return pd.DataFrame(rows, columns=["source", "factor", "variance_share"])
+
+
+def without_scatter(estimates: Array, own: Array) -> Array:
+    """Draw estimates towards their median, so that their scatter is that of the probabilities.
+
+    The own errors e_k explain the mean of e_k^2 of the variance of the logarithms of the estimates. The rest,
+    A, is the variance of the probabilities. The distance of each logarithm from the median is multiplied by
+    sqrt(A / (A + e_k^2)). This is a constrained empirical Bayes estimate (Louis 1984) for draws that are
+    normal around the median. A draw whose error is far larger than its estimate is not known, and gets almost
+    the median. In the mean of e_k^2 such errors count as 1, the error of an estimate of zero.
+
+    Parameters
+    ----------
+    estimates
+        Positive, shape (K,).
+    own
+        Relative error of each that it does not share with the others, shape (K,).
+    """
+    logs = np.log(estimates)
+    middle, variance = np.median(logs), logs.var()
+    if variance == 0:
+        return estimates
+    between = max(variance - np.minimum(own**2, 1.0).mean(), LEAST_BETWEEN * variance)
+    return np.exp(middle + np.sqrt(between / (between + own**2)) * (logs - middle))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from accelerated_evaluation.answer.crossfit import Control
-from accelerated_evaluation.answer.posterior import Posterior
+from accelerated_evaluation.answer.posterior import Posterior, without_scatter
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws import CutIns
 from accelerated_evaluation.methods.surrogate.combining import BatchEstimate, that_count
@@ -26,7 +26,6 @@ LEVEL = 0.8  # of the interval whose width the sampling may add to
 NOISE = 25  # values of the sampling error that stand for its distribution, for each draw
 LEAST = 0.1  # of 1 + t c, where the sampling error is so large that its form is unknown
 INNER = (0.1, 0.9)  # levels of the draws from which the shared error is found
-LEAST_BETWEEN = 0.25  # share of the variance of the estimates that their own errors cannot explain
 SMALLEST = 1e-3  # of the mean: a draw whose estimate is below, or negative, is not known
 
 
@@ -96,33 +95,16 @@ class SampledPosterior:
 
     @property
     def share_of_sampling(self) -> float:
-        """Relative increase of the width of the 80 % interval, on the log scale, by the sampling error."""
+        """Relative increase of the width of the 80 % interval, on the log scale, by the sampling error.
+
+        It is infinite if the sampling error is so large that its form is unknown. The estimates of the draws
+        then scatter so much that the interval without the sampling error is also too wide to compare with.
+        """
+        if 1 + self.deviation * stdtrit(self.batches - 1, 0.5 / NOISE) < LEAST:
+            return math.inf
         (low, high), (low_alone, high_alone) = (part.interval(LEVEL) for part in (self.whole, self.alone))
         with np.errstate(divide="ignore", invalid="ignore"):
             return float(np.log(high / low) / np.log(high_alone / low_alone) - 1)
-
-
-def without_scatter(estimates: Array, own: Array) -> Array:
-    """Draw estimates towards their median, so that their scatter is that of the probabilities.
-
-    The own errors e_k explain the mean of e_k^2 of the variance of the logarithms of the estimates. The rest,
-    A, is the variance of the probabilities. The distance of each logarithm from the median is multiplied by
-    sqrt(A / (A + e_k^2)). This is a constrained empirical Bayes estimate (Louis 1984) for draws that are
-    normal around the median.
-
-    Parameters
-    ----------
-    estimates
-        Positive, shape (K,).
-    own
-        Relative error of each that it does not share with the others, shape (K,).
-    """
-    logs = np.log(estimates)
-    middle, variance, squares = np.median(logs), logs.var(), np.minimum(own, 1.0) ** 2
-    if variance == 0:
-        return estimates
-    between = max(variance - squares.mean(), LEAST_BETWEEN * variance)
-    return np.exp(middle + np.sqrt(between / (between + squares)) * (logs - middle))
 
 
 class Reweighting:
@@ -193,6 +175,22 @@ class Reweighting:
             return None
         found = self._posterior(estimates, variances, importance, counted)
         return found if controls is None else divided(found, parts)
+
+    def effective_events(self, progress: Progress) -> Array:
+        """Return the effective number of events under each draw (Kish 1965), shape (K,).
+
+        It is the number of events of equal weight that would determine the probability as well.
+        """
+        first, weights = len(progress.batches) - len(self.counted(progress)), []
+        sizes = [len(batch.z) for batch in progress.batches]
+        ends = len(progress.happened) - sum(sizes) + np.cumsum([0, *sizes])
+        for number in range(first, len(progress.batches)):
+            batch, estimate = progress.batches[number], progress.estimates[number - len(progress.batches)]
+            happened = progress.happened[ends[number] : ends[number + 1]]
+            shares = estimate.importance * happened * batch.weight / batch.inclusion
+            weights.append(self._ratios_of(number, batch).runs * shares)
+        of_events = np.hstack(weights)
+        return of_events.sum(axis=1) ** 2 / np.maximum((of_events**2).sum(axis=1), np.finfo(float).tiny)
 
     @staticmethod
     def counted(progress: Progress) -> Sequence[BatchEstimate]:

@@ -10,7 +10,7 @@ the distributions of the two coordinates and the map from coordinates to cut-ins
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
@@ -114,6 +114,13 @@ class Stratum(ABC):
         It is 0 if the coordinate is R^-1 itself.
         """
         return np.zeros(np.broadcast_shapes(np.shape(lead_speed), np.shape(inverse_range)))
+
+    def log_second_slope(self, lead_speed: Array, inverse_range: Array, closing_speed: Array) -> Array:
+        """Return the log of the derivative of the second coordinate by the closing speed, shape (n,).
+
+        It is log R^-1 if the coordinate is TTC^-1 itself.
+        """
+        return np.log(inverse_range)
 
     @property
     @abstractmethod
@@ -265,19 +272,22 @@ class Law(ABC):
         CutIns
             The cut-ins, of shape (n,).
         """
+        columns = np.empty((3, len(z)))
+        for here, stratum, *coordinates in self.in_strata(z):
+            columns[:, here] = list(vars(stratum.cut_ins(*coordinates)).values())
+        return CutIns(*columns)
+
+    def in_strata(self, z: Array) -> Iterator[tuple[NDArray[np.bool_], Stratum, Array, Array, Array]]:
+        """Yield for each stratum which normal scores it has, and v_L and both coordinates of these."""
         u, index = ndtr(z[:, 0]), self.stratum_of_normal_scores(z)
         share = np.array(list(self.shares.values()))
         before = np.cumsum(share) - share
-        columns = np.empty((3, len(z)))
         for k, stratum in enumerate(self.strata.values()):
             here = index == k
             lead_speed = stratum.lead_speed.ppf((u[here] - before[k]) / share[k])
-            coordinates = (
-                normal_score_quantile(law, z[here, column])
-                for column, law in ((1, stratum.factors.first), (2, stratum.factors.second))
-            )
-            columns[:, here] = list(vars(stratum.cut_ins(lead_speed, *coordinates)).values())
-        return CutIns(*columns)
+            first = normal_score_quantile(stratum.factors.first, z[here, 1])
+            second = normal_score_quantile(stratum.factors.second, z[here, 2])
+            yield here, stratum, lead_speed, first, second
 
     def encounters(self, z: Array) -> Array:
         """Return cut-ins at normal scores as a vehicle receives them.

@@ -10,6 +10,7 @@ from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 from scipy.special import logsumexp, ndtr, ndtri
 
@@ -146,18 +147,19 @@ class TruncatedNormalMixture(JointLaw):
         low, high = self.box.lower[e.shape[-1]], self.box.upper[e.shape[-1]]
         from_top = z > 0
 
-        def value_at(t: Array) -> Array:
-            return np.clip(np.where(from_top, high - t, low + t), low, high)
+        def value_at(t: Array, top: Array) -> Array:
+            return np.clip(np.where(top, high - t, low + t), low, high)
 
-        def reached(t: Array) -> tuple[Array, Array]:
-            value = value_at(t)
-            ends = np.where(from_top, value, low), np.where(from_top, high, value)
-            slope = self.normals.density_of_next(e, value)
-            return (weight * self.normals.between(e, *ends)).sum(axis=0), (weight * slope).sum(axis=0)
+        def reached(t: Array, row: NDArray[np.intp]) -> tuple[Array, Array]:
+            top, known, share = from_top[row], e.take(row, axis=1), weight.take(row, axis=1)
+            value = value_at(t, top)
+            ends = np.where(top, value, low), np.where(top, high, value)
+            slope = self.normals.density_of_next(known, value)
+            return (share * self.normals.between(known, *ends)).sum(axis=0), (share * slope).sum(axis=0)
 
         total = (weight * self.normals.between(e, np.full(z.size, low), np.full(z.size, high))).sum(axis=0)
         return value_at(
-            solve(reached, total * ndtr(-np.abs(z)), np.full(z.size, (high - low) / 2), high - low)
+            solve(reached, total * ndtr(-np.abs(z)), np.full(z.size, (high - low) / 2), high - low), from_top
         )
 
     def _first_quantile(self, z: Array) -> Array:
@@ -167,7 +169,7 @@ class TruncatedNormalMixture(JointLaw):
         for sign, side in ((z > 0, above), (z <= 0, below)):
             level = ndtr(-np.abs(z[sign]))
             begin = np.full(level.size, (nodes[-1] - nodes[0]) / 2)
-            t = solve(lambda t, side=side: (side(t), side(t, 1)), level, begin, nodes[-1] - nodes[0])
+            t = solve(lambda t, _, side=side: (side(t), side(t, 1)), level, begin, nodes[-1] - nodes[0])
             value[sign] = nodes[-1] - t if side is above else nodes[0] + t
         return np.clip(value, nodes[0], nodes[-1])
 

@@ -72,6 +72,14 @@ class DependentStratum(SmoothStratum):
         coordinates = self._second_coordinates(lead_speed, inverse_range, start, end)
         return interval_probability(self.factors.second, *coordinates)
 
+    def log_second_slope(self, lead_speed: Array, inverse_range: Array, closing_speed: Array) -> Array:
+        """Return the log hazard of the closing speed."""
+        slope = np.empty(lead_speed.size)
+        for part in parts(lead_speed.size, PLACES_AT_ONCE):
+            given = self.speeds.given(self.places(lead_speed[part], 1 / inverse_range[part]))
+            slope[part] = given.log_density(closing_speed[part]) + given.cumulative(closing_speed[part])
+        return slope
+
     def _second_coordinates(self, lead_speed: Array, inverse_range: Array, *closing_speeds: Array) -> Array:
         """Return the coordinates of several closing speeds at each of n places, shape (speeds, n)."""
         coordinates = np.empty((len(closing_speeds), lead_speed.size))

@@ -225,10 +225,18 @@ class Hazards:
         np.cumsum(hazard * np.diff(edges), axis=2, out=table[:, :, 1:])
         return cls(edges, hazard, table)
 
-    def at(self, value: Array) -> tuple[Array, Array]:
-        """Return cumulative hazard and hazard at a value for each place, (n,); both have shape (a, n)."""
+    def at(self, value: Array, row: NDArray[np.intp] | None = None) -> tuple[Array, Array]:
+        """Return cumulative hazard and hazard at given values; both have shape (a, n).
+
+        Parameters
+        ----------
+        value
+            One value for each place, or for each element of ``row``, shape (n,).
+        row
+            Indices of the places; all places in order by default.
+        """
         bin_ = np.clip(np.searchsorted(self.edges, value, side="right") - 1, 0, self.edges.size - 2)
-        row = np.arange(value.size)
+        row = np.arange(value.size) if row is None else row
         rate = self.hazard[:, row, bin_]
         return self.table[:, row, bin_] + rate * (value - self.edges[bin_]), rate
 
@@ -260,15 +268,23 @@ class SpeedsAt:
                 )
             )
 
-    def at(self, closing_speed: Array) -> tuple[Array, Array]:
-        """Return -log P(C > c) and the log density at a closing speed for each place, (n,).
+    def at(self, closing_speed: Array, row: NDArray[np.intp] | None = None) -> tuple[Array, Array]:
+        """Return -log P(C > c) and the log density at given closing speeds; both have shape (K, n).
 
-        Both have shape (K, n).
+        Parameters
+        ----------
+        closing_speed
+            One for each place, or for each element of ``row``, shape (n,).
+        row
+            Indices of the places; all places in order by default.
         """
-        cumulative, rate = self.body.at(closing_speed)
+        cumulative, rate = self.body.at(closing_speed, row)
         cumulative, log_rate = cumulative[self.draws.shared], np.log(rate)[self.draws.shared]
         log_density = log_rate - cumulative
-        for group, threshold, reached, log_scale in self._tails:
+        for group, *of_places in self._tails:
+            threshold, reached, log_scale = (
+                values if row is None else values.take(row, axis=1) for values in of_places
+            )
             above = closing_speed > threshold
             z = np.maximum(closing_speed - threshold, 0) * np.exp(-log_scale)
             tail = reached + group.shape.cumulative(z, group.parameters)

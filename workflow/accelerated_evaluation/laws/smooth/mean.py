@@ -69,7 +69,7 @@ class MeanStratum(SmoothStratum):
             speeds, log_weight = self._speeds(lead, range_[part], ranges, value)
             start = self.draws.laws[0].given(self.places(lead, range_[part])).inverse(second[part])
             speed[part] = solve(
-                lambda c, at=speeds, weight=log_weight: mixed(*at.at(c), weight),
+                lambda c, row, at=speeds, weight=log_weight: mixed(*at.at(c, row), weight.take(row, axis=1)),
                 second[part],
                 np.maximum(start, TOLERANCE),
             )
@@ -101,6 +101,19 @@ class MeanStratum(SmoothStratum):
                 found = mixed(*speeds.at(np.where(finite, speed, 0.0)), log_weight)[0]
                 score[part, column] = np.where(finite, found, math.inf)
         return score
+
+    def log_second_slope(self, lead_speed: Array, inverse_range: Array, closing_speed: Array) -> Array:
+        """Return the log hazard of the closing speed."""
+        slope = np.empty(lead_speed.size)
+        for part in parts(lead_speed.size, PLACES_AT_ONCE):
+            lead, range_, value = (
+                lead_speed[part],
+                1 / inverse_range[part],
+                self.logarithm(inverse_range[part]),
+            )
+            speeds, log_weight = self._speeds(lead, range_, self._mixture(self.places(lead, range_)), value)
+            slope[part] = np.log(mixed(*speeds.at(closing_speed[part]), log_weight)[1])
+        return slope
 
     def log_densities(self, lead_speed: Array, range_: Array, closing_speed: Array) -> Array:
         """Return the log density of log(R_max / R) and closing speed under each draw, shape (K, n)."""
@@ -182,10 +195,21 @@ class MeanLaw(SmoothLaw):
         """Return the mean of some of the draws, given by their numbers."""
         return replace(self, draws=self.draws.only(chosen))
 
+    def from_normal_scores(self, z: Array) -> CutIns:
+        """Map normal scores to cut-ins, those of all strata at once: the law is the same in all."""
+        scores = np.empty((3, len(z)))
+        for here, _, *coordinates in self.in_strata(z):
+            scores[:, here] = coordinates
+        return next(iter(self.strata.values())).cut_ins(*scores)
+
+    def log_densities(self, cut_ins: CutIns) -> Array:
+        """Return the log density of log R and closing speed of n cut-ins under each draw, shape (K, n)."""
+        stratum = next(iter(self.strata.values()))  # the law is the same in all
+        return stratum.log_densities(cut_ins.lead_speed, cut_ins.range_, cut_ins.closing_speed)
+
     def log_ratios(self, cut_ins: CutIns) -> Array:
         """Return log(f_k / f_mean) of n cut-ins for each draw k, shape (K, n); none exceeds log K."""
-        stratum = next(iter(self.strata.values()))  # the law is the same in all
-        densities = stratum.log_densities(cut_ins.lead_speed, cut_ins.range_, cut_ins.closing_speed)
+        densities = self.log_densities(cut_ins)
         return densities - (logsumexp(densities, axis=0) - math.log(self.draws.size))
 
     def content(self) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.smooth.draws import Hazards
@@ -28,9 +29,17 @@ class RangeMixture:
     ranges: Hazards
     share: Array
 
-    def score(self, value: Array) -> tuple[Array, Array]:
-        """Return -log P(X > x) of the mixture at x = log(R_max / R), shape (n,), and its derivative by x."""
-        cumulative, rate = self.ranges.at(value)
+    def score(self, value: Array, row: NDArray[np.intp] | None = None) -> tuple[Array, Array]:
+        """Return -log P(X > x) of the mixture at x = log(R_max / R), and its derivative by x.
+
+        Parameters
+        ----------
+        value
+            x for each lead speed, or for each element of ``row``.
+        row
+            Indices of the lead speeds; all in order by default.
+        """
+        cumulative, rate = self.ranges.at(value, row)
         return mixed(cumulative, np.log(rate) - cumulative, np.log(self.share))
 
     def log_density(self, value: Array) -> Array:
@@ -61,16 +70,20 @@ def mixed(cumulative: Array, log_density: Array, log_weight: Array) -> tuple[Arr
 
 
 def solve(
-    score: Callable[[Array], tuple[Array, Array]], level: Array, start: Array, largest: float = math.inf
+    score: Callable[[Array, NDArray[np.intp]], tuple[Array, Array]],
+    level: Array,
+    start: Array,
+    largest: float = math.inf,
 ) -> Array:
     """Return where an increasing function of n values, 0 at 0, reaches a level.
 
-    Newton's method, with bisection where a step leaves the bracket that is known so far.
+    Newton's method, with bisection where a step leaves the bracket that is known so far. The function is not
+    evaluated any more for a value that has settled, so that no value depends on the others.
 
     Parameters
     ----------
     score
-        Returns the function and its derivative at values of shape (n,).
+        Returns the function and its derivative at some of the n values, which are given with their indices.
     level
         Not negative, shape (n,).
     start
@@ -78,20 +91,20 @@ def solve(
     largest
         Value at which the function is known to have reached every level.
     """
-    low, high, value = np.zeros(level.size), np.full(level.size, largest), start
-    has_settled = np.zeros(level.size, dtype=bool)
+    low, high, value = np.zeros(level.size), np.full(level.size, largest), np.array(start, dtype=float)
+    row = np.arange(level.size)
     for _ in range(STEPS):
-        reached, slope = score(value)
-        short = reached < level
-        low, high = np.where(short, value, low), np.where(short, high, value)
+        at, wanted = value[row], level[row]
+        reached, slope = score(at, row)
+        short = reached < wanted
+        below, above = np.where(short, at, low[row]), np.where(short, high[row], at)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            step = value + (level - reached) / slope
-        middle = np.where(np.isfinite(high), (low + high) / 2, 2 * value)
-        new = np.where((step > low) & (step < high), step, middle)
-        # A value stays once it has settled, so that it does not depend on the others.
+            step = at + (wanted - reached) / slope
+        middle = np.where(np.isfinite(above), (below + above) / 2, 2 * at)
+        new = np.where((step > below) & (step < above), step, middle)
+        value[row], low[row], high[row] = new, below, above
         close = TOLERANCE * new
-        has_settled_now = (np.abs(new - value) <= close) | (high - low <= close)
-        value, has_settled = np.where(has_settled, value, new), has_settled | has_settled_now
-        if has_settled.all():
+        row = row[(np.abs(new - at) > close) & (above - below > close)]
+        if not row.size:
             break
     return value
