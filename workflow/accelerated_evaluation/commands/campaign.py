@@ -60,6 +60,12 @@ a crash flag are left for later. A table that contradicts the runs or itself is 
 {TABLE}"""
 
 
+STATUS = """\
+Say where the campaign stands. A campaign that was begun under a law with draws also reports the answer under
+all of them. So does a campaign that was begun under one law, with --under: its runs are reweighted for each
+draw, and a warning says if they do not reach what the other laws need."""
+
+
 @COMMANDS.add("campaign")
 class CampaignCommand:
     """A campaign on the proving ground."""
@@ -75,14 +81,13 @@ class CampaignCommand:
             ("new", "begin a campaign", NEW, _add_new, _new),
             ("ask", "write the next runs to drive", ASK, _add_ask, _ask),
             ("tell", "read what happened", TELL, _add_tell, _tell),
-            ("status", "say where the campaign stands", "Say where the campaign stands.", None, _status),
+            ("status", "say where the campaign stands", STATUS, _add_status, _status),
         ):
             own = steps.add_parser(
                 name, help=summary, description=text, formatter_class=argparse.RawDescriptionHelpFormatter
             )
             own.add_argument("campaign", metavar="CAMPAIGN.json", type=Path, help="file of the campaign")
-            if add is not None:
-                add(own)
+            add(own)
             own.set_defaults(step=step)
 
     @staticmethod
@@ -155,6 +160,15 @@ def _add_tell(command: argparse.ArgumentParser) -> None:
     command.add_argument("results", metavar="RESULTS.csv", type=Path, help="table of what happened")
     command.add_argument(
         "--correct", action="store_true", help="replace earlier reports of runs of the open batch"
+    )
+
+
+def _add_status(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--under",
+        metavar="LAW.json",
+        type=Path,
+        help="law with draws, fitted to the same encounters, such as results/STUDY/estimate/law.json",
     )
 
 
@@ -240,13 +254,14 @@ def _tell(arguments: argparse.Namespace) -> None:
 def _status(arguments: argparse.Namespace) -> None:
     from accelerated_evaluation.track.campaign_file import law_of, read_campaign
     from accelerated_evaluation.track.status import in_words, status_of
-    from accelerated_evaluation.track.whole import whole_in_words
+    from accelerated_evaluation.track.whole import read_draws, whole_in_words
 
     campaign = read_campaign(arguments.campaign)
+    draws = None if arguments.under is None else read_draws(arguments.under, campaign)
     print(in_words(campaign, status_of(campaign)))
     try:
         law = law_of(campaign)
     except InputError as error:  # the status of the sampling needs no law
         print(f"laws        the uncertainty of the records is not reported: {error}")
     else:
-        print(*whole_in_words(campaign, law), sep="\n")
+        print(*whole_in_words(campaign, law, draws), sep="\n")

@@ -1,37 +1,76 @@
-"""The whole answer of a campaign under a mean law, with the uncertainty of the records."""
+"""The whole answer of a campaign under the draws of a mean law, with the uncertainty of the records."""
+
+from pathlib import Path
+
+import numpy as np
 
 from accelerated_evaluation.answer.averaged import Course, answer_in_words, answer_row, budget_in_words
 from accelerated_evaluation.answer.posterior import budget
-from accelerated_evaluation.answer.reweighting import LEVEL
+from accelerated_evaluation.answer.reweighting import LEVEL, Reweighting
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws import Law
+from accelerated_evaluation.laws.files import read_law, require_shares
 from accelerated_evaluation.laws.joint import JointLaw
 from accelerated_evaluation.laws.smooth.mean import MeanLaw
+from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.track.campaign import Campaign
 
 ALONE = (
-    "laws        the interval above is that of the sampling alone; under results/STUDY/estimate/law.json, "
-    "a campaign also reports the uncertainty of the records"
+    "laws        the interval above is that of the sampling alone; with --under "
+    "results/STUDY/estimate/law.json, the status also reports the uncertainty of the records"
 )
-
-
 JOINT = "laws        the interval above is that of the sampling alone, under one law of the scenario"
+FEWEST = 10  # effective events; with fewer, the standard error is not reliable either
+MOST_UNKNOWN = 0.05  # share of the draws with fewer effective events that needs no warning
 
 
-def whole_in_words(campaign: Campaign, law: Law | JointLaw) -> list[str]:
-    """Return the answer of a campaign under all draws of its law, in lines of text.
+def read_draws(path: Path, campaign: Campaign) -> MeanLaw:
+    """Read the law under whose draws the runs of a campaign are read.
+
+    Parameters
+    ----------
+    path
+        Law file with draws.
+    campaign
+        The campaign, to whose encounter table the law was fitted.
+
+    Raises
+    ------
+    InputError
+        If the file is no law with draws, if it was fitted to other encounters, or if the scenario of the
+        campaign is not the cut-in.
+    """
+    if campaign.encounters is None:
+        seen, expected = f"the scenario {campaign.scenario.name}", "cut_in"
+        raise InputError("--under", seen=seen, expected=expected, change="Leave the option out.")
+    encounters = read_encounters(campaign.encounters.file)
+    law = read_law(path, encounters)
+    require_shares(path, law, encounters)
+    if not isinstance(law, MeanLaw):
+        change = "Name results/STUDY/estimate/law.json, which `accelerated-evaluation estimate` writes."
+        raise InputError("--under", seen=f"the single law {path}", expected="a law with draws", change=change)
+    return law
+
+
+def whole_in_words(campaign: Campaign, law: Law | JointLaw, draws: MeanLaw | None = None) -> list[str]:
+    """Return the answer of a campaign under all draws of a mean law, in lines of text.
 
     Parameters
     ----------
     campaign
         The campaign; its open batch does not count.
     law
-        Its law.
+        Its law, under which the runs were chosen.
+    draws
+        The law under whose draws the runs are read; by default the law of the campaign, if it has draws.
     """
     if isinstance(law, JointLaw):
         return [JOINT]
-    if not isinstance(law, MeanLaw):
+    if draws is None and not isinstance(law, MeanLaw):
         return [ALONE]
-    posterior = Course.of(law, campaign.sampler).refined()
+    course = Course.of(law, campaign.sampler) if draws is None else read_under(campaign, law, draws)
+    posterior = course.refined()
     if posterior is None:
         return ["laws        nothing is known yet under the draws of the law"]
     row = {"event": campaign.event.in_words, "per_km": float("nan")} | answer_row(posterior)
@@ -41,4 +80,62 @@ def whole_in_words(campaign: Campaign, law: Law | JointLaw) -> list[str]:
         *budget_in_words(budget(posterior.alone, posterior.deviation)),
         f"more runs would make the {LEVEL:.0%} interval at most {gain:.0%} narrower; the rest is "
         "the uncertainty of the records, which only more records reduce",
+        *([] if draws is None else _reach(course.reweighting.effective_events(campaign.sampler.progress))),
     ]
+
+
+def read_under(campaign: Campaign, law: Law, draws: MeanLaw) -> Course:
+    """Return the runs of a campaign with their ratios f_k / f to each draw k of another law.
+
+    A cut-in that closes faster than the cap of the law of the campaign was driven at the cap, and its outcome
+    counts for the faster one too.
+    """
+
+    def log_ratios(z: Array) -> Array:
+        return draws.log_densities(law.from_normal_scores(z)) - log_density(law, z)
+
+    member = np.unique(draws.draws.names, return_inverse=True)[1]
+    return Course(draws, campaign.sampler, Reweighting(log_ratios, lambda z: z, member))
+
+
+def log_density(law: Law, z: Array) -> Array:
+    """Return the log density of log R and closing speed [m/s] given v_L, before the cap, shape (n,).
+
+    Parameters
+    ----------
+    law
+        Any law of cut-ins.
+    z
+        Normal scores of cut-ins, shape (n, 3).
+    """
+    density = np.empty(len(z))
+    for here, stratum, lead_speed, first, second in law.in_strata(z):
+        cut_ins = stratum.cut_ins(lead_speed, first, second)
+        place = lead_speed, cut_ins.inverse_range
+        slopes = stratum.log_first_slope(*place) + np.log(cut_ins.inverse_range)
+        slopes += stratum.log_second_slope(*place, cut_ins.closing_speed)
+        density[here] = stratum.factors.logpdf(first, second) + slopes
+    return density
+
+
+def _reach(effective: Array) -> list[str]:
+    """Return how well the runs of one law reach the events of the draws, in lines of text.
+
+    Parameters
+    ----------
+    effective
+        Effective number of events under each draw, shape (K,).
+    """
+    few = np.mean(effective < FEWEST)
+    low, middle = np.quantile(effective, (0.05, 0.5))
+    lines = [
+        f"effective   {middle:.0f} events under the median draw, {low:.0f} or more under 95 % of the draws; "
+        "the runs were chosen under one law"
+    ]
+    if few > MOST_UNKNOWN:
+        lines.append(
+            f"warning     fewer than {FEWEST} effective events under {few:.0%} of the draws: the runs hardly "
+            "reach where these laws put the event, so that the interval above may be wrong. More runs under "
+            "the same law help little; begin another campaign under the law with draws"
+        )
+    return lines
