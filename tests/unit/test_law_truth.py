@@ -1,5 +1,7 @@
 """Scores, weights, calibration and exact probabilities of laws with dependence, against closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -217,8 +219,25 @@ def test_exact_probability_of_a_smooth_law(crash_map, records, family):
     # 12,000 records hold some 190 crashes of this kind: 7 % by chance alone, and as much by smoothing.
     assert found == pytest.approx(truth, rel=0.25)
     assert found != pytest.approx(crash_probability(1.5 * MEAN), rel=0.25)
-    _, range_, speed = crash_places(lines, family.ranges, law, 3000, np.random.default_rng(6))
+    _, range_, speed = crash_places(
+        lines, lines.masses(family.ranges, law), law, 3000, np.random.default_rng(6)
+    )
     assert np.all(speed > RATE * range_ * 0.98)
+
+
+def test_members_and_parts_of_intervals_give_the_same_probabilities(crash_map, records, family):
+    lines, members = CrashLines.of(crash_map, records.lead_speed), MEMBERS[:9]
+    whole = [lines.masses(family.ranges, family.law(member)) for member in members]
+    assert all(map(np.array_equal, lines.masses_of(family, members), whole))
+    middle = np.where(np.isfinite(lines.end), (lines.start + lines.end) / 2, lines.start + 1)
+    parts = replace(
+        lines,
+        row=np.repeat(lines.row, 2),
+        start=np.column_stack([lines.start, middle]).ravel(),
+        end=np.column_stack([middle, lines.end]).ravel(),
+    )
+    halves = parts.masses(family.ranges, family.law(members[1])).reshape(-1, 2)
+    np.testing.assert_allclose(halves.sum(axis=1), whole[1], rtol=1e-9, atol=1e-15)
 
 
 def test_thinned_lines_are_unbiased(crash_map, records, family):

@@ -200,6 +200,14 @@ def test_every_law_of_the_family_is_one_distribution_through_body_and_tail(famil
         assert np.isinf(given.cumulative(np.full(3, np.inf))).all()
 
 
+def test_speeds_that_all_places_share_have_the_same_cumulative_hazards(family):
+    places, speeds = Places.of([8.0, 15.0, 33.0], [4.0, 40.0, 74.0]), np.array([0.0, 0.7, 3.0, 9.0, 60.0])
+    for member in (*family.tails, members_at(())[0]):
+        given = family.law(member).given(places)
+        one_by_one = [given.cumulative(np.full(3, speed)) for speed in speeds]
+        assert np.array_equal(given.cumulative_at(speeds, slice(1, 3)), np.array(one_by_one)[:, 1:])
+
+
 def test_refits_without_a_block_differ_and_those_without_nothing_do_not(records, family):
     fitter = Fitter(records, members_at((0.9, 0.95)))
     same = fitter.refit(family, np.array([], dtype=int))

@@ -33,6 +33,7 @@ rule study_laws:
         log_of("study_laws.log"),
     benchmark:
         benchmark_of("study_laws.tsv")
+    priority: 70
     threads: ALL_WORKERS
     resources:
         mem_mb=3000,

@@ -54,6 +54,7 @@ rule fit_family:
         log_of("fit_family.log"),
     benchmark:
         benchmark_of("fit_family.tsv")
+    priority: 90
     threads: 1
     resources:
         mem_mb=2000,

@@ -17,7 +17,7 @@ rule inspect_records:
         log_of("inspect_records.log"),
     benchmark:
         benchmark_of("inspect_records.tsv")
-    priority: 100  # what is wrong with the records is known first
+    priority: 100  # what is wrong with the records is known first; then the longest chain of jobs begins
     threads: WORKERS
     resources:
         mem_mb=1000,
@@ -51,6 +51,7 @@ rule ingest_encounters:
         account=log_of("ingest_encounters_account.csv"),
     benchmark:
         benchmark_of("ingest_encounters.tsv")
+    priority: 90
     threads: 1
     resources:
         mem_mb=2000,

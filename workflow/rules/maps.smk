@@ -32,6 +32,7 @@ rule map_crashes_uncapped:
         "results/vehicles/{mapped}/benchmarks/map_crashes_uncapped.tsv"
     wildcard_constraints:
         mapped="|".join(UNCAPPED),
+    priority: 80
     threads: lambda wildcards: INPUTS.simulating(UNCAPPED[wildcards.mapped])[0]
     resources:
         mem_mb=2000,

@@ -81,6 +81,7 @@ if IS_CUT_IN:
             log_of("explorer.log"),
         benchmark:
             benchmark_of("explorer.tsv")
+        priority: 60
         threads: 1
         resources:
             mem_mb=2000,

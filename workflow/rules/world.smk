@@ -41,6 +41,7 @@ rule predict_humans:
         log_of("predict_humans.log"),
     benchmark:
         benchmark_of("predict_humans.tsv")
+    priority: 60
     threads: 1
     resources:
         mem_mb=1500,

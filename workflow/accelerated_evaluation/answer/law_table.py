@@ -106,8 +106,8 @@ def score_laws(
 
 def compare_laws(weighted: WeightedLaws, vehicle: Vehicle, lines: CrashLines) -> pd.DataFrame:
     """Return the table of laws, with the crash probability by each law on the lines of a crash map."""
-    family = weighted.family
-    crash = {m.name: lines.probability(family.ranges, family.law(m)) for m in weighted.members}
+    found = lines.probabilities(weighted.family, weighted.members)
+    crash = {member.name: probability for member, probability in found.items()}
     return law_table(weighted, *score_laws(weighted, vehicle), crash)
 
 

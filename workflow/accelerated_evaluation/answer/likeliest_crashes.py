@@ -46,10 +46,11 @@ def ways_to_crash(
         Columns SHOWN: ``kind`` is "crash", and ``probability`` is that of the group; the likeliest groups
         come first. There are no rows if the vehicle never crashes, or if the probability underflows.
     """
-    if not lines.masses(law.ranges, law.speeds).any():
+    masses = lines.masses(law.ranges, law.speeds)
+    if not masses.any():
         return pd.DataFrame(columns=SHOWN)
-    place = crash_places(lines, law.ranges, law.speeds, DRAWN, generator)
-    z, probability = normal_scores(law, *place), lines.probability(law.ranges, law.speeds)
+    place = crash_places(lines, masses, law.speeds, DRAWN, generator)
+    z, probability = normal_scores(law, *place), float(masses.sum())
     return _tabulated(_grouped(place, z, WAYS, probability, generator), "crash", vehicle)
 
 

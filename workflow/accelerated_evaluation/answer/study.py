@@ -142,11 +142,10 @@ class LawStudy:
         generator
             Source of the random closing speeds.
         """
-        records, family = self.weighted.records, self.family
+        records = self.weighted.records
         for name, vehicle in self.vehicles.items():
             crash = self.crash_of(name)
-            lines = self.thinned[crash]
-            of_laws = {m: lines.probability(family.ranges, family.law(m)) for m in self.weighted.members}
+            of_laws = self.thinned[crash].probabilities(self.family, self.weighted.members)
             recorded = int(self.replayed[name].crash.sum())
             if not is_supported(recorded, records.size * self.weighted.mean(of_laws)):
                 sampled = sample_crashes(vehicle, maps[name], generator)
@@ -170,10 +169,7 @@ class LawStudy:
 
     def probabilities(self, event: str) -> dict[Member, float]:
         """Return the probability of an event under each law, computed with the complete map."""
-        return {
-            member: self.lines[event].probability(self.family.ranges, self.family.law(member))
-            for member in self.weighted.members
-        }
+        return self.lines[event].probabilities(self.family, self.weighted.members)
 
     @cached_property
     def replayed(self) -> dict[str, Outcomes]:
@@ -199,8 +195,8 @@ class LawStudy:
         lines, ranges, records = self.lines["crash"], self.family.ranges, self.weighted.records
         for member in shown_members(self.weighted):
             law = self.family.law(member)
-            if lines.masses(ranges, law).any():
-                drawn = crash_places(lines, ranges, law, DRAWN, generator)
+            if (masses := lines.masses(ranges, law)).any():
+                drawn = crash_places(lines, masses, law, DRAWN, generator)
                 part = pd.DataFrame(dict(zip(parts[0].columns, drawn, strict=False)))
                 beyond = part["closing_speed"] - largest_near(records, part["range"].to_numpy())
                 parts.append(part.assign(law=member.name, beyond_recorded=beyond))

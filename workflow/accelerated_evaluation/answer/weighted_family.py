@@ -62,8 +62,7 @@ class WeightedLaws(ScoredFamily):
     def thinned(self, lines: CrashLines, generator: np.random.Generator, size: int = LINES) -> CrashLines:
         """Thin the lines of an event to those that are probable under some of the laws."""
         guides = [member for member in self.members if member.level in (None, GUIDE)]
-        masses = [lines.masses(self.family.ranges, self.family.law(member)) for member in guides]
-        shares = [mass / mass.sum() for mass in masses if mass.any()]
+        shares = [mass / mass.sum() for mass in lines.masses_of(self.family, guides) if mass.any()]
         if not shares:  # the event never happens, or so rarely that its probability is 0 to rounding
             return lines
         return lines.thinned(np.mean(shares, axis=0), size, generator)

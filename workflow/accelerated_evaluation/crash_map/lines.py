@@ -5,14 +5,17 @@ the probabilities of the lead speeds. For each law, or each draw of its paramete
 hazards at the ends of the intervals remain to be computed.
 """
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, CrashMap, Lines
-from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw
+from accelerated_evaluation.laws.smooth.conditional import Given, Places, SpeedLaw
+from accelerated_evaluation.laws.smooth.family import LawFamily, Member
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
 from accelerated_evaluation.scenarios.protocol import Event
@@ -93,14 +96,34 @@ class CrashLines(Lines):
         ranges, law
             Distribution of the range given the lead speed, and of the closing speed given both.
         """
-        given = law.given(self.places)
-        start, end = given.cumulative(self.start, self.row), given.cumulative(self.end, self.row)
-        lines = (self.share * self.range_probability(ranges))[self.row]
+        return self._masses(self._line_masses(ranges), law.given(self.places))
+
+    def masses_of(self, family: LawFamily, members: Iterable[Member]) -> Iterator[Array]:
+        """Yield the probabilities of the intervals under members of a family, which all have one body."""
+        lines, below = self._line_masses(family.ranges), self.places.body(family.body)
+        for member in members:
+            yield self._masses(lines, family.law(member).given(self.places, below))
+
+    def _line_masses(self, ranges: SmoothHazard) -> Array:
+        """Return the probability of the cell of each line, for each interval."""
+        return (self.share * self.range_probability(ranges))[self.row]
+
+    def _masses(self, lines: Array, given: Given) -> Array:
+        start = given.cumulative(self.start, self.row)
+        # Many intervals are parts of a wider one, and end where the next one begins.
+        end = np.roll(start, -1)
+        end[self._apart] = given.cumulative(self.end[self._apart], self.row[self._apart])
         reached = np.isfinite(start)  # a law with a finite end has no probability beyond it
         start, end = start[reached], end[reached]
         masses = np.zeros(self.row.size)
         masses[reached] = lines[reached] * np.exp(-start) * -np.expm1(start - end)
         return masses
+
+    @cached_property
+    def _apart(self) -> NDArray[np.int_]:
+        """Indices of the intervals that do not end where the next one begins."""
+        same = (self.row[:-1] == self.row[1:]) & (self.end[:-1] == self.start[1:])
+        return np.flatnonzero(np.append(~same, [True] * min(self.row.size, 1)))
 
     def range_probability(self, ranges: SmoothHazard) -> Array:
         """Return the probability that the range lies in the cell of each line, given its lead speed."""
@@ -111,6 +134,12 @@ class CrashLines(Lines):
     def probability(self, ranges: SmoothHazard, law: SpeedLaw) -> float:
         """Return the probability of the event under a law."""
         return float(self.masses(ranges, law).sum())
+
+    def probabilities(self, family: LawFamily, members: Iterable[Member]) -> dict[Member, float]:
+        """Return the probability of the event under members of a family."""
+        members = tuple(members)
+        masses = self.masses_of(family, members)
+        return {member: float(mass.sum()) for member, mass in zip(members, masses, strict=True)}
 
     def place(self, line: NDArray) -> tuple[Array, Array]:
         """Return lead speed [m/s] and range [m] of lines."""
@@ -155,7 +184,7 @@ class CrashLines(Lines):
 
 
 def crash_places(
-    lines: CrashLines, ranges: SmoothHazard, law: SpeedLaw, size: int, generator: np.random.Generator
+    lines: CrashLines, masses: Array, law: SpeedLaw, size: int, generator: np.random.Generator
 ) -> tuple[Array, Array, Array]:
     """Draw crashes under a law: lead speeds [m/s], ranges [m] and closing speeds [m/s].
 
@@ -165,14 +194,15 @@ def crash_places(
     ----------
     lines
         Lines on which crashes happen.
-    ranges, law
-        Distribution of the range given the lead speed, and of the closing speed given both.
+    masses
+        Probability of each interval under the law; see `CrashLines.masses`.
+    law
+        Distribution of the closing speed given lead speed and range.
     size
         Number of crashes.
     generator
         Source of all randomness.
     """
-    masses = lines.masses(ranges, law)
     interval = generator.choice(masses.size, size, p=masses / masses.sum())
     row = lines.row[interval]
     given = law.given(lines.places.only(row))

@@ -9,11 +9,13 @@ import ast
 import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 Paths = Iterable[str | os.PathLike]
+BLOCKS = (ast.stmt, ast.excepthandler, ast.match_case)  # of which other statements are parts
 
 
 def imported_modules(
@@ -42,12 +44,12 @@ def imported_modules(
     """
     package = Path(package)
     found: set[Path] = set()
-    waiting = [module for source in sources for module in _imports(Path(source), package)]
+    waiting = [module for source in sources for module in _facts(Path(source), package).imports]
     while waiting:
         module = waiting.pop()
         if module not in found:
             found.add(module)
-            waiting += [*_imports(module, package), *_registered(module, package, members or {})]
+            waiting += [*_facts(module, package).imports, *_registered(module, package, members or {})]
     return sorted(found)
 
 
@@ -78,13 +80,40 @@ def without_unused(config: Mapping[str, Any], sources: Iterable[str]) -> dict[st
     return in_order({**config, "data": data})
 
 
+@dataclass(frozen=True)
+class _Facts:
+    """What the code of one file states, as far as it concerns other files.
+
+    Attributes
+    ----------
+    imports
+        Modules of the package that it imports by itself.
+    rooms
+        Folders of the registries that it creates: its own, or the package that it names.
+    names
+        Names under which it registers members: the texts that its decorators are given, and those of calls
+        such as ``SCENARIOS.add("cut_in")(...)``.
+    """
+
+    imports: frozenset[Path]
+    rooms: frozenset[Path]
+    names: frozenset[str]
+
+
 @cache
-def _imports(source: Path, package: Path) -> frozenset[Path]:
-    """Return the modules of the package that the code of one file imports by itself."""
+def _facts(source: Path, package: Path) -> _Facts:
+    """Parse a file once for all that is asked about it. Registries and members are made at its top level."""
     tree = ast.parse(_code(source), filename=str(source))
-    names = set(_imported_names(tree, source, package))
-    modules = {module for name in names for module in _modules(name, package)}
-    return frozenset(modules - {source})
+    named = (name for block in _blocks(tree) for name in _imported_names(block, source, package))
+    imports = {module for name in named for module in _modules(name, package)}
+    calls, decorators = _top_calls(tree)
+    rooms = (_room(call, source, package) for call in calls if _makes_registry(call))
+    adding = [*decorators, *(call.func for call in calls)]
+    values = [
+        getattr(call.args[0], "value", None) for call in adding if isinstance(call, ast.Call) and call.args
+    ]
+    names = frozenset(value for value in values if isinstance(value, str))
+    return _Facts(frozenset(imports - {source}), frozenset(rooms), names)
 
 
 def _registered(module: Path, package: Path, members: Mapping[str, Iterable[str]]) -> list[Path]:
@@ -94,37 +123,17 @@ def _registered(module: Path, package: Path, members: Mapping[str, Iterable[str]
     """
     return [
         path
-        for room in _rooms_of_registries(module, package)
-        for path in room.rglob("*.py")
-        if (names := _names(path)) and (room.name not in members or names & set(members[room.name]))
+        for room in _facts(module, package).rooms
+        for path in _files(room)
+        if (names := _facts(path, package).names)
+        and (room.name not in members or names & set(members[room.name]))
     ]
 
 
 @cache
-def _rooms_of_registries(module: Path, package: Path) -> frozenset[Path]:
-    """Return the folders of the registries that a module creates: its own, or the package that it names."""
-    calls = [node for node in ast.walk(ast.parse(_code(module))) if _makes_registry(node)]
-    named = [getattr(call.args[1], "value", None) if len(call.args) > 1 else None for call in calls]
-    return frozenset(
-        package.parent.joinpath(*name.split(".")) if isinstance(name, str) else module.parent
-        for name in named
-    )
-
-
-@cache
-def _names(module: Path) -> frozenset[str]:
-    """Return the names under which a module registers members.
-
-    They are the texts that its decorators are given, and those of calls such as ``SCENARIOS.add("cut_in")``.
-    """
-    calls = [
-        call
-        for node in ast.walk(ast.parse(_code(module)))
-        for call in (*getattr(node, "decorator_list", []), getattr(node, "func", None))
-        if isinstance(call, ast.Call) and call.args
-    ]
-    values = [getattr(call.args[0], "value", None) for call in calls]
-    return frozenset(value for value in values if isinstance(value, str))
+def _files(room: Path) -> list[Path]:
+    """Return the Python files in a folder and those below it."""
+    return sorted(room.rglob("*.py"))
 
 
 def _code(source: Path) -> str:
@@ -136,15 +145,31 @@ def _code(source: Path) -> str:
     return "\n".join("".join(cell["source"]) for cell in cells)
 
 
-def _imported_names(tree: ast.AST, source: Path, package: Path) -> Iterator[str]:
-    """Yield the dotted names of all that may be a module in the import statements of a file."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            above = source.relative_to(package.parent).parts[: -node.level] if node.level else ()
-            module = ".".join([*above, node.module] if node.module else above)
-            yield from (f"{module}.{alias.name}" for alias in node.names)
+def _blocks(tree: ast.Module) -> Iterator[ast.AST]:
+    """Yield the statements of a module, with those inside of others, such as functions."""
+    waiting: list[ast.AST] = list(tree.body)
+    while waiting:
+        block = waiting.pop()
+        yield block
+        waiting += [node for node in ast.iter_child_nodes(block) if isinstance(node, BLOCKS)]
+
+
+def _top_calls(tree: ast.Module) -> tuple[list[ast.Call], list[ast.expr]]:
+    """Return the calls in the values of the names that a module has, and the decorators of the others."""
+    values = [statement.value for statement in tree.body if getattr(statement, "value", None)]
+    calls = [node for value in values for node in ast.walk(value) if isinstance(node, ast.Call)]
+    return calls, [each for statement in tree.body for each in getattr(statement, "decorator_list", [])]
+
+
+def _imported_names(statement: ast.AST, source: Path, package: Path) -> Iterator[str]:
+    """Yield the dotted names of all that may be a module in an import statement of a file."""
+    if isinstance(statement, ast.Import):
+        yield from (alias.name for alias in statement.names)
+    elif isinstance(statement, ast.ImportFrom):
+        level = statement.level
+        above = source.relative_to(package.parent).parts[:-level] if level else ()
+        module = ".".join([*above, statement.module] if statement.module else above)
+        yield from (f"{module}.{alias.name}" for alias in statement.names)
 
 
 def _modules(name: str, package: Path) -> Iterator[Path]:
@@ -163,10 +188,14 @@ def _modules(name: str, package: Path) -> Iterator[Path]:
         yield folder / "__init__.py"
 
 
-def _makes_registry(node: ast.AST) -> bool:
-    """Tell whether a node of the syntax tree is a call of the class Registry."""
-    if not isinstance(node, ast.Call):
-        return False
-    called = node.func
+def _makes_registry(call: ast.Call) -> bool:
+    """Tell whether the class Registry is called."""
+    called = call.func
     name = called.attr if isinstance(called, ast.Attribute) else getattr(called, "id", None)
     return name == "Registry"
+
+
+def _room(call: ast.Call, source: Path, package: Path) -> Path:
+    """Return the folder of a registry: that of the package that its call names, or that of its file."""
+    name = getattr(call.args[1], "value", None) if len(call.args) > 1 else None
+    return package.parent.joinpath(*name.split(".")) if isinstance(name, str) else source.parent

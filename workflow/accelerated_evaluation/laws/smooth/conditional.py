@@ -221,13 +221,43 @@ class Given:
             Indices of the places; all places in order by default.
         """
         finite = np.isfinite(closing_speed)
-        speed = np.where(finite, closing_speed, 0.0)
-        row = np.arange(speed.size) if row is None else row
+        speed = closing_speed if finite.all() else np.where(finite, closing_speed, 0.0)
         if self.tail is None:
-            return np.where(finite, self.below.at(speed, row), np.inf)
-        value = self.below.at(np.minimum(speed, self.threshold[row]), row)
-        z = np.maximum(speed - self.threshold[row], 0) / self.scale[row]
-        return np.where(finite, value + self.tail.shape.cumulative(z, self.tail.parameters), np.inf)
+            value = self.below.at(speed, row)
+        else:
+            threshold, scale = (x if row is None else x[row] for x in (self.threshold, self.scale))
+            z = np.maximum(speed - threshold, 0) / scale
+            value = self.below.at(np.minimum(speed, threshold), row)
+            value += self.tail.shape.cumulative(z, self.tail.parameters)
+        return value if speed is closing_speed else np.where(finite, value, np.inf)
+
+    def cumulative_at(self, closing_speeds: Array, part: slice) -> Array:
+        """Return -log P(C > c) of some places at closing speeds [m/s] that all places share.
+
+        Parameters
+        ----------
+        closing_speeds
+            Finite closing speeds in increasing order, shape (m,).
+        part
+            The places; in small parts, all that is computed stays in the processor's cache.
+
+        Returns
+        -------
+        numpy.ndarray
+            Shape (m, places).
+        """
+        if self.tail is None:
+            return self.below.at_all(closing_speeds, part)
+        threshold, scale = self.threshold[part], self.scale[part]
+        excess = closing_speeds[:, None] - threshold
+        value = np.broadcast_to(self.at_threshold[part], excess.shape).copy()
+        low = slice(0, int(np.searchsorted(closing_speeds, threshold.max(initial=0.0))))
+        body = self.below.at_all(closing_speeds[low], part)
+        np.copyto(value[low], body, where=excess[low] < 0)
+        z = np.maximum(excess, 0, out=excess)
+        z /= scale
+        value += self.tail.shape.cumulative(z, self.tail.parameters)
+        return value
 
     def log_density(self, closing_speed: Array) -> Array:
         """Return the log density at one closing speed for each place."""

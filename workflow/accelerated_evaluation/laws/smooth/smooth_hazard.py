@@ -171,9 +171,17 @@ class Cumulative:
         row
             Indices of the functions; all functions in order by default.
         """
-        row = np.arange(value.size) if row is None else row
         bin_ = self.bin_of(value)
-        return self.table[row, bin_] + self.hazard[row, bin_] * (value - self.edges[bin_])
+        # One index into all numbers: in memory, bins come first.
+        place = bin_ * len(self.table) + (np.arange(value.size) if row is None else row)
+        table, hazard = self.table.T.ravel(), self.hazard.T.ravel()
+        return table[place] + hazard[place] * (value - self.edges[bin_])
+
+    def at_all(self, values: Array, part: slice) -> Array:
+        """Return cumulative hazards of some functions at values that all functions share, (values, part)."""
+        bin_ = self.bin_of(values)
+        table, hazard = (numbers.T[bin_, part] for numbers in (self.table, self.hazard))
+        return table + hazard * (values - self.edges[bin_])[:, None]
 
     def rate(self, value: Array, row: Array | None = None) -> Array:
         """Return the hazard at given values; the parameters are those of `at`."""
