@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.laws.motion import MOTIONS, draw_lead_speeds
 from accelerated_evaluation.vehicles import load_vehicle
 from accelerated_evaluation.vehicles.checks import OUTCOMES
 from accelerated_evaluation.vehicles.external.workers import Processes, simulate_batch
@@ -97,6 +98,19 @@ def test_the_study_s_car_as_an_fmu_has_its_outcomes(fmus, version):
         np.testing.assert_allclose(getattr(got, name), getattr(wanted, name), rtol=1e-9, atol=1e-9)
     weak = load_vehicle("acc_only").simulate(*cut_ins())
     assert not np.allclose(got.min_range, weak.min_range, rtol=1e-3, atol=1e-3)
+
+
+def test_an_fmu_takes_lead_motion(fmus):
+    fmu, own = load_vehicle("fmu", file=str(fmus[2]), inputs=INPUTS), load_vehicle("acc_aeb")
+    encounters = cut_ins(40)
+    motion = draw_lead_speeds(MOTIONS["ngsim"](), np.array(encounters), np.random.default_rng(3))
+    got, wanted = fmu.simulate_moving(*encounters, motion), own.simulate_moving(*encounters, motion)
+    for name in OUTCOMES:
+        np.testing.assert_allclose(getattr(got, name), getattr(wanted, name), rtol=1e-9, atol=1e-9)
+    still = own.simulate(*encounters)
+    assert not np.allclose(got.min_range, still.min_range, rtol=1e-3, atol=1e-3)
+    with pytest.raises(InputError, match=r"expected 40 rows of 81 speeds or more \(8 s\)"):
+        fmu.simulate_moving(*encounters, motion[:, :60])
 
 
 def test_the_trace_of_an_fmu_is_that_of_the_study_s_car_until_it_stands_or_crashes(fmus):

@@ -4,9 +4,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import cli
+from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.vehicles import load_vehicle
 from accelerated_evaluation.vehicles.builtin.traces import COLUMNS
 from accelerated_evaluation.vehicles.checks import OUTCOMES
+from accelerated_evaluation.vehicles.lead_motion import lead_speeds_of
 from accelerated_evaluation.vehicles.replay import trace_encounter
 
 WIDTH = 1.9
@@ -116,3 +118,81 @@ def test_bad_arguments(tmp_path, monkeypatch, capsys, arguments, message):
     assert error.count("\n") == 1
     assert message in error
     assert [path.name for path in tmp_path.iterdir() if path.name != "__pycache__"] == ["mine.py"]
+
+
+@pytest.mark.parametrize("name", [*FOLLOWED, "human"])
+def test_a_trace_with_lead_motion_ends_in_the_outcomes(name):
+    crashes = 0
+    for encounter in encounters(30):
+        motion = lead_speeds_of("ngsim", np.array(encounter), np.random.default_rng(1))
+        trace = trace_encounter(name, *encounter, lead_speeds=motion)
+        wanted = load_vehicle(name).simulate_moving(*([value] for value in encounter), [motion])
+        everywhere = pd.Series(True, index=trace.index)
+        got = outcomes_of(trace, np.inf, everywhere)
+        if name == "human":  # whose time to collision at the contact is that of the step before
+            got[2], got[0] = wanted.min_ttc[0], wanted.crash[0]
+        # The smallest range of a driver lies within a step, where the approach ends.
+        limit = 0.01 if name == "human" else 1e-9
+        expected = [getattr(wanted, each)[0] for each in OUTCOMES]
+        np.testing.assert_allclose(np.array(got, float), expected, rtol=0, atol=limit)
+        lead = np.interp(trace.time_s, 0.1 * np.arange(81), motion)
+        np.testing.assert_allclose(trace.lead_speed_m_per_s, lead, atol=1e-9)
+        np.testing.assert_allclose(trace.lead_position_m - trace.host_position_m, trace.range_m, atol=1e-9)
+        crashes += wanted.crash[0]
+    assert 0 < crashes < 30
+
+
+def test_a_replay_shows_lead_motion_by_name_and_from_a_file(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    table = ["20", "30", "4"]
+    assert cli.main(["replay", *table, "drawn.csv", "--motion", "ngsim", "--seed", "3"]) == 0
+    drawn = pd.read_csv("drawn.csv")
+    assert drawn["time_s"].iloc[-1] == 8.0
+    assert drawn["lead_speed_m_per_s"].nunique() > 50
+    assert cli.main(["replay", *table, "again.csv", "--motion", "drawn.csv", "--figure", "again.png"]) == 0
+    pd.testing.assert_frame_equal(pd.read_csv("again.csv"), drawn, rtol=1e-6)
+    assert cli.main(["replay", *table, "still.csv"]) == 0
+    assert cli.main(["replay", *table, "constant.csv", "--motion", "constant"]) == 0
+    pd.testing.assert_frame_equal(pd.read_csv("constant.csv"), pd.read_csv("still.csv"))
+    assert not capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("content", "options", "message"),
+    [
+        (
+            "0,20\n4,-1\n8,20\n",
+            [],
+            "motion.csv: seen a lead speed of -1 m/s at 4 s; expected finite speeds of 0",
+        ),
+        ("0,20\n4,inf\n8,20\n", [], "seen a lead speed of inf m/s at 4 s"),
+        ("0,20\n4,\n8,20\n", [], "seen a lead speed of nan m/s at 4 s"),
+        ("0,20\n4,20\n", [], "motion.csv: seen times up to 4 s; expected times up to 8 s or more"),
+        ("0,20\n0,20\n8,20\n", [], "seen 0, 0, 8; expected times that increase from 0"),
+        ("0,19\n8,20\n", [], "encounter 0, at 0 s: seen 19.0; expected the lead speed of the encounter"),
+        (
+            "0,20\n8,20\n",
+            ["--motion", "fast"],
+            "--motion: seen 'fast'; expected constant or ngsim, or a file",
+        ),
+        ("0,20\n8,20\n", ["--motion", "none.csv"], "none.csv: seen no such file"),
+        ("0,20\n8,20\n", ["--motion", "ngsim", "--seed", "-1"], "--seed: seen -1"),
+    ],
+)
+def test_bad_lead_motion_is_one_message(tmp_path, monkeypatch, capsys, content, options, message):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "motion.csv").write_text("time_s,lead_speed_m_per_s\n" + content)
+    assert cli.main(["replay", "20", "30", "4", "new.csv", "--motion", "motion.csv", *options]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert message in error
+    assert not (tmp_path / "new.csv").exists()
+
+
+def test_only_cut_ins_have_lead_motion(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    arguments = ["replay", "10", "-1", "3", "out.csv", "--scenario", "left_turn", "--motion", "ngsim"]
+    values = SCENARIOS["left_turn"].dimension
+    arguments[1:4] = ["10"] * values
+    assert cli.main(arguments) == 2
+    assert "--motion: seen the scenario left_turn; expected cut_in" in capsys.readouterr().err

@@ -3,9 +3,14 @@
 import argparse
 from pathlib import Path
 
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.commands import COMMANDS, add_scenario
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.commands import COMMANDS, add_scenario, add_seed, require_seed
 from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
+from accelerated_evaluation.scenarios.protocol import Scenario
+from accelerated_evaluation.vehicles.lead_motion import lead_speeds_of
 from accelerated_evaluation.vehicles.replay import trace_encounter, write_trace
 
 VALUES = "\n".join(f"  {name:<12}{' '.join(each.names)}" for name, each in SCENARIOS.items())
@@ -49,6 +54,13 @@ class Replay:
         command.add_argument(
             "--figure", metavar="FILE", type=Path, help="figure to write: .png, .pdf or .svg"
         )
+        command.add_argument(
+            "--motion",
+            metavar="MOTION",
+            help="of a cut-in, the lead speed over time: ngsim, drawn with the statistics of NGSIM, or a "
+            "table with columns time_s, from 0 to 8, and lead_speed_m_per_s (default: constant)",
+        )
+        add_seed(command)
         add_scenario(command)
 
     @staticmethod
@@ -63,9 +75,24 @@ class Replay:
                 change="Write them in this order, and then the table to write.",
             )
         vehicle = arguments.vehicle or scenario.default_vehicle
-        trace = trace_encounter(vehicle, *encounter, scenario=scenario)
+        speeds = None if arguments.motion is None else _lead_speeds(arguments, scenario)
+        trace = trace_encounter(vehicle, *encounter, scenario=scenario, lead_speeds=speeds)
         numbers = ", ".join(
             f"{each.in_title} {value:g} {each.unit}"
             for each, value in zip(scenario.variables, encounter, strict=True)
         )
         write_trace(trace, arguments.target, arguments.figure, f"{vehicle}: {numbers}", scenario.panels)
+
+
+def _lead_speeds(arguments: argparse.Namespace, scenario: Scenario) -> Array:
+    """Return the lead speeds over time that the option ``--motion`` names."""
+    if scenario is not CUT_IN:
+        raise InputError(
+            "--motion",
+            seen=f"the scenario {scenario.name}",
+            expected="cut_in",
+            change="Leave it out; only cut-ins have a lead vehicle.",
+        )
+    require_seed(arguments.seed)
+    encounter = scenario.checked(*([value] for value in arguments.values))[:, 0]
+    return lead_speeds_of(arguments.motion, encounter, child_generator(arguments.seed, "replay"))

@@ -19,9 +19,11 @@ from tqdm import tqdm
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import atomic_path
 from accelerated_evaluation.commands import COMMANDS, add_scenario
+from accelerated_evaluation.laws.motion import COURSE_COLUMN
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import ENDED, Scenario
+from accelerated_evaluation.vehicles.builtin.moving import require_motion, speeds_in
 from accelerated_evaluation.vehicles.external.apart import run_apart
 from accelerated_evaluation.vehicles.loading import load_vehicle
 from accelerated_evaluation.vehicles.protocol import Vehicle
@@ -29,6 +31,9 @@ from accelerated_evaluation.vehicles.protocol import Vehicle
 CHUNK = 100_000  # rows in memory at a time
 INTRODUCTION = "Simulate encounters, one a row of IN.csv, and write the table with their outcomes."
 RULES = """\
+If the lead vehicle of a cut-in changes its speed, further columns say how: speed_0.1, speed_0.2, ... [m/s],
+the lead speed so many seconds after the start, up to speed_8.0. Speeds in between are interpolated.
+
 The added columns are at the end, and replace columns of the same name. All other columns are carried through
 unchanged. Runs that were stopped at their longest duration have 0 in the column ended, and are counted in a
 warning."""
@@ -177,6 +182,9 @@ def simulate_table(
         header = [name.strip() for name in next(rows, Row(0, [])).fields]
         inputs = [_position(header, name, source, scenario) for name in scenario.names]
         carried = [column for column, name in enumerate(header) if name not in scenario.outcome_names]
+        courses = _courses(header, scenario)
+        if courses:
+            require_motion(vehicle, getattr(vehicle, "name", type(vehicle).__name__))
         highest = np.array([[caps.get(name, math.inf)] for name in scenario.names])
         not_ended = 0
         with atomic_path(target) as temporary, temporary.open("w", encoding="utf-8", newline="") as out:
@@ -186,7 +194,12 @@ def simulate_table(
                 columns = [_numbers(chunk, column, header, source) for column in inputs]
                 numbers = [row.number for row in chunk]
                 encounters = scenario.checked(*columns, source=str(source), rows=numbers)
-                outcomes = vehicle.simulate(*np.minimum(encounters, highest))
+                capped = np.minimum(encounters, highest)
+                if courses:
+                    speeds = {header[k]: _numbers(chunk, k, header, source) for k in courses}
+                    outcomes = vehicle.simulate_moving(*capped, speeds_in(speeds, numbers, str(source)))
+                else:
+                    outcomes = vehicle.simulate(*capped)
                 not_ended += np.count_nonzero(~getattr(outcomes, ENDED, np.array([], bool)))
                 kept = ([row.fields[column] for column in carried] for row in chunk)
                 added = _records(outcomes, scenario)
@@ -194,6 +207,12 @@ def simulate_table(
     if not_ended:
         runs = "1 run" if not_ended == 1 else f"{not_ended:,} runs"
         print(f"warning: {runs} did not end; see the column {ENDED} of {target}", file=sys.stderr)
+
+
+def _courses(header: list[str], scenario: Scenario) -> list[int]:
+    """Return where a table of cut-ins has the lead speed and its course; nothing if it has no course."""
+    courses = [place for place, name in enumerate(header) if COURSE_COLUMN.fullmatch(name)]
+    return [header.index("lead_speed"), *courses] if courses and scenario is CUT_IN else []
 
 
 def _opened(source: Path) -> TextIO:

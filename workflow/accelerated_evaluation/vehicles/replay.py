@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import atomic_path, write_csv
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
@@ -21,7 +22,12 @@ LOOKS = {"color": HOST, "linestyle": "-"}, {"color": "#777777", "linestyle": "--
 TIME, EMERGENCY = "time_s", "emergency"  # columns of a trace that are not drawn as lines
 
 
-def trace_encounter(name: str, *encounter: float, scenario: Scenario = CUT_IN) -> pd.DataFrame:
+def trace_encounter(
+    name: str,
+    *encounter: float,
+    scenario: Scenario = CUT_IN,
+    lead_speeds: Array | None = None,
+) -> pd.DataFrame:
     """Return the trace of one encounter with a built-in vehicle.
 
     Parameters
@@ -33,6 +39,8 @@ def trace_encounter(name: str, *encounter: float, scenario: Scenario = CUT_IN) -
         cut-in.
     scenario
         The scenario.
+    lead_speeds
+        For a cut-in, lead speeds every 0.1 s [m/s] if the lead vehicle changes its speed.
 
     Returns
     -------
@@ -56,7 +64,7 @@ def trace_encounter(name: str, *encounter: float, scenario: Scenario = CUT_IN) -
             expected=f"one whose states are known: {', '.join(followed) or 'this scenario has none'}",
             change="Name one of these; of other vehicles only the outcomes are known.",
         )
-    return vehicle.trace(*encounter)
+    return vehicle.trace(*encounter) if lead_speeds is None else vehicle.trace(*encounter, lead_speeds)
 
 
 def write_trace(

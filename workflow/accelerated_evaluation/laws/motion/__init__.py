@@ -1,5 +1,6 @@
 """Laws of lead motion: how the speed of the car that cuts in changes after the lane crossing."""
 
+import re
 from pathlib import Path
 from typing import Protocol
 
@@ -10,6 +11,9 @@ from accelerated_evaluation.base.registry import Registry
 
 STEP = 0.1  # [s], between two lead speeds
 STATES = 81  # lead speeds of an encounter: 8 s, the horizon of the study's car
+COURSE_COLUMN = re.compile(r"speed_(\d+\.?\d*)")  # column of a lead speed, and its time [s]
+# Columns of a table with the lead speeds after the crossing [m/s]: speed_0.1, speed_0.2, ..., speed_8.0.
+SPEED_COLUMNS = tuple(f"speed_{STEP * state:.1f}" for state in range(1, STATES))
 RAREST = 1e-4  # distance of an input from 0 or 1 down to which `draw_wide` draws rare values often
 LARGEST_WEIGHT = 2.0  # of a draw of `draw_wide`
 

@@ -2,7 +2,6 @@
 
 import math
 import os
-import re
 from dataclasses import dataclass, field
 from typing import ClassVar, Self
 
@@ -14,10 +13,9 @@ from scipy.spatial import cKDTree
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.tables import read_parquet, require_file
-from accelerated_evaluation.laws.motion import MOTIONS, STATES, STEP
+from accelerated_evaluation.laws.motion import COURSE_COLUMN, MOTIONS, STATES, STEP
 
 NAMES = ("lead_speed", "range", "closing_speed")
-COURSE_COLUMN = re.compile(r"speed_(\d+\.?\d*)")  # a speed of a course, and its time [s]
 FEWEST = 10  # courses from which others are drawn
 BELOW_ONE = 1 - 1e-12
 AWAY = 100.0  # [m/s], speed of a car that has left the lane, which nobody can hit

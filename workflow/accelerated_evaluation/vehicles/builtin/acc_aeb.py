@@ -13,7 +13,7 @@ from accelerated_evaluation.scenarios.compiled import available_threads, simulat
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.parameters import check_number, parameter_error
 from accelerated_evaluation.vehicles.builtin.kernel import STEP, Car, simulate_moving, simulate_slice
-from accelerated_evaluation.vehicles.builtin.moving import checked_lead_speeds
+from accelerated_evaluation.vehicles.builtin.moving import checked_lead_speeds, checked_motion
 from accelerated_evaluation.vehicles.builtin.traces import trace_car
 from accelerated_evaluation.vehicles.checks import checked_encounters
 from accelerated_evaluation.vehicles.protocol import Outcomes
@@ -150,12 +150,20 @@ class AccAeb:
         simulate_moving(encounters, speeds, self.compiled(), outcomes)
         return Outcomes(outcomes[0] > 0, *outcomes[1:])
 
-    def trace(self, lead_speed: float, range_: float, closing_speed: float) -> pd.DataFrame:
+    def trace(
+        self,
+        lead_speed: float,
+        range_: float,
+        closing_speed: float,
+        lead_speeds: ArrayLike | None = None,
+    ) -> pd.DataFrame:
         """Return every state of one encounter, as described in `traces`.
 
-        The arguments are those of `simulate`.
+        The arguments are those of `simulate`, and lead speeds over time if the lead vehicle changes its
+        speed.
         """
-        return trace_car(self.compiled(), checked_encounters([lead_speed], [range_], [closing_speed]))
+        encounter = checked_encounters([lead_speed], [range_], [closing_speed])
+        return trace_car(self.compiled(), encounter, checked_motion(lead_speeds, encounter))
 
     def compiled(self) -> Car:
         """Return the numbers that the compiled code needs."""

@@ -13,8 +13,8 @@ from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.parameters import check_number, parameter_error, zero_or_more
 from accelerated_evaluation.vehicles.builtin.driver_kernel import STEP, follow_moving, follow_slice
 from accelerated_evaluation.vehicles.builtin.driver_numbers import Driver
-from accelerated_evaluation.vehicles.builtin.moving import checked_lead_speeds
-from accelerated_evaluation.vehicles.builtin.traces import trace_driver
+from accelerated_evaluation.vehicles.builtin.moving import checked_lead_speeds, checked_motion
+from accelerated_evaluation.vehicles.builtin.traces import trace_driver, trace_moving_driver
 from accelerated_evaluation.vehicles.checks import checked_encounters
 from accelerated_evaluation.vehicles.protocol import Outcomes
 
@@ -132,12 +132,23 @@ class ReferenceDriver:
         follow_moving(encounters, speeds, self.compiled(), outcomes)
         return Outcomes(outcomes[0] > 0, *outcomes[1:])
 
-    def trace(self, lead_speed: float, range_: float, closing_speed: float) -> pd.DataFrame:
+    def trace(
+        self,
+        lead_speed: float,
+        range_: float,
+        closing_speed: float,
+        lead_speeds: ArrayLike | None = None,
+    ) -> pd.DataFrame:
         """Return every state of one encounter, as described in `traces`.
 
-        The arguments are those of `simulate`.
+        The arguments are those of `simulate`, and lead speeds over time if the lead vehicle changes its
+        speed.
         """
-        return trace_driver(self.compiled(), checked_encounters([lead_speed], [range_], [closing_speed]))
+        encounter = checked_encounters([lead_speed], [range_], [closing_speed])
+        speeds = checked_motion(lead_speeds, encounter)
+        if speeds is None:
+            return trace_driver(self.compiled(), encounter)
+        return trace_moving_driver(self.compiled(), encounter, speeds)
 
     def compiled(self) -> Driver:
         """Return the numbers that the compiled code needs."""

@@ -15,7 +15,7 @@ from accelerated_evaluation.scenarios.parameters import check_number, parameter_
 from accelerated_evaluation.vehicles.builtin import human_kernel
 from accelerated_evaluation.vehicles.builtin.human_numbers import SWERVE, HumanNumbers
 from accelerated_evaluation.vehicles.builtin.human_population import Population
-from accelerated_evaluation.vehicles.builtin.moving import checked_lead_speeds
+from accelerated_evaluation.vehicles.builtin.moving import checked_lead_speeds, checked_motion
 from accelerated_evaluation.vehicles.builtin.traces import trace_human
 from accelerated_evaluation.vehicles.checks import checked_encounters
 from accelerated_evaluation.vehicles.protocol import Outcomes
@@ -223,10 +223,17 @@ class Human:
         """Draw the next drivers of this object, shape (size, traits)."""
         return self.draw_inner(size, self._generator)
 
-    def trace(self, lead_speed: float, range_: float, closing_speed: float) -> pd.DataFrame:
+    def trace(
+        self,
+        lead_speed: float,
+        range_: float,
+        closing_speed: float,
+        lead_speeds: ArrayLike | None = None,
+    ) -> pd.DataFrame:
         """Return every state of one encounter with a newly drawn driver, as described in `traces`."""
         encounter = checked_encounters([lead_speed], [range_], [closing_speed])
-        return trace_human(self.compiled(), encounter, self.draw_next(1)[0])
+        speeds = checked_motion(lead_speeds, encounter)
+        return trace_human(self.compiled(), encounter, self.draw_next(1)[0], speeds)
 
     def compiled(self) -> HumanNumbers:
         """Return the numbers that the compiled code needs."""

@@ -1,5 +1,7 @@
 """Encounters in which the lead vehicle changes its speed: what all vehicles share."""
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -20,12 +22,17 @@ def takes_motion(vehicle: Vehicle) -> bool:
 def require_motion(vehicle: Vehicle, name: str) -> None:
     """Raise InputError if a vehicle cannot be given lead speeds over time."""
     if not takes_motion(vehicle):
-        raise InputError(
-            f"vehicle {name}, lead speeds over time",
-            seen="a vehicle that only knows a lead vehicle that keeps its speed",
-            expected="a vehicle that can be given lead speeds over time",
-            change="Leave the lead motion out, or extend the vehicle as in docs/your_vehicle.md.",
-        )
+        raise motion_error(name)
+
+
+def motion_error(name: str) -> InputError:
+    """Return the error for a vehicle that cannot be given lead speeds over time."""
+    return InputError(
+        f"vehicle {name}, lead speeds over time",
+        seen="a vehicle for lead vehicles that keep their speed",
+        expected="a method simulate_moving of a class, or a command with the parameter lead_motion: true",
+        change="Leave the lead motion out, or extend the vehicle as in docs/your_vehicle.md.",
+    )
 
 
 def simulate_motion(
@@ -61,10 +68,12 @@ def checked_lead_speeds(lead_speeds: ArrayLike, lead_speed: Array) -> Array:
             expected=f"{len(lead_speed)} rows of {STATES} speeds or more ({(STATES - 1) * STEP:g} s)",
             change="Pass a row of lead speeds, 0.1 s apart, for each encounter.",
         )
+    starts_elsewhere = np.zeros(speeds.shape, dtype=bool)
+    starts_elsewhere[:, 0] = np.abs(speeds[:, 0] - lead_speed) > TOLERANCE
     for wrong, expected in (
         (~np.isfinite(speeds), "a finite speed"),
         (speeds < 0, "a speed of 0 m/s or more"),
-        (np.abs(speeds - lead_speed[:, None]) * (np.arange(speeds.shape[1]) == 0) > TOLERANCE, START),
+        (starts_elsewhere, START),
     ):
         if wrong.any():
             row, state = (int(index) for index in np.argwhere(wrong)[0])
@@ -75,3 +84,42 @@ def checked_lead_speeds(lead_speeds: ArrayLike, lead_speed: Array) -> Array:
                 change="Correct the lead motion of this encounter.",
             )
     return speeds
+
+
+def checked_motion(lead_speeds: ArrayLike | None, encounter: Array) -> Array | None:
+    """Return the lead speeds of one encounter, shape (3, 1), after checking them; None stays None."""
+    return None if lead_speeds is None else checked_lead_speeds([lead_speeds], encounter[0])[0]
+
+
+def speeds_in(columns: Mapping[str, Sequence[float]], rows: Sequence[object], where: str) -> Array:
+    """Return the lead speeds in a table of encounters, every 0.1 s, shape (n, STATES).
+
+    Parameters
+    ----------
+    columns
+        ``lead_speed`` [m/s], and columns such as ``speed_0.1``: the lead speed [m/s] so many seconds after
+        the start, up to 8 s or more. Speeds in between are interpolated.
+    rows, where
+        Names of the n rows and of the table, for the error.
+
+    Raises
+    ------
+    InputError
+        If a speed is not finite or negative, or the columns do not reach 8 s.
+    """
+    import pandas as pd  # slow to import, as the next one
+
+    from accelerated_evaluation.laws.motion.recorded import recorded_courses
+
+    table = pd.DataFrame(columns)
+    values = table.to_numpy(dtype=float)
+    wrong = ~(np.isfinite(values) & (values >= 0))
+    if wrong.any():
+        row, column = np.argwhere(wrong)[0]
+        raise InputError(
+            f"{where}, row {rows[row]}, column {table.columns[column]}",
+            seen=repr(values[row, column].item()),
+            expected="a finite speed of 0 m/s or more",
+            change="Correct the lead motion of this encounter.",
+        )
+    return recorded_courses(table, where)

@@ -25,7 +25,7 @@ COLUMNS = (
 )
 
 
-def trace_car(car: Car, encounter: Array) -> pd.DataFrame:
+def trace_car(car: Car, encounter: Array, lead_speeds: Array | None = None) -> pd.DataFrame:
     """Return the trace of one encounter of the ACC + AEB car.
 
     Parameters
@@ -34,6 +34,8 @@ def trace_car(car: Car, encounter: Array) -> pd.DataFrame:
         The car's numbers.
     encounter
         Checked lead speed [m/s], range [m] and closing speed [m/s], shape (3, 1).
+    lead_speeds
+        Checked lead speeds over time [m/s], shape (states,); None if the lead vehicle keeps its speed.
 
     Returns
     -------
@@ -55,9 +57,13 @@ def trace_car(car: Car, encounter: Array) -> pd.DataFrame:
         emergency = state[kernel.TIMER, 0] > 0
         rows.append((step * kernel.STEP, range_, 0.0, lead, speed, acceleration, range_, ttc, emergency))
         kernel.command(state, 1, car)
+        if lead_speeds is not None:
+            state[kernel.LEAD, 0] = lead_speeds[step : step + 2].mean()
         kernel.move(state, 1, car)
         step += 1
-    return _table(rows)
+        if lead_speeds is not None and not over:
+            state[kernel.LEAD, 0] = lead_speeds[step]
+    return _table(rows, is_moving=lead_speeds is not None)
 
 
 def trace_driver(driver: Driver, encounter: Array) -> pd.DataFrame:
@@ -86,19 +92,45 @@ def trace_driver(driver: Driver, encounter: Array) -> pd.DataFrame:
             driver_kernel.move(state, 1, driver)
 
 
-def trace_human(numbers: HumanNumbers, encounter: Array, traits: Array) -> pd.DataFrame:
-    """Return the trace of one encounter of a human driver; encounter and result as for `trace_car`.
+def trace_moving_driver(driver: Driver, encounter: Array, lead_speeds: Array) -> pd.DataFrame:
+    """Return the trace of a reference driver with a changing lead speed; see `trace_car`."""
+    state, last = np.empty((driver_kernel.FIELDS, 1)), lead_speeds.size - 1
+    driver_kernel.start(driver, encounter[:, 0], 0, state, 0)
+    rows: list[tuple] = []
+    while True:
+        step = len(rows)
+        state[driver_kernel.LEAD, 0] = lead_speeds[min(step, last)]
+        driver_kernel.watch(state, 1, driver)
+        driver_kernel.decide(state, 1, driver)
+        rows.append(_driver_row(driver, state[:, 0], 0))
+        touches = abs(state[driver_kernel.OFFSET, 0]) < driver.width
+        touches &= abs(state[driver_kernel.DISTANCE, 0]) <= driver.length
+        is_late = step >= min(last, driver_kernel.STATES - 1)
+        if state[driver_kernel.OVER, 0] > 0 and (touches or is_late):
+            return _table(rows, is_moving=True)
+        state[driver_kernel.OVER, 0] = 0.0
+        state[driver_kernel.LEAD, 0] = lead_speeds[min(step + 1, last)]
+        driver_kernel.move(state, 1, driver)
+
+
+def trace_human(
+    numbers: HumanNumbers, encounter: Array, traits: Array, lead_speeds: Array | None = None
+) -> pd.DataFrame:
+    """Return the trace of one encounter of a human driver; other parameters and result as for `trace_car`.
 
     ``traits`` are those of the driver, shape (traits,). "emergency" is 1 while the driver brakes.
     """
     outcome, course = np.empty(5), np.empty((human_kernel.STEPS + 1, 5))
-    count = human_kernel.follow(numbers, encounter[:, 0], traits, outcome, course)
-    lead = encounter[0, 0]
+    if lead_speeds is None:
+        count = human_kernel.follow(numbers, encounter[:, 0], traits, outcome, course)
+    else:
+        count = human_kernel.follow_motion(numbers, encounter[:, 0], lead_speeds, traits, outcome, course)
     rows = []
     for time, range_, closing, braking, sideways in course[:count]:
+        lead = encounter[0, 0] if lead_speeds is None else human_kernel.lead_at(lead_speeds, time)
         ttc = range_ / closing if closing > 0 and range_ > 0 else np.inf
         rows.append((time, range_, sideways, lead, lead + closing, -braking, range_, ttc, braking > 0))
-    return _table(rows)
+    return _table(rows, is_moving=lead_speeds is not None)
 
 
 def _driver_row(driver: Driver, state: Array, k: int) -> tuple:
@@ -122,9 +154,15 @@ def _driver_row(driver: Driver, state: Array, k: int) -> tuple:
     )
 
 
-def _table(rows: list[tuple]) -> pd.DataFrame:
-    """Return the states as a table, with the positions of both cars on the road."""
+def _table(rows: list[tuple], *, is_moving: bool = False) -> pd.DataFrame:
+    """Return the states as a table, with the positions of both cars on the road.
+
+    ``is_moving`` says that the lead vehicle changes its speed.
+    """
     time, gap, offset, lead, *others, emergency = (np.array(column) for column in zip(*rows, strict=True))
-    lead_position = gap[0] + lead * time
+    travelled = lead * time
+    if is_moving:
+        travelled = np.concatenate([[0.0], np.cumsum((lead[1:] + lead[:-1]) / 2 * np.diff(time))])
+    lead_position = gap[0] + travelled
     columns = (time, lead_position, lead_position - gap, offset, lead, *others, emergency.astype(int))
     return pd.DataFrame(dict(zip(COLUMNS, columns, strict=True)))

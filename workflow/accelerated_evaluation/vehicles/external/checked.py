@@ -14,6 +14,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
+from accelerated_evaluation.vehicles.builtin.moving import checked_lead_speeds, require_motion, takes_motion
 from accelerated_evaluation.vehicles.checks import checked_outcomes, outcome_error
 from accelerated_evaluation.vehicles.protocol import Vehicle, repeats_itself
 
@@ -85,11 +86,34 @@ class CheckedVehicle:
             )
         return outcomes
 
-    def _outcomes(self, encounters: Array) -> Any:  # noqa: ANN401
-        """Run the user's code on checked encounters, shape (d, n)."""
+    @property
+    def takes_motion(self) -> bool:
+        """Whether the vehicle can be given lead speeds over time."""
+        return takes_motion(self.vehicle)
+
+    def simulate_moving(
+        self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, lead_speeds: ArrayLike
+    ) -> Any:  # noqa: ANN401
+        """Simulate n cut-ins behind lead vehicles that change their speeds; see `MovingVehicle`.
+
+        Raises
+        ------
+        InputError
+            As in `simulate`; if the vehicle cannot be given lead speeds over time; or if these are not
+            finite, negative, or too short in time.
+        """
+        require_motion(self.vehicle, self.name)
+        encounters = self.scenario.checked(lead_speed, range_, closing_speed)
+        return self._outcomes(encounters, checked_lead_speeds(lead_speeds, encounters[0]))
+
+    def _outcomes(self, encounters: Array, lead_speeds: Array | None = None) -> Any:  # noqa: ANN401
+        """Run the user's code on checked encounters, shape (d, n), and on lead speeds if there are any."""
         try:
             with kept_alive():
-                outcomes = self.vehicle.simulate(*encounters.copy())
+                if lead_speeds is None:
+                    outcomes = self.vehicle.simulate(*encounters.copy())
+                else:
+                    outcomes = self.vehicle.simulate_moving(*encounters.copy(), lead_speeds.copy())
         except (StudyError, KeyboardInterrupt):
             raise
         except BaseException as error:  # a vehicle that calls sys.exit must not end the study without a word

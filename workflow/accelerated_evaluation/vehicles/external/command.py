@@ -20,8 +20,10 @@ from numpy.typing import ArrayLike
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.laws.motion import SPEED_COLUMNS, STATES
 from accelerated_evaluation.scenarios.parameters import parameter_error
 from accelerated_evaluation.scenarios.protocol import FLAG, Scenario
+from accelerated_evaluation.vehicles.builtin.moving import checked_lead_speeds
 from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
 from accelerated_evaluation.vehicles.registry import VEHICLES
 
@@ -44,10 +46,15 @@ class Command(ForeignVehicle):
     crash (0 or 1), min_range [m], min_ttc [s] and impact_speed [m/s]. OUT.csv has one row for each row of
     IN.csv, in the same order. Further columns and the printed output are ignored.
 
+    If the lead vehicle changes its speed, IN.csv also has the columns speed_0.1, speed_0.2, ..., speed_8.0:
+    the lead speed [m/s] so many seconds after the start. After 8 s the lead vehicle keeps its speed.
+
     Attributes
     ----------
     command
         The words of the command, or one text that is split into words as in a shell. No shell is used.
+    lead_motion
+        Whether the command reads these columns. If not, it cannot be given lead speeds over time.
 
     Raises
     ------
@@ -56,8 +63,11 @@ class Command(ForeignVehicle):
     """
 
     command: str | Sequence[str]
+    lead_motion: bool = False
 
     def __post_init__(self) -> None:
+        if not isinstance(self.lead_motion, bool):
+            raise parameter_error("lead_motion", self.lead_motion, "true or false")
         is_list = isinstance(self.command, list | tuple)
         if not (is_list and all(isinstance(word, str) for word in self.command)) and not isinstance(
             self.command, str
@@ -88,12 +98,27 @@ class Command(ForeignVehicle):
         InputError
             If the command cannot be started, takes too long, fails, is killed, or writes no outcomes.
         """
-        encounters = self.scenario.checked(*columns)
+        return self._outcomes(self.scenario.checked(*columns))
+
+    @property
+    def takes_motion(self) -> bool:
+        """Whether the command reads lead speeds over time."""
+        return self.lead_motion
+
+    def simulate_moving(
+        self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, lead_speeds: Array
+    ) -> Any:  # noqa: ANN401
+        """Run the command on n cut-ins with lead speeds over time; see `MovingVehicle` and `simulate`."""
+        encounters = self.scenario.checked(lead_speed, range_, closing_speed)
+        return self._outcomes(encounters, checked_lead_speeds(lead_speeds, encounters[0])[:, 1:STATES])
+
+    def _outcomes(self, encounters: Array, later_speeds: Array | None = None) -> Any:  # noqa: ANN401
+        """Run the command on checked encounters, and on later lead speeds, shape (n, STATES - 1)."""
         if not encounters.shape[1]:
             return self.scenario.outcomes_of(np.empty((len(self.scenario.outcomes), 0)))
         with TemporaryDirectory(prefix="accelerated_evaluation_") as folder:
             source, target = Path(folder, "encounters.csv"), Path(folder, "outcomes.csv")
-            _write_encounters(source, encounters, self.scenario)
+            _write_encounters(source, encounters, self.scenario, later_speeds)
             self._run([*self.words, str(source), str(target)], encounters)
             outcomes = _read_outcomes(target, encounters, self.scenario, self._error)
         return self.scenario.outcomes_of(outcomes)
@@ -195,11 +220,14 @@ def _marked(mark: str) -> list[int]:
     return found
 
 
-def _write_encounters(path: Path, encounters: Array, scenario: Scenario) -> None:
+def _write_encounters(path: Path, encounters: Array, scenario: Scenario, later_speeds: Array | None) -> None:
+    rows, names = encounters.T, scenario.names
+    if later_speeds is not None:
+        rows, names = np.hstack([rows, later_speeds]), (*names, *SPEED_COLUMNS)
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(scenario.names)
-        writer.writerows(encounters.T.tolist())
+        writer.writerow(names)
+        writer.writerows(rows.tolist())
 
 
 def _read_outcomes(

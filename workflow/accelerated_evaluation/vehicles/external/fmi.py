@@ -44,14 +44,16 @@ class State(NamedTuple):
         """Rate at which the range falls [m/s]."""
         return self.host_speed - self.lead_speed
 
-    def after(self, acceleration: float, step: float) -> "State":
+    def after(self, acceleration: float, step: float, lead_speed: float) -> "State":
         """Return the state after a step [s] with a given acceleration of the host [m/s^2].
 
-        It never drives backwards.
+        The host never drives backwards. ``lead_speed`` is that after the step [m/s]; within the step it
+        changes linearly.
         """
         speed = max(self.host_speed + acceleration * step, 0.0)
-        range_ = self.range + (self.lead_speed - (self.host_speed + speed) / 2) * step
-        return State(range_, speed, self.lead_speed)
+        lead = self.lead_speed if lead_speed == self.lead_speed else (self.lead_speed + lead_speed) / 2
+        range_ = self.range + (lead - (self.host_speed + speed) / 2) * step
+        return State(range_, speed, lead_speed)
 
 
 @dataclass(frozen=True)

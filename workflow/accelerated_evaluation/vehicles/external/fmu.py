@@ -1,7 +1,8 @@
 """A vehicle that is an FMU: the study moves both cars, and the FMU returns the acceleration of the host."""
 
+import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -9,9 +10,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import located
+from accelerated_evaluation.laws.motion import STEP
 from accelerated_evaluation.scenarios.cut_in import CUT_IN, Outcomes
 from accelerated_evaluation.scenarios.parameters import check_number, parameter_error
+from accelerated_evaluation.vehicles.builtin.moving import checked_lead_speeds
 from accelerated_evaluation.vehicles.builtin.traces import COLUMNS
 from accelerated_evaluation.vehicles.external.fmi import Model, State
 from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
@@ -26,11 +30,12 @@ MOST_STEPS = 100_000  # of an encounter, which takes seconds; more is a mistake 
 class Fmu(ForeignVehicle):
     """A vehicle that is a Functional Mock-up Unit for co-simulation, FMI 2.0 or 3.0.
 
-    The lead vehicle keeps its speed. At every step the FMU receives its inputs, makes the step, and returns
-    the acceleration of the host, which is used for this step: v_new = max(v + a h, 0), R_new = R + (v_L - (v
-    + v_new) / 2) h. An encounter ends with a crash when the range is 0 or less, and safely when the host
-    stands still or the time is over. The smallest range and the smallest time to collision are those at the
-    beginnings of the steps; the smallest range also includes the end.
+    The lead vehicle keeps its speed, or has given speeds over time. At every step the FMU receives its
+    inputs, makes the step, and returns the acceleration of the host, which is used for this step: v_new =
+    max(v + a h, 0), R_new = R + (v_L - (v + v_new) / 2) h, with the mean v_L of the step. An encounter ends
+    with a crash when the range is 0 or less, and safely when the host stands still or the time is over. The
+    smallest range and the smallest time to collision are those at the beginnings of the steps; the smallest
+    range also includes the end.
 
     Attributes
     ----------
@@ -93,11 +98,17 @@ class Fmu(ForeignVehicle):
             If the FMU cannot be instantiated, refuses a step, or gives an acceleration that is no number.
         """
         encounters = CUT_IN.checked(lead_speed, range_, closing_speed)
-        outcomes = np.empty((len(CUT_IN.outcomes), encounters.shape[1]))
-        for k, encounter in enumerate(encounters.T):
-            with located(f"vehicle {self.name}, {CUT_IN.described(encounter)}"):
-                outcomes[:, k] = self._follow(*encounter.tolist())
-        return CUT_IN.outcomes_of(outcomes)
+        return self._outcomes(encounters, itertools.repeat(None))
+
+    def simulate_moving(
+        self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, lead_speeds: ArrayLike
+    ) -> Outcomes:
+        """Simulate n cut-ins with lead speeds over time; see `MovingVehicle` and `simulate`.
+
+        Between 0, 0.1, ... s the lead speed is interpolated. The inputs of the FMU follow it at every step.
+        """
+        encounters = CUT_IN.checked(lead_speed, range_, closing_speed)
+        return self._outcomes(encounters, checked_lead_speeds(lead_speeds, encounters[0]))
 
     def trace(self, lead_speed: float, range_: float, closing_speed: float) -> pd.DataFrame:
         """Return the states of one encounter; the columns of `traces.COLUMNS`, without emergencies.
@@ -114,9 +125,18 @@ class Fmu(ForeignVehicle):
             before = acceleration
         return pd.DataFrame(rows, columns=list(COLUMNS))
 
-    def _follow(self, lead_speed: float, range_: float, closing_speed: float) -> tuple[float, ...]:
+    def _outcomes(self, encounters: Array, motions: Iterable[Array | None]) -> Outcomes:
+        outcomes = np.empty((len(CUT_IN.outcomes), encounters.shape[1]))
+        for k, (encounter, motion) in enumerate(zip(encounters.T, motions, strict=False)):
+            with located(f"vehicle {self.name}, {CUT_IN.described(encounter)}"):
+                outcomes[:, k] = self._follow(*encounter.tolist(), motion)
+        return CUT_IN.outcomes_of(outcomes)
+
+    def _follow(
+        self, lead_speed: float, range_: float, closing_speed: float, motion: Array | None
+    ) -> tuple[float, ...]:
         """Return the outcomes of one encounter."""
-        *states, (_, last, _) = self._states(lead_speed, range_, closing_speed)
+        *states, (_, last, _) = self._states(lead_speed, range_, closing_speed, motion)
         closing = [state for _, state, _ in states if state.closing_speed > 0]
         min_ttc = min((state.range / state.closing_speed for state in closing), default=math.inf)
         min_range = min(state.range for state in (*(state for _, state, _ in states), last))
@@ -124,16 +144,18 @@ class Fmu(ForeignVehicle):
         return float(crash), min_range, min_ttc, max(last.closing_speed, 0.0) if crash else 0.0
 
     def _states(
-        self, lead_speed: float, range_: float, closing_speed: float
+        self, lead_speed: float, range_: float, closing_speed: float, motion: Array | None = None
     ) -> Iterator[tuple[float, State, float]]:
         """Yield time, state and acceleration at the beginning of each step, and at the end."""
+        speeds = np.array([lead_speed]) if motion is None else motion
         state = State(range_, lead_speed + closing_speed, lead_speed)
         instance, time = self._model.started(state), 0.0
         for step in range(round(self.duration / self.step)):
             time = step * self.step
             acceleration = instance.advance(time, self.step, state)
             yield time, state, acceleration
-            state = state.after(acceleration, self.step)
+            lead = float(np.interp((step + 1) * self.step, STEP * np.arange(speeds.size), speeds))
+            state = state.after(acceleration, self.step, lead)
             if state.range <= 0 or state.host_speed <= 0:
                 break
         instance.end()

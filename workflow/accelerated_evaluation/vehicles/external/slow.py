@@ -17,6 +17,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
+from accelerated_evaluation.vehicles.builtin.moving import checked_lead_speeds, motion_error, takes_motion
 from accelerated_evaluation.vehicles.checks import outcome_error
 from accelerated_evaluation.vehicles.external.checked import (
     CheckedVehicle,
@@ -57,6 +58,8 @@ class SlowVehicle:
         The scenario whose encounters it simulates.
     deterministic
         Whether the outcomes are deterministic; see `CheckedVehicle`.
+    takes_motion
+        Whether the vehicle can be given lead speeds over time.
     simulated, found
         Number of encounters that this object simulated, including repetitions that test whether the vehicle
         is deterministic, and number of those found in the store.
@@ -71,6 +74,7 @@ class SlowVehicle:
     time_limit: float = field(default=600.0, repr=False)
     scenario: Scenario = field(default=CUT_IN, repr=False)
     deterministic: bool | None = field(default=None, repr=False)
+    takes_motion: bool = field(default=False, repr=False)
     simulated: int = field(default=0, repr=False)
     found: int = field(default=0, repr=False)
     _handed_out: Counter = field(default_factory=Counter, init=False, repr=False, compare=False)
@@ -98,6 +102,28 @@ class SlowVehicle:
     def repeat(self, *columns: ArrayLike) -> Any:  # noqa: ANN401
         """Simulate n encounters again, even if they are in the store; see `simulate`."""
         return self._again(self.scenario.checked(*columns))
+
+    def simulate_moving(
+        self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, lead_speeds: ArrayLike
+    ) -> Any:  # noqa: ANN401
+        """Simulate n cut-ins behind lead vehicles that change their speeds; see `MovingVehicle`.
+
+        The outcomes are not stored, because a lead motion is hardly ever drawn twice.
+
+        Raises
+        ------
+        InputError
+            As in `simulate`, and as in `CheckedVehicle.simulate_moving`.
+        """
+        if not self.takes_motion:
+            raise motion_error(self.title)
+        encounters = self.scenario.checked(lead_speed, range_, closing_speed)
+        speeds = checked_lead_speeds(lead_speeds, encounters[0])
+        rows = list(map(tuple, np.hstack([encounters.T, speeds]).tolist()))
+        outcomes = np.empty((len(self.scenario.outcomes), len(rows)))
+        for first, found in self._simulated(rows):
+            outcomes[:, first : first + found.shape[1]] = found
+        return self.scenario.outcomes_of(outcomes)
 
     def _checked(self, encounters: Array) -> Any:  # noqa: ANN401
         """Return the outcomes of encounters, shape (d, n), and find out once whether the vehicle varies."""
@@ -183,7 +209,7 @@ class SlowVehicle:
 
     def _batch_error(self, error: Exception, batch: Sequence[Encounter], seconds: float) -> InputError:
         """Return what became of a batch as one message."""
-        shown = self.scenario.described_batch(np.array(batch).T)
+        shown = self.scenario.described_batch(np.array(batch).T[: self.scenario.dimension])
         if isinstance(error, InputError):
             where = error.where if shown in error.where else f"{error.where}, {shown}"
             return InputError(where, seen=error.seen, expected=error.expected, change=error.change)
@@ -243,7 +269,15 @@ def loaded_for(
     with workers_of(simulations) as workers:
         limits = {key: simulations[key] for key in ("batch_size", "time_limit")}
         yield SlowVehicle(
-            name, parameters, car.name, store, workers, **limits, scenario=scenario, deterministic=declared
+            name,
+            parameters,
+            car.name,
+            store,
+            workers,
+            **limits,
+            scenario=scenario,
+            deterministic=declared,
+            takes_motion=takes_motion(car),
         )
 
 

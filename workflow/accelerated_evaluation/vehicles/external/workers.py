@@ -57,7 +57,7 @@ def simulate_batch(
     name, parameters
         As in `load_vehicle`.
     encounters
-        The encounters, shape (d, n).
+        The encounters, shape (d, n); further rows are the lead speeds over time of cut-ins.
     time_limit
         Longest time for the batch [s].
     scenario
@@ -74,7 +74,9 @@ def simulate_batch(
             vehicle = _loaded(json.dumps([name, scenario, parameters]))
             if isinstance(vehicle.vehicle, ForeignVehicle):
                 vehicle.vehicle.time_limit = time_limit
-            outcomes = vehicle.simulate(*encounters)
+            variables, speeds = np.split(encounters, [vehicle.scenario.dimension])
+            motion = (speeds.T,) if len(speeds) else ()
+            outcomes = (vehicle.simulate_moving if motion else vehicle.simulate)(*variables, *motion)
         finally:
             faulthandler.cancel_dump_traceback_later()
     names = vehicle.scenario.outcome_names

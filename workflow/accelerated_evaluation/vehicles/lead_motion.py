@@ -1,0 +1,67 @@
+"""The lead motion of a single encounter: drawn from a law by name, or read from a file."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.tables import read_csv, require_file
+from accelerated_evaluation.laws.motion import MOTIONS, STATES, STEP, draw_lead_speeds
+
+FILE_COLUMNS = ("time_s", "lead_speed_m_per_s")  # as in the table that the command replay writes
+DRAWN = ("constant", "ngsim")  # laws that need no records
+
+
+def lead_speeds_of(text: str, encounter: Array, generator: np.random.Generator) -> Array:
+    """Return lead speeds every 0.1 s [m/s], shape (STATES,).
+
+    Parameters
+    ----------
+    text
+        Name of a law of lead motion, or a CSV file with the columns ``time_s``, from 0 to 8 s or more, and
+        ``lead_speed_m_per_s``. Speeds in between are interpolated.
+    encounter
+        Lead speed [m/s], range [m] and closing speed [m/s], shape (3,).
+    generator
+        Source of the motion, if it is drawn.
+
+    Raises
+    ------
+    InputError
+        If there is no such law or file, or the file has other columns, times that do not increase from 0,
+        or speeds that are not finite, negative, or end before 8 s.
+    """
+    if text.endswith(".csv"):
+        return _read(Path(text))
+    if text not in DRAWN:
+        raise InputError(
+            "--motion",
+            seen=repr(text),
+            expected=f"{' or '.join(DRAWN)}, or a file that ends in .csv",
+            change="Name one of these.",
+        )
+    return draw_lead_speeds(MOTIONS[text](), np.reshape(encounter, (3, 1)), generator)[0]
+
+
+def _read(path: Path) -> Array:
+    require_file(path, "Correct the path, or name a law of lead motion.")
+    table = read_csv(path, {name: name for name in FILE_COLUMNS}).apply(pd.to_numeric, errors="coerce")
+    times, speeds = (table[name].to_numpy(dtype=float) for name in FILE_COLUMNS)
+    if not (times.size > 1 and times[0] == 0 and np.all(np.diff(times) > 0)):
+        raise _error(
+            path, ", ".join(f"{time:g}" for time in times[:4]) or "no rows", "times that increase from 0"
+        )
+    if times[-1] < (STATES - 1) * STEP:
+        raise _error(path, f"times up to {times[-1]:g} s", f"times up to {(STATES - 1) * STEP:g} s or more")
+    if not (np.isfinite(speeds) & (speeds >= 0)).all():
+        wrong = int(np.argmin(np.isfinite(speeds) & (speeds >= 0)))
+        seen = f"a lead speed of {speeds[wrong]:g} m/s at {times[wrong]:g} s"
+        raise _error(path, seen, "finite speeds of 0 m/s or more")
+    return np.interp(STEP * np.arange(STATES), times, speeds)
+
+
+def _error(path: Path, seen: str, expected: str) -> InputError:
+    change = "Correct the lead motion: its columns are time_s and lead_speed_m_per_s."
+    return InputError(str(path), seen=seen, expected=expected, change=change)
