@@ -93,7 +93,8 @@ class Page extends Settings {
     this.showMap();
     this.showReplay();
     this.writeLink();
-    element("refining").textContent = this.rough.size ? "A first result, which is being refined …" : `Computed on ${this.engine.lines.toLocaleString("en-US")} lines.`;
+    element("refining").textContent = this.rough.size ? "A first result, which is being refined …"
+      : `${this.isExplored ? "Computed" : "The careful human is computed"} on ${this.engine.lines.toLocaleString("en-US")} lines.`;
     element("results").setAttribute("aria-busy", String(this.rough.size > 0)); // a screen reader reads the settled result
   }
 
