@@ -197,7 +197,7 @@ def certificates_table(certificates: pd.DataFrame) -> str:
         cells = (
             f"{share:g}, {curvature:g}",
             *(f"{row.calls_mean:,.0f} (95 %: {row.calls_p95:,.0f})" for row in (main, near)),
-            f"{main.looks:,.0f}, {near.looks:,.0f}",
+            f"{main.wide_draws:,.0f}, {near.wide_draws:,.0f}",
             f"{hidden.missed * hidden.seeds:.0f} of {hidden.certified * hidden.seeds:.0f}",
         )
         table.append(cells)

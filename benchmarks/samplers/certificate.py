@@ -81,7 +81,7 @@ def estimates(
         yield {
             "probability": found.probability,
             "calls": found.simulations,
-            "looks": found.diagnostics["looks"],
+            "wide_draws": found.diagnostics["wide_draws"],
             "certified": found.converged,
             "missed": found.converged and not met,
         }
@@ -109,7 +109,7 @@ def row(name: str, certificate: Certificate, seen: pd.DataFrame, truth: float | 
         "seeds": len(seen),
         "calls_mean": seen["calls"].mean(),
         "calls_p95": seen["calls"].quantile(0.95),
-        "looks": seen["looks"].mean(),
+        "wide_draws": seen["wide_draws"].mean(),
         "certified": seen["certified"].mean(),
         "error": error,
         "missed": seen["missed"].mean() if truth is None else math.nan,

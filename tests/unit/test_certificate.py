@@ -47,15 +47,15 @@ def test_the_bound_of_a_mode_fails_as_seldom_as_it_says(curvature):
     of the mode, which would be smaller, is exceeded more often.
     """
     generator, trials, reach = np.random.default_rng(1), 1500, 15.0
-    looks = np.array([[30.0, 0.0, REACH], [100.0, 0.0, reach], [40.0, 9.0, reach]])
-    bound = Unseen.after(looks, 3, reach, curvature).mode
-    bolder = Unseen.after(looks * [2, 1, 1], 3, reach, curvature).mode
+    wide_draws = np.array([[30.0, 0.0, REACH], [100.0, 0.0, reach], [40.0, 9.0, reach]])
+    bound = Unseen.after(wide_draws, 3, reach, curvature).mode
+    bolder = Unseen.after(wide_draws * [2, 1, 1], 3, reach, curvature).mode
     assert bolder < bound < 0.3
 
     def missed(probability):
         distance = norm.isf(probability)
         met = np.zeros(trials, bool)
-        for number, begin, end in looks:
+        for number, begin, end in wide_draws:
             for _ in range(int(number)):
                 z = draw_at(generator.uniform(begin, end, trials), 3, generator)
                 met |= in_mode(z, distance, curvature) & (rarity(z) <= reach)
@@ -65,10 +65,10 @@ def test_the_bound_of_a_mode_fails_as_seldom_as_it_says(curvature):
     assert missed(bolder) > binom.isf(1e-6, trials, UNSEEN_ALPHA)
 
 
-def expected_in(looks, distance, curvature, reach):
+def expected_in(wide_draws, distance, curvature, reach):
     """Return how many draws are expected in a mode, by drawing many."""
     expected, generator = 0.0, np.random.default_rng(5)
-    for number, begin, end in looks:
+    for number, begin, end in wide_draws:
         z = draw_at(generator.uniform(begin, end, 40_000), 3, generator)
         expected += number * (in_mode(z, distance, curvature) & (rarity(z) <= reach)).mean()
     return expected
@@ -77,9 +77,9 @@ def expected_in(looks, distance, curvature, reach):
 @pytest.mark.parametrize(("curvature", "gain"), [(0.0, 1.2), (HIDDEN_CURVATURE, 1.0), (1.0, 0.99)])
 def test_looking_beyond_a_rarity_meets_the_nearest_mode_most_often(curvature, gain):
     """Draws there meet it more often than draws that begin nearer or farther out, and than all draws."""
-    looks, share, reach = np.array([[150.0, 0.0, REACH]]), 1e-6, 17.0
-    nearest = norm.isf(Unseen.after(looks, 3, reach, curvature).mode)
-    beyond = look_beyond(looks, 3, reach, curvature, share)
+    wide_draws, share, reach = np.array([[150.0, 0.0, REACH]]), 1e-6, 17.0
+    nearest = norm.isf(Unseen.after(wide_draws, 3, reach, curvature).mode)
+    beyond = look_beyond(wide_draws, 3, reach, curvature, share)
     farthest = rarity(np.array([[norm.isf(share), 0.0, 0.0]]))[0]
     assert 0 <= beyond <= farthest
     best = expected_in([[1000.0, beyond, reach]], nearest, curvature, reach)
@@ -88,28 +88,28 @@ def test_looking_beyond_a_rarity_meets_the_nearest_mode_most_often(curvature, ga
         there = expected_in([[1000.0, begin, reach]], nearest, curvature, reach)
         assert best > there - 4 * math.sqrt(there / 40)  # 40 thousand draws stand for a thousand
     # Draws beyond leave less unseen than as many draws of the whole wide law.
-    more = [np.vstack([looks, [60.0, begin, reach]]) for begin in (beyond, 0.0)]
+    more = [np.vstack([wide_draws, [60.0, begin, reach]]) for begin in (beyond, 0.0)]
     aimed, spread = (Unseen.after(each, 3, reach, curvature).mode for each in more)
     assert aimed < spread or beyond == 0
 
 
 def test_a_mode_that_ends_early_is_looked_for_where_it_is():
     """A ball of radius 1 nearby does not reach as far as the modes that the certificate speaks of."""
-    looks, share, reach = np.array([[40.0, 0.0, REACH]]), 1e-8, 21.0
+    wide_draws, share, reach = np.array([[40.0, 0.0, REACH]]), 1e-8, 21.0
     farthest = rarity(np.array([[norm.isf(share), 0.0, 0.0]]))[0]
-    plain, curved = (look_beyond(looks, 3, reach, curvature, share) for curvature in (0.0, 1.0))
+    plain, curved = (look_beyond(wide_draws, 3, reach, curvature, share) for curvature in (0.0, 1.0))
     assert plain == pytest.approx(farthest, abs=0.2)
-    nearest = norm.isf(Unseen.after(looks, 3, reach, 1.0).mode)
+    nearest = norm.isf(Unseen.after(wide_draws, 3, reach, 1.0).mode)
     assert rarity(np.array([[nearest, 0.0, 0.0]]))[0] - 0.2 <= curved < farthest - 3
     assert look_beyond(np.empty((0, 3)), 3, 0.0, 0.0, share) == 0.0
 
 
 def test_any_set_at_the_bound_is_missed_as_seldom_as_it_says():
     generator, trials = np.random.default_rng(2), 2000
-    looks = np.array([[20.0, 0.0, REACH], [30.0, 0.0, 20.0]])
-    bound = Unseen.after(looks, 2, 20.0, 0.0).anything
+    wide_draws = np.array([[20.0, 0.0, REACH], [30.0, 0.0, 20.0]])
+    bound = Unseen.after(wide_draws, 2, 20.0, 0.0).anything
     missed = np.ones(trials, bool)
-    for number, begin, end in looks:
+    for number, begin, end in wide_draws:
         rarities = generator.uniform(begin, end, (trials, int(number)))
         missed &= (rarities > -math.log1p(-bound)).all(1)  # beyond the ball of that probability
     assert abs(missed.mean() - UNSEEN_ALPHA) < 5 * math.sqrt(UNSEEN_ALPHA / trials)
@@ -134,13 +134,13 @@ def test_runs_are_worth_the_draws_that_are_claimed(certify):
         first_run, first_look = sampler.simulations - 10 * len(sampler.progress.estimates), 2
         if certify:
             sampler.certificate = Certificate(share=0.01, curvature=0.1)
-            first_run, first_look = sampler.simulations, len(sampler.progress.looks)
+            first_run, first_look = sampler.simulations, len(sampler.progress.wide_draws)
             for _ in range(6):
                 sampler.tell(*event.evaluate(sampler.ask(certify=True)))
-        z, looks = sampler.progress.z[first_run:], sampler.progress.looks[first_look:]
-        assert (looks[:, 1] > 0).any() == certify
+        z, wide_draws = sampler.progress.z[first_run:], sampler.progress.wide_draws[first_look:]
+        assert (wide_draws[:, 1] > 0).any() == certify
         met += (z[:, 0] < -2.0).sum()
-        for number, begin, end in looks:
+        for number, begin, end in wide_draws:
             z = draw_at(np.random.default_rng(3).uniform(begin, end, 4000), 2, np.random.default_rng(seed))
             claimed += number * (z[:, 0] < -2.0).mean()
     assert claimed > 12
@@ -156,7 +156,7 @@ def test_a_certificate_goes_on_after_the_interval_is_narrow():
     assert strict.simulations > plain.simulations
     assert strict.diagnostics["unseen_mode"] <= 0.5 * strict.probability
     assert plain.diagnostics["unseen_mode"] <= plain.diagnostics["unseen_any"] <= 1
-    assert strict.diagnostics["looks"] > plain.diagnostics["looks"]
+    assert strict.diagnostics["wide_draws"] > plain.diagnostics["wide_draws"]
 
 
 def test_a_region_that_is_met_late_is_not_averaged_away():
@@ -175,9 +175,9 @@ def test_certificates_that_mean_nothing_are_refused(wrong):
 
 def test_an_event_found_at_its_far_end_has_not_converged():
     """After 60 draws of the whole wide law an event of 1e-20 is not certified; one of 1e-4 is."""
-    looks = np.array([[60.0, 0.0, REACH]])
+    wide_draws = np.array([[60.0, 0.0, REACH]])
     for probability, certified in ((1e-20, False), (1e-4, True)):
-        unseen = Unseen.after(looks, 3, reach_of(probability), BY_DEFAULT.curvature)
+        unseen = Unseen.after(wide_draws, 3, reach_of(probability), BY_DEFAULT.curvature)
         assert (unseen.mode <= BY_DEFAULT.share * probability) == certified
 
 

@@ -77,8 +77,8 @@ def test_every_method_describes_itself(name):
     method = METHODS[name]
     assert issubclass(method, Method)
     assert method.name == name
-    assert method.look.keys() == {"color", "linestyle", "marker"}
-    assert re.fullmatch("#[0-9a-f]{6}", method.look["color"])
+    assert method.style.keys() == {"color", "linestyle", "marker"}
+    assert re.fullmatch("#[0-9a-f]{6}", method.style["color"])
     assert set(method.sections) <= set(CONFIG)
     read = method.configured({section: CONFIG[section] for section in method.sections})
     assert vars(read) == vars(method.configured(CONFIG))  # it reads no other section
@@ -89,7 +89,7 @@ def test_every_method_describes_itself(name):
 
 def test_methods_can_be_told_apart():
     for key in ("color", "marker"):
-        assert len({method.look[key] for method in METHODS.values()}) == len(METHODS)
+        assert len({method.style[key] for method in METHODS.values()}) == len(METHODS)
     streams = {method.stream("all", 0) for method in METHODS.values()}
     assert len(streams) == len(METHODS)
 

@@ -10,9 +10,9 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.records.checks import (
     CHECKS,
     FINE,
-    LOOK,
     STOP,
     VERDICTS,
+    WARNING,
     Records,
     inspect_records,
 )
@@ -57,7 +57,7 @@ def test_the_checks_find_by_themselves_what_is_known_of_the_real_records(report)
     assert set(report.loc["outliers", "example_rows"].split("; ")) == {"26382", "114923", "117159"}
     assert report.loc["replayed crashes", "number"] == 1
     assert report.loc["replayed crashes", "example_rows"].split("; ")[0] == "136426"
-    assert report.loc["drift", "verdict"] == LOOK
+    assert report.loc["drift", "verdict"] == WARNING
     assert STOP not in set(report["verdict"])
     assert (report["advice"] == "").equals(report["verdict"] == FINE)
 

@@ -173,11 +173,11 @@ def test_what_was_found_before_is_not_lost():
 
 
 def test_in_many_dimensions_draws_look_far_out():
-    looks, reach = np.array([[60.0, 0.0, 15.0]]), 15.0
-    begin = certificate.look_beyond(looks, DIMENSION, reach, 0.0, 1e-3)
+    wide_draws, reach = np.array([[60.0, 0.0, 15.0]]), 15.0
+    begin = certificate.look_beyond(wide_draws, DIMENSION, reach, 0.0, 1e-3)
     assert 5 < begin < reach
     moved = np.array([[60.0, begin, reach]])
-    bounds = [certificate.Unseen.after(each, DIMENSION, reach, 0.0).mode for each in (looks, moved)]
+    bounds = [certificate.Unseen.after(each, DIMENSION, reach, 0.0).mode for each in (wide_draws, moved)]
     assert bounds[1] < 0.7 * bounds[0]
 
 

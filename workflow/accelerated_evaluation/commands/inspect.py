@@ -9,7 +9,7 @@ from accelerated_evaluation.commands import COMMANDS
 
 DESCRIPTION = """\
 Check records before any study: units, signs, repeats, stuck sensors, heaps, gaps, outliers, sample size,
-drift, and the records that crash when the vehicle replays them. Each check says fine, look or stop, and
+drift, and the records that crash when the vehicle replays them. Each check says fine, warning or stop, and
 what to do.
 
 TABLE_OR_CONFIG is one of:
@@ -27,7 +27,7 @@ Exit status 1 if a check says stop."""
 class Inspect:
     """Check records before any study."""
 
-    help = "check records before any study: fine, look or stop"
+    help = "check records before any study: fine, warning or stop"
     description = DESCRIPTION
 
     @staticmethod

@@ -151,7 +151,7 @@ class Crude(Method):
     """
 
     name: ClassVar[str] = "crude"
-    look: ClassVar[dict[str, Any]] = {"color": "#777777", "linestyle": ":", "marker": "v"}
+    style: ClassVar[dict[str, Any]] = {"color": "#777777", "linestyle": ":", "marker": "v"}
     settings: ClassVar[dict[str, Schema]] = {"crude_monte_carlo": SETTINGS}
 
     @classmethod

@@ -115,7 +115,7 @@ class Method(ABC):
     ----------
     name
         Name in the registry, in files and in tables.
-    look
+    style
         Colour, line style and marker in figures.
     settings
         Sections of the configuration that this method adds, by name: schemas with defaults.
@@ -128,7 +128,7 @@ class Method(ABC):
     """
 
     name: ClassVar[str]
-    look: ClassVar[Mapping[str, Any]]
+    style: ClassVar[Mapping[str, Any]]
     settings: ClassVar[Mapping[str, Schema]] = {}
     sections: ClassVar[tuple[str, ...]] = ()
     tables: ClassVar[tuple[str, ...]] = ()

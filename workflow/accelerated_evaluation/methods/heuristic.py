@@ -15,7 +15,7 @@ class Heuristic(Piecewise):
     """
 
     name: ClassVar[str] = "heuristic"
-    look: ClassVar[dict[str, Any]] = {"color": "#41ab5d", "linestyle": "-.", "marker": "^"}
+    style: ClassVar[dict[str, Any]] = {"color": "#41ab5d", "linestyle": "-.", "marker": "^"}
 
     def shift(self) -> Shift:
         """Return the steps of the truncation points."""

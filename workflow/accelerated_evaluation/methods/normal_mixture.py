@@ -84,7 +84,7 @@ class NormalMixtureSampling(Method):
     """Importance sampling from a mixture of normal distributions of the scores, learnt by Cross-Entropy."""
 
     name: ClassVar[str] = "normal_mixture"
-    look: ClassVar[dict[str, Any]] = {"color": "#b15928", "linestyle": (0, (1, 1)), "marker": "X"}
+    style: ClassVar[dict[str, Any]] = {"color": "#b15928", "linestyle": (0, (1, 1)), "marker": "X"}
 
     def estimate(self, problem: ScoreProblem, stopping: Stopping, generator: np.random.Generator) -> Estimate:
         """Learn a mixture, and estimate the probability of the event from fresh draws.

@@ -13,7 +13,7 @@ class Piecewise(CrossEntropyMethod):
     """The method in which every piece of f is tilted by its own theta, and the pieces get new weights."""
 
     name: ClassVar[str] = "piecewise"
-    look: ClassVar[dict[str, Any]] = {"color": "#08306b", "linestyle": "-", "marker": "o"}
+    style: ClassVar[dict[str, Any]] = {"color": "#08306b", "linestyle": "-", "marker": "o"}
 
     def start(self, f: Factors) -> tuple[ProposalFamily, ProposalFamily]:
         """Start at f itself, with the weights of all pieces raised to the lower bound."""

@@ -13,7 +13,7 @@ class Single(CrossEntropyMethod):
     """The method in which f* is one exponential distribution for each coordinate."""
 
     name: ClassVar[str] = "single"
-    look: ClassVar[dict[str, Any]] = {"color": "#b2182b", "linestyle": "--", "marker": "s"}
+    style: ClassVar[dict[str, Any]] = {"color": "#b2182b", "linestyle": "--", "marker": "s"}
 
     def start(self, f: Factors) -> tuple[ProposalFamily, ProposalFamily]:
         """Start at the exponentials with the means of f."""

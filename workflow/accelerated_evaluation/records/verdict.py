@@ -2,7 +2,7 @@
 
 Every command that gives a number asks for this verdict first. A check that says ``stop`` refuses the number,
 unless the user accepts that check by name. An accepted stop is printed next to the number. Checks that say
-``look`` are named in one line.
+``warning`` are named in one line.
 """
 
 from collections.abc import Iterable, Mapping
@@ -14,8 +14,8 @@ import pandas as pd
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.records.checks import (
     CHECKS,
-    LOOK,
     STOP,
+    WARNING,
     Records,
     Simulate,
     inspect_records,
@@ -34,8 +34,8 @@ class Verdict:
     ----------
     stops
         What each check found that says ``stop``, by the name of the check.
-    looks
-        Names of the checks that say ``look``.
+    warnings
+        Names of the checks that say ``warning``.
     accepted
         Names of the checks whose ``stop`` the user accepts.
     advice
@@ -43,7 +43,7 @@ class Verdict:
     """
 
     stops: Mapping[str, str]
-    looks: tuple[str, ...]
+    warnings: tuple[str, ...]
     accepted: frozenset[str]
     advice: Mapping[str, str]
 
@@ -59,8 +59,8 @@ class Verdict:
         accepted = frozenset(accepted)
         require_checks(accepted)
         stops = report[report["verdict"] == STOP].set_index("check")
-        looks = report.loc[report["verdict"] == LOOK, "check"]
-        return cls(stops["seen"].to_dict(), tuple(looks), accepted, stops["advice"].to_dict())
+        warnings = report.loc[report["verdict"] == WARNING, "check"]
+        return cls(stops["seen"].to_dict(), tuple(warnings), accepted, stops["advice"].to_dict())
 
     @property
     def refused(self) -> list[str]:
@@ -88,11 +88,12 @@ class Verdict:
         )
 
     def lines(self) -> list[str]:
-        """Return a line for each stop and one line for all looks; no line where all checks are fine."""
-        looks = (
-            f"look: {', '.join(self.looks)}; `accelerated-evaluation inspect` names the rows of the records"
-        )
-        return [*self.stop_lines(), looks] if self.looks else self.stop_lines()
+        """Return a line for each stop and one line for all warnings; no line where all checks are fine."""
+        if not self.warnings:
+            return self.stop_lines()
+        names = ", ".join(self.warnings)
+        advice = "`accelerated-evaluation inspect` names the rows of the records"
+        return [*self.stop_lines(), f"warning: {names}; {advice}"]
 
     def stop_lines(self) -> list[str]:
         """Return a line for each stop, with what was found."""

@@ -66,7 +66,7 @@ class Surrogate(Method):
     """
 
     name: ClassVar[str] = "surrogate"
-    look: ClassVar[dict[str, Any]] = {"color": "#6a3d9a", "linestyle": (0, (3, 1, 1, 1)), "marker": "D"}
+    style: ClassVar[dict[str, Any]] = {"color": "#6a3d9a", "linestyle": (0, (3, 1, 1, 1)), "marker": "D"}
     settings: ClassVar[dict[str, Schema]] = {"surrogate": SETTINGS}
     sections: ClassVar[tuple[str, ...]] = ("surrogate",)
     tables: ClassVar[tuple[str, ...]] = ("runs",)

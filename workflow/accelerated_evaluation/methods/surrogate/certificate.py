@@ -50,7 +50,7 @@ class Certificate:
 
 # By default half-spaces must be excluded that are a thousand times as probable as the estimate. Where the
 # event was found at its main part, the usual runs exclude them. Where it was found at a far end only, at a
-# billionth of its probability, they do not, and the sampler looks on.
+# billionth of its probability, they do not, and the sampler goes on.
 BY_DEFAULT = Certificate(share=1000.0, curvature=0.0)
 
 
@@ -73,12 +73,12 @@ class Unseen:
     anything: float
 
     @classmethod
-    def after(cls, looks: Array, dimension: int, reach: float, curvature: float) -> Self:
+    def after(cls, wide_draws: Array, dimension: int, reach: float, curvature: float) -> Self:
         """Return the bounds after some draws from the wide distribution.
 
         Parameters
         ----------
-        looks
+        wide_draws
             Number of draws, and the rarities between which they were made, shape (k, 3).
         dimension
             Number of normal scores.
@@ -87,8 +87,8 @@ class Unseen:
         curvature
             Largest curvature of the mode, one over a length in normal scores.
         """
-        nearest = _caps(dimension, curvature)[0][_nearest(looks, dimension, reach, curvature)]
-        return cls(float(looks[:, 0].sum()), float(ndtr(-nearest)), _bound_of_any_set(looks))
+        nearest = _caps(dimension, curvature)[0][_nearest(wide_draws, dimension, reach, curvature)]
+        return cls(float(wide_draws[:, 0].sum()), float(ndtr(-nearest)), _bound_of_any_set(wide_draws))
 
 
 def unseen_in_words(diagnostics: Mapping[str, float]) -> str:
@@ -102,20 +102,20 @@ def unseen_in_words(diagnostics: Mapping[str, float]) -> str:
     )
 
 
-def look_beyond(looks: Array, dimension: int, reach: float, curvature: float, share: float) -> float:
+def look_beyond(wide_draws: Array, dimension: int, reach: float, curvature: float, share: float) -> float:
     """Return the rarity beyond which draws are most likely to meet the nearest mode that is not excluded.
 
     It never exceeds the rarity of the nearest point of the least probable mode that must be excluded.
 
     Parameters
     ----------
-    looks, dimension, reach, curvature
+    wide_draws, dimension, reach, curvature
         As for `Unseen.after`.
     share
         Probability above which modes must be excluded.
     """
     distances, caps = _caps(dimension, curvature)
-    mode = _nearest(looks, dimension, reach, curvature)
+    mode = _nearest(wide_draws, dimension, reach, curvature)
     nearest, farthest = rarity(np.outer([distances[mode], -ndtri(share)], np.eye(dimension)[0]))
     if dimension > FEW:  # the nearest points of all modes are in the bulk and carry no information
         farthest = max(farthest, reach - BEYOND)
@@ -126,27 +126,27 @@ def look_beyond(looks: Array, dimension: int, reach: float, curvature: float, sh
     return float(begin[mean.argmax()]) if mean.any() else 0.0
 
 
-def _nearest(looks: Array, dimension: int, reach: float, curvature: float) -> int:
+def _nearest(wide_draws: Array, dimension: int, reach: float, curvature: float) -> int:
     """Return which of the modes of `_caps` is the nearest that is not excluded, or the last."""
     caps = _caps(dimension, curvature)[1]
-    expected = caps @ np.where(reach >= RARITIES, _draws_at(looks, RARITIES), 0.0) * REACH / STEPS
+    expected = caps @ np.where(reach >= RARITIES, _draws_at(wide_draws, RARITIES), 0.0) * REACH / STEPS
     likely = np.flatnonzero(expected <= -math.log(UNSEEN_ALPHA))
     return int(likely[0]) if len(likely) else len(caps) - 1
 
 
-def _draws_at(looks: Array, at: Array) -> Array:
+def _draws_at(wide_draws: Array, at: Array) -> Array:
     """Return the expected number of draws in all directions for a unit of rarity, shape (k,)."""
-    runs, begin, end = looks.T[:, :, None]
+    runs, begin, end = wide_draws.T[:, :, None]
     return (runs / (end - begin) * ((begin < at) & (at <= end))).sum(axis=0)
 
 
-def _bound_of_any_set(looks: Array) -> float:
+def _bound_of_any_set(wide_draws: Array) -> float:
     """Return what P(A) cannot exceed for any set A.
 
     The worst set is a ball about the origin, because a unit of probability gets the fewest draws there. With
     a surface of rarity u it has the probability 1 - exp(-u).
     """
-    expected = np.concatenate([[0.0], np.cumsum(_draws_at(looks, RARITIES)) * REACH / STEPS])
+    expected = np.concatenate([[0.0], np.cumsum(_draws_at(wide_draws, RARITIES)) * REACH / STEPS])
     surface = np.interp(-math.log(UNSEEN_ALPHA), expected, np.arange(STEPS + 1) / STEPS * REACH)
     return -math.expm1(-surface)
 

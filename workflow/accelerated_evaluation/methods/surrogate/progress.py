@@ -37,7 +37,7 @@ class Progress:
     ----------
     z, happened, score
         Normal scores of all runs, shape (n, d), whether the event happened, and their scores, shape (n,).
-    looks
+    wide_draws
         Draws from the wide distribution to which the runs are equivalent: their number, and the rarities
         between which they are, shape (k, 3).
     estimates
@@ -72,7 +72,7 @@ class Progress:
     z: Array
     happened: Flags
     score: Array
-    looks: Array = field(default_factory=lambda: np.empty((0, 3)))
+    wide_draws: Array = field(default_factory=lambda: np.empty((0, 3)))
     estimates: list[BatchEstimate] = field(default_factory=list)
     batches: list[TwoPhaseBatch] = field(default_factory=list)
     foreseen: Array = field(default_factory=lambda: np.empty((0, 2)))

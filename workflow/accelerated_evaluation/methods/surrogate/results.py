@@ -56,7 +56,7 @@ def estimate(progress: Progress, batch_size: int, stopping: Stopping, certificat
     elif 0 < events < progress.happened.size:
         probability, interval = math.nan, (0.0, 1.0)
     else:
-        bound = bound_without_event(progress.looks[:, 0].sum(), stopping.alpha)
+        bound = bound_without_event(progress.wide_draws[:, 0].sum(), stopping.alpha)
         probability, interval = (1.0, (1 - bound, 1.0)) if events else (0.0, (0.0, bound))
     estimating = sum(batch.runs for batch in _that_count(progress))
     return Estimate(
@@ -109,7 +109,7 @@ def where_to_search(progress: Progress, certificate: Certificate) -> float:
     probability = _mean(progress)
     if not 0 < (share := certificate.share * probability) < 0.5:
         return 0.0
-    known = progress.looks, progress.z.shape[1], reach_of(probability), certificate.curvature
+    known = progress.wide_draws, progress.z.shape[1], reach_of(probability), certificate.curvature
     return look_beyond(*known, share)
 
 
@@ -128,7 +128,7 @@ def _that_count(progress: Progress) -> Sequence[BatchEstimate]:
 def _unseen(progress: Progress, probability: float, certificate: Certificate) -> Unseen:
     """Return the bounds on an unmet part of the event, given the probability of the known part."""
     reach = reach_of(probability)
-    return Unseen.after(progress.looks, progress.z.shape[1], reach, certificate.curvature)
+    return Unseen.after(progress.wide_draws, progress.z.shape[1], reach, certificate.curvature)
 
 
 def combined_estimate(progress: Progress, stopping: Stopping) -> tuple[Combined | None, tuple[float, float]]:
@@ -190,7 +190,7 @@ def _diagnostics(progress: Progress, combined: Combined | None, certificate: Cer
         "batches": 0 if combined is None else combined.batches,
         "observed_error": float(errors[0]),
         "predicted_error": float(errors[1]),
-        "looks": unseen.runs,
+        "wide_draws": unseen.runs,
         "unseen_mode": unseen.mode,
         "unseen_any": unseen.anything,
         "repeats": len(progress.repeats),

@@ -164,7 +164,7 @@ class Sampler:
         progress.score = np.append(progress.score, score)
         progress.pending = None
         if isinstance(batch, TwoPhaseBatch):
-            progress.looks = np.vstack([progress.looks, batch.looks])
+            progress.wide_draws = np.vstack([progress.wide_draws, batch.wide_draws])
             progress.estimates.append(estimate_batch(batch, happened))
             progress.batches.append(batch)
             progress.foreseen = np.vstack([progress.foreseen, batch.foreseen])
@@ -172,7 +172,7 @@ class Sampler:
         events = self._belief.space.coordinates(batch.z[happened])
         rarest = min(rarity(events).min(initial=REACH), progress.rarest)
         if isinstance(batch, WideBatch):
-            progress.looks = np.vstack([progress.looks, [len(batch.z), 0.0, REACH]])
+            progress.wide_draws = np.vstack([progress.wide_draws, [len(batch.z), 0.0, REACH]])
         else:
             progress.searched += len(batch.z) / self._search_reach
         progress.rarest = rarest

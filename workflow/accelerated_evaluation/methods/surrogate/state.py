@@ -24,7 +24,7 @@ from accelerated_evaluation.methods.surrogate.state_json import MISFIT, decode, 
 from accelerated_evaluation.methods.surrogate.subspace import space_along
 from accelerated_evaluation.methods.surrogate.two_phase import TwoPhaseBatch
 
-FORMAT, VERSION = "accelerated-evaluation sampler state", 10
+FORMAT, VERSION = "accelerated-evaluation sampler state", 11
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def _whole(state: State) -> State:
     if state.predecessor is not None:
         state.predecessor.check(d)
         others = len(state.predecessor.happened)
-    for name, columns in {"z": d, "looks": 3, "foreseen": 2}.items():
+    for name, columns in {"z": d, "wide_draws": 3, "foreseen": 2}.items():
         if getattr(progress, name).size == 0:  # an empty list has lost its second dimension
             setattr(progress, name, np.empty((0, columns)))
     if progress.directions is not None:
@@ -160,7 +160,7 @@ def _whole(state: State) -> State:
     _require_shape("sites", state.sites, 2, min(state.sites.size // 2, runs + others))
     _require_shape("z", progress.z, runs, d)
     _require_shape("score", progress.score, runs)
-    _require_shape("looks", progress.looks, len(progress.looks), 3)
+    _require_shape("wide_draws", progress.wide_draws, len(progress.wide_draws), 3)
     _require_shape("foreseen", progress.foreseen, min(len(progress.foreseen), runs), 2)
     for name, value in vars(progress.repeats).items():
         _require_shape(name, value, len(progress.repeats))
@@ -185,13 +185,13 @@ def _whole(state: State) -> State:
 
 def _require_whole_batch(batch: Batch, d: int) -> None:
     """Raise ValueError if the arrays of a batch of points in d dimensions do not fit together."""
-    columns = {"z": [d], "foreseen": [2], "looks": [3], "kept": [d]}
+    columns = {"z": [d], "foreseen": [2], "wide_draws": [3], "kept": [d]}
     if isinstance(batch, TwoPhaseBatch) and batch.kept.size == 0:  # an empty list has lost its dimensions
         columns["kept"] = list(batch.kept.shape[1:])
     for name, value in vars(batch).items():
         if isinstance(value, np.ndarray):
             rows = max(len(batch.z), 1)
-            if name == "looks" or name.startswith("kept"):
+            if name == "wide_draws" or name.startswith("kept"):
                 rows = len(batch.kept if name.startswith("kept") else value)
             _require_shape(name, value, rows, *columns.get(name, []))
 

@@ -15,7 +15,7 @@ MISFIT = (KeyError, TypeError, ValueError, OverflowError, AttributeError, StopIt
 # Between which numbers a field can be, where that is known; other numbers would fail only when they are used.
 LARGEST = float(np.finfo(float).max)
 RANGES = {
-    **dict.fromkeys(("looks", "searched", "learnt_at"), (0, 1e12)),
+    **dict.fromkeys(("wide_draws", "searched", "learnt_at"), (0, 1e12)),
     **dict.fromkeys(("sites", "probability", "controlled", "controlled_square"), (-1e100, 1e100)),
     **dict.fromkeys(("z", "centres", "kept", "directions"), (-1e6, 1e6)),
     "axes": (-1.001, 1.001),  # with a margin for rounding

@@ -106,7 +106,7 @@ class TwoPhaseBatch:
         Sums over the whole pool of w g and of w^2 g, with w as in ``weight``.
     aimed
         Whether the event was held possible at the runs, shape (n,), so that they were aimed at.
-    looks
+    wide_draws
         Draws of the wide law that the defence stands for: their number, and the rarities between which they
         are, shape (1 or 2, 3).
     prediction
@@ -127,7 +127,7 @@ class TwoPhaseBatch:
     controlled: float
     controlled_square: float
     aimed: Flags
-    looks: Array
+    wide_draws: Array
     prediction: Prediction
     foreseen: Array
     kept: Array = field(default_factory=lambda: np.empty((0, 0)))
@@ -224,7 +224,7 @@ def draw_batch(
     inclusion = inclusion_probabilities(w * expected.spread, guard, runs, defence.share)
     chosen = draw_systematically(pool.z, w * np.sqrt(expected.probability), inclusion, generator)
     zones = defence.zones(prediction.reach)
-    looks = [[draws_of_the_wide_law(pool.within(*zone), inclusion), *zone] for zone in zones]
+    wide_draws = [[draws_of_the_wide_law(pool.within(*zone), inclusion), *zone] for zone in zones]
     w = w / len(w)
     kept = spread_by_mass(pool.z, w * control, KEPT)
     return TwoPhaseBatch(
@@ -235,7 +235,7 @@ def draw_batch(
         controlled=float(w @ control),
         controlled_square=float(w * w @ control),
         aimed=expected.probability[chosen] > 0,
-        looks=np.array(looks),
+        wide_draws=np.array(wide_draws),
         prediction=prediction,
         foreseen=foresee(pool.z[chosen]),
         kept=pool.z[kept],

@@ -78,7 +78,7 @@ def _records(tables: Tables) -> dict[str, Any]:
         "repeated": repeated["rows_found"],
         "repeated_share": repeated["rows_found"] / repeated["rows_in"],
         "checks": len(report),
-        "inspect": int((report["verdict"] == "look").sum()),
+        "inspect": int((report["verdict"] == "warning").sum()),
         "stop": report.loc[report["verdict"] == "stop", "check"].tolist(),
     }
 

@@ -8,5 +8,5 @@ from accelerated_evaluation.methods import METHODS
 
 def style_of(method: str, *parts: str) -> Mapping[str, Any]:
     """Return how a method is drawn, or only some parts of it, such as ``"color"``."""
-    look = METHODS[method].look
-    return {part: look[part] for part in parts or look}
+    style = METHODS[method].style
+    return {part: style[part] for part in parts or style}

@@ -1,8 +1,8 @@
 """Checks of records before any result: each check is one function in a module of this package.
 
-A check takes `Records` and returns a `Finding`, with the verdict ``fine``, ``look`` or ``stop``:
+A check takes `Records` and returns a `Finding`, with the verdict ``fine``, ``warning`` or ``stop``:
 
-- ``look``: the result is unlikely to be due to chance, at the test level `LEVEL`, or single rows exceed a
+- ``warning``: the result is unlikely to be due to chance, at the test level `LEVEL`, or single rows exceed a
   physical limit. The user has to inspect the rows that are named.
 - ``stop``: the finding makes the results wrong, because most of the records exceed a physical limit (a wrong
   unit, a wrong sign), or because a share of more than `MANY` of the rows has a fault.
@@ -26,10 +26,10 @@ from accelerated_evaluation.records.encounter_table import NUMBERS
 from accelerated_evaluation.records.filters import Account, apply_filters, drop_invalid
 from accelerated_evaluation.records.segments import MINIMUM_ROWS, segment_names
 
-LEVEL = 0.001  # significance level of a test: one sound table in a thousand gets the verdict look
+LEVEL = 0.001  # significance level of a test: one sound table in a thousand gets the verdict warning
 MANY = 0.01  # of the rows: the fits rest on the uppermost 5 % of the rows, of which this is a fifth
 NAMED_ROWS = 5
-FINE, LOOK, STOP = VERDICTS = ("fine", "look", "stop")
+FINE, WARNING, STOP = VERDICTS = ("fine", "warning", "stop")
 
 
 class Replayed(Protocol):
@@ -50,7 +50,7 @@ class Finding:
     Attributes
     ----------
     verdict
-        ``fine``, ``look`` or ``stop``.
+        ``fine``, ``warning`` or ``stop``.
     looked_at, seen
         Descriptions of what was checked and of what was found.
     number
@@ -156,7 +156,7 @@ def by_share(count: int, size: int) -> str:
     """
     if count == 0:
         return FINE
-    return STOP if count > MANY * size else LOOK
+    return STOP if count > MANY * size else WARNING
 
 
 def inspect_records(records: Records) -> pd.DataFrame:

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.stats import norm
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.records.checks import CHECKS, FINE, LEVEL, LOOK, STOP, Finding, Records
+from accelerated_evaluation.records.checks import CHECKS, FINE, LEVEL, STOP, WARNING, Finding, Records
 
 DRIFTING = ("lead_speed", "range", "inverse_ttc")
 BLOCKS = 10  # of consecutive rows in a third of the record, left out in turn
@@ -34,7 +34,7 @@ def drift(records: Records) -> Finding:
     large = max(abs(one - 0.5) for one, _ in found.values()) > norm.cdf(MEDIUM / np.sqrt(2)) - 0.5
     drifts = abs(chance - 0.5) > critical * error
     return Finding(
-        FINE if not drifts else STOP if large else LOOK,
+        FINE if not drifts else STOP if large else WARNING,
         looked_at,
         "; ".join(f"{key.replace('_', ' ')} {one:.3f} +- {own:.3f}" for key, (one, own) in found.items()),
         chance,

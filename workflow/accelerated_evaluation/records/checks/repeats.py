@@ -12,8 +12,8 @@ from accelerated_evaluation.records.checks import (
     CHECKS,
     FINE,
     LEVEL,
-    LOOK,
     STOP,
+    WARNING,
     Finding,
     Records,
     by_share,
@@ -30,7 +30,7 @@ def repeated_rows(records: Records) -> Finding:
     rows = records.valid.index.difference(records.distinct.index)
     share = len(rows) / max(len(records.valid), 1)
     return Finding(
-        FINE if len(rows) == 0 else STOP if share > 0.5 else LOOK,
+        FINE if len(rows) == 0 else STOP if share > 0.5 else WARNING,
         "rows equal to the row before them; if most are, a row is a time step and no cut-in",
         f"{len(rows):,} of {len(records.valid):,} rows ({share:.1%})",
         len(rows),

@@ -3,10 +3,10 @@
 from accelerated_evaluation.records.checks import (
     CHECKS,
     FINE,
-    LOOK,
     MANY,
     NAMED_ROWS,
     STOP,
+    WARNING,
     Finding,
     Records,
 )
@@ -29,7 +29,7 @@ def replayed_crashes(records: Records) -> Finding:
     crashes, nearly = outcomes.index[crash], outcomes[near].sort_values("min_ttc").index
     concerned = len(crashes) + len(nearly)
     return Finding(
-        STOP if crash.mean() > MANY else LOOK if concerned else FINE,
+        STOP if crash.mean() > MANY else WARNING if concerned else FINE,
         looked_at,
         f"{len(crashes):,} rows crash{_named(crashes)}, {len(nearly):,} nearly",
         len(crashes),

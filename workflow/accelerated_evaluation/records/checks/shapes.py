@@ -7,7 +7,16 @@ import pandas as pd
 from scipy.stats import binom, poisson
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.records.checks import CHECKS, FINE, LEVEL, LOOK, STOP, Finding, Records, by_share
+from accelerated_evaluation.records.checks import (
+    CHECKS,
+    FINE,
+    LEVEL,
+    STOP,
+    WARNING,
+    Finding,
+    Records,
+    by_share,
+)
 
 SPEED_UNITS = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704}
 UNITS = {"lead_speed": SPEED_UNITS, "range": {"m": 1.0, "ft": 0.3048}, "closing_speed": SPEED_UNITS}
@@ -33,7 +42,7 @@ def round_numbers(records: Records) -> Finding:
     p, minus_share, where, rows = min(heaps, key=lambda heap: heap[:2])
     heaped = p < LEVEL
     return Finding(
-        FINE if not heaped else STOP if -minus_share > 0.5 else LOOK,
+        FINE if not heaped else STOP if -minus_share > 0.5 else WARNING,
         "rows on multiples of 0.5, 1, 5 and 10 of m/s, km/h, mph, m and ft, beside those on other lattices",
         f"most conspicuous: {where}, {len(rows):,} rows ({-minus_share:.1%}; p = {min(p, 1):.2g})",
         -minus_share,
@@ -96,7 +105,7 @@ def gaps(records: Records) -> Finding:
     p, where, low, high, name = worst
     hole = p < LEVEL
     return Finding(
-        LOOK if hole else FINE,
+        WARNING if hole else FINE,
         "widest interval without a value, beside the distances of the 50 values on either side",
         f"{where} (p = {min(p, 1):.2g})",
         high - low,
@@ -139,7 +148,7 @@ def outliers(records: Records) -> Finding:
         found |= {row: min(value, found.get(row, 1.0)) for row, value in p[p < LEVEL].items()}
     rows = sorted(found, key=found.get)
     return Finding(
-        LOOK if rows else FINE,
+        WARNING if rows else FINE,
         "R^-1 and TTC^-1 beyond what the exponential tail of their 100 largest values reaches by chance",
         f"{len(rows):,} rows" + (f"; smallest p = {found[rows[0]]:.2g}" if rows else ""),
         len(rows),

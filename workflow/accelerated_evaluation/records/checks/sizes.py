@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from accelerated_evaluation.records.checks import CHECKS, FINE, LOOK, MANY, STOP, Finding, Records
+from accelerated_evaluation.records.checks import CHECKS, FINE, MANY, STOP, WARNING, Finding, Records
 from accelerated_evaluation.records.checks.units import FARTHEST, FASTEST_CAR
 from accelerated_evaluation.records.segments import MINIMUM_ROWS
 
@@ -25,7 +25,7 @@ def rows_outside_limits(records: Records) -> Finding:
     reason = f", {impossible:,} with a lead speed above {FASTEST_CAR:g} m/s or a range above {FARTHEST:g} m"
     is_many = share > 0.5 or impossible > MANY * len(closing)
     return Finding(
-        FINE if len(rows) == 0 else STOP if is_many else LOOK,
+        FINE if len(rows) == 0 else STOP if is_many else WARNING,
         "closing rows outside of the limits of lead speed and range (filters)",
         f"{len(rows):,} of {len(closing):,} rows ({share:.1%}){reason if impossible else ''}",
         share,
@@ -45,7 +45,7 @@ def sample_size(records: Records) -> Finding:
     thin = int((cells < MINIMUM_ROWS).sum())
     size = counts[smallest]
     return Finding(
-        STOP if size < MINIMUM_ROWS else LOOK if TAIL * size < MINIMUM_ROWS else FINE,
+        STOP if size < MINIMUM_ROWS else WARNING if TAIL * size < MINIMUM_ROWS else FINE,
         "distinct rows by segment of lead speed, and in cells of 5 m/s by 10 m",
         f"{'; '.join(f'{name} m/s: {count:,}' for name, count in counts.items())}; "
         f"{thin} of {len(cells)} cells with rows have fewer than {MINIMUM_ROWS}",
@@ -65,7 +65,7 @@ def size_of_tail(records: Records) -> Finding:
     size = min(sizes.values(), default=0)
     error = f", so its rate is known within {1 / np.sqrt(size):.0%}" if size else ""
     return Finding(
-        STOP if size < FEW else LOOK if size < ENOUGH else FINE,
+        STOP if size < FEW else WARNING if size < ENOUGH else FINE,
         f"distinct rows in the uppermost {TAIL:.0%} of TTC^-1, by segment, on which its tail rests",
         f"{'; '.join(f'{name} m/s: {count:,}' for name, count in sizes.items())}; the smallest has "
         f"{size:,}{error}",

@@ -8,9 +8,9 @@ from accelerated_evaluation.records.checks import (
     CHECKS,
     FINE,
     LEVEL,
-    LOOK,
     MANY,
     STOP,
+    WARNING,
     Finding,
     Records,
     by_share,
@@ -47,7 +47,7 @@ def speed_unit(records: Records) -> Finding:
     median, rows = records.valid["lead_speed"].median(), fastest[fastest > FASTEST_CAR]
     verdict = STOP if median > FASTEST_TRAFFIC else by_share(len(rows), len(fastest))
     if verdict == FINE and records.warnings:
-        verdict = LOOK
+        verdict = WARNING
     return Finding(
         verdict,
         f"median lead speed, at most {FASTEST_TRAFFIC:g} m/s on any road; speeds above {FASTEST_CAR:g} m/s",
@@ -91,7 +91,7 @@ def unavoidable_crashes(records: Records) -> Finding:
     rows = needed[needed > FULL_BRAKING].sort_values(ascending=False)
     is_chance = binom.sf(len(rows) - 1, len(needed), CRASHES) >= LEVEL
     return Finding(
-        FINE if rows.empty else LOOK if is_chance else STOP,
+        FINE if rows.empty else WARNING if is_chance else STOP,
         f"rows that need more than {FULL_BRAKING:g} m/s^2, closing^2 / (2 range): these must have crashed, "
         f"and people crash in at most {CRASHES:g} of the lane changes",
         f"{len(rows):,} of {len(needed):,} rows; largest {needed.max():.2f} m/s^2",
@@ -115,7 +115,7 @@ def sign_of_range_rate(records: Records) -> Finding:
         verdict = STOP
     elif opening > MANY:
         found = spearmanr(range_, closing)
-        verdict = LOOK if found.statistic < 0 and found.pvalue < LEVEL else FINE
+        verdict = WARNING if found.statistic < 0 and found.pvalue < LEVEL else FINE
         seen += f"; rank correlation of range and closing speed {found.statistic:.2f}"
     return Finding(
         verdict,

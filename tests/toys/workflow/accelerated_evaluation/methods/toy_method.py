@@ -15,7 +15,7 @@ class ToyMethod(Method):
     """Draws from the law itself."""
 
     name: ClassVar[str] = "toy_method"
-    look: ClassVar[dict] = {"color": "black", "linestyle": "-", "marker": "P"}
+    style: ClassVar[dict] = {"color": "black", "linestyle": "-", "marker": "P"}
     settings: ClassVar[dict] = {"toy_method": section(size=integer(1000, 100, 10000, "Simulations."))}
     sections: ClassVar[tuple] = ("toy_method",)
 
