@@ -96,7 +96,7 @@ format: $(ENVIRONMENT) ## rewrite the sources as the linters want them
 	ruff format .
 	snakefmt $(RULES)
 
-lock: $(ENVIRONMENT) ## resolve environment.txt anew from pyproject.toml
+lock: $(ENVIRONMENT) ## resolve environment.txt again from pyproject.toml
 	uv pip compile pyproject.toml --extra study --extra fmu --extra cluster --extra provenance --extra scenarios --extra osi --extra dev \
 	  --universal --python-version 3.11 --generate-hashes --no-header --quiet --output-file environment.txt
 	uv pip compile pyproject.toml --extra peers --constraint environment.txt --universal --python-version 3.11 \

@@ -90,7 +90,7 @@ def profile(text: str, measured: pd.DataFrame) -> str:
 
 
 def _processor() -> str:
-    """Return the name of the processor, as Linux tells it."""
+    """Return the name of the processor, as Linux reports it."""
     cpu = Path("/proc/cpuinfo")
     names = re.findall(r"^model name\s*: (.*)$", cpu.read_text() if cpu.is_file() else "", re.MULTILINE)
     return names[0] if names else "not known"

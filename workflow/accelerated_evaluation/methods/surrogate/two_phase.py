@@ -105,7 +105,7 @@ class TwoPhaseBatch:
     controlled, controlled_square
         Sums over the whole pool of w g and of w^2 g, with w as in ``weight``.
     aimed
-        Whether the event was held possible at the runs, shape (n,), so that they were aimed at.
+        Whether a run was sampled preferentially, because the event was held possible there, shape (n,).
     wide_draws
         Draws of the wide law that the defence stands for: their number, and the rarities between which they
         are, shape (1 or 2, 3).

@@ -47,7 +47,7 @@ def round_numbers(records: Records) -> Finding:
         f"most conspicuous: {where}, {len(rows):,} rows ({-minus_share:.1%}; p = {min(p, 1):.2g})",
         -minus_share,
         "Take the values as they were measured: rounded ones make steps in the tails. A heap on multiples "
-        "of another unit tells the unit of the sensor.",
+        "of another unit shows the unit of the sensor.",
         list(rows) if heaped else (),
     )
 
