@@ -125,7 +125,7 @@ class LawDraws:
         )
 
     def ranges_at(self, places: Places) -> "Hazards":
-        """Return the hazards of log(R_max / R) of the a ranges at n lead speeds."""
+        """Return the hazards of log(R_max / R) at n lead speeds, for each shared draw of the ranges."""
         return Hazards.of(self._range_splines, self.ranges[0].grid.edges[2], places.along_speed)
 
     def speeds_at(self, places: Places) -> "SpeedsAt":
