@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.records.checks import FINE, LOOK, STOP, Finding, by_share, report_of
+from accelerated_evaluation.records.checks import FINE, STOP, WARNING, Finding, by_share, report_of
 from accelerated_evaluation.scenarios.protocol import CLUSTER, FITTED, Scenario
 
 FEW_CLUSTERS = 20  # effective number, below which intervals by a bootstrap over clusters are too short
@@ -46,7 +46,7 @@ def inspect_scenario_records(scenario: Scenario, records: pd.DataFrame, simulate
 def _repeated(scenario: Scenario, records: pd.DataFrame) -> Finding:
     rows = records.index[records.duplicated([*scenario.names, CLUSTER])]
     return Finding(
-        STOP if len(rows) > len(records) / 2 else LOOK if len(rows) else FINE,
+        STOP if len(rows) > len(records) / 2 else WARNING if len(rows) else FINE,
         "rows whose variables and cluster are those of an earlier row",
         f"{len(rows):,} of {len(records):,} rows",
         len(rows),
@@ -75,7 +75,7 @@ def _clusters(records: pd.DataFrame) -> Finding:
     sizes = records.loc[records[FITTED], CLUSTER].value_counts().to_numpy(float)
     effective = float(sizes.sum() ** 2 / (sizes**2).sum()) if sizes.size else 0.0
     return Finding(
-        LOOK if effective < FEW_CLUSTERS else FINE,
+        WARNING if effective < FEW_CLUSTERS else FINE,
         "clusters, such as drivers or devices, that share the fitted records",
         f"{sizes.size:,} clusters, worth {effective:.1f} of equal size",
         effective,
@@ -90,7 +90,7 @@ def _replayed(scenario: Scenario, records: pd.DataFrame, simulate: Simulate) -> 
     crash = simulate(*columns).crash if len(fitted) else np.zeros(0, bool)
     rows = fitted.index[crash]
     return Finding(
-        STOP if len(rows) > MANY_CRASHES * len(fitted) else LOOK if len(rows) else FINE,
+        STOP if len(rows) > MANY_CRASHES * len(fitted) else WARNING if len(rows) else FINE,
         "records that crash when the vehicle under test replays them",
         f"{len(rows):,} of {len(fitted):,} rows",
         len(rows),
