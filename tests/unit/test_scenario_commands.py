@@ -138,7 +138,7 @@ def test_the_report_on_records_counts_what_is_wrong(folder, capsys):
     assert report.loc["repeated rows", "number"] == before + 2
     assert report.loc["rows outside limits", "number"] == 1
     assert report.loc["rows outside limits", "example_rows"] == "203"
-    assert report.loc["replayed crashes", "verdict"] == "look"
+    assert report.loc["replayed crashes", "verdict"] == "warning"
     assert "1 in turning_speed_mps (0 to 60 m/s)" in capsys.readouterr().out
     spoiled.assign(turning_speed_mps=-1.0).to_csv("records.csv", index=False)
     with pytest.raises(SystemExit):

@@ -1,4 +1,4 @@
-"""Report on the records of a scenario before any study: each check says fine, look or stop."""
+"""Report on the records of a scenario before any study: each check says fine, warning or stop."""
 
 from collections.abc import Callable
 
