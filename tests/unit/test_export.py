@@ -14,6 +14,7 @@ from accelerated_evaluation.crash_map.exact import ALL, exact_probabilities
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.files import read_law
+from accelerated_evaluation.laws.motion import SPEED_COLUMNS
 from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.track.export import page, table_of
 from accelerated_evaluation.track.weighted_set import SHELLS, draw_weighted_set
@@ -172,12 +173,53 @@ def test_a_scenario_has_the_cut_in_of_the_table_when_the_car_crosses_the_marking
         assert len(tree.findall(".//Event")) == 1
 
 
-def test_every_exported_file_is_valid_for_asams_checker(exported):
+@pytest.fixture(scope="module")
+def moving(exported):
+    folder, command = exported
+    command = [part.replace(str(folder / "set"), str(folder / "moving")) for part in command]
+    assert cli.main([*command, "--size", "30", "--motion", "ngsim"]) == 0
+    return folder / "moving"
+
+
+def test_a_moving_lead_has_the_speed_profile_of_the_table(moving):
+    """Played by hand: the speeds of the profile at the times since the moment of the cut-in."""
+    table = pd.read_csv(moving / "scenarios.csv")
+    speeds = table[list(SPEED_COLUMNS)]
+    assert (speeds >= 0).all(axis=None)
+    assert (speeds.std(axis=1) > 0).all()
+    for row in table.to_dict("records")[::7]:
+        tree = ElementTree.parse(moving / row["file"])
+        event = tree.find(".//Event[@name='lead_motion']")
+        moment = float(tree.find(".//Property[@name='moment']").get("value"))
+        assert float(event.find(".//SimulationTimeCondition").get("value")) == moment
+        entries = event.findall(".//SpeedProfileEntry")
+        times = np.cumsum([float(entry.get("time")) for entry in entries])
+        np.testing.assert_allclose(times, 0.1 * np.arange(1, 81))
+        played = [float(entry.get("speed")) for entry in entries]
+        np.testing.assert_allclose(played, [row[name] for name in SPEED_COLUMNS], rtol=1e-9)
+        assert tree.find(".//Event[@name='cut_in']//LaneChangeAction") is not None
+    text = (moving / "README.md").read_text()
+    assert "and then changes its speed;" in text
+    assert "lead motion: ngsim" in text
+    assert not re.search(r"[{}]", re.sub(r"```.*?```", "", text, flags=re.DOTALL))
+
+
+def test_the_table_of_moving_leads_can_be_simulated(moving, tmp_path):
+    assert cli.main(["simulate", str(moving / "scenarios.csv"), str(tmp_path / "out.csv")]) == 0
+    table = pd.read_csv(moving / "scenarios.csv")
+    columns = [table[name].to_numpy() for name in ("lead_speed", "range", "closing_speed")]
+    speeds = table[["lead_speed", *SPEED_COLUMNS]].to_numpy()
+    wanted = load_vehicle("acc_aeb").simulate_moving(*columns, speeds)
+    np.testing.assert_allclose(pd.read_csv(tmp_path / "out.csv")["min_range"], wanted.min_range, rtol=1e-6)
+
+
+def test_every_exported_file_is_valid_for_asams_checker(exported, moving):
     pytest.importorskip("qc_openscenario", reason="ASAM's checker is not installed")
     from asam_checker import verdict
 
     files = sorted((exported[0] / "set").glob("*.xosc"))
     assert len(files) == 45
+    files += sorted(moving.glob("*.xosc"))[:3]
     for path in files:
         completed, issues = verdict(path)
         assert issues == []

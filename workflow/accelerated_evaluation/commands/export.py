@@ -46,6 +46,12 @@ class Export:
             metavar="A",
             help=f"cut-ins that this deceleration avoids are assumed to be safe [m/s^2] (default: {SAFE})",
         )
+        command.add_argument(
+            "--motion",
+            choices=["ngsim"],
+            help="of cut-ins, let the other car change its speed, drawn with the statistics of NGSIM "
+            "(default: it keeps its speed)",
+        )
         add_seed(command)
         add_accept(command)
 
@@ -53,7 +59,8 @@ class Export:
     def run(arguments: argparse.Namespace) -> None:
         """Draw the set and write it."""
         from accelerated_evaluation.base.randomness import child_generator
-        from accelerated_evaluation.track.export import write_set
+        from accelerated_evaluation.laws.motion import MOTIONS
+        from accelerated_evaluation.track.export import with_motion, write_set
         from accelerated_evaluation.track.scenarios import NOT_WRITTEN
         from accelerated_evaluation.track.weighted_set import draw_scored_set, draw_weighted_set
 
@@ -62,12 +69,20 @@ class Export:
         scenario, (law, description) = given.scenario, given.read()
         generator = child_generator(arguments.seed, "export")
         if given.table is None:
-            refuse_options(arguments, scenario.name, "safe_deceleration")
+            refuse_options(arguments, scenario.name, "safe_deceleration", "motion")
             drawn, data = draw_scored_set(scenario, law, arguments.size, generator), {}
         else:
             safe = SAFE if arguments.safe_deceleration is None else arguments.safe_deceleration
             drawn = draw_weighted_set(law, arguments.size, safe, generator)
+            if arguments.motion:
+                drawn = with_motion(
+                    drawn, MOTIONS[arguments.motion](), child_generator(arguments.seed, "motion")
+                )
             data = {"data": given.table.attrs.get("description", "not described")}
+        if arguments.motion:
+            data["lead motion"] = (
+                f"{arguments.motion}; cut-ins are assumed to be safe as with a constant lead speed"
+            )
         origin = {
             f"law of {scenario.noun}s": description,
             **data,

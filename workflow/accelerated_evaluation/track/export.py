@@ -4,15 +4,27 @@ import os
 import shutil
 import tempfile
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import write_csv, write_text
+from accelerated_evaluation.laws.motion import SPEED_COLUMNS, LeadMotion, draw_lead_speeds
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
-from accelerated_evaluation.track.recipe import ALL_LAWS, CUT_INS, ENCOUNTERS, ONE_LAW, RECIPE, WHOLE
+from accelerated_evaluation.track.recipe import (
+    ALL_LAWS,
+    CUT_INS,
+    ENCOUNTERS,
+    MOVING,
+    ONE_LAW,
+    RECIPE,
+    STILL,
+    WHOLE,
+)
 from accelerated_evaluation.track.scenarios import (
     LANE_CHANGE,
     RUN_UP,
@@ -83,7 +95,19 @@ def table_of(drawn: WeightedSet, names: list[str], scenario: Scenario = CUT_IN) 
 
 def _scenario(name: str, row: Mapping[str, float]) -> ConcreteScenario:
     notes = {"weight": repr(float(row["weight"])), "shell": str(int(row["shell"]))}
-    return ConcreteScenario(name, row["lead_speed"], row["range"], row["closing_speed"], notes)
+    later_speeds = [row[column] for column in SPEED_COLUMNS if column in row]
+    return ConcreteScenario(name, row["lead_speed"], row["range"], row["closing_speed"], notes, later_speeds)
+
+
+def with_motion(drawn: WeightedSet, motion: LeadMotion, generator: np.random.Generator) -> WeightedSet:
+    """Return a set of cut-ins in which each other car has a drawn motion, in the columns `SPEED_COLUMNS`.
+
+    The motions are drawn from their law, so that the weights are those of the set.
+    """
+    encounters = drawn.table[list(CUT_IN.names)].to_numpy(dtype=float).T
+    speeds = draw_lead_speeds(motion, encounters, generator)[:, 1:]
+    later = pd.DataFrame(speeds, columns=list(SPEED_COLUMNS), index=drawn.table.index)
+    return replace(drawn, table=drawn.table.join(later))
 
 
 def page(drawn: WeightedSet, origin: Mapping[str, str], scenario: Scenario = CUT_IN) -> str:
@@ -117,6 +141,7 @@ def _parts_of_cut_ins(drawn: WeightedSet) -> dict[str, str]:
         "least": f"{drawn.edges[0]:.3g}",
         "safe": f"{drawn.assumed_safe:.6f}",
         "harder": f"{drawn.probabilities.sum():.4g}",
+        **(MOVING if SPEED_COLUMNS[0] in drawn.table else STILL),
     }
     return {name: part.format(**numbers) for name, part in CUT_INS.items()}
 

@@ -69,7 +69,7 @@ with a crash on, because a shell of a few scenarios without a crash is no proof 
 
 CUT_INS = {
     "intro": """\
-In each scenario another car comes into the lane of the host, at the given range, and keeps its speed;
+In each scenario another car comes into the lane of the host, at the given range, and {motion};
 the host closes in. How often would your vehicle crash in such cut-ins, as often as they happen on the road?
 """,
     "files": """\
@@ -81,8 +81,9 @@ the host closes in. How often would your vehicle crash in such cut-ins, as often
   middle of the other car crosses the marking. If yours is longer or shorter, move its start so that the
   range stays.
 - `scenarios.csv`: a row for each scenario with `scenario` (its number), `shell`, `weight`, `lead_speed`
-  [m/s], `range` [m], `closing_speed` [m/s] (host minus lead, at the marking), `host_speed` [m/s], `file`.""",
-    "until": "until the cars touch or your vehicle is no longer faster than the other car",
+  [m/s], `range` [m], `closing_speed` [m/s] (host minus lead, at the marking), `host_speed` [m/s],
+  `file`{columns}.""",
+    "until": "until the cars touch or {over}",
     "crash": "1 if the cars touched and 0\n   if not",
     "why": """\
 Cut-ins are sorted by the constant deceleration that just avoids the crash if it begins at once, a = C^2
@@ -98,6 +99,19 @@ deceleration of {least} m/s^2 avoids. The set holds the other {harder}. Whatever
 in the easy cut-ins adds to the number that you get. If it crashes in shell 1, that is a sign that it
 crashes in easier cut-ins too; then ask for a set with a smaller deceleration.""",
     "measure": "deceleration needed [m/s^2]",
+}
+
+# What the other car does: it keeps its speed, or changes it.
+STILL = {
+    "motion": "keeps its speed",
+    "columns": "",
+    "over": "your vehicle is no longer faster than the other car",
+}
+MOVING = {
+    "motion": "then changes its speed",
+    "columns": ", and `speed_0.1`, ..., `speed_8.0` [m/s]: the speed of the other car so many seconds\n"
+    "  after the marking",
+    "over": "8 s have passed since the other car crossed the marking",
 }
 
 # The parts of the page for any other scenario.

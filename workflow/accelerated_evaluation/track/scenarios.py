@@ -2,21 +2,22 @@
 
 An encounter of the study begins at the moment of the cut-in, with a given range between the bumpers. A
 scenario begins `RUN_UP` seconds earlier, with the other car in the lane on the right. It changes lane so that
-its middle crosses the marking at the moment of the cut-in, and keeps its speed throughout. The host has an
-initial speed and no action. If it keeps this speed until the cut-in, range and range rate are those of the
+its middle crosses the marking at the moment of the cut-in. It keeps its speed throughout, or changes it from
+that moment on by a speed profile. The host has an initial speed and no action. If it keeps this speed until the cut-in, range and range rate are those of the
 encounter. From that moment at the latest, the vehicle under test drives by itself. The scenario ends with a
 collision, or when the encounters of the study end.
 """
 
 import datetime
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from accelerated_evaluation.base.errors import StudyError
 from accelerated_evaluation.base.files import atomic_path
+from accelerated_evaluation.laws.motion import STEP
 
 if TYPE_CHECKING:  # an optional extra
     from scenariogeneration import xosc
@@ -49,6 +50,8 @@ class ConcreteScenario:
         minus v_L [m/s].
     notes
         Further statements in the head of the file, by name, such as the weight of the scenario.
+    later_speeds
+        Speeds of the lead vehicle [m/s] 0.1, 0.2, ... s after the cut-in; none if it keeps its speed.
     """
 
     name: str
@@ -56,6 +59,7 @@ class ConcreteScenario:
     range_: float
     closing_speed: float
     notes: Mapping[str, str]
+    later_speeds: Sequence[float] = ()
 
 
 def write_scenarios(folder: str | os.PathLike, scenarios: Iterable[ConcreteScenario]) -> list[Path]:
@@ -130,8 +134,9 @@ def _scenario(scenario: ConcreteScenario) -> "xosc.Scenario":
         **scenario.notes,
     }.items():
         notes.add_property(name, value)
+    motion = "changes its speed" if len(scenario.later_speeds) else "keeps its speed"
     return xosc.Scenario(
-        f"Cut-in {scenario.name}: the lead car comes into the lane of the host and keeps its speed",
+        f"Cut-in {scenario.name}: the lead car comes into the lane of the host and {motion}",
         AUTHOR,
         xosc.ParameterDeclarations(),
         entities=entities,
@@ -175,7 +180,27 @@ def _storyboard(scenario: ConcreteScenario) -> "xosc.StoryBoard":
     maneuver = xosc.Maneuver("lead_maneuver")
     maneuver.add_event(cut_in)
     board.add_maneuver(maneuver, "lead")
+    if len(scenario.later_speeds):
+        board.add_maneuver(_motion(scenario), "lead")
     return board
+
+
+def _motion(scenario: ConcreteScenario) -> "xosc.Maneuver":
+    """Return the change of the lead speed from the moment of the cut-in on.
+
+    The times of a profile are relative to the preceding entry. It is a manoeuvre of its own, because an event
+    may end others in its manoeuvre.
+    """
+    from scenariogeneration import xosc
+
+    speeds = [float(speed) for speed in scenario.later_speeds]
+    profile = xosc.SpeedProfileAction(speeds, xosc.FollowingMode.position, [STEP] * len(speeds))
+    changes = xosc.Event("lead_motion", xosc.Priority.override)
+    changes.add_action("change_speed", profile)
+    changes.add_trigger(_after("moment_of_the_cut_in", RUN_UP))
+    maneuver = xosc.Maneuver("lead_motion_maneuver")
+    maneuver.add_event(changes)
+    return maneuver
 
 
 def headway_at_start(scenario: ConcreteScenario) -> float:
