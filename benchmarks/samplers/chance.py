@@ -6,7 +6,7 @@
 Every problem here has a known probability. A car that drives like another one in a share of its runs crashes
 as often as the mixture of both. Noise that turns the normal scores z into rho z + sqrt(1 - rho^2) e leaves
 their law as it is, and so the probability. A half-space with probit noise of standard deviation s at the
-distance b has the probability Phi(-b / sqrt(1 + s^2)).
+distance b has the probability Phi(-b / sqrt(1 + s^2)); `least_runs` says how many runs it costs at least.
 """
 
 import argparse
@@ -29,13 +29,15 @@ from accelerated_evaluation.vehicles import AccAeb, Outcomes, Vehicle, load_vehi
 from methods import Target
 from problems import BENCHMARK, problems, segment_problem
 from run import ROOT
-from scipy.special import ndtr
+from scipy.integrate import quad
+from scipy.special import log_ndtr, ndtr
 from scipy.stats import binomtest
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
 LIMIT = 1000  # simulations after which the sampler gives up, as in the other tables
 CLOSING = 5.0  # [m/s]
 SECONDS = 8.0
+LARGEST = 12.0  # normal score beyond which nothing is added to an integral
 DRAWS = 1_000_000  # that say how frequent a kind of cut-in is
 
 
@@ -144,6 +146,28 @@ def noisy_plane(
         return SystemProblem(respond, dimension, fingerprint=name, deterministic=declared)
 
     return Chance(make, float(ndtr(-distance / math.sqrt(1 + spread**2))))
+
+
+def least_runs(distance: float, spread: float, error: float = 0.156) -> float:
+    """Return the runs that any unbiased estimate from flags needs for a noisy half-space, without learning.
+
+    With the density h of the runs and the control variate g, a run has the variance E_h (phi / h)^2 p (1 - p)
+    at least, which g = p attains. It is least for h proportional to phi sqrt(p (1 - p)).
+
+    Parameters
+    ----------
+    distance, spread
+        The half-space, and the standard deviation of its noise.
+    error
+        Required coefficient of variation.
+    """
+
+    def integrand(x: float) -> float:
+        log_p, log_rest = log_ndtr([(x - distance) / spread, (distance - x) / spread])
+        return math.exp((log_p + log_rest - x * x) / 2) / math.sqrt(2 * math.pi)
+
+    root = quad(integrand, -LARGEST, LARGEST, points=[distance], limit=200)[0]
+    return float((root / ndtr(-distance / math.hypot(1, spread)) / error) ** 2)
 
 
 def lapsing(other: Vehicle, exact: float, rate: float, *, declared: bool | None = False) -> Chance:

@@ -23,7 +23,7 @@ from test_methods import LAW, Corner, estimates, exact, fits
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "samplers"))
 
-from chance import Careless, Lapsing, Shaken, Unbraked, table
+from chance import Careless, Lapsing, Shaken, Unbraked, least_runs, table
 
 DRAWN_BY_LAW = [name for name in METHODS if issubclass(METHODS[name], CrossEntropyMethod)]
 STOPPING = Stopping(minimum_events=1, maximum_simulations=1000)
@@ -102,12 +102,15 @@ def test_rare_lapses_are_bounded_and_not_estimated():
 
     problem = SystemProblem(respond, 2, fingerprint="lapses", deterministic=False)
     truth = 0.99 * ndtr(-3.5) + 0.01 * ndtr(-2.0)
-    limited = Stopping(minimum_events=1, maximum_simulations=250)
+    limited = Stopping(minimum_events=1, maximum_simulations=1000)
     found = Surrogate().estimate(problem, limited, np.random.default_rng(5))
     assert not found.converged
+    assert found.simulations < 500  # it stops where more runs settle nothing
     assert found.high >= truth
     assert found.diagnostics["unseen_lapses_monotone"] <= found.diagnostics["unseen_lapses"] <= 1
-    assert "rare lapses can add up to" in chance_in_words(found.diagnostics)
+    words = chance_in_words(found.diagnostics)
+    assert "rare lapses can add up to" in words
+    assert f"at least {found.diagnostics['settling_runs']:,.0f} runs" in words
     believed = SystemProblem(respond, 2, fingerprint="lapses", deterministic=True)
     wrong = Surrogate().estimate(believed, limited, np.random.default_rng(5))
     assert wrong.converged
@@ -126,6 +129,23 @@ def test_the_bound_on_lapses_holds_for_lapses_that_are_alike():
         assert bounds.monotone <= bounds.like_hardness
         assert bounds.runs == pytest.approx(-math.log(0.05) / (0.2 * probability))
     assert exceeded <= 5
+
+
+def test_without_an_estimate_lapses_bound_the_whole_probability():
+    generator, rate = np.random.default_rng(8), 0.3
+    z = 2 * generator.standard_normal((200, 2))
+    happened = generator.random(200) < rate
+    bounds = LapseBounds.after(z, happened, math.nan, 0.2)
+    assert rate < bounds.monotone <= bounds.like_hardness < 1
+    assert bounds.runs == pytest.approx(-math.log(0.05) / (0.2 * bounds.like_hardness))
+    assert LapseBounds.after(z[:0], happened[:0], math.nan, 0.2).like_hardness == 1
+
+
+def test_the_runs_that_settle_lapses_bring_the_bound_down_to_the_share():
+    z = np.random.default_rng(9).standard_normal((50, 2))
+    bounds = LapseBounds.after(z, z[:, 0] > 2, 1e-4, 0.2)
+    rate = upper_limit(np.array([0]), np.array([round(bounds.runs)]), 0.05)
+    assert rate == pytest.approx(0.2 * 1e-4, rel=1e-3)
 
 
 def test_upper_limits_are_those_of_clopper_and_pearson():
@@ -165,6 +185,27 @@ def test_the_cars_of_the_benchmark_lapse_as_often_as_they_say():
         np.random.default_rng(4).standard_normal((n, 2))
     )
     assert happened.mean() == pytest.approx(ndtr(-1.0), abs=4 * math.sqrt(0.16 / n))
+
+
+def test_noise_costs_no_less_than_the_best_unbiased_estimate():
+    """The best density with p as control variate has the error of `least_runs`, and others a larger one."""
+    generator, distance, spread, n = np.random.default_rng(10), 3.0, 0.5, 200_000
+    x = np.linspace(-6, 9, 3001)
+    p, phi = ndtr((x - distance) / spread), np.exp(-x * x / 2)
+    phi /= phi.sum()
+
+    def errors(density, control):
+        chosen = generator.choice(len(x), n, p=density / density.sum())
+        happened = generator.random(n) < p[chosen]
+        terms = phi[chosen] / (density / density.sum())[chosen] * (happened - control[chosen])
+        estimate = phi @ control + terms.mean()
+        assert abs(estimate - phi @ p) < 4 * terms.std() / math.sqrt(n)
+        return terms.std() / (phi @ p)
+
+    least = math.sqrt(least_runs(distance, spread, error=1.0))
+    assert errors(phi * np.sqrt(p * (1 - p)), p) == pytest.approx(least, rel=0.02)
+    assert errors(phi * np.sqrt(p), np.zeros(len(x))) > 1.02 * least
+    assert least_runs(4.5, 0.1) < 30 < 500 < least_runs(4.5, 0.3) < 520
 
 
 def test_the_table_of_the_benchmark_by_hand():

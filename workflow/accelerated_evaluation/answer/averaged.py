@@ -67,14 +67,14 @@ class AveragedSurrogate(Surrogate):
     def estimate(self, problem: Problem, stopping: Stopping, generator: np.random.Generator) -> Estimate:
         """Estimate the probability of the event under the mean law, and under every draw.
 
-        The runs end when `has_enough`, and when nothing is left to exclude; see `Sampler.is_settled`. The
-        tables of the estimate are ``runs`` and, those of `Course.tables`.
+        The runs end when `has_enough` and nothing else is left to exclude; see `Sampler.has_ended`. The
+        tables of the estimate are ``runs`` and those of `Course.tables`.
         """
         sampler = self._sampler(problem, generator)
         course = Course.of(problem.law, sampler)
         while sampler.simulations + self.batch_size <= stopping.maximum_simulations:
             has_enough = self.has_enough(course, stopping)
-            if has_enough and sampler.is_settled():
+            if sampler.has_ended(is_narrow=has_enough):
                 break
             course.run(problem, sampler.ask(certify=has_enough))
             if (posterior := course.posterior()) is not None:

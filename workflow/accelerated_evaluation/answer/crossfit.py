@@ -86,9 +86,9 @@ def _without(state: State, left_out: NDArray[np.intp]) -> Belief:
         estimates=progress.estimates,
         foreseen=progress.foreseen[foreseen],
         learnt_at=NEVER,
-        chance=progress.chance,
     )
-    belief = Belief(space_along(progress.directions, state.dimension), state.predecessor)
+    space = space_along(progress.directions, state.dimension)
+    belief = Belief(space, state.predecessor, noisy=progress.repeats.vary_often)
     belief.flags.axes, belief.flags.theta = state.axes, state.theta
     belief.scores.theta = state.graded_theta
     belief.fit(known)

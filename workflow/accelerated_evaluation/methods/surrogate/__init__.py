@@ -98,6 +98,9 @@ class Surrogate(Method):
     def estimate(self, problem: ScoreProblem, stopping: Stopping, generator: np.random.Generator) -> Estimate:
         """Estimate the probability of the event with as few simulations as possible.
 
+        The runs end when the estimate has converged, or when rare lapses are in doubt, which more runs
+        cannot exclude; see `Sampler.has_ended`. In the latter case the estimate has not converged.
+
         Parameters
         ----------
         problem
@@ -115,9 +118,11 @@ class Surrogate(Method):
             batch size.
         """
         sampler = self._sampler(problem, generator)
-        limit = stopping.maximum_simulations
-        while not sampler.has_converged(stopping) and sampler.simulations + self.batch_size <= limit:
-            z = sampler.ask(certify=sampler.is_narrow(stopping))
+        while sampler.simulations + self.batch_size <= stopping.maximum_simulations:
+            is_narrow = sampler.is_narrow(stopping)
+            if sampler.has_ended(is_narrow=is_narrow):
+                break
+            z = sampler.ask(certify=is_narrow)
             again = getattr(problem, "repeat", problem.evaluate)
             sampler.tell(*(again(z) if sampler.repeats_next else problem.evaluate(z)))
             if self.state_file is not None:

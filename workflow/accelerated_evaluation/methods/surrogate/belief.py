@@ -38,9 +38,9 @@ class Belief:
     predecessor
         Runs of a similar vehicle; None if there is none. The scores of these runs are unknown, so the scores
         are not used if a predecessor is given.
-    chance
-        Whether an outcome is one draw of a probability instead of being the same in every run. The flags then
-        have noise, so that the amplitude of their surrogate may be small, and the noise of the scores counts.
+    noisy
+        Whether most outcomes are one draw of a probability instead of being the same in every run. The
+        amplitude of the surrogate of the flags may then be small, and the noise of the scores counts.
 
     Attributes
     ----------
@@ -50,12 +50,13 @@ class Belief:
         The surrogate of all flags, and the regression of the scores along the same axes.
     """
 
-    def __init__(self, space: Space, predecessor: Predecessor | None, *, chance: bool = False) -> None:
-        amplitude = NOISY_AMPLITUDE if chance else AMPLITUDE
+    def __init__(self, space: Space, predecessor: Predecessor | None, *, noisy: bool = False) -> None:
+        amplitude = NOISY_AMPLITUDE if noisy else AMPLITUDE
         self.space = space
-        self.flags = EventSurrogate(space.dimension, predecessor, amplitude)
+        known = None if predecessor is None else predecessor.within(space)
+        self.flags = EventSurrogate(space.dimension, known, amplitude)
         self.scores = GradedSurrogate(space.dimension)
-        self._has_predecessor, self._has_chance = predecessor is not None, chance
+        self._has_predecessor, self._noisy = predecessor is not None, noisy
         self._second: Callable[[Array], Array] | None = None
         self._calibration = Calibration()
 
@@ -78,9 +79,7 @@ class Belief:
         self._second = None
         if self._has_predecessor and runs:
             # With the prior's lengths, so that nothing of it must be kept in a state.
-            own_flags = EventSurrogate(
-                z.shape[1], amplitude=NOISY_AMPLITUDE if self._has_chance else AMPLITUDE
-            )
+            own_flags = EventSurrogate(z.shape[1], amplitude=NOISY_AMPLITUDE if self._noisy else AMPLITUDE)
             own_flags.fit(z, happened, learn=False)
             self._second = own_flags.probability
         elif not self._has_predecessor and happened.any() and not happened.all():
@@ -90,7 +89,7 @@ class Belief:
         predicted = len(progress.foreseen)
         least = 1 - MOST_TRUST if self._has_predecessor else 0.0
         # If noise affects most runs, the regression with noise describes how the flags arise.
-        log_odds = NOISY_LOG_ODDS if progress.repeats.vary_often else 0.0
+        log_odds = NOISY_LOG_ODDS if self._noisy else 0.0
         self._calibration = Calibration.learn(
             progress.foreseen, happened[runs - predicted :], least, log_odds
         )
@@ -111,4 +110,4 @@ class Belief:
         return np.column_stack([by_flags, by_second])
 
     def _by_scores(self, z: Array, below: float) -> Array:
-        return self.scores.probability(z @ self.flags.axes, below, noisy=self._has_chance)
+        return self.scores.probability(z @ self.flags.axes, below, noisy=self._noisy)

@@ -222,6 +222,10 @@ FIRST_REPEATS = 5
 # in 1 % of its runs then shows a difference with probability 1 - 0.98^350 = 99.9 %.
 ENOUGH_REPEATS = 350
 
+# Unexpected events of a vehicle that may lapse after which its runs end. A count of five is known to a factor
+# of about three, and none of the usual numbers of runs would improve much on that.
+ENOUGH_UNEXPECTED = 5
+
 # Share of repeats that differ from which on chance has a part in most runs.
 OFTEN = 0.5
 

@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import itemgetter
+from typing import Self
 
 import numpy as np
 from numba import njit
@@ -45,6 +46,7 @@ from accelerated_evaluation.methods.surrogate.kernel import (
     negative_log_posterior,
     thinned,
 )
+from accelerated_evaluation.methods.surrogate.subspace import Space
 
 LOG_ROOT_2PI = 0.5 * math.log(2 * math.pi)
 
@@ -119,6 +121,10 @@ class Predecessor:
 
     z: Array
     happened: NDArray[np.bool_]
+
+    def within(self, space: Space) -> Self:
+        """Return the runs in the coordinates of a space."""
+        return type(self)(space.coordinates(self.z), self.happened)
 
     def check(self, dimension: int) -> None:
         """Raise ValueError if there is no event, or if shapes do not fit a number of normal scores."""

@@ -11,6 +11,9 @@ divided into shells. Each shell has a tenth of the probability of the previous o
 - *Monotone*: besides, harder cut-ins do not have a smaller one. Harder shells then bound the easier ones too.
 
 Without any assumption n draws of the law itself are needed, of which none is an event: log(1 / alpha) / n.
+Neither of the two assumptions lowers this number, because lapses that are equally likely in all cut-ins
+satisfy both. If harder cut-ins do not lapse less often, the n runs may be hard cut-ins instead of draws. Only
+the knowledge that easy cut-ins are harmless lowers it: to n Q if lapses matter in a share Q of all cut-ins.
 """
 
 import math
@@ -27,9 +30,9 @@ from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurro
 from accelerated_evaluation.methods.surrogate.two_phase import Flags
 from accelerated_evaluation.methods.surrogate.wide_laws import draw_wide, log_normal_to_wide
 
-KNOWN = (
-    10.0  # multiple of the estimate up to which the hardest cut-ins are those that the estimate is made of
-)
+# Multiple of the estimate up to which the hardest cut-ins are those that the estimate is made of; and the
+# probability of these cut-ins if there is no estimate.
+KNOWN, HARDEST = 10.0, 1e-6
 
 
 @dataclass(frozen=True)
@@ -39,10 +42,12 @@ class LapseBounds:
     Attributes
     ----------
     like_hardness, monotone
-        By the two assumptions of the module.
+        By the two assumptions of the module. If there is no estimate, the hardest cut-ins are included, so
+        that these are bounds on the probability of the event.
     runs
         Draws of the law itself, none of them an event, that would bring the bound down to a share of the
-        estimate, whatever the shape.
+        estimate, whatever the shape. If there is no estimate, it is replaced by its bound, so that at least
+        so many draws are needed.
     """
 
     like_hardness: float
@@ -58,25 +63,27 @@ class LapseBounds:
         z, happened
             Normal scores of the runs, shape (n, d), and whether the event happened, shape (n,).
         probability
-            The estimate.
+            The estimate; NaN or 0 if there is none.
         share
             Share of the estimate to which ``runs`` belongs.
         """
-        if not probability > 0:
+        if not len(z):
             return cls(1.0, 1.0, math.inf)
+        is_known = probability > 0
         surrogate = EventSurrogate(z.shape[1], amplitude=NOISY_AMPLITUDE)
         surrogate.fit(z, happened, learn=False)
         # These draws cost no run. They are the same every time, so that a bound has no noise of its own.
         points = draw_wide(POOL, z.shape[1], child_generator(0, "lapses"))
         harder = _mass_of_harder(surrogate, points, z)
-        edges = _edges(KNOWN * probability)
+        edges = _edges(KNOWN * probability if is_known else HARDEST)
         shells = np.digitize(harder, edges) - 1  # -1 for the hardest cut-ins, which are known
         count = np.array([np.count_nonzero(shells == k) for k in range(len(edges) - 1)])
         events = np.array([np.count_nonzero(happened & (shells == k)) for k in range(len(edges) - 1)])
         mass, each = np.diff(edges), UNSEEN_ALPHA / max(len(edges) - 1, 1)
         own, pooled = upper_limit(events, count, each), upper_limit(events.cumsum(), count.cumsum(), each)
-        runs = -math.log(UNSEEN_ALPHA) / (share * probability)
-        return cls(float(mass @ own), float(mass @ np.minimum(own, pooled)), runs)
+        rest = 0.0 if is_known else HARDEST
+        alike, monotone = float(mass @ own) + rest, float(mass @ np.minimum(own, pooled)) + rest
+        return cls(alike, monotone, -math.log(UNSEEN_ALPHA) / (share * (probability if is_known else alike)))
 
 
 def upper_limit(events: Array, count: Array, alpha: float) -> Array:
@@ -107,11 +114,17 @@ def chance_in_words(diagnostics: Mapping[str, float]) -> str:
         return "repeats: none, because the vehicle is said to repeat itself"
     lines = [f"repeats: {repeats} runs were made a second time, and {differed} of them ended differently"]
     if not math.isnan(bound := diagnostics.get("unseen_lapses", math.nan)):
+        monotone, runs = diagnostics["unseen_lapses_monotone"], diagnostics["settling_runs"]
         lines.append(
-            f"rare lapses can add up to {bound:.1g} if all cut-ins of like hardness are alike "
-            f"({1 - UNSEEN_ALPHA:.0%} confidence), so that the interval ends there and the estimate is not "
-            "converged"
+            f"rare lapses can add up to {bound:.1g} if all cut-ins of like hardness are alike, and "
+            f"{monotone:.1g} if harder cut-ins besides are not less prone to them ({1 - UNSEEN_ALPHA:.0%} "
+            "confidence); the interval ends at the first bound, and the estimate is not converged"
         )
-        if math.isfinite(runs := diagnostics["settling_runs"]):
-            lines.append(f"about {runs:,.0f} cut-ins drawn from the law itself would settle it")
+        if math.isfinite(runs):
+            lines.append(
+                f"to exclude such lapses it would take at least {runs:,.0f} runs without an event: of cut-ins"
+                " drawn from the law itself, without an assumption or if cut-ins of like hardness are alike; "
+                "of any hard cut-ins, if harder ones are not less prone; and Q times as many, if lapses are "
+                "harmless in all but the hardest share Q of the cut-ins"
+            )
     return "\n".join(lines)

@@ -52,8 +52,8 @@ class Progress:
     repeats
         Repetitions of runs, which are not counted among the runs.
     chance, chance_since
-        Whether the outcomes are random, and the number of estimates when this was found. These estimates
-        assumed deterministic outcomes and are no longer used.
+        Whether an outcome may be random, and the number of estimates when it was found that most outcomes
+        are. These estimates assumed deterministic outcomes and are no longer used.
     pending
         The batch that was requested and whose outcomes have not been received.
     centres

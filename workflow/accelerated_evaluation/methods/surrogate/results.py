@@ -76,9 +76,9 @@ def with_lapses(found: Estimate, progress: Progress, stopping: Stopping) -> Esti
     """Extend the interval of an estimate by the probability that unobserved lapses can add.
 
     A lapse is a failure of the vehicle in few of its runs; `lapses` derives the bounds. The upper end of the
-    interval is raised by the first bound. The diagnostics get both bounds, ``unseen_lapses`` and
-    ``unseen_lapses_monotone``, and ``settling_runs``, the number of draws from the law itself after which
-    lapses could add less than half of the width of the interval.
+    interval is raised by the first bound, or ends there if there is no estimate. The diagnostics get both
+    bounds, ``unseen_lapses`` and ``unseen_lapses_monotone``, and ``settling_runs``, the number of draws from
+    the law itself after which lapses could add less than half of the width of the interval.
     """
     bounds = LapseBounds.after(progress.z, progress.happened, found.probability, stopping.beta)
     own = {
@@ -86,7 +86,8 @@ def with_lapses(found: Estimate, progress: Progress, stopping: Stopping) -> Esti
         "unseen_lapses_monotone": bounds.monotone,
         "settling_runs": bounds.runs,
     }
-    high = min(found.high + bounds.like_hardness, 1.0)
+    sampled = found.high if found.probability > 0 else 0.0
+    high = min(sampled + bounds.like_hardness, 1.0)
     return replace(found, high=high, diagnostics={**found.diagnostics, **own})
 
 
@@ -120,8 +121,8 @@ def _mean(progress: Progress) -> float:
 
 
 def _that_count(progress: Progress) -> Sequence[BatchEstimate]:
-    """Return the batches of which the estimate is made; none from before chance was noticed."""
-    usable = NOISY_USABLE if progress.chance else USABLE
+    """Return the batches of which the estimate is made; none from before noise was noticed."""
+    usable = NOISY_USABLE if progress.repeats.vary_often else USABLE
     return that_count(progress.estimates[progress.chance_since :], usable)
 
 

@@ -35,6 +35,7 @@ from accelerated_evaluation.methods.surrogate.constants import (
     DEFENCE,
     DEFENCE_ALONE,
     ENOUGH_REPEATS,
+    ENOUGH_UNEXPECTED,
     FEW,
     FIRST_REPEATS,
     LARGEST_SCORE,
@@ -113,7 +114,7 @@ class Sampler:
         self._generator = generator
         self.predecessor = predecessor
         self.emphasis: Callable[[Array], Array] | None = None
-        self._belief = Belief(WholeSpace(dimension), predecessor, chance=self.progress.chance)
+        self._belief = Belief(WholeSpace(dimension), predecessor)
 
     # ---- simulations
 
@@ -181,13 +182,15 @@ class Sampler:
         """Compare repeats with their runs; one that ends differently shows that chance has a part."""
         progress, first = self.progress, batch.repeated
         differed = end_differently(progress.happened[first], progress.score[first], happened, score)
+        was_noisy = progress.repeats.vary_often
         progress.repeats = progress.repeats.extended(batch, happened, differed)
         progress.pending = None
-        if differed.any() and not progress.chance:
-            # Predictions and estimates so far assumed that every outcome is deterministic.
-            progress.chance, progress.chance_since = True, len(progress.estimates)
+        progress.chance |= bool(differed.any())
+        if (is_noisy := progress.repeats.vary_often) != was_noisy:
+            # Predictions and estimates so far assumed another kind of outcome. Rare lapses change neither.
+            progress.chance_since = len(progress.estimates)
             progress.foreseen, progress.learnt_at = np.empty((0, 2)), 0
-            self._belief = Belief(self._belief.space, self.predecessor, chance=True)
+            self._belief = Belief(self._belief.space, self.predecessor, noisy=is_noisy)
 
     @property
     def simulations(self) -> int:
@@ -205,9 +208,28 @@ class Sampler:
 
     def is_settled(self) -> bool:
         """Whether nothing is left to exclude: the certificate is met, and the vehicle repeats itself."""
-        if not results.is_certified(self.progress, self.certificate):
-            return False
-        return not self.repeats_wanted(certify=True) and not self.may_lapse
+        return self._has_excluded_all_else() and not self.may_lapse
+
+    def has_ended(self, *, is_narrow: bool) -> bool:
+        """Whether more runs settle nothing: the estimate has converged, or only rare lapses are in doubt.
+
+        No practicable number of runs excludes rare lapses; see `lapses`. If a vehicle may lapse and several
+        events were unexpected, the estimate will not become narrow either.
+
+        Parameters
+        ----------
+        is_narrow
+            Whether the interval is as narrow as required.
+        """
+        unexpected = sum(batch.surprising for batch in self.progress.estimates)
+        if self.may_lapse and unexpected >= ENOUGH_UNEXPECTED:
+            return True
+        return is_narrow and self._has_excluded_all_else()
+
+    def _has_excluded_all_else(self) -> bool:
+        """Whether the certificate is met and all repeats are made, so that only rare lapses may remain."""
+        certified = results.is_certified(self.progress, self.certificate)
+        return certified and not self.repeats_wanted(certify=True)
 
     def repeats_wanted(self, *, certify: bool) -> int:
         """Return how many repeats are still wanted: some to notice noise, and many before convergence."""
@@ -272,7 +294,7 @@ class Sampler:
         )
         sampler.progress = state.progress
         space = space_along(state.progress.directions, state.dimension)
-        sampler._belief = Belief(space, state.predecessor, chance=state.progress.chance)
+        sampler._belief = Belief(space, state.predecessor, noisy=state.progress.repeats.vary_often)
         flags = sampler._belief.flags
         flags.axes, flags.theta, flags.sites = state.axes, state.theta, state.sites
         sampler._belief.scores.theta = state.graded_theta
@@ -300,19 +322,18 @@ class Sampler:
 
     def _design(self, defence: Defence) -> Batch:
         """Choose the next batch, by what is known so far."""
-        progress = self.progress
+        progress, happened, score = self.progress, self.progress.happened, self.progress.score
         if self.predecessor is None:
-            happened, score = progress.happened, progress.score
             few = self.simulations < (START if self.dimension <= FEW else max(START, self.dimension))
             if few or happened.all() or not (happened.any() or np.ptp(score) > 0):  # nothing to learn from
                 return WideBatch(draw_wide(self.batch_size, self.dimension, self._generator))
-            self._learn_directions()
-            if self._is_searching():
-                space = self._belief.space
-                known, reach = (space.coordinates(progress.z), happened, score), self._search_reach
-                in_vain = not happened.any() and progress.searched >= PATIENCE
-                z = draw_approach(self.batch_size, reach, *known, self._generator, in_vain=in_vain)
-                return ApproachBatch(space.draw(z, self._generator))
+        self._learn_directions()
+        if self.predecessor is None and self._is_searching():
+            space = self._belief.space
+            known, reach = (space.coordinates(progress.z), happened, score), self._search_reach
+            in_vain = not happened.any() and progress.searched >= PATIENCE
+            z = draw_approach(self.batch_size, reach, *known, self._generator, in_vain=in_vain)
+            return ApproachBatch(space.draw(z, self._generator))
         self._belief.fit(progress)
         phase = SecondPhase(self._belief, progress, self.batch_size, defence, self.emphasis, self._generator)
         return phase.batch()
@@ -323,9 +344,13 @@ class Sampler:
         known = progress.directions
         if self.dimension <= FEW or (known is not None and runs < RELEARN * progress.learnt_at):
             return
-        progress.directions = learn_directions(progress.z, progress.happened, progress.score, known)
+        outcomes = progress.z, progress.happened, progress.score
+        if (other := self.predecessor) is not None:  # its scores are not known, so that the flags must do
+            z, happened = np.vstack([other.z, progress.z]), np.append(other.happened, progress.happened)
+            outcomes = z, happened, np.zeros(len(z))
+        progress.directions = learn_directions(*outcomes, known)
         space = space_along(progress.directions, self.dimension)
-        self._belief = Belief(space, None, chance=progress.chance)
+        self._belief = Belief(space, self.predecessor, noisy=progress.repeats.vary_often)
         progress.learnt_at = runs if self._is_searching() else 0  # 0: the surrogates learn again
         events = progress.z[progress.happened]
         progress.rarest = rarity(self._belief.space.coordinates(events)).min(initial=REACH)

@@ -81,8 +81,8 @@ class SecondPhase:
                 break
             w = pool.weight
             fringe_limit = (w @ (w * core)) / (w * core).sum()
-            fringe_limit *= NOISY_FRINGE_WEIGHT if progress.chance else FRINGE_WEIGHT
-            mattered = expect(pool, fringe_limit, self._fringe).probability if progress.chance else core
+            fringe_limit *= NOISY_FRINGE_WEIGHT if self._is_noisy else FRINGE_WEIGHT
+            mattered = expect(pool, fringe_limit, self._fringe).probability if self._is_noisy else core
             share = truncated(w * np.sqrt(mattered))
             progress.centres = pool.z[self.generator.choice(len(w), KERNELS, p=share / share.sum())]
         expected = expect(pool, fringe_limit, self._fringe, self.emphasis)
@@ -96,7 +96,12 @@ class SecondPhase:
     @property
     def _fringe(self) -> float:
         """Least probability of the fringe."""
-        return NOISY_FRINGE if self.progress.chance else FRINGE
+        return NOISY_FRINGE if self._is_noisy else FRINGE
+
+    @property
+    def _is_noisy(self) -> bool:
+        """Whether an outcome is one draw of a probability in most runs."""
+        return self.progress.repeats.vary_often
 
     @property
     def _pool_size(self) -> int:
