@@ -195,18 +195,11 @@ def test_a_half_space_in_20_dimensions_takes_less_than_300_runs(course):
     assert isinstance(course.sampler._belief.space, Subspace)
 
 
-def test_runs_of_a_predecessor_help_in_20_dimensions(course):
-    """Directions are learnt from the flags of both vehicles, and the search is not needed."""
-    z = np.random.default_rng(13).normal(size=(150, DIMENSION)) + 4.3 * ALIKE
-    known = Predecessor(z, z @ ALIKE > 4.3)
-    sampler = Sampler(DIMENSION, np.random.default_rng(14), fingerprint="new", predecessor=known)
-    found = drive(sampler, half_space())
-    assert isinstance(sampler._belief.space, Subspace)
-    assert found.result.converged
-    assert found.result.simulations < course.result.simulations
-    assert found.result.probability == pytest.approx(norm.sf(4.5), rel=0.4)
-    again = Sampler.resume(State.from_json(sampler.state().to_json(), "here"))
-    np.testing.assert_array_equal(again.ask(), sampler.ask())
+def test_a_predecessor_of_many_inputs_is_refused():
+    z = np.random.default_rng(13).normal(size=(5, DIMENSION))
+    known = Predecessor(z, np.ones(5, bool))
+    with pytest.raises(ValueError, match="20 inputs, expected at most 10; leave it out"):
+        Sampler(DIMENSION, np.random.default_rng(14), fingerprint="new", predecessor=known)
 
 
 def test_batches_are_unbiased_whatever_the_directions():

@@ -53,8 +53,7 @@ class Belief:
     def __init__(self, space: Space, predecessor: Predecessor | None, *, noisy: bool = False) -> None:
         amplitude = NOISY_AMPLITUDE if noisy else AMPLITUDE
         self.space = space
-        known = None if predecessor is None else predecessor.within(space)
-        self.flags = EventSurrogate(space.dimension, known, amplitude)
+        self.flags = EventSurrogate(space.dimension, predecessor, amplitude)
         self.scores = GradedSurrogate(space.dimension)
         self._has_predecessor, self._noisy = predecessor is not None, noisy
         self._second: Callable[[Array], Array] | None = None

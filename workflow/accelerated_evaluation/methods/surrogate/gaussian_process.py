@@ -10,7 +10,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import itemgetter
-from typing import Self
 
 import numpy as np
 from numba import njit
@@ -25,6 +24,7 @@ from accelerated_evaluation.methods.surrogate.constants import (
     AMPLITUDE,
     AMPLITUDE_SPREAD,
     DAMPING,
+    FEW,
     FIRST_PRECISION,
     LEARNING_STEPS,
     LEAST_PRECISION,
@@ -46,7 +46,6 @@ from accelerated_evaluation.methods.surrogate.kernel import (
     negative_log_posterior,
     thinned,
 )
-from accelerated_evaluation.methods.surrogate.subspace import Space
 
 LOG_ROOT_2PI = 0.5 * math.log(2 * math.pi)
 
@@ -122,12 +121,16 @@ class Predecessor:
     z: Array
     happened: NDArray[np.bool_]
 
-    def within(self, space: Space) -> Self:
-        """Return the runs in the coordinates of a space."""
-        return type(self)(space.coordinates(self.z), self.happened)
-
     def check(self, dimension: int) -> None:
-        """Raise ValueError if there is no event, or if shapes do not fit a number of normal scores."""
+        """Raise ValueError if there is no event, or if shapes do not fit a number of normal scores.
+
+        With many normal scores, the directions on which the event depends are learnt from scores, and those
+        of a predecessor are not known.
+        """
+        if dimension > FEW:
+            raise ValueError(
+                f"predecessor: the problem has {dimension} inputs, expected at most {FEW}; leave it out"
+            )
         if self.z.shape != (len(self.happened), dimension):
             raise ValueError(f"predecessor: points of shape {self.z.shape} for {len(self.happened)} flags")
         if not self.happened.any():

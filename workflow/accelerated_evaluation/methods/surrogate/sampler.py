@@ -322,18 +322,19 @@ class Sampler:
 
     def _design(self, defence: Defence) -> Batch:
         """Choose the next batch, by what is known so far."""
-        progress, happened, score = self.progress, self.progress.happened, self.progress.score
+        progress = self.progress
         if self.predecessor is None:
+            happened, score = progress.happened, progress.score
             few = self.simulations < (START if self.dimension <= FEW else max(START, self.dimension))
             if few or happened.all() or not (happened.any() or np.ptp(score) > 0):  # nothing to learn from
                 return WideBatch(draw_wide(self.batch_size, self.dimension, self._generator))
-        self._learn_directions()
-        if self.predecessor is None and self._is_searching():
-            space = self._belief.space
-            known, reach = (space.coordinates(progress.z), happened, score), self._search_reach
-            in_vain = not happened.any() and progress.searched >= PATIENCE
-            z = draw_approach(self.batch_size, reach, *known, self._generator, in_vain=in_vain)
-            return ApproachBatch(space.draw(z, self._generator))
+            self._learn_directions()
+            if self._is_searching():
+                space = self._belief.space
+                known, reach = (space.coordinates(progress.z), happened, score), self._search_reach
+                in_vain = not happened.any() and progress.searched >= PATIENCE
+                z = draw_approach(self.batch_size, reach, *known, self._generator, in_vain=in_vain)
+                return ApproachBatch(space.draw(z, self._generator))
         self._belief.fit(progress)
         phase = SecondPhase(self._belief, progress, self.batch_size, defence, self.emphasis, self._generator)
         return phase.batch()
@@ -344,13 +345,9 @@ class Sampler:
         known = progress.directions
         if self.dimension <= FEW or (known is not None and runs < RELEARN * progress.learnt_at):
             return
-        outcomes = progress.z, progress.happened, progress.score
-        if (other := self.predecessor) is not None:  # its scores are not known, so that the flags must do
-            z, happened = np.vstack([other.z, progress.z]), np.append(other.happened, progress.happened)
-            outcomes = z, happened, np.zeros(len(z))
-        progress.directions = learn_directions(*outcomes, known)
+        progress.directions = learn_directions(progress.z, progress.happened, progress.score, known)
         space = space_along(progress.directions, self.dimension)
-        self._belief = Belief(space, self.predecessor, noisy=progress.repeats.vary_often)
+        self._belief = Belief(space, None, noisy=progress.repeats.vary_often)
         progress.learnt_at = runs if self._is_searching() else 0  # 0: the surrogates learn again
         events = progress.z[progress.happened]
         progress.rarest = rarity(self._belief.space.coordinates(events)).min(initial=REACH)
