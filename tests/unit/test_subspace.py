@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.methods.surrogate import certificate
 from accelerated_evaluation.methods.surrogate.constants import WHOLE_SHARE
 from accelerated_evaluation.methods.surrogate.directions import (
@@ -198,7 +199,7 @@ def test_a_half_space_in_20_dimensions_takes_less_than_300_runs(course):
 def test_a_predecessor_of_many_inputs_is_refused():
     z = np.random.default_rng(13).normal(size=(5, DIMENSION))
     known = Predecessor(z, np.ones(5, bool))
-    with pytest.raises(ValueError, match="20 inputs, expected at most 10; leave it out"):
+    with pytest.raises(InputError, match=r"seen 20 inputs; expected at most 10.*Leave the predecessor out"):
         Sampler(DIMENSION, np.random.default_rng(14), fingerprint="new", predecessor=known)
 
 

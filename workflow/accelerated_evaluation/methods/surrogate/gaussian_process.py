@@ -20,6 +20,7 @@ from scipy.spatial import cKDTree
 from scipy.special import log_ndtr, ndtr
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.methods.surrogate.constants import (
     AMPLITUDE,
     AMPLITUDE_SPREAD,
@@ -125,11 +126,12 @@ class Predecessor:
         """Raise ValueError if there is no event, or if shapes do not fit a number of normal scores.
 
         With many normal scores, the directions on which the event depends are learnt from scores, and those
-        of a predecessor are not known.
+        of a predecessor are not known. This raises InputError.
         """
         if dimension > FEW:
-            raise ValueError(
-                f"predecessor: the problem has {dimension} inputs, expected at most {FEW}; leave it out"
+            change = "Leave the predecessor out: it would not save runs here."
+            raise InputError(
+                "predecessor", seen=f"{dimension} inputs", expected=f"at most {FEW}", change=change
             )
         if self.z.shape != (len(self.happened), dimension):
             raise ValueError(f"predecessor: points of shape {self.z.shape} for {len(self.happened)} flags")
