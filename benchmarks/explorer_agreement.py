@@ -83,7 +83,8 @@ def main() -> None:
         opened.wait_for_function(SETTLED)
         for number in tqdm(range(arguments.first, arguments.first + arguments.settings), desc="settings"):
             generator = child_generator(SEED, "settings", number)
-            rows.append(_compared(opened, drawn, records, grid, support, generator))
+            compared = _compared(opened, drawn, records, grid, support, generator)
+            rows.append({"setting": number} | compared)
         browser.close()
     pd.DataFrame(rows).to_csv(arguments.table, index=False, float_format="%.6g")
 
