@@ -1,13 +1,14 @@
 """Crash probabilities with lead motion, against quadratures that do not use the estimator."""
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.answer import lead_motion as module
 from accelerated_evaluation.answer.lead_motion import Means, MovingProblem, mirrored
-from accelerated_evaluation.answer.motion_tables import MOTION, motion_budget
+from accelerated_evaluation.answer.motion_tables import MOTION, motion_budget, motion_table
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.motion import RAREST, STATES, STEP, draw_wide
@@ -248,3 +249,31 @@ def test_the_line_of_the_budget_is_the_variance_over_the_scale():
     assert found["effect"].tolist() == [whole]
     assert motion_budget(moving, "another car", np.exp(2.0)).empty
     assert motion_budget(moving.assign(factor=np.nan), "car", np.exp(2.0)).empty
+
+
+def test_the_table_has_the_recorded_opening_cut_ins_or_mirrored_ones(records, asked, opening):
+    """Opening cut-ins count with their recorded share; vehicles without lead motion are left out."""
+    family = SimpleNamespace(ranges=asked.ranges, law=lambda member: asked.law)
+    weighted = SimpleNamespace(records=records, family=family, heaviest=None)
+
+    class Still:
+        def simulate(self, *encounters):
+            return Coasts().simulate(*encounters)
+
+    vehicles, maps = {"car": Coasts(), "still": Still()}, {"car": asked.crash_map, "still": asked.crash_map}
+    shares = {}
+    for kind, recorded in {
+        "own": opening,
+        "few": opening.only(np.arange(29)),
+        "none": opening.only(np.arange(0)),
+    }.items():
+        table = motion_table(vehicles, maps, weighted, recorded, np.random.default_rng(9)).set_index("gap")
+        assert set(table["vehicle"]) == {"car"}
+        shares[kind] = table.loc["opening", "cut_ins"]
+        both = shares[kind] * table.loc["opening", "moving"]
+        both += (1 - shares[kind]) * table.loc["closing", "moving"]
+        assert table.loc["all", "moving"] == pytest.approx(both)
+        assert np.isfinite(
+            table.loc["closing", ["factor", "factor_error", "factor_half"]].astype(float)
+        ).all()
+    assert shares == {"own": 0.5, "few": pytest.approx(229_889 / 403_581), "none": shares["few"]}

@@ -3,9 +3,9 @@
 An encounter of the study begins at the moment of the cut-in, with a given range between the bumpers. A
 scenario begins `RUN_UP` seconds earlier, with the other car in the lane on the right. It changes lane so that
 its middle crosses the marking at the moment of the cut-in. It keeps its speed throughout, or changes it from
-that moment on by a speed profile. The host has an initial speed and no action. If it keeps this speed until the cut-in, range and range rate are those of the
-encounter. From that moment at the latest, the vehicle under test drives by itself. The scenario ends with a
-collision, or when the encounters of the study end.
+that moment on by a speed profile. The host has an initial speed and no action. If it keeps this speed until
+the cut-in, range and range rate are those of the encounter. From that moment at the latest, the vehicle
+under test drives by itself. The scenario ends with a collision, or when the encounters of the study end.
 """
 
 import datetime
