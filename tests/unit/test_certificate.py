@@ -12,8 +12,9 @@ from accelerated_evaluation.methods.surrogate.certificate import (
     look_beyond,
 )
 from accelerated_evaluation.methods.surrogate.constants import REACH, UNSEEN_ALPHA
+from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.methods.surrogate.two_phase import reach_of
-from accelerated_evaluation.methods.surrogate.wide_laws import draw_at, rarity
+from accelerated_evaluation.methods.surrogate.wide_laws import FREQUENT, RARE, draw_at, rarity
 from sampler_checks import drive, estimate, new_sampler, standard_normal_event
 from scipy.stats import binom, norm
 
@@ -184,3 +185,24 @@ def test_an_event_found_at_its_far_end_has_not_converged():
 def test_reach_of_a_probability():
     assert reach_of(1e-6) == pytest.approx(math.log(1e6) + 3)
     assert reach_of(0.0) == reach_of(1e-40) == REACH
+
+
+def test_the_first_runs_for_frequent_events_exclude_what_those_for_rare_ones_leave_open():
+    """Half-spaces with a probability of 5e-3 in three dimensions, by the first runs alone."""
+    probability, bounds = 5e-3, {}
+    for begin in (FREQUENT, RARE):
+        looks = np.array([[begin.runs, 0.0, begin.reach]])
+        bounds[begin] = Unseen.after(looks, 3, reach_of(probability), 0.0).mode
+    assert bounds[FREQUENT] <= probability < bounds[RARE]
+    z = FREQUENT.draw(1000, 3, np.random.default_rng(1))
+    assert rarity(z).max() <= FREQUENT.reach
+    assert rarity(z).mean() == pytest.approx(FREQUENT.reach / 2, abs=4 * FREQUENT.reach / np.sqrt(12_000))
+
+
+def test_the_first_runs_count_up_to_their_rarity():
+    sampler = Sampler(3, np.random.default_rng(1), 20, fingerprint="x", begin=FREQUENT)
+    for _ in range(2):
+        z = sampler.ask()
+        sampler.tell(np.zeros(20, bool), -z[:, 0])
+    assert sampler.progress.wide_draws[:, 0].sum() == FREQUENT.runs
+    assert (sampler.progress.wide_draws[:, 2] == FREQUENT.reach).all()

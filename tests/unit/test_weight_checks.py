@@ -5,8 +5,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation.answer.stored_experiments import (
+    COLUMNS,
+    authors_records,
+    read_experiments,
+    stored_experiments,
+)
 from accelerated_evaluation.answer.weight_checks import Experiment, crude_runs_needed, weight_table
-from accelerated_evaluation.publishing.tables.stored_experiments import read_experiments, stored_experiments
+from accelerated_evaluation.scenarios import SCENARIOS
 from scipy.stats import norm
 
 DATA = Path(__file__).resolve().parents[2] / "data"
@@ -116,6 +122,19 @@ def test_the_checks_warn_of_the_stored_experiments():
     assert not doubled["converged"].any()
     assert (doubled["errors_off"] > 1).all()
     assert doubled["crude_runs"].between(500, 4000).all()
+
+
+def test_the_authors_records_are_those_of_their_fit():
+    left_turn, pedestrian = (
+        authors_records(SCENARIOS[name], DATA.parent / SCENARIOS[name].records) for name in NAMES
+    )
+    assert left_turn.shape == (1000, 3)
+    assert pedestrian.shape == (983, 3)
+    table = stored_experiments(
+        DATA / "left_turn" / "verdicts.csv.gz", PUBLISHED, "left_turn", left_turn, NAMES["left_turn"]
+    )
+    assert set(COLUMNS) <= set(table)
+    assert table.loc[table["weights"] == "doubled", "warns_region"].sum() == 2
 
 
 def experiments_as_records():

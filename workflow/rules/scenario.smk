@@ -2,13 +2,14 @@
 #
 # In: the records and published verdicts of the scenario, the vehicle. Out: the account of the records, the laws with
 # their scores, the answer with its budget and draws, the heaviest law, the estimates of every method, the agreement
-# with the verdicts.
+# with the verdicts, the checks of stored experiments.
 
 OF_SCENARIO = {
     "vehicles": [config["vehicle"]["name"]],
     SCENARIO: [config["vehicle"]["name"]],
 }
 VERDICTS = INPUTS.verdicts
+EXPERIMENTS = INPUTS.experiments
 
 
 rule study_scenario:
@@ -99,3 +100,27 @@ rule compare_verdicts:
         "Comparing the vehicle with published verdicts"
     script:
         "../scripts/compare_verdicts.py"
+
+
+rule check_experiments:
+    """Check the authors' stored experiments by importance sampling; an empty table if there are none."""
+    input:
+        records=ancient(EXPERIMENTS[:1]),
+        published=ancient(EXPERIMENTS[1:]),
+        verdicts=ancient(VERDICTS),
+        library=modules_of("check_experiments.py", members=OF_SCENARIO),
+    output:
+        experiments=result("scenario", "experiments.csv"),
+    log:
+        log_of("check_experiments.log"),
+    benchmark:
+        benchmark_of("check_experiments.tsv")
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        scenario=SCENARIO,
+    message:
+        "Checking stored experiments by importance sampling"
+    script:
+        "../scripts/check_experiments.py"

@@ -12,6 +12,7 @@ from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.joint import JointLaw
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.study import study_method
+from accelerated_evaluation.methods.surrogate import FREQUENT_EVENTS
 from accelerated_evaluation.methods.surrogate.predecessor import read_predecessor
 from accelerated_evaluation.problem import ScenarioProblem
 from accelerated_evaluation.scenarios.protocol import ENDED, Scenario
@@ -53,6 +54,8 @@ def compare_methods(
         problem = ScenarioProblem(scenario, law, vehicle, scenario.events[0])
         for name in methods:
             method = METHODS[name].configured(config)
+            if name == "surrogate":
+                method = replace(method, **FREQUENT_EVENTS)
             if predecessor is not None:
                 method = replace(method, predecessor=read_predecessor(predecessor, problem))
             count = method.replicates(config) or 1

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from accelerated_evaluation.base.errors import StudyError
+from accelerated_evaluation.base.errors import InputError, StudyError
 
 if TYPE_CHECKING:  # importing pandas takes half a second, and many programs write no table
     import pandas as pd
@@ -121,6 +121,15 @@ def read_json(path: str | os.PathLike) -> Any:  # noqa: ANN401
         return json.loads(Path(path).read_text(encoding="utf-8"))
     except RecursionError as error:
         raise ValueError(f"{path} is nested too deep") from error
+
+
+def require_format(path: str | os.PathLike, content: Any, name: str, version: int, change: str) -> None:  # noqa: ANN401
+    """Raise InputError unless the content of a JSON file is of a format and a version.
+
+    Raises a LookupError or TypeError if the content has no such entries.
+    """
+    if (kind := (content["format"], content["version"])) != (name, version):
+        raise InputError(str(path), seen=f"{kind}", expected=f"{(name, version)}", change=change)
 
 
 def write_csv(path: str | os.PathLike, table: "pd.DataFrame") -> None:

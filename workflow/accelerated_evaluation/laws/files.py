@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.files import read_json, write_json
+from accelerated_evaluation.base.files import read_json, require_format, write_json
 from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.laws import LAWS, Law
 from accelerated_evaluation.records.encounter_table import NUMBERS
@@ -68,9 +68,7 @@ def read_law(path: str | os.PathLike, encounters: pd.DataFrame) -> Law:
     require_file(path, change)
     try:
         content = read_json(path)
-        kind = content["format"], content["version"]
-        if kind != (FORMAT, VERSION):
-            raise InputError(str(path), seen=f"{kind}", expected=f"{(FORMAT, VERSION)}", change=change)
+        require_format(path, content, FORMAT, VERSION, change)
         if content["kind"] not in LAWS:
             seen = f"a law of kind {content['kind']!r}"
             raise InputError(str(path), seen=seen, expected=f"one of {', '.join(LAWS)}", change=change)

@@ -90,6 +90,7 @@ TABLES = {
     "scenario_runs": "scenario/runs.csv",
     # How many published verdicts the vehicle reproduces.
     "scenario_agreement": "scenario/agreement.csv",
+    "scenario_experiments": "scenario/experiments.csv",
     # For a slow vehicle: estimate under the mean law, simulations, those that crashed, comparisons.
     "sampled_estimate": "sampled/estimate.csv",
     "sampled_runs": "sampled/runs.csv",

@@ -212,6 +212,9 @@ class Scenario:
         File of the records that come with the project, and of published verdicts on a vehicle, relative to
         the root of the project; None if there are none. Verdicts have the columns of the variables, ``crash``
         and ``fragile`` (1 where rounding decides).
+    experiments
+        File of the estimates of stored experiments by importance sampling, whose rows are among the verdicts;
+        see `answer.stored_experiments`. None if there are none.
     restrictions
         Parts of the encounters for which the answer is also given, by name. Each is a function that returns
         whether points of a law, shape (n, d), are in the part.
@@ -249,6 +252,7 @@ class Scenario:
     read_records: Callable[[Path], pd.DataFrame]
     records: Path | None = None
     verdicts: Path | None = None
+    experiments: Path | None = None
     restrictions: Mapping[str, Callable[[Array], NDArray[np.bool_]]] = field(default_factory=dict)
     divided_by: tuple[str, tuple[float, ...]] | None = None
     to_inputs: Callable[[Array], Array] = _as_they_are

@@ -49,6 +49,8 @@ class StudyInputs:
         last job alone, and an edit of them runs no other job again.
     verdicts
         Files of published verdicts on the vehicles of another scenario than the cut-in.
+    experiments
+        Records that come with such a scenario, and the estimates of its stored experiments.
     """
 
     config: dict[str, Any]
@@ -57,6 +59,7 @@ class StudyInputs:
     files: dict[str, list[str]]
     accepted: list[str]
     verdicts: list[str] = field(default_factory=list)
+    experiments: list[str] = field(default_factory=list)
 
     @classmethod
     def checked(
@@ -136,7 +139,10 @@ class StudyInputs:
             files = section_files(config["vehicle"], scenario)
         require_plain([str(path), *files])
         verdicts = [str(project / scenario.verdicts)] if scenario.verdicts else []
-        return cls(config, [str(path)], {UNDER_TEST: config["vehicle"]}, {UNDER_TEST: files}, [], verdicts)
+        known = [scenario.records, scenario.experiments] if scenario.experiments else []
+        experiments = [str(project / path) for path in known]
+        vehicles = {UNDER_TEST: config["vehicle"]}, {UNDER_TEST: files}
+        return cls(config, [str(path)], *vehicles, [], verdicts, experiments)
 
     @property
     def source(self) -> dict[str, Any]:

@@ -11,13 +11,14 @@ event within the limits.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import Any, Self
 
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.joint import JointLaw
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
+from accelerated_evaluation.methods.surrogate import FREQUENT_EVENTS
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
@@ -146,6 +147,7 @@ class Campaign:
             fingerprint=fingerprint,
             predecessor=None if predecessor is None else predecessor.as_predecessor(law, event),
             deterministic=deterministic,
+            **sampler_rules(scenario),
         )
         return cls(law, encounters, description, event, goal, sampler, limits, beyond, scenario=scenario)
 
@@ -170,7 +172,8 @@ class Campaign:
         if batch_size is not None:
             check_batch_size(batch_size)
             # The derivation of the sampler holds for batches of any sizes that were chosen beforehand.
-            self.sampler = Sampler.resume(replace(self.sampler.state(), batch_size=batch_size))
+            state = replace(self.sampler.state(), batch_size=batch_size)
+            self.sampler = Sampler.resume(state, **sampler_rules(self.scenario))
         for _ in range(MOST_EMPTY):
             if self.outstanding:
                 return self.outstanding
@@ -273,6 +276,11 @@ class Campaign:
     def estimate(self) -> Estimate:
         """Return the estimate from all complete batches."""
         return self.sampler.estimate(self.goal)
+
+
+def sampler_rules(scenario: Scenario) -> Mapping[str, Any]:
+    """Return the certificate and the first runs of the sampler, unless they are the default, for cut-ins."""
+    return {} if scenario is CUT_IN else FREQUENT_EVENTS
 
 
 def check_batch_size(size: int) -> None:

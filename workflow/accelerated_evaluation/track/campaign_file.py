@@ -25,7 +25,7 @@ from accelerated_evaluation.methods.surrogate.state_json import MISFIT, decode
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
-from accelerated_evaluation.track.campaign import Campaign, Run
+from accelerated_evaluation.track.campaign import Campaign, Run, sampler_rules
 from accelerated_evaluation.track.driven import DrivenOutcome
 from accelerated_evaluation.track.limits import UNLIMITED, Limits
 from accelerated_evaluation.track.sources import Source, law_in, source_of
@@ -145,7 +145,7 @@ def _campaign(content: Mapping[str, Any], where: str) -> Campaign:
         decode(str, content["description"]),
         scenario.event(content["event"]["quantity"], threshold),
         stopping(**goal, anytime=content.get("interval", "usual") == "anytime"),
-        _sampler(content["sampler"], where),
+        _sampler(content["sampler"], where, sampler_rules(scenario)),
         decode(Limits, asdict(UNLIMITED) | limits),
         beyond,
         [_run(run, scenario) for run in content["runs"]],
@@ -235,10 +235,10 @@ def _checksum(content: Mapping[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _sampler(content: Mapping[str, Any], where: str) -> Sampler:
+def _sampler(content: Mapping[str, Any], where: str, rules: Mapping[str, Any]) -> Sampler:
     """Return the sampler; if another version of it wrote the state, it is rebuilt from its runs."""
     if content.get("version") == sampler_state.VERSION:
-        return Sampler.resume(sampler_state.State.from_json(content, where))
+        return Sampler.resume(sampler_state.State.from_json(content, where), **rules)
     old = content["state"]
     progress = _carried_over(old["progress"], old["dimension"])
     if (pending := old["progress"]["pending"]) is not None:
@@ -249,7 +249,7 @@ def _sampler(content: Mapping[str, Any], where: str) -> Sampler:
     sampler = Sampler(old["dimension"], generator, old["batch_size"], fingerprint=old["fingerprint"])
     sampler.progress = progress
     # What was carried over is checked as a state of this version is.
-    return Sampler.resume(sampler_state.State.from_json(sampler.state().to_json(), where))
+    return Sampler.resume(sampler_state.State.from_json(sampler.state().to_json(), where), **rules)
 
 
 def _carried_over(old: Mapping[str, Any], dimension: int) -> sampler_state.Progress:

@@ -22,14 +22,11 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.joint import JointLaw
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
-from accelerated_evaluation.methods.surrogate.certificate import Certificate
+from accelerated_evaluation.methods.surrogate import FREQUENT_EVENTS
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 
 DRAWS = 100
 SIMULATIONS = 200_000  # of crude Monte Carlo
-# The event of a scenario may be frequent and in several parts, so an unmet part must be less probable than
-# the estimate. The sampler's own rule is for rare events, and allows a thousand times the estimate.
-CERTIFICATE = Certificate(share=1.0, curvature=0.0)
 FEW = 150  # simulations with a surrogate
 MEAN_COMPONENTS = 8  # of the mixture that stands for the mean of the draws when runs are few
 MEAN_POINTS = 8_000  # to which this mixture is fitted
@@ -168,7 +165,7 @@ def surrogate_posterior(
         generator,
         fingerprint="mean of the draws of the law",
         deterministic=True,
-        certificate=CERTIFICATE,
+        **FREQUENT_EVENTS,
     )
     reweighting = Reweighting(
         lambda x: drawn.log_densities(x) - law.log_density(x), law.from_normal_scores, drawn.member

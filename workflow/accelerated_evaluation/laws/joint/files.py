@@ -5,7 +5,7 @@ import os
 import numpy as np
 
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.base.files import read_json, write_json
+from accelerated_evaluation.base.files import read_json, require_format, write_json
 from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.laws.joint import JOINT_LAWS, Box, JointLaw
 
@@ -48,9 +48,7 @@ def read_joint_law(path: str | os.PathLike, box: Box | None = None) -> JointLaw:
     require_file(path, CHANGE)
     try:
         content = read_json(path)
-        kind = content["format"], content["version"]
-        if kind != (FORMAT, VERSION):
-            raise InputError(str(path), seen=f"{kind}", expected=f"{(FORMAT, VERSION)}", change=CHANGE)
+        require_format(path, content, FORMAT, VERSION, CHANGE)
         own = Box.from_content(content["variables"])
         law = JOINT_LAWS[content["kind"]].from_content(content, own)
         middle = np.mean([own.lower, own.upper], axis=0)[None]

@@ -16,6 +16,7 @@ from accelerated_evaluation.methods.surrogate.constants import ENOUGH_REPEATS, F
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.methods.surrogate.state import read_state, write_state
+from accelerated_evaluation.methods.surrogate.wide_laws import FREQUENT, RARE, Begin
 from accelerated_evaluation.problem import ScoreProblem, SystemProblem
 
 SETTINGS = section(
@@ -42,6 +43,10 @@ SETTINGS = section(
     ),
 )
 
+# For events that may be frequent and in several parts, as in scenarios with joint laws: an unmet part must be
+# less probable than the estimate. The default is for rare events, and allows a thousand times the estimate.
+FREQUENT_EVENTS: Mapping[str, Any] = {"certificate": Certificate(share=1.0, curvature=0.0), "begin": FREQUENT}
+
 
 @METHODS.add("surrogate")
 @dataclass(frozen=True)
@@ -63,6 +68,8 @@ class Surrogate(Method):
         sampler continues to search for unmet parts of the event until the certificate is sufficient.
     predecessor
         Runs of another vehicle that is similar to the one under test, with events among them; see `Sampler`.
+    begin
+        The first runs.
     """
 
     name: ClassVar[str] = "surrogate"
@@ -76,6 +83,7 @@ class Surrogate(Method):
     on_batch: Callable[[Estimate], None] | None = None
     certificate: Certificate = BY_DEFAULT
     predecessor: Predecessor | None = None
+    begin: Begin = RARE
 
     @classmethod
     def configured(cls, config: Mapping[str, Any]) -> Self:
@@ -140,10 +148,11 @@ class Surrogate(Method):
                 generator=generator,
                 batch_size=self.batch_size,
                 certificate=self.certificate,
+                begin=self.begin,
                 predecessor=self.predecessor,
                 deterministic=getattr(problem, "deterministic", None),
                 enough_repeats=FIRST_REPEATS if isinstance(problem, SystemProblem) else ENOUGH_REPEATS,
             )
         state = read_state(self.state_file)
         state.check(**own, batch_size=self.batch_size, where=str(self.state_file))
-        return Sampler.resume(state, self.certificate)
+        return Sampler.resume(state, self.certificate, self.begin)

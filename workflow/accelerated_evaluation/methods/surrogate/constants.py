@@ -11,6 +11,10 @@ import numpy as np
 # Simulations of the wide law before a surrogate is fitted, because a handful of flags does not determine one.
 START = 20
 
+# The same where the event may be frequent and in several parts, as in scenarios with joint laws: more runs,
+# up to a rarity beyond which lies 5e-5 of the probability. They exclude half-spaces of probability 5e-3.
+FREQUENT_START, FREQUENT_REACH = 40, 10.0
+
 # Points of the wide law among which the runs of the search are chosen.
 CANDIDATES = 1000
 

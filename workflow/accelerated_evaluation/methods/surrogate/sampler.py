@@ -43,7 +43,6 @@ from accelerated_evaluation.methods.surrogate.constants import (
     POOL,
     REACH,
     RELEARN,
-    START,
     STEP,
 )
 from accelerated_evaluation.methods.surrogate.directions import learn_directions
@@ -56,7 +55,7 @@ from accelerated_evaluation.methods.surrogate.second_phase import SecondPhase
 from accelerated_evaluation.methods.surrogate.state import State, generator_in
 from accelerated_evaluation.methods.surrogate.subspace import WholeSpace, space_along
 from accelerated_evaluation.methods.surrogate.two_phase import Flags, TwoPhaseBatch
-from accelerated_evaluation.methods.surrogate.wide_laws import draw_wide, rarity
+from accelerated_evaluation.methods.surrogate.wide_laws import RARE, Begin, rarity
 
 # The matrices are small, so that several threads do not pay, and bytes must not depend on the number of
 # cores.
@@ -88,6 +87,8 @@ class Sampler:
     enough_repeats
         Repeats without a difference that have to be made, where it is not known, before the vehicle counts as
         one that repeats itself and the estimate can have converged.
+    begin
+        The first runs.
     """
 
     def __init__(
@@ -101,13 +102,14 @@ class Sampler:
         predecessor: Predecessor | None = None,
         deterministic: bool | None = True,
         enough_repeats: int = ENOUGH_REPEATS,
+        begin: Begin = RARE,
     ) -> None:
         if predecessor is not None:
             predecessor.check(dimension)
         if not 1 <= batch_size <= POOL // 4:
             raise ValueError(f"batch_size must be from 1 to {POOL // 4}, got {batch_size}")
         self.dimension, self.batch_size, self.fingerprint = dimension, batch_size, fingerprint
-        self.certificate = certificate
+        self.certificate, self.begin = certificate, begin
         self.deterministic, self.enough_repeats = deterministic, enough_repeats
         self.progress = Progress.start(dimension)
         self.progress.chance = deterministic is False
@@ -173,7 +175,7 @@ class Sampler:
         events = self._belief.space.coordinates(batch.z[happened])
         rarest = min(rarity(events).min(initial=REACH), progress.rarest)
         if isinstance(batch, WideBatch):
-            progress.wide_draws = np.vstack([progress.wide_draws, [len(batch.z), 0.0, REACH]])
+            progress.wide_draws = np.vstack([progress.wide_draws, [len(batch.z), 0.0, self.begin.reach]])
         else:
             progress.searched += len(batch.z) / self._search_reach
         progress.rarest = rarest
@@ -280,7 +282,7 @@ class Sampler:
         )
 
     @classmethod
-    def resume(cls, state: State, certificate: Certificate = BY_DEFAULT) -> Self:
+    def resume(cls, state: State, certificate: Certificate = BY_DEFAULT, begin: Begin = RARE) -> Self:
         """Return the sampler of a saved state; it continues exactly as if it had not been interrupted."""
         sampler = cls(
             state.dimension,
@@ -288,6 +290,7 @@ class Sampler:
             state.batch_size,
             fingerprint=state.fingerprint,
             certificate=certificate,
+            begin=begin,
             predecessor=state.predecessor,
             deterministic=state.deterministic,
             enough_repeats=state.enough_repeats,
@@ -325,9 +328,10 @@ class Sampler:
         progress = self.progress
         if self.predecessor is None:
             happened, score = progress.happened, progress.score
-            few = self.simulations < (START if self.dimension <= FEW else max(START, self.dimension))
+            start = self.begin.runs
+            few = self.simulations < (start if self.dimension <= FEW else max(start, self.dimension))
             if few or happened.all() or not (happened.any() or np.ptp(score) > 0):  # nothing to learn from
-                return WideBatch(draw_wide(self.batch_size, self.dimension, self._generator))
+                return WideBatch(self.begin.draw(self.batch_size, self.dimension, self._generator))
             self._learn_directions()
             if self._is_searching():
                 space = self._belief.space

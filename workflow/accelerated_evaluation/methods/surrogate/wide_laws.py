@@ -9,7 +9,13 @@ from numba import njit
 from scipy.special import chdtr, chdtrc, chdtri, gammaincinv, gammaln
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.methods.surrogate.constants import REACH, SMALLEST_SPREAD
+from accelerated_evaluation.methods.surrogate.constants import (
+    FREQUENT_REACH,
+    FREQUENT_START,
+    REACH,
+    SMALLEST_SPREAD,
+    START,
+)
 
 
 def draw_wide(n: int, dimension: int, generator: np.random.Generator) -> Array:
@@ -19,6 +25,29 @@ def draw_wide(n: int, dimension: int, generator: np.random.Generator) -> Array:
     Z. Each power of ten of P(|Z| > radius) therefore gets the same number of points.
     """
     return draw_at(generator.uniform(0, REACH, n), dimension, generator)
+
+
+@dataclass(frozen=True)
+class Begin:
+    """The first runs of a sampler, before anything is known: draws of the wide distribution, cut at a rarity.
+
+    Attributes
+    ----------
+    runs
+        Number of runs.
+    reach
+        Largest rarity.
+    """
+
+    runs: int
+    reach: float
+
+    def draw(self, n: int, dimension: int, generator: np.random.Generator) -> Array:
+        """Draw n points, shape (n, d)."""
+        return draw_at(generator.uniform(0, self.reach, n), dimension, generator)
+
+
+RARE, FREQUENT = Begin(START, REACH), Begin(FREQUENT_START, FREQUENT_REACH)
 
 
 def draw_at(rarity: Array, dimension: int, generator: np.random.Generator) -> Array:

@@ -44,6 +44,12 @@ def methods_table(scenario_estimates: pd.DataFrame) -> pd.DataFrame:
     )
 
 
+@table("scenario_experiments", digits=DIGITS)
+def experiments_table(scenario_experiments: pd.DataFrame) -> pd.DataFrame:
+    """Return the stored experiments by importance sampling with the checks that they do not pass."""
+    return scenario_experiments
+
+
 @table("scenario_agreement")
 def agreement_table(scenario_agreement: pd.DataFrame) -> pd.DataFrame:
     """Return how many published verdicts the vehicle reproduces."""

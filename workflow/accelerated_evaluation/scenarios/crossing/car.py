@@ -1,7 +1,7 @@
 """The car under test in the left turn and the pedestrian crossing: ACC with AEB, and how it is simulated."""
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -9,6 +9,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.scenarios.acc_aeb import AccAebParameters
 from accelerated_evaluation.scenarios.compiled import available_threads, simulate_in_slices
 from accelerated_evaluation.scenarios.crossing import CrossingOutcomes
 from accelerated_evaluation.scenarios.crossing.kernel import (
@@ -18,7 +19,7 @@ from accelerated_evaluation.scenarios.crossing.kernel import (
     simulate_slice,
     trace_run,
 )
-from accelerated_evaluation.scenarios.parameters import check_number, parameter_error
+from accelerated_evaluation.scenarios.parameters import parameter_error
 from accelerated_evaluation.scenarios.protocol import Scenario
 
 KMH = 0.2777777777778  # [m/s], rounded as in the authors' model
@@ -29,7 +30,7 @@ TRACE = ("time_s", "ahead_m", "aside_m", "host_speed_m_per_s", "host_acceleratio
 
 
 @dataclass(frozen=True)
-class CrossingCar:
+class CrossingCar(AccAebParameters):
     """A car with ACC, and with AEB unless ``aeb`` is false; the defaults are the authors' published car.
 
     A proportional-integral ACC on the time headway, an AEB triggered by the time to collision (TTC), and an
@@ -38,28 +39,9 @@ class CrossingCar:
 
     Attributes
     ----------
-    aeb
-        Whether the car has AEB.
-    aeb_deceleration
-        Largest deceleration that the AEB commands [m/s^2].
-    aeb_jerk
-        Rate at which its command grows [m/s^3].
-    aeb_ttc
-        TTC at which it switches on [s]; None for the published threshold, 0.955 s from 40 km/h up.
-    aeb_release_ttc
-        TTC above which it switches off again [s].
-    headway
-        Time headway that the ACC keeps [s].
-    kp, ki
-        Gains of the ACC on the headway error, [m/s^3] and [m/s^4].
-    acc_limit
-        Largest acceleration and deceleration that the ACC commands [m/s^2].
-    acc_top_speed
-        Speed from which the ACC does not accelerate [m/s].
-    friction_limit
-        Largest acceleration and deceleration on the road [m/s^2].
-    actuator_jerk
-        Rate at which the acceleration follows the command [m/s^3].
+    *
+        Those of `AccAebParameters`, with other defaults. If ``aeb_ttc`` is None, the AEB has the published
+        threshold, 0.955 s from 40 km/h up.
     solver
         ``exact`` if every contact is a crash, also between ticks. ``ode45`` if a contact counts only if the
         solver of the authors' simulation sees it; short contacts between its stages are missed.
@@ -75,32 +57,18 @@ class CrossingCar:
     scenario: ClassVar[Scenario]
     contact: ClassVar[float]  # [m], distance of the centres at contact
     side_contact: ClassVar[float] = 0.0  # [m], the same in a sector to the side; 0 without a sector
-    deterministic: ClassVar[bool] = True
-
-    aeb: bool = True
     aeb_deceleration: float = 5.8
     aeb_jerk: float = 12.0
-    aeb_ttc: float | None = None
-    aeb_release_ttc: float = 1.0
     headway: float = 1.0
-    kp: float = -38.6252446973784
-    ki: float = -1.35416845633818
     acc_limit: float = 3.5
-    acc_top_speed: float = 90 / 2.236
     friction_limit: float = 0.8 * 9.8
-    actuator_jerk: float = 20.0
     solver: Literal["exact", "ode45"] = "exact"
     longest_run: float = 200_000.0
 
     def __post_init__(self) -> None:
-        if not isinstance(self.aeb, bool):
-            raise parameter_error("aeb", self.aeb, "true or false")
+        super().__post_init__()
         if self.solver not in ("exact", "ode45"):
             raise parameter_error("solver", self.solver, "exact or ode45")
-        for name in {each.name for each in fields(self)} - {"aeb", "aeb_ttc", "solver"}:
-            check_number(name, getattr(self, name), least=-math.inf if name in ("kp", "ki") else None)
-        if self.aeb_ttc is not None:
-            check_number("aeb_ttc", self.aeb_ttc)
 
     def start(self, encounters: Array) -> Array:
         """Return where each encounter starts, shape (7, n), as listed in `kernel`.

@@ -1,17 +1,16 @@
 """The car of the study: adaptive cruise control (ACC) with autonomous emergency braking (AEB)."""
 
-import math
-from dataclasses import dataclass, field, fields
-from typing import ClassVar
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.scenarios.acc_aeb import AccAebParameters
 from accelerated_evaluation.scenarios.compiled import available_threads, simulate_in_slices
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
-from accelerated_evaluation.scenarios.parameters import check_number, parameter_error
+from accelerated_evaluation.scenarios.parameters import parameter_error
 from accelerated_evaluation.vehicles.builtin.kernel import STEP, Car, simulate_moving, simulate_slice
 from accelerated_evaluation.vehicles.builtin.moving import checked_lead_speeds, checked_motion
 from accelerated_evaluation.vehicles.builtin.traces import trace_car
@@ -27,36 +26,17 @@ V60_TTC = (0.86, 0.91)  # [s]
 
 @VEHICLES.add("acc_aeb")
 @dataclass(frozen=True)
-class AccAeb:
+class AccAeb(AccAebParameters):
     """A car with ACC, and with AEB unless ``aeb`` is false; the defaults are the authors' published car.
 
     A proportional-integral ACC on the time headway, an AEB triggered by the time to collision (TTC), and an
-    actuator limited in friction and jerk, in 80 steps of 0.1 s; `reference.simulate` spells it out.
+    actuator limited in friction and jerk, in 80 steps of 0.1 s; `reference.simulate` spells it out. If
+    ``aeb_ttc`` is None, the AEB has the threshold T(v) of the V60, 0.91 s from 40 km/h up.
 
     Attributes
     ----------
-    aeb
-        Whether the car has AEB.
-    aeb_deceleration
-        Largest deceleration that the AEB commands [m/s^2].
-    aeb_jerk
-        Rate at which its command grows [m/s^3].
-    aeb_ttc
-        TTC at which it switches on [s]; None for the threshold T(v) of the V60, 0.91 s from 40 km/h up.
-    aeb_release_ttc
-        TTC above which it switches off again [s].
-    headway
-        Time headway that the ACC keeps [s].
-    kp, ki
-        Gains of the ACC on the headway error, [m/s^3] and [m/s^4].
-    acc_limit
-        Largest acceleration and deceleration that the ACC commands [m/s^2].
-    acc_top_speed
-        Speed from which the ACC does not accelerate [m/s].
-    friction_limit
-        Largest acceleration and deceleration on the road [m/s^2].
-    actuator_jerk
-        Rate at which the acceleration follows the command [m/s^3].
+    *
+        Those of `AccAebParameters`, with the defaults of that class.
     top_start_speed
         Cap on the speed at the start of an encounter [m/s].
 
@@ -66,29 +46,10 @@ class AccAeb:
         If a parameter is not a finite number in its range.
     """
 
-    deterministic: ClassVar[bool] = True
-
-    aeb: bool = True
-    aeb_deceleration: float = 10.0
-    aeb_jerk: float = 16.0
-    aeb_ttc: float | None = None
-    aeb_release_ttc: float = 1.0
-    headway: float = 2.0
-    kp: float = -38.6252446973784
-    ki: float = -1.35416845633818
-    acc_limit: float = 5.0
-    acc_top_speed: float = 90 / 2.236
-    friction_limit: float = 9.8
-    actuator_jerk: float = 20.0
     top_start_speed: float = 35.0
 
     def __post_init__(self) -> None:
-        if not isinstance(self.aeb, bool):
-            raise parameter_error("aeb", self.aeb, "true or false")
-        for name in (each.name for each in fields(self) if each.name not in ("aeb", "aeb_ttc")):
-            check_number(name, getattr(self, name), least=-math.inf if name in ("kp", "ki") else None)
-        if self.aeb_ttc is not None:
-            check_number("aeb_ttc", self.aeb_ttc)
+        super().__post_init__()
         if self.threshold_top > self.aeb_release_ttc:
             expected = f"at most aeb_release_ttc = {self.aeb_release_ttc:g} s"
             raise parameter_error("aeb_ttc", self.threshold_top, expected)

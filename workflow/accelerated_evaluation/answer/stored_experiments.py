@@ -5,15 +5,43 @@ and with the weights doubled. See data/stored_experiments/README.md for the file
 """
 
 import os
+from pathlib import Path
 
 import pandas as pd
 
 from accelerated_evaluation.answer.weight_checks import Experiment, crude_runs_needed, weight_table
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.tables import require_file
+from accelerated_evaluation.scenarios.protocol import Scenario
 
 RIGHT = 2.0  # the right weight divided by the stored one
 CHANGE = "Restore it from the repository."
+IN_FIT = "in_fit"  # column of records that marks those to which the authors fitted their law
+COLUMNS = (
+    "experiment",
+    "weights",
+    "probability",
+    "error",
+    "effective_events",
+    "crude",
+    "errors_off",
+    "mean_weight",
+    "mean_weight_error",
+    "region",
+    "share",
+    "weighted",
+    "warns_events",
+    "warns_mean",
+    "warns_region",
+    "crude_runs",
+)
+
+
+def authors_records(scenario: Scenario, path: str | os.PathLike) -> Array:
+    """Return the records to which the authors fitted their law, shape (n, d)."""
+    table = scenario.read_records(Path(path))
+    own = table[table[IN_FIT].astype(bool)] if IN_FIT in table else table
+    return own[list(scenario.names)].to_numpy(float)
 
 
 def read_experiments(path: str | os.PathLike, names: tuple[str, ...], factor: float) -> dict[str, Experiment]:
@@ -64,9 +92,9 @@ def stored_experiments(
     Returns
     -------
     pandas.DataFrame
-        The columns of `weight_table`, and ``weights`` (``as stored`` or ``doubled``). Then the numbers of all
-        rows of an experiment: ``probability_all``, ``error_all``, and ``effective_events_all``; ``crude``,
-        the probability by crude Monte Carlo under the authors' law; ``errors_off``, by how many of its
+        The columns of `weight_table`, and ``weights`` (``as stored`` or ``doubled``). ``probability``,
+        ``error`` and ``effective_events`` are those of all rows of an experiment; ``crude`` is the
+        probability by crude Monte Carlo under the authors' law; ``errors_off`` says by how many of its
         standard errors the experiment is too low; and ``crude_runs``, how many crude runs would have shown
         that.
     """
@@ -77,11 +105,11 @@ def stored_experiments(
         table = weight_table(read_experiments(path, names, factor), records, names)
         own = known.loc[table["experiment"]].reset_index()
         table.insert(1, "weights", weights)
-        table["probability_all"], table["error_all"] = factor * own["probability"], factor * own["error"]
-        table["effective_events_all"] = own["effective_events"]
+        table["probability"], table["error"] = factor * own["probability"], factor * own["error"]
+        table["effective_events"] = own["effective_events"]
         table["crude"] = own["crude_events"] / own["crude_simulations"]
-        table["errors_off"] = (table["crude"] - table["probability_all"]) / table["error_all"]
-        pairs = zip(table["probability_all"], table["crude"], strict=True)
+        table["errors_off"] = (table["crude"] - table["probability"]) / table["error"]
+        pairs = zip(table["probability"], table["crude"], strict=True)
         table["crude_runs"] = [crude_runs_needed(estimated, crude) for estimated, crude in pairs]
         tables.append(table)
     return pd.concat(tables, ignore_index=True)
