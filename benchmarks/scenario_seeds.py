@@ -1,0 +1,97 @@
+"""How often the sampler with a surrogate is right in the left turn and in the pedestrian scenario.
+
+``python benchmarks/scenario_seeds.py left_turn LAW.json CRUDE`` repeats the estimate of the crash probability
+under a joint law with 40 seeds, in at most 1,000 runs each, and compares it with CRUDE draws of the law.
+The results are in ``benchmarks/results/scenarios.csv``, from which ``python benchmarks/readme.py``
+makes the table of the guide. ``results/<study>/scenario/law.json`` of a study is such a law.
+"""
+
+import argparse
+import math
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from accelerated_evaluation.base.files import write_csv
+from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.methods import Stopping
+from accelerated_evaluation.methods.estimate import Estimate
+from accelerated_evaluation.methods.surrogate import FREQUENT_EVENTS, Surrogate
+from accelerated_evaluation.problem import ScenarioProblem, read_scenario_law
+from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.scenarios.protocol import Scenario
+from accelerated_evaluation.vehicles import load_vehicle
+
+RESULTS = Path(__file__).resolve().parent / "results" / "scenarios.csv"
+SEEDS, FEW, MOST = 40, 150, 1000
+TWICE = math.log(2)
+
+
+def problem_of(scenario: Scenario, law: Path) -> ScenarioProblem:
+    """Return the problem of the crash of the built-in car under a law."""
+    car = load_vehicle(scenario.default_vehicle, scenario)
+    return ScenarioProblem(scenario, read_scenario_law(scenario, law), car, scenario.events[0])
+
+
+def estimates(problem: ScenarioProblem, seed: int) -> tuple[Estimate, Estimate]:
+    """Return the estimate after at most `FEW` runs, and that after at most `MOST`."""
+    stages: list[Estimate] = []
+    method = Surrogate(**FREQUENT_EVENTS, on_batch=stages.append)
+    stopping = Stopping(minimum_events=1, maximum_simulations=MOST)
+    last = method.estimate(problem, stopping, child_generator(seed, "scenario seeds"))
+    return [each for each in stages if each.simulations <= FEW][-1], last
+
+
+def row_of(found: list[Estimate], truth: float, most: int) -> dict[str, float]:
+    """Return how often estimates are right, and what they take."""
+    ratios = np.array([abs(math.log(each.probability / truth)) for each in found if each.probability > 0])
+    silent = [
+        each.converged and abs(math.log(each.probability / truth)) > TWICE
+        for each in found
+        if each.probability > 0
+    ]
+    return {
+        "at_most": most,
+        "seeds": len(found),
+        "simulations": float(np.mean([each.simulations for each in found])),
+        "converged": float(np.mean([each.converged for each in found])),
+        "covered": float(np.mean([each.covers(truth) for each in found])),
+        "with_a_number": float(np.mean([each.high < 1 and each.probability > 0 for each in found])),
+        "median_error": float(np.median(ratios)) if ratios.size else math.nan,
+        "silently_off_by_2": int(sum(silent)),
+    }
+
+
+def add(table: pd.DataFrame, scenario: str) -> None:
+    """Write the rows of a scenario, and keep those of the others."""
+    before = [pd.read_csv(RESULTS).query("scenario != @scenario")] if RESULTS.exists() else []
+    write_csv(RESULTS, pd.concat([*before, table], ignore_index=True).round(6))
+
+
+def main() -> None:
+    """Run the seeds of one scenario, and write its rows after each of them."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("scenario", choices=sorted(set(SCENARIOS) - {"cut_in"}))
+    parser.add_argument("law", type=Path)
+    parser.add_argument("crude", type=int)
+    parser.add_argument("--seeds", type=int, default=SEEDS)
+    arguments = parser.parse_args()
+    scenario = SCENARIOS[arguments.scenario]
+    problem = problem_of(scenario, arguments.law)
+    x = problem.law.sample(arguments.crude, child_generator(0, "scenario seeds", "crude"))
+    truth = float(problem.simulate(x).crash.mean())
+    known = {"scenario": scenario.name, "probability": truth, "crude": arguments.crude}
+    found = []
+    for seed in range(1, arguments.seeds + 1):
+        found.append(estimates(problem, seed))
+        last = found[-1][1]
+        print(seed, last.simulations, f"{last.probability:.3g}", last.converged, flush=True)
+        pairs = zip((FEW, MOST), zip(*found, strict=True), strict=True)
+        rows = [known | row_of(list(each), truth, most) for most, each in pairs]
+        add(pd.DataFrame(rows), scenario.name)
+
+
+if __name__ == "__main__":
+    main()
