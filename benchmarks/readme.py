@@ -15,10 +15,13 @@ CHECKS = ROOT / "benchmarks" / "results" / "checks.csv"
 PUBLIC = ROOT / "benchmarks" / "results" / "public.csv"
 RECORDINGS = ROOT / "benchmarks" / "results" / "recordings.csv"
 SAMPLERS = ROOT / "benchmarks" / "results" / "samplers.csv"
+SCENARIOS = ROOT / "benchmarks" / "results" / "scenarios.csv"
+STUDIES = ROOT / "figures"
 SUCCESSORS = ROOT / "benchmarks" / "results" / "successors.csv"
 VEHICLES = ROOT / "benchmarks" / "results" / "vehicles.csv"
 BENCHMARKS = ROOT / "benchmarks" / "README.md"
 GUIDE = ROOT / "docs" / "sampler.md"
+JOINT_LAWS = ROOT / "docs" / "joint_laws.md"
 YOUR_RECORDS = ROOT / "docs" / "your_records.md"
 OURS = "surrogate"
 LEARNERS = ("ak_mcs", "ak_is", "two_stage", "kde_ais")  # as in benchmarks/samplers/methods.py
@@ -313,7 +316,73 @@ def answers_table(answers: pd.DataFrame) -> str:
     return markdown(headings, table)
 
 
+def scenario_answers(answer: pd.DataFrame) -> str:
+    """Return the probability of each event of a scenario with its intervals."""
+    rows = [
+        (
+            row.event,
+            row.encounters,
+            f"{row.median:.2g}",
+            f"{row.low50:.2g} to {row.high50:.2g}",
+            f"{row.low80:.2g} to {row.high80:.2g}",
+            f"{row.low95:.2g} to {row.high95:.2g}",
+        )
+        for row in answer.itertuples()
+    ]
+    headings = ("event", "encounters", "median", "50 % interval", "80 % interval", "95 % interval")
+    return markdown(headings, rows)
+
+
+def scenarios_table(scenarios: pd.DataFrame) -> str:
+    """Return how often the sampler is right in the scenarios with joint laws, and what it takes."""
+    rows = [
+        (
+            row.scenario.replace("_", " "),
+            f"{row.probability:.3g}",
+            f"{row.at_most:,}",
+            f"{row.seeds}",
+            f"{row.simulations:.0f}",
+            f"{row.covered:.0%}",
+            f"{row.with_a_number:.0%}",
+            f"{row.converged:.0%}",
+            f"{row.silently_off_by_2}",
+        )
+        for row in scenarios.itertuples()
+    ]
+    headings = ("scenario", "probability", "runs at most", "seeds", "runs, mean", "80 % intervals that cover")
+    headings += ("with an interval below 1", "converged", "of these, off by a factor of 2")
+    return markdown(headings, rows)
+
+
+def experiments_table(experiments: pd.DataFrame) -> str:
+    """Return the stored experiments with right weights, and which check warns of them."""
+    rows = [
+        (
+            row.experiment,
+            row.weights,
+            f"{row.probability:.2g} ± {row.error:.1g}",
+            f"{row.errors_off:.1f}",
+            *("yes" if warns else "no" for warns in (row.warns_events, row.warns_mean, row.warns_region)),
+            f"{row.crude_runs:,.0f}",
+        )
+        for row in experiments.itertuples()
+    ]
+    headings = ("experiment", "weights", "estimate", "too low by, in errors", "effective crashes warn")
+    headings += ("mean weight warns", "control regions warn", "crude runs that contradict it")
+    return markdown(headings, rows)
+
+
 TABLES = {
+    "left_turn": Table(
+        JOINT_LAWS, STUDIES / "left_turn/tables/scenario_answer.csv", scenario_answers, COMMAND
+    ),
+    "pedestrian": Table(
+        JOINT_LAWS, STUDIES / "pedestrian/tables/scenario_answer.csv", scenario_answers, COMMAND
+    ),
+    "experiments": Table(
+        JOINT_LAWS, STUDIES / "left_turn/tables/scenario_experiments.csv", experiments_table, COMMAND
+    ),
+    "scenarios": Table(JOINT_LAWS, SCENARIOS, scenarios_table, COMMAND),
     "answers": Table(BENCHMARKS, ANSWERS, answers_table, COMMAND),
     "samplers": Table(BENCHMARKS, SAMPLERS, samplers_table, COMMAND),
     "learners": Table(BENCHMARKS, SAMPLERS, learners_table, COMMAND),
