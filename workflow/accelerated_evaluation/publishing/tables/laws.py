@@ -3,9 +3,8 @@
 import pandas as pd
 
 from accelerated_evaluation.answer.calibration import HOST
-from accelerated_evaluation.answer.motion_tables import motion_budget
+from accelerated_evaluation.answer.motion_budget import motion_budget
 from accelerated_evaluation.answer.posterior import LEVELS
-from accelerated_evaluation.answer.study import UNDER_TEST
 from accelerated_evaluation.publishing.published import result_table, table
 from accelerated_evaluation.publishing.tables.formats import readable
 
@@ -78,10 +77,10 @@ def answer_budget_table(answer_budget: pd.DataFrame, lead_motion: pd.DataFrame) 
     """Return the sources of the uncertainty of the answer in the published form.
 
     If lead motion was studied for the vehicle under test, the last row is what not knowing it adds
-    (`motion_tables.motion_budget`). The other rows are for a lead vehicle that keeps its speed.
+    (`answer.motion_budget`). The other rows are for a lead vehicle that keeps its speed.
     """
     together = answer_budget.set_index("source").loc["together", "factor"]
-    motion = motion_budget(lead_motion, UNDER_TEST, together)
+    motion = motion_budget(lead_motion, "under test", together)
     return pd.concat([answer_budget, motion], ignore_index=True) if len(motion) else answer_budget
 
 
