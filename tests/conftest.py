@@ -63,8 +63,8 @@ class Project:
         for part in PARTS:
             source = ROOT / part
             if source.is_dir():
-                # Machine code of Numba comes along: it is valid as long as its sources keep their dates.
-                shutil.copytree(source, folder / part, ignore=shutil.ignore_patterns("*.pyc", "raw"))
+                # Compiled code comes along: it is valid as long as its sources keep their dates.
+                shutil.copytree(source, folder / part, ignore=shutil.ignore_patterns("raw"))
             else:
                 (folder / part).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(source, folder / part)

@@ -47,15 +47,15 @@ def folder(tmp_path_factory):
 def config(folder, monkeypatch):
     monkeypatch.chdir(folder)
     config = resolved(load(["motorway.yaml"]))
-    return config | {"answer": config["answer"] | {"draws": 60}}
+    return config | {"answer": config["answer"] | {"draws": 20}}
 
 
 def crash_probability(law):
     """P(closing speed > LIMIT R), over recorded lead speeds and equally likely scores of the range."""
-    u = (np.arange(400) + 0.5) / 400
+    u = (np.arange(200) + 0.5) / 200
     probability = 0.0
     for name, stratum in law.strata.items():
-        speeds = stratum.lead_speed.ppf((np.arange(100) + 0.5) / 100)
+        speeds = stratum.lead_speed.ppf((np.arange(20) + 0.5) / 20)
         speed, first = (x.ravel() for x in np.meshgrid(speeds, stratum.factors.first.ppf(u)))
         cut_ins = stratum.cut_ins(speed, first, stratum.factors.second.ppf(np.full(first.size, 0.5)))
         start = LIMIT * cut_ins.range_
@@ -94,17 +94,19 @@ def test_a_law_file_of_a_study_is_taken_and_of_other_records_refused(config, tmp
 
 
 def test_the_command_says_the_law_and_what_the_interval_is(config, capsys):
-    assert cli.main(["estimate", "--config", "motorway.yaml", "--law", "exponential 0.9"]) == 0
+    Path("few_draws.yaml").write_text("answer: {draws: 20}\n")
+    configs = ["--config", "motorway.yaml", "--config", "few_draws.yaml"]
+    assert cli.main(["estimate", *configs, "--law", "exponential 0.9"]) == 0
     told = capsys.readouterr().out
-    assert "law of cut-ins: mean of 500 draws of exponential 0.9\n" in told
+    assert "law of cut-ins: mean of 20 draws of exponential 0.9\n" in told
     assert "interval of the sampling alone" in told
     folder = Path("results/motorway/estimate")
     found = pd.read_csv(folder / "estimate.csv")
-    assert found["law"].tolist() == ["mean of 500 draws of exponential 0.9"]
+    assert found["law"].tolist() == ["mean of 20 draws of exponential 0.9"]
     bounds = f"{found['unseen_mode'][0]:.1g} if a half-space, {found['unseen_any'][0]:.1g} if of any shape"
     assert f"no run has met: at most {bounds} (95% confidence)" in told
     encounters, _ = read_records(config)
-    assert read_law(folder / "law.json", encounters).draws.size == 500
+    assert read_law(folder / "law.json", encounters).draws.size == 20
 
 
 @pytest.mark.parametrize(

@@ -68,21 +68,12 @@ def test_when_no_row_is_left_the_account_is_kept_beside_the_log(project):
     assert account.set_index("step").loc["closing", "rows_dropped"] == 60
 
 
-@pytest.mark.parametrize(
-    ("content", "reported"),
-    [
-        (b"study: bad\nseed: [1\n", "line 2"),
-        (b"study: bad\nseed: 1\nseed: 2\n", "'seed' twice in line 3"),
-        (None, "No such file"),
-    ],
-)
-def test_a_configuration_that_cannot_be_read_is_named(project, content, reported):
-    if content is not None:
-        (project.folder / "bad.yaml").write_bytes(content)
+def test_a_configuration_that_cannot_be_read_is_named(project):
+    (project.folder / "bad.yaml").write_text("study: bad\nseed: 1\nseed: 2\n")
     last = message(project.run("--dry-run", config="bad.yaml")).strip().splitlines()[-1]
     assert last.startswith("error: ")
     assert "bad.yaml: seen" in last
-    assert reported in last
+    assert "'seed' twice in line 3" in last
 
 
 def test_braces_in_a_description_are_no_wildcards(project):

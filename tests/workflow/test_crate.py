@@ -107,7 +107,7 @@ def test_each_job_says_what_it_read_and_made_and_by_which_code(entities):
     assert not any("publishing" in part for part in parts)
     assert len(tool["softwareVersion"]) == 64
     searches = [job for job in jobs if job["name"].startswith("search_proposals")]
-    assert sorted(job["name"] for job in searches)[0] == "search_proposals heuristic_0"
+    assert sorted(job["name"] for job in searches)[0] == "search_proposals heuristic"
     assert fit["startTime"] <= fit["endTime"] <= min(job["startTime"] for job in searches)
 
 

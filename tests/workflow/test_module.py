@@ -52,7 +52,8 @@ def test_the_snakefile_of_the_workflow_plans_the_whole_study_in_any_folder(tmp_p
     (tmp_path / "mine.yaml").write_text("study: mine\n")
     snakefile = str(ROOT / "workflow" / "Snakefile")
     rules = planned(dry_run(tmp_path, "--snakefile", snakefile, "--configfile", "mine.yaml"))
-    assert {"ingest_encounters", "map_crashes", "run_11_where_crashes_happen", "all"} <= rules
+    assert {"ingest_encounters", "map_crashes", "fit_models", "search_proposals", "all"} <= rules
+    assert {"estimate_surrogate", *(f"run_{path.stem}" for path in ROOT.glob("notebooks/*.ipynb"))} <= rules
     assert not list(tmp_path.glob("*/mine"))
 
 

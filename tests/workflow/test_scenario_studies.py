@@ -22,8 +22,10 @@ surrogate: {{replicates: 1, maximum_calls: 100}}
 
 @pytest.mark.parametrize("name", ["left_turn", "pedestrian"])
 def test_a_study_of_a_scenario_completes_and_a_second_run_does_nothing(project, name):
+    """Both answer; one is followed to its book, which is made of the same notebooks."""
     (project.folder / "mini.yaml").write_text(MINIATURE.format(name))
-    done = project.run(config="mini.yaml")
+    only = [f"results/{name}/scenario/{table}.csv" for table in ("answer", "agreement", "estimates")]
+    done = project.run(*([] if name == "left_turn" else only), config="mini.yaml")
     assert done.returncode == 0, done.stdout + done.stderr
     results, figures = (project.folder / folder / name for folder in ("results", "figures"))
     answer = pd.read_csv(results / "scenario/answer.csv")
@@ -31,6 +33,8 @@ def test_a_study_of_a_scenario_completes_and_a_second_run_does_nothing(project, 
     assert (answer["median"] <= answer["high80"]).all()
     agreement = pd.read_csv(results / "scenario/agreement.csv").set_index("kind")
     assert agreement.loc["firm", "agree"] >= 0.999 * agreement.loc["firm", "verdicts"]
+    if name != "left_turn":
+        return
     assert (figures / "fig02_scenario_answer.png").is_file()
     page = (results / "book/index.html").read_text()
     assert "An encounter ends in a crash with probability" in page

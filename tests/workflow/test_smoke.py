@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -41,12 +40,6 @@ write_law(sys.argv[1], choose_law("answer", encounters, config)[1], encounters)
 """
 
 
-def jobs(output: str) -> set[str]:
-    """Rules that a dry run would run."""
-    statistics = output.split("Job stats:")[-1].split("\n\n")[0]
-    return set(re.findall(r"^(\w+) +\d+$", statistics, flags=re.MULTILINE)) - {"total"}
-
-
 def test_a_killed_run_resumes_on_one_core_and_ends_with_the_same_bytes(project_with_toys, request):
     """The whole study, which it is compared with, is asked for last, as another process may be running it."""
     project = project_with_toys
@@ -71,15 +64,6 @@ def test_a_killed_run_resumes_on_one_core_and_ends_with_the_same_bytes(project_w
     tables, expected = project.tables(), request.getfixturevalue("finished").tables()
     assert {"figures/smoke/fig01_concept.csv", *RESUMED[1:]} <= set(tables)
     assert {path: content for path, content in expected.items() if path in tables} == tables
-
-
-def test_dry_run_plans_every_phase(project):
-    run = project.run("--dry-run")
-    assert run.returncode == 0, run.stderr
-    planned = jobs(run.stdout + run.stderr)
-    assert {"ingest_encounters", "fit_models", "search_proposals", "estimate_surrogate"} <= planned
-    assert {f"run_{path.stem}" for path in (project.folder / "notebooks").glob("*.ipynb")} <= planned
-    assert not (project.folder / "results").exists()
 
 
 def test_every_figure_and_table_of_the_paper_is_made(finished):
@@ -147,10 +131,3 @@ def test_a_miniature_with_a_vehicle_of_its_own_gets_an_article(finished):
     numbers = json.loads((results / "article.json").read_text())
     assert numbers["study"]["departure"]  # the text is that of a study of its own, and no reproduction
     assert numbers["study"]["source"] == DATA
-
-
-def test_lint_asks_only_for_a_container(project):
-    """The environment is the lock file, installed by make; a container for each rule is not wanted."""
-    run = project.run("--lint", "json")
-    titles = set(re.findall(r"^ +\* (.+):$", run.stderr + run.stdout, flags=re.MULTILINE))
-    assert titles <= {"Specify a conda environment or container for each rule."}, titles

@@ -4,8 +4,20 @@
 # accelerated distributions of all segments, and the trace of every iteration.
 
 
+def searched(suffix, *methods):
+    """Files that the searches of some methods give, one for each seed."""
+    return [
+        result("cross_entropy", f"{method}_{seed}{suffix}")
+        for method in methods
+        for seed in SEEDS
+    ]
+
+
 rule search_proposals:
-    """Search the accelerated distributions of one method from one seed, segment by segment."""
+    """Search the accelerated distributions of one method from every seed, segment by segment.
+
+    A search takes less time than a process needs to begin, so one job has all of a method.
+    """
     input:
         encounters=rules.ingest_encounters.output.encounters,
         model=rules.fit_models.output[MODEL],
@@ -15,12 +27,12 @@ rule search_proposals:
             members=lambda wildcards: OF_VEHICLE | {"methods": [wildcards.method]},
         ),
     output:
-        proposals=result("cross_entropy", "{method}_{seed}.json"),
-        trace=result("cross_entropy", "{method}_{seed}_trace.csv"),
+        proposals=searched(".json", "{method}"),
+        trace=searched("_trace.csv", "{method}"),
     log:
-        log_of("search_proposals", "{method}_{seed}.log"),
+        log_of("search_proposals", "{method}.log"),
     benchmark:
-        benchmark_of("search_proposals", "{method}_{seed}.tsv")
+        benchmark_of("search_proposals", "{method}.tsv")
     threads: WORKERS
     resources:
         mem_mb=1000,
@@ -29,9 +41,10 @@ rule search_proposals:
         vehicle=config["vehicle"],
         vehicle_content=VEHICLE_CONTENT,
         simulations=SIMULATIONS,
+        seeds=[*SEEDS],
         settings=lambda wildcards: settings_of(wildcards.method),
     message:
-        "Cross-Entropy search, method {wildcards.method}, seed {wildcards.seed}"
+        "Cross-Entropy searches, method {wildcards.method}"
     script:
         "../scripts/search_proposals.py"
 
@@ -39,7 +52,7 @@ rule search_proposals:
 rule collect_traces:
     """Join the traces of all searches."""
     input:
-        trace=expand(rules.search_proposals.output.trace, method=SEARCHING, seed=SEEDS),
+        trace=searched("_trace.csv", *SEARCHING),
         library=modules_of("collect_tables.py"),
     output:
         trace=result("cross_entropy_trace.csv"),

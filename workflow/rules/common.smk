@@ -61,12 +61,9 @@ OF_VEHICLE = {"vehicles": [config["vehicle"]["name"]]}  # what most rules look u
 
 
 wildcard_constraints:
-    variable="inverse_range|inverse_ttc",
-    segment="|".join(["all", *SEGMENTS]),
     scope="|".join(["all", *SEGMENTS]),
     method="|".join(SEARCHING),
     judged="|".join(JUDGED),
-    seed=r"\d+",
 
 
 def modules_of(script: str, *notebooks: str, members=None):

@@ -13,11 +13,7 @@ for _method in REPLICATED:
             encounters=rules.ingest_encounters.output.encounters,
             model=rules.fit_models.output[MODEL],
             proposals=(
-                expand(
-                    rules.search_proposals.output.proposals, method=_method, seed=SEEDS
-                )
-                if METHODS[_method].learns_apart
-                else []
+                searched(".json", _method) if METHODS[_method].learns_apart else []
             ),
             vehicle=ancient(VEHICLE_FILES),
             library=modules_of(

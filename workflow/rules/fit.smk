@@ -66,23 +66,33 @@ rule fit_family:
         "../scripts/fit_family.py"
 
 
+# The variables and segments in which the candidates are compared.
+COMPARED = [("inverse_range", segment) for segment in ["all", *SEGMENTS]]
+COMPARED += [("inverse_ttc", segment) for segment in SEGMENTS]
+CANDIDATES = [
+    result("candidates", f"{name}_{segment}.csv") for name, segment in COMPARED
+]
+
+
 rule fit_candidates:
-    """Fit 18 common families and the piecewise models to one variable in one segment."""
+    """Fit 18 common families and the piecewise models to each variable in each segment."""
     input:
         encounters=rules.ingest_encounters.output.encounters,
         models=[rules.fit_models.output[name] for name in PIECEWISE],
         library=modules_of("fit_candidates.py"),
     output:
-        table=result("candidates", "{variable}_{segment}.csv"),
+        tables=CANDIDATES,
     log:
-        log_of("fit_candidates", "{variable}_{segment}.log"),
+        log_of("fit_candidates.log"),
     benchmark:
-        benchmark_of("fit_candidates", "{variable}_{segment}.tsv")
+        benchmark_of("fit_candidates.tsv")
     threads: 1
     resources:
         mem_mb=1000,
+    params:
+        compared=COMPARED,
     message:
-        "Comparing candidate families of {wildcards.variable}, segment {wildcards.segment}"
+        "Comparing candidate families of R^-1 and TTC^-1"
     script:
         "../scripts/fit_candidates.py"
 
@@ -90,11 +100,7 @@ rule fit_candidates:
 rule collect_candidates:
     """Join the comparisons of all variables and segments."""
     input:
-        candidates=[
-            result("candidates", f"{variable}_{segment}.csv")
-            for variable in ("inverse_range", "inverse_ttc")
-            for segment in (["all"] if variable == "inverse_range" else []) + SEGMENTS
-        ],
+        candidates=CANDIDATES,
         library=modules_of("collect_tables.py"),
     output:
         candidates=result("candidates.csv"),

@@ -45,9 +45,7 @@ rule compute_exact:
         quarter=rules.map_crashes.output.quarter,
         encounters=rules.ingest_encounters.output.encounters,
         exposure=rules.ingest_encounters.output.exposure,
-        proposals=expand(
-            rules.search_proposals.output.proposals, method=SEARCHING, seed=SEEDS
-        ),
+        proposals=searched(".json", *SEARCHING),
         library=modules_of("compute_exact.py", members={"methods": SEARCHING}),
     output:
         exact=result("exact.csv"),

@@ -44,13 +44,9 @@ rule study_coverage:
         model=rules.fit_models.output[MODEL],
         exact=rules.compute_exact.output.exact,
         proposals=lambda wildcards: (
-            []
-            if wildcards.judged not in SEARCHING
-            else expand(
-                rules.search_proposals.output.proposals,
-                method=wildcards.judged,
-                seed=SEEDS,
-            )
+            searched(".json", wildcards.judged)
+            if wildcards.judged in SEARCHING
+            else []
         ),
         vehicle=ancient(VEHICLE_FILES),
         library=modules_of(

@@ -1,4 +1,4 @@
-"""Fit the candidate families and the piecewise models to one variable in one segment."""
+"""Fit the candidate families and the piecewise models to each variable in each segment."""
 
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.laws.files import read_law
@@ -10,5 +10,5 @@ if __name__ == "__main__":
     with job(snakemake.log[0]):
         encounters = read_encounters(snakemake.input.encounters)
         models = [read_law(path, encounters) for path in snakemake.input.models]
-        variable, segment = snakemake.wildcards.variable, snakemake.wildcards.segment
-        write_csv(snakemake.output.table, compare_with_candidates(encounters, models, variable, segment))
+        for path, place in zip(snakemake.output.tables, snakemake.params.compared, strict=True):
+            write_csv(path, compare_with_candidates(encounters, models, *place))

@@ -1,4 +1,4 @@
-"""Search the accelerated distributions of one method, stratum by stratum, from one seed."""
+"""Search the accelerated distributions of one method, stratum by stratum, from every seed."""
 
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
@@ -10,17 +10,20 @@ from accelerated_evaluation.study.jobs import job
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
-        files, params, labels = snakemake.input, snakemake.params, snakemake.wildcards
+        files, params, name = snakemake.input, snakemake.params, snakemake.wildcards.method
         simulations = params.simulations | {"workers": snakemake.threads}
-        with loaded_problem(files.model, files.encounters, params.vehicle, simulations) as problem:
-            proposals, trace = search_strata(
-                METHODS[labels.method].configured(params.settings),
-                problem,
-                lambda stratum: child_generator(
-                    params.seed, "cross_entropy", labels.method, stratum, int(labels.seed)
-                ),
-            )
-        trace.insert(0, "method", labels.method)
-        trace.insert(2, "seed", int(labels.seed))
-        write_csv(snakemake.output.trace, trace)
-        write_proposals(snakemake.output.proposals, proposals)
+        outputs = zip(params.seeds, snakemake.output.proposals, snakemake.output.trace, strict=True)
+        for seed, proposals_file, trace_file in outputs:
+            # Each search has a vehicle of its own, which may be random and remember what it drew.
+            with loaded_problem(files.model, files.encounters, params.vehicle, simulations) as problem:
+                proposals, trace = search_strata(
+                    METHODS[name].configured(params.settings),
+                    problem,
+                    lambda stratum, seed=seed: child_generator(
+                        params.seed, "cross_entropy", name, stratum, seed
+                    ),
+                )
+            trace.insert(0, "method", name)
+            trace.insert(2, "seed", seed)
+            write_csv(trace_file, trace)
+            write_proposals(proposals_file, proposals)
