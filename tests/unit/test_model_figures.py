@@ -22,6 +22,7 @@ from accelerated_evaluation.publishing.figures import data as data_figures
 from accelerated_evaluation.publishing.figures import models as model_figures
 from accelerated_evaluation.publishing.figures.style import FORMATS, paper_style, save_figure
 from accelerated_evaluation.publishing.tables.models import (
+    candidates_table,
     close_call_table,
     leaves,
     parameter_table,
@@ -270,6 +271,12 @@ def test_parameter_table_lists_every_component():
     assert tail["value"] == pytest.approx(20 / 0.7)
     pareto = parameter_table(SINGLE).iloc[0]
     assert (pareto["family"], pareto["parameter"], pareto["value"]) == ("Pareto", "shape", 1.7)
+
+
+def test_published_parameters_of_candidates_have_no_digit_that_depends_on_the_processor():
+    texts = ['{"shape": 0.3143703411953728, "scale": 5.0}', "{}"]
+    shown = candidates_table(pd.DataFrame({"family": ["gamma", "beta"], "parameters": texts}))
+    assert shown["parameters"].tolist() == ['{"shape": 0.31437, "scale": 5.0}', "{}"]
 
 
 def test_rank_table_orders_families_and_marks_missing_fits():

@@ -65,7 +65,7 @@ def wrong(tmp_path, monkeypatch):
     """Write a configuration of a motorway whose speeds are in km/h and are taken for m/s."""
     monkeypatch.chdir(tmp_path)
     (sound() * np.array((KMH, 1, KMH))).to_csv("records.csv", index=False)
-    few = "answer: {draws: 10}\nsurrogate: {maximum_calls: 50}\n"
+    few = "answer: {draws: 20}\nsurrogate: {maximum_calls: 100}\n"
     data = "data: {source: table, table: {path: records.csv}}\n"
     (tmp_path / "study.yaml").write_text("study: wrong\n" + data + few)
     return tmp_path

@@ -19,9 +19,7 @@ GUIDE = (ROOT / "docs" / "your_vehicle.md").read_text()
 BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```$", GUIDE, re.DOTALL | re.MULTILINE)
 COMMANDS = [content for language, content in BLOCKS if not language]
 FILES = dict(re.findall(r"^File `([^`]+)`:\n\n```\w+\n(.*?)^```$", GUIDE, re.DOTALL | re.MULTILINE))
-FEWER = (
-    "data: {sample: 3000, spmd: {outlier_rows: []}}\nsurrogate: {maximum_calls: 100}\nanswer: {draws: 20}\n"
-)
+FEWER = "data: {sample: 3000, spmd: {outlier_rows: []}}\nsurrogate: {maximum_calls: 100}\n"
 
 
 @pytest.fixture

@@ -62,13 +62,16 @@ def reproducible(table: pd.DataFrame) -> pd.DataFrame:
     fractional part is treated as a count. Above `LARGEST_COUNT`, floats cannot represent every whole number,
     so larger values are not treated as counts.
     """
-
-    def rounded(value: Any) -> Any:  # noqa: ANN401
-        is_count = isinstance(value, float) and value.is_integer() and abs(value) < LARGEST_COUNT
-        return value if is_count or not isinstance(value, float) else float(f"{value:.{DIGITS}g}")
-
-    columns = {name: column.map(rounded) for name, column in table.items() if column.dtype.kind in "fO"}
+    columns = {
+        name: column.map(reproducible_value) for name, column in table.items() if column.dtype.kind in "fO"
+    }
     return table.assign(**columns)
+
+
+def reproducible_value(value: Any) -> Any:  # noqa: ANN401
+    """Round a value as `reproducible` does."""
+    is_count = isinstance(value, float) and value.is_integer() and abs(value) < LARGEST_COUNT
+    return value if is_count or not isinstance(value, float) else float(f"{value:.{DIGITS}g}")
 
 
 def as_markdown(text: Any) -> Any:  # noqa: ANN401

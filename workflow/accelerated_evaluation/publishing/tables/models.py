@@ -1,12 +1,14 @@
 """Readable tables of fitted models and candidate families."""
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 
 import pandas as pd
 
 from accelerated_evaluation.distributions import Distribution, Empirical, Mixture, unit_to_power
 from accelerated_evaluation.laws.paper.independent import UNITS, IndependentLaw
-from accelerated_evaluation.publishing.published import result_table
+from accelerated_evaluation.publishing.published import table
+from accelerated_evaluation.publishing.tables.formats import reproducible_value
 
 SYMBOLS = {"inverse_range": "R⁻¹", "inverse_ttc": "TTC⁻¹"}
 
@@ -79,8 +81,17 @@ def rank_table(candidates: pd.DataFrame) -> pd.DataFrame:
     return ranks.reset_index()
 
 
-# The fits of all candidate families; readers are shown the `rank_table`.
-candidates_table = result_table("candidates", digits=5, digest=rank_table)
+@table("candidates", digits=5, digest=rank_table)
+def candidates_table(candidates: pd.DataFrame) -> pd.DataFrame:
+    """Tabulate the fits of all candidate families; readers are shown the `rank_table`.
+
+    The parameters are numbers in a text, which is rounded as all published numbers are.
+    """
+
+    def rounded(text: str) -> str:
+        return json.dumps({name: reproducible_value(value) for name, value in json.loads(text).items()})
+
+    return candidates.assign(parameters=candidates["parameters"].map(rounded, na_action="ignore"))
 
 
 def close_call_table(
