@@ -131,7 +131,7 @@ def test_ratios_are_those_of_the_densities_and_are_bounded(law, cut_ins):
 
 def test_reweighted_draws_of_the_mean_law_are_draws_of_each(law):
     """P(R < 10 m, C > 0.3 R / s) under each draw: exact, and by weights that average to one."""
-    generator, size = np.random.default_rng(6), 40_000
+    generator, size = np.random.default_rng(6), 15_000
     cut_ins = law.from_normal_scores(generator.normal(size=(size, 3)))
     ratios = np.exp(law.log_ratios(cut_ins))
     error = ratios.std(axis=1) / np.sqrt(size)

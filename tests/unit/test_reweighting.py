@@ -223,7 +223,7 @@ def test_any_emphasis_leaves_the_estimate_right_and_attracts_runs(samplers):
         sampler.emphasis = aside
         return drive(sampler, half_plane(LEVEL)).sampler
 
-    emphasised = [driven(seed) for seed in range(30)]
+    emphasised = [driven(seed) for seed in range(20)]
     estimates = [reweighting().estimate(sampler.progress).probabilities for sampler in emphasised]
     assert standardised(estimates).max() < 4.5
     shares = [
@@ -231,4 +231,4 @@ def test_any_emphasis_leaves_the_estimate_right_and_attracts_runs(samplers):
         for part in (emphasised, samplers)
         for sampler in part
     ]
-    assert np.mean(shares[:30]) > np.mean(shares[30:]) + 0.2
+    assert np.mean(shares[:20]) > np.mean(shares[20:]) + 0.2

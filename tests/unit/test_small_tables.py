@@ -88,7 +88,7 @@ def test_moved_knots_and_another_choice_of_knots_are_told():
 @pytest.mark.parametrize("size", [150, 500, 1000])
 def test_any_sample_of_real_records_is_fitted(recorded, models, size):
     generator = np.random.default_rng(size)
-    for _ in range(3):
+    for _ in range(3 if size == 150 else 1):  # a small sample has most that can be simpler
         rows = np.sort(generator.choice(len(recorded), size, replace=False))
         with warnings.catch_warnings(record=True) as reported:
             warnings.simplefilter("always")

@@ -6,7 +6,7 @@ deceleration. The predicted number is the probability of a cut-in times the numb
 Its 90 % limits contain the chance of a count, and the uncertainty in the law of cut-ins and in the drivers.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from typing import Any
@@ -166,11 +166,11 @@ class HumanPrediction:
         rows = [*self._own_rows(weighted, counted), *self._variant_rows(weighted, counted)]
         return pd.DataFrame(rows).reindex(columns=COLUMNS)
 
-    def _lines(self, human: Human, *, finer: float = 1.0) -> dict[str, CrashLines]:
+    def _lines(
+        self, human: Human, near_crashes: Iterable[str], *, finer: float = 1.0
+    ) -> dict[str, CrashLines]:
         """Return the lines of a crash map by event; all maps use the same random numbers."""
-        braking = {
-            event: cut_in.CUT_IN.event("impact_speed", G * threshold) for event, threshold in SEVERE.items()
-        }
+        braking = {event: cut_in.CUT_IN.event("impact_speed", G * SEVERE[event]) for event in near_crashes}
         generator = deepcopy(self.of_maps)
         grid = self.grid.refined(finer)
         crash_map = map_crashes(BrakingHuman(human), grid, braking.values(), generator)
@@ -187,7 +187,7 @@ class HumanPrediction:
             event: with_draws(
                 weighted.thinned(lines, deepcopy(self.generator)), human, self.draws, self.generator
             )
-            for event, lines in self._lines(human).items()
+            for event, lines in self._lines(human, SEVERE).items()
         }
         drawn = draw_posterior(
             thinned, weighted.family, weighted.members, weighted.weights, deepcopy(self.generator)
@@ -222,7 +222,7 @@ class HumanPrediction:
         ranges, law = weighted.family.ranges, weighted.family.law(weighted.heaviest)
         cut_ins = np.nan if self.cut_ins_per_km is None else self.cut_ins_per_km * KILOMETRES
         for name, parameters in VARIANTS.items():
-            lines = self._lines(Human(**parameters), finer=COARSER)
+            lines = self._lines(Human(**parameters), [MAIN], finer=COARSER)
             found = {event: lines[event].probability(ranges, law) for event in ("crash", MAIN)}
             found[MAIN] = max(found[MAIN] - found["crash"], 0.0)
             for event, value in found.items():
