@@ -19,6 +19,7 @@ SCENARIOS = ROOT / "benchmarks" / "results" / "scenarios.csv"
 STUDIES = ROOT / "figures"
 SUCCESSORS = ROOT / "benchmarks" / "results" / "successors.csv"
 VEHICLES = ROOT / "benchmarks" / "results" / "vehicles.csv"
+BEYOND = ROOT / "benchmarks" / "results" / "worlds_beyond.csv"
 BENCHMARKS = ROOT / "benchmarks" / "README.md"
 GUIDE = ROOT / "docs" / "sampler.md"
 JOINT_LAWS = ROOT / "docs" / "joint_laws.md"
@@ -150,6 +151,26 @@ def worlds_table(worlds: pd.DataFrame) -> str:
             f"{by.loc['paper', 'coverage80']:.0%}",
         )
         table.append(cells)
+    return markdown(headings, table)
+
+
+def beyond_table(beyond: pd.DataFrame) -> str:
+    """Return how often the intervals cover in worlds beyond the family, and what would reveal them."""
+    headings = ("kind", "by", "worlds", "50 % covers", "80 % covers", "95 % covers", "80 %: upper / lower")
+    headings += ("median / truth", "its 10 and 90 %", "counts differ near crashes", "by host speed")
+    table = [
+        (
+            row.kind,
+            row.procedure,
+            f"{row.worlds:.0f}",
+            *(f"{getattr(row, f'coverage{level}') * row.worlds:.0f}" for level in (50, 80, 95)),
+            f"{row.width80:.1f}",
+            f"{row.median_ratio:.2f}",
+            f"{row.ratio_10:.2f}, {row.ratio_90:.2f}",
+            *(f"{found * row.worlds:.0f}" for found in (row.near_found, row.host_found)),
+        )
+        for row in beyond.itertuples()
+    ]
     return markdown(headings, table)
 
 
@@ -389,6 +410,7 @@ TABLES = {
     "public": Table(BENCHMARKS, PUBLIC, public_table, COMMAND),
     "vehicles": Table(BENCHMARKS, VEHICLES, vehicles_table, COMMAND),
     "worlds": Table(BENCHMARKS, WORLDS, worlds_table, COMMAND),
+    "beyond": Table(BENCHMARKS, BEYOND, beyond_table, COMMAND),
     "causes": Table(BENCHMARKS, CAUSES, causes_table, COMMAND),
     "recordings": Table(BENCHMARKS, RECORDINGS, recordings_table, COMMAND),
     "size": Table(YOUR_RECORDS, RECORDINGS, recordings_table, COMMAND),

@@ -102,8 +102,12 @@ def draw_smooth(
     generator: np.random.Generator,
     nearer: Array | float = 1.0,
     faster: Array | float = 1.0,
+    fastest: Array | None = None,
 ) -> DistinctRecords:
-    """Draw ranges, and closing speeds given them, nearer and faster where asked."""
+    """Draw ranges, and closing speeds given them, nearer and faster where asked.
+
+    With ``fastest`` [m/s], closing speeds are drawn on condition that they do not exceed it.
+    """
     range_, speed = np.empty(lead_speed.size), np.empty(lead_speed.size)
     levels = generator.standard_exponential((2, lead_speed.size)) / np.array(
         [nearer * np.ones(lead_speed.size), np.ones(lead_speed.size)]
@@ -115,7 +119,10 @@ def draw_smooth(
         range_[part] = SUPPORT.range_max * np.exp(
             -family.ranges.cumulative(along_speed).inverse(levels[0, part])
         )
-        speed[part] = law.given(Places.of(lead_speed[part], range_[part])).inverse(levels[1, part])
+        given, level = law.given(Places.of(lead_speed[part], range_[part])), levels[1, part]
+        if fastest is not None:
+            level = -np.log1p(-np.expm1(-level) * np.expm1(-given.cumulative(fastest[part])))
+        speed[part] = given.inverse(level)
     return DistinctRecords(lead_speed, range_, faster * speed)
 
 
@@ -125,25 +132,28 @@ class TwoKindsOfDrivers:
 
     family: LawFamily
     law: SpeedLaw
+    share: float = SHARE
+    nearer: float = NEARER
+    faster: float = FASTER
 
     def draw(self, lead_speed: Array, generator: np.random.Generator) -> DistinctRecords:
         """Draw the kind of each driver first."""
-        second = generator.random(lead_speed.size) < SHARE
+        second = generator.random(lead_speed.size) < self.share
         return draw_smooth(
             self.family,
             self.law,
             lead_speed,
             generator,
-            np.where(second, NEARER, 1.0),
-            np.where(second, FASTER, 1.0),
+            np.where(second, self.nearer, 1.0),
+            np.where(second, self.faster, 1.0),
         )
 
     def masses(self, lines: CrashLines) -> Array:
         """Return the probability of the intervals under both kinds."""
         first = lines.masses(self.family.ranges, self.law)
-        slower = replace(lines, start=lines.start / FASTER, end=lines.end / FASTER)
+        slower = replace(lines, start=lines.start / self.faster, end=lines.end / self.faster)
         speeds = slower.masses(self.family.ranges, self.law) / self._ranges(lines, 1.0)
-        return (1 - SHARE) * first + SHARE * speeds * self._ranges(lines, NEARER)
+        return (1 - self.share) * first + self.share * speeds * self._ranges(lines, self.nearer)
 
     def _ranges(self, lines: CrashLines, nearer: float) -> Array:
         cumulative, finite = lines.places.nearer(self.family.ranges), np.isfinite(lines.nearer)

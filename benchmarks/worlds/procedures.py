@@ -1,13 +1,27 @@
 """Both procedures on one set of records: ours, and the paper's, whose interval knows only sampling."""
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Self
+
 import numpy as np
 import pandas as pd
-from accelerated_evaluation.answer.posterior import draw_posterior
-from accelerated_evaluation.answer.scores import HeldOut
+from accelerated_evaluation.answer.averaged import AveragedSurrogate, posterior_of
+from accelerated_evaluation.answer.calibration import CLOSING, HOST, cell_counts, with_limits
+from accelerated_evaluation.answer.posterior import Posterior, draw_posterior
+from accelerated_evaluation.answer.scores import GivenLaw, HeldOut
 from accelerated_evaluation.answer.weights import bootstrapped_weights
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.sensitivity import fit_for_crashes
-from accelerated_evaluation.laws.smooth.family import Fitter
+from accelerated_evaluation.laws.smooth.conditional import Places
+from accelerated_evaluation.laws.smooth.draws import LawDraws
+from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, LawFamily
+from accelerated_evaluation.laws.smooth.mean import MeanLaw
+from accelerated_evaluation.laws.smooth.support import SUPPORT
+from accelerated_evaluation.methods.estimate import Stopping
+from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.records.segments import assign_segments
+from accelerated_evaluation.vehicles.builtin.acc_aeb import AccAeb
 from kinds import independent_masses
 from scipy.special import ndtri
 from setting import MEMBERS, WorldSettings, distinct_records
@@ -21,23 +35,74 @@ CAP = 23.49 / 22.13  # the authors' cap on closing speeds, as a multiple of the 
 EDGES = [5, 15, 25, 35]  # [m/s], the paper's segments
 ERROR = 0.2  # relative half-width of the paper's 80 % interval
 
+TOP = 45.0  # [m/s], at which faster cut-ins are simulated
+STOPPING = Stopping(minimum_events=1, maximum_simulations=1000)  # as in the study
+
 Intervals = dict[str, float]
 
 
-def ours(records: pd.DataFrame, setting: WorldSettings, generator: np.random.Generator) -> Intervals:
-    """Fit the family to distinct records, weight its laws by held-out scores, and draw from the posterior."""
-    distinct, _ = distinct_records(records)
-    fitter = Fitter(distinct, MEMBERS)
-    family = fitter.fit(setting.family)
-    boundary = REGION * distinct.range_
-    scores = HeldOut.of_family(fitter, family, BLOCKS).scores({"region": boundary}, THIN)["region"]
-    weights = bootstrapped_weights(scores, distinct.closing_speed > boundary, DRAWS, generator)
-    posterior = draw_posterior({"crash": setting.lines}, family, MEMBERS, weights, generator)["crash"]
+@dataclass(frozen=True)
+class Fitted:
+    """The laws of the family, fitted to distinct records, with draws of their weights, (DRAWS, members)."""
+
+    records: DistinctRecords
+    family: LawFamily
+    weights: Array
+
+    @classmethod
+    def to(cls, records: pd.DataFrame, setting: WorldSettings, generator: np.random.Generator) -> Self:
+        """Fit the family to distinct records, and weight its laws by held-out scores."""
+        distinct, _ = distinct_records(records)
+        fitter = Fitter(distinct, MEMBERS)
+        family = fitter.fit(setting.family)
+        boundary = REGION * distinct.range_
+        scores = HeldOut.of_family(fitter, family, BLOCKS).scores({"region": boundary}, THIN)["region"]
+        weights = bootstrapped_weights(scores, distinct.closing_speed > boundary, DRAWS, generator)
+        return cls(distinct, family, weights)
+
+    def by_map(self, setting: WorldSettings, generator: np.random.Generator) -> Intervals:
+        """Draw from the posterior, and evaluate every draw on the map."""
+        drawn = draw_posterior({"crash": setting.lines}, self.family, MEMBERS, self.weights, generator)
+        return intervals(drawn["crash"])
+
+    def by_few_runs(self, records: pd.DataFrame, generator: np.random.Generator) -> Intervals:
+        """Simulate the car under the mean of draws, some 150 times, and reweight the runs for each draw."""
+        draws = LawDraws.of(self.family, MEMBERS, self.weights, SUPPORT, generator)
+        law = MeanLaw.fitted(draws, assign_segments(records, EDGES), "world", TOP)
+        found = AveragedSurrogate().estimate(Problem(law, AccAeb()), STOPPING, generator)
+        own = {"simulations": found.simulations, "converged": found.converged}
+        if not len(found.tables["draws"]):
+            return own
+        return intervals(posterior_of(found.tables["draws"]).whole) | own
+
+    def checks(self) -> Intervals:
+        """Return the smallest p-value of counts of records, near the crashes and by host speed."""
+
+        def given(places: Places) -> Iterator[GivenLaw]:
+            below = places.body(self.family.body)
+            return (self.family.law(member).given(places, below) for member in MEMBERS)
+
+        counts = cell_counts(self.records, given)
+        expected = self.weights.mean(axis=0) @ np.array([table["expected"] for table in counts])
+        judged = with_limits(counts[0].assign(expected=expected))
+        smallest = judged.groupby("counted")["p_value"].min()
+        return {"near_p": smallest[CLOSING], "host_p": smallest[HOST]}
+
+
+def intervals(posterior: Posterior) -> Intervals:
+    """Return median, mean and intervals of a posterior."""
     reported = {"probability": posterior.probability, "mean": float(posterior.probabilities.mean())}
     for level in COVERAGES:
         reported[f"low{level:g}"], reported[f"high{level:g}"] = posterior.interval(level)
-    return reported | {
-        f"weight {member.name}": weight for member, weight in zip(MEMBERS, weights.mean(axis=0), strict=True)
+    return reported
+
+
+def ours(records: pd.DataFrame, setting: WorldSettings, generator: np.random.Generator) -> Intervals:
+    """Fit and weight the laws, and draw from the posterior."""
+    fitted = Fitted.to(records, setting, generator)
+    weights = dict(zip(MEMBERS, fitted.weights.mean(axis=0), strict=True))
+    return fitted.by_map(setting, generator) | {
+        f"weight {member.name}": weight for member, weight in weights.items()
     }
 
 

@@ -21,6 +21,7 @@ from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, L
 from accelerated_evaluation.laws.smooth.support import SUPPORT
 from accelerated_evaluation.records.segments import assign_segments
 from accelerated_evaluation.vehicles.builtin.acc_aeb import AccAeb
+from beyond import worlds_beyond
 from kinds import World, worlds
 
 ROOT = 2016  # root of all randomness, as in the study
@@ -57,8 +58,8 @@ def distinct_records(records: pd.DataFrame) -> tuple[DistinctRecords, Array]:
     return DistinctRecords(speed, range_, inverse_ttc / inverse_range), lengths
 
 
-def prepare(config: dict) -> WorldSettings:
-    """Fit, and map the crashes."""
+def prepare(config: dict, *, beyond: bool) -> WorldSettings:
+    """Fit, and map the crashes; the lines of the map are thinned for the worlds that will be made."""
     records = pd.read_parquet(config["data"]["spmd"]["path"])
     distinct, lengths = distinct_records(records)
     speed = distinct.lead_speed
@@ -69,7 +70,8 @@ def prepare(config: dict) -> WorldSettings:
     ]
     grid = Grid(5, 35, 75, 30, 50, 12, TOP, 240)
     lines = CrashLines.of(map_crashes(AccAeb(), grid, [], child_generator(ROOT, "worlds", "map")), speed)
-    laws = [world.masses(lines) for world in worlds(family, law).values()]
+    made = worlds(family, law) | (worlds_beyond(family) if beyond else {})
+    laws = [world.masses(lines) for world in made.values()]
     laws += [lines.masses(family.ranges, family.law(member)) for member in MEMBERS]
     mean = np.mean([masses / masses.sum() for masses in laws], axis=0)
     thinned = lines.thinned(mean, LINES, child_generator(ROOT, "worlds", "lines"))
@@ -100,9 +102,11 @@ def main() -> None:
     """Write the setting."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--config", default="config/config.yaml")
+    parser.add_argument("--beyond", action="store_true", help="for worlds beyond the family")
     parser.add_argument("--output", required=True)
     arguments = parser.parse_args()
-    setting = prepare(yaml.safe_load(Path(arguments.config).read_text(encoding="utf-8")))
+    config = yaml.safe_load(Path(arguments.config).read_text(encoding="utf-8"))
+    setting = prepare(config, beyond=arguments.beyond)
     with atomic_path(arguments.output) as temporary:
         temporary.write_bytes(pickle.dumps(setting))
 

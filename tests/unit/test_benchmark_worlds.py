@@ -1,6 +1,7 @@
-"""The synthetic worlds: crash probabilities against draws, records, and the table of causes by hand."""
+"""The synthetic worlds: crash probabilities against draws, records, and the tables by hand."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,13 +17,16 @@ from rate_car import RateCar
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "benchmarks" / "worlds"))
 
+import beyond  # noqa: E402
 import causes  # noqa: E402
 import kinds  # noqa: E402
 from setting import WorldSettings, runs_of, simulate_records  # noqa: E402
+from summarise_beyond import tabulate  # noqa: E402
 
 SIZE = 8_000
 DRAWN = 400_000
 SMOOTH = ("exponential", "heavy", "light", "two kinds")
+BEYOND = ("reckless drivers", "two regions", "host speed limit", "bent tail", "local habit", "few drivers")
 
 
 @pytest.fixture(scope="module")
@@ -44,9 +48,9 @@ def lines(events):
     return CrashLines.of(crash_map, events.lead_speed)
 
 
-def crash_share(world, events, seed):
+def crash_share(world, events, seed, size=DRAWN):
     generator = np.random.default_rng(seed)
-    drawn = world.draw(generator.choice(events.lead_speed, DRAWN), generator)
+    drawn = world.draw(generator.choice(events.lead_speed, size), generator)
     return np.mean(RateCar().simulate(drawn.lead_speed, drawn.range_, drawn.closing_speed).crash)
 
 
@@ -57,6 +61,34 @@ def test_the_known_probability_is_that_of_the_draws(kind, events, family, lines)
     error = np.sqrt(exact / DRAWN)
     # Beside the error of the draws, a line stands for its cell of the map.
     assert crash_share(of[kind], events, 3) == pytest.approx(exact, abs=4 * error + 0.01 * exact)
+
+
+@pytest.mark.parametrize("kind", BEYOND)
+def test_the_known_probability_beyond_the_family_is_that_of_the_draws(kind, events, family, lines):
+    world = beyond.worlds_beyond(family)[kind]
+    if kind == "few drivers":
+        world = replace(world, cut_ins=1)  # independent draws, with the error below
+    exact, size = world.masses(lines).sum(), DRAWN // 4
+    error = np.sqrt(exact / size)
+    assert crash_share(world, events, 5, size) == pytest.approx(exact, abs=4 * error + 0.01 * exact)
+
+
+def test_no_host_exceeds_the_limit(events, family):
+    drawn = beyond.worlds_beyond(family)["host speed limit"].draw(events.lead_speed, np.random.default_rng(6))
+    fastest = np.maximum(beyond.HOST_MAX - drawn.lead_speed, beyond.LEAST_CLOSING)
+    assert np.all(drawn.closing_speed <= fastest)
+    assert np.any(events.closing_speed > beyond.HOST_MAX - events.lead_speed)
+
+
+def test_each_driver_of_few_makes_many_cut_ins(family):
+    """Runs of cut-ins by one driver are faster or slower as a whole, which independent ones are not."""
+    lead_speed = np.full(20_000, 20.0)
+    world = beyond.worlds_beyond(family)["few drivers"]
+    spreads = []
+    for own in (world, replace(world, cut_ins=1)):
+        speeds = own.draw(lead_speed, np.random.default_rng(7)).closing_speed
+        spreads.append(speeds.reshape(-1, beyond.CUT_INS).mean(axis=1).std())
+    assert spreads[0] > 1.2 * spreads[1]
 
 
 def test_a_world_without_its_second_kind_of_drivers_is_told_apart(events, family, lines):
@@ -92,3 +124,21 @@ def test_causes_by_hand():
     assert [row[name] for name in ("kind", "worlds", "width80", "true_law_width80")] == ["heavy", 3, 4, 1.5]
     assert [row[f"ratio_{level}"] for level in (10, 50, 90)] == pytest.approx([1.2, 2.0, 2.8])
     assert [row["coverage80"], row["true_law_coverage80"]] == pytest.approx([2 / 3, 1 / 3])
+
+
+def test_worlds_beyond_the_family_by_hand():
+    of_map = {"kind": "bent tail", "procedure": "map", "truth": 4.0, "probability": 2.0}
+    ends = {
+        f"{end}{level:g}": value for level in (0.5, 0.8, 0.95) for end, value in (("low", 1.0), ("high", 5.0))
+    }
+    known = [of_map | ends | {"world": 0, "near_p": 0.5, "host_p": 0.001}]
+    known.append(known[0] | {"world": 1, "probability": 8.0, "high0.5": 3.0, "near_p": 0.0001, "host_p": 0.5})
+    few = [row | {"procedure": "few runs", "simulations": 150.0, "converged": True} for row in known]
+    few[1] |= dict.fromkeys(("probability", *ends), np.nan) | {"converged": False}
+    first, second = tabulate(pd.DataFrame(known + few)).to_dict("records")
+    assert [first[name] for name in ("kind", "procedure", "worlds", "coverage50", "coverage80")] == [
+        "bent tail", "map", 2, 0.5, 1.0
+    ]  # fmt: skip
+    assert first["median_ratio"] == pytest.approx(1.25)
+    assert [first["near_found"], first["host_found"]] == [0.5, 0.5]  # by Bonferroni among 24 and 40 cells
+    assert [second[name] for name in ("worlds", "answers", "coverage95", "simulations")] == [2, 1, 0.5, 150]

@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from accelerated_evaluation import cli
 from accelerated_evaluation.answer.averaged import Course
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.distributions import BoundedExponential, Empirical
@@ -12,7 +13,7 @@ from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw
 from accelerated_evaluation.records.encounter_table import complete, write_encounters
 from accelerated_evaluation.track.campaign import Campaign
-from accelerated_evaluation.track.campaign_file import law_of, source_of, stopping
+from accelerated_evaluation.track.campaign_file import law_of, source_of, stopping, write_campaign
 from accelerated_evaluation.track.driven import DrivenOutcome
 from accelerated_evaluation.track.weighted_set import _places
 from accelerated_evaluation.track.whole import (
@@ -119,7 +120,7 @@ def test_the_density_of_the_papers_law_is_normalised():
     assert abs(wrong.mean() - 1) > 4.5 * wrong.std() / 200
 
 
-def test_a_campaign_under_one_law_is_read_under_all(campaign, law, encounters, folder):  # noqa: F811
+def test_a_campaign_under_one_law_is_read_under_all(campaign, law, encounters, folder, capsys):  # noqa: F811
     few = law_of(campaign)
     known = exact(few)
     middle = int(np.argsort(known)[-3])  # crashes often, so that its runs reach those of the others
@@ -128,9 +129,14 @@ def test_a_campaign_under_one_law_is_read_under_all(campaign, law, encounters, f
     found = read_under(other, law_of(other), draws).refined().probabilities
     assert abs(np.log(found[middle] / known[middle])) < 0.6  # three relative errors of the sampling
     assert np.median(np.abs(np.log(found / known))) < 0.6
-    lines = whole_in_words(other, law_of(other), draws)
-    assert any(line.startswith("effective") for line in lines)
-    assert "under all draws" not in "".join(lines)
+    write_campaign(folder / "campaign.json", other)
+    command = ["campaign", "status", str(folder / "campaign.json")]
+    assert cli.main([*command, "--under", str(folder / "law.json")]) == 0
+    printed = capsys.readouterr().out
+    assert "80%: " in printed
+    assert "\neffective   " in printed
+    assert cli.main(command) == 0
+    assert ALONE in capsys.readouterr().out
 
 
 def test_a_law_with_draws_read_under_itself_is_unchanged(campaign):

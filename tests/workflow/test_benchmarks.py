@@ -15,7 +15,7 @@ JOBS = {
     "motorway/Snakefile": {"drive", "count", "chain", "sum_counts"},
     "samplers/Snakefile": {"run", "reference", "summarise"},
     "samplers/vehicles.smk": {"run", "compare"},
-    "worlds/Snakefile": {"prepare", "run", "summarise"},
+    "worlds/Snakefile": {"prepare", "run", "run_beyond", "summarise"},
 }
 
 

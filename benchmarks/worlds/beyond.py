@@ -1,0 +1,121 @@
+"""Worlds beyond the family: laws of cut-ins that no law of the family equals, with known crash probabilities.
+
+Each of them contradicts one assumption of the family, and is otherwise the world `exponential`. Its crash
+probability is the sum of the probabilities of the same intervals of the map by which the answer is computed;
+`tests/unit/test_benchmark_worlds.py` compares it with the share of crashes among simulated cut-ins.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.crash_map.lines import CrashLines
+from accelerated_evaluation.laws.smooth.conditional import SpeedLaw
+from accelerated_evaluation.laws.smooth.family import DistinctRecords, LawFamily, Member
+from accelerated_evaluation.laws.smooth.shapes import Exponential
+from kinds import LEVEL, Smooth, TwoKindsOfDrivers, World, draw_smooth
+
+HOST_MAX, LEAST_CLOSING = 31.0, 3.0  # [m/s]
+BEND, SLOPE = 5.0, 0.5  # excess in scales where the hazard changes, and its factor from there on
+HABIT_SPEEDS, HABIT, HABIT_RANGE = (12.0, 16.0), 0.5, 10.0  # [m/s], and [m] over which the habit fades
+FACTORS = (0.75, 0.9, 1.0, 1.1, 1.25)  # of the closing speeds of equally many drivers
+CUT_INS = 50  # of each driver, one after the other
+
+
+@dataclass(frozen=True)
+class HostSpeedLimit:
+    """No host drives faster than a limit, but it may always close in slowly; the laws know no limit."""
+
+    family: LawFamily
+    law: SpeedLaw
+
+    def draw(self, lead_speed: Array, generator: np.random.Generator) -> DistinctRecords:
+        """Draw closing speeds on condition that they are within the limit."""
+        return draw_smooth(self.family, self.law, lead_speed, generator, fastest=self.fastest(lead_speed))
+
+    def masses(self, lines: CrashLines) -> Array:
+        """Return the probability of the intervals within the limit, given that it is kept."""
+        fastest = self.fastest(lines.places.lead_speed)
+        kept = -np.expm1(-self.law.given(lines.places).cumulative(fastest))
+        start, end = (np.minimum(ends, fastest[lines.row]) for ends in (lines.start, lines.end))
+        within = replace(lines, start=start, end=end).masses(self.family.ranges, self.law)
+        return within / kept[lines.row]
+
+    @staticmethod
+    def fastest(lead_speed: Array) -> Array:
+        """Return the largest closing speed [m/s] next to each lead speed [m/s]."""
+        return np.maximum(HOST_MAX - lead_speed, LEAST_CLOSING)
+
+
+class Bent(Exponential):
+    """Exponential excesses whose hazard falls far out, where there are hardly any records."""
+
+    name = "bent"
+
+    def cumulative(self, z: Array, parameters: Array) -> Array:
+        """Return the cumulative hazard."""
+        return np.minimum(z, BEND) + SLOPE * np.maximum(np.asarray(z) - BEND, 0)
+
+    def inverse(self, level: Array, parameters: Array) -> Array:
+        """Return the excess at which the cumulative hazard reaches a level."""
+        return np.minimum(level, BEND) + np.maximum(np.asarray(level) - BEND, 0) / SLOPE
+
+
+@dataclass(frozen=True)
+class LocalHabit:
+    """In a band of lead speeds, drivers close in faster at short ranges; the laws vary smoothly."""
+
+    family: LawFamily
+    law: SpeedLaw
+
+    def draw(self, lead_speed: Array, generator: np.random.Generator) -> DistinctRecords:
+        """Draw by the smooth law, and multiply the closing speeds."""
+        drawn = draw_smooth(self.family, self.law, lead_speed, generator)
+        factor = self.factor(drawn.lead_speed, drawn.range_)
+        return replace(drawn, closing_speed=factor * drawn.closing_speed)
+
+    def masses(self, lines: CrashLines) -> Array:
+        """Return the probability of the intervals, whose ends are divided by the factor."""
+        factor = self.factor(lines.places.lead_speed, lines.places.range_)[lines.row]
+        slower = replace(lines, start=lines.start / factor, end=lines.end / factor)
+        return slower.masses(self.family.ranges, self.law)
+
+    @staticmethod
+    def factor(lead_speed: Array, range_: Array) -> Array:
+        """Return the factor of the closing speed at lead speeds [m/s] and ranges [m]."""
+        inside = (lead_speed >= HABIT_SPEEDS[0]) & (lead_speed < HABIT_SPEEDS[1])
+        return 1 + np.where(inside, HABIT * np.exp(-range_ / HABIT_RANGE), 0.0)
+
+
+@dataclass(frozen=True)
+class FewDrivers:
+    """Each driver makes many cut-ins in a row, all faster or slower; the laws take records as independent."""
+
+    family: LawFamily
+    law: SpeedLaw
+    cut_ins: int = CUT_INS
+
+    def draw(self, lead_speed: Array, generator: np.random.Generator) -> DistinctRecords:
+        """Draw by the smooth law, and multiply the closing speeds of each driver."""
+        drivers = generator.choice(FACTORS, -(-lead_speed.size // self.cut_ins))
+        factor = np.repeat(drivers, self.cut_ins)[: lead_speed.size]
+        return draw_smooth(self.family, self.law, lead_speed, generator, faster=factor)
+
+    def masses(self, lines: CrashLines) -> Array:
+        """Return the mean over the drivers of the probability of the intervals."""
+        each = (replace(lines, start=lines.start / f, end=lines.end / f) for f in FACTORS)
+        return np.mean([slower.masses(self.family.ranges, self.law) for slower in each], axis=0)
+
+
+def worlds_beyond(family: LawFamily) -> dict[str, World]:
+    """Return all kinds of worlds beyond the family."""
+    tail = family.tails[Member(LEVEL, "exponential")]
+    base = SpeedLaw(family.body, family.thresholds[LEVEL], tail)
+    return {
+        "reckless drivers": TwoKindsOfDrivers(family, base, share=0.002, nearer=0.5, faster=1.9),
+        "two regions": TwoKindsOfDrivers(family, base, share=0.3, nearer=0.8, faster=1.35),
+        "host speed limit": HostSpeedLimit(family, base),
+        "bent tail": Smooth(family, replace(base, tail=replace(tail, shape=Bent()))),
+        "local habit": LocalHabit(family, base),
+        "few drivers": FewDrivers(family, base),
+    }
