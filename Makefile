@@ -10,7 +10,7 @@ RULES := Snakefile workflow benchmarks/samplers/Snakefile benchmarks/samplers/ve
 SAMPLERS := snakemake --snakefile benchmarks/samplers/Snakefile --cores $(CORES)
 VEHICLES := snakemake --snakefile benchmarks/samplers/vehicles.smk --cores $(CORES)
 WORLDS := snakemake --snakefile benchmarks/worlds/Snakefile --cores $(CORES)
-MOTORWAY := snakemake --snakefile benchmarks/motorway/Snakefile --cores $(CORES)
+MOTORWAY := snakemake --snakefile benchmarks/motorway/Snakefile --cores $(CORES) $(if $(SETTINGS),--config settings=$(SETTINGS))
 REPEATED := snakemake --snakefile benchmarks/claims/Snakefile --cores $(CORES)
 CLAIMS ?=
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
@@ -72,7 +72,7 @@ claims: $(ENVIRONMENT) ## repeat every claim of the README with other random num
 	$(REPEATED) -- $(or $(CLAIMS),claims)
 	python benchmarks/claims/settle.py $(CLAIMS)
 
-world: $(ENVIRONMENT) ## crashes counted on a simulated motorway, and predicted; half an hour, resumable; installs Eclipse SUMO
+world: $(ENVIRONMENT) ## crashes counted on a simulated motorway, and predicted; half an hour, resumable; installs Eclipse SUMO [SETTINGS=my.yaml]
 	python -m pip install --quiet --require-hashes -r benchmarks/motorway/environment.txt
 	$(MOTORWAY)
 

@@ -1,50 +1,65 @@
 """The motorway whose crashes are counted: hosts behind known courses, settings, and a few minutes of SUMO."""
 
 import sys
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
-from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.laws.motion import MOTIONS
+from accelerated_evaluation.laws.motion.recorded import recorded_courses
+from accelerated_evaluation.publishing.readme import with_tables
+from accelerated_evaluation.records.sources import SOURCES
+from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.vehicles import load_vehicle
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "benchmarks" / "motorway"))
 
-from count import HOSTS, counted, crashes, lead_speeds, summed  # noqa: E402
-from traffic import NAMES, SAMPLED, Motorway, drive, settings  # noqa: E402
+import chain  # noqa: E402
+from calibration import REFERENCES, calibration, traffic_row  # noqa: E402
+from count import counted, crashes, summed  # noqa: E402
+from figure import draw  # noqa: E402
+from hosts import HOSTS, encounters_of  # noqa: E402
+from recording import RULES, compared, write_recording  # noqa: E402
+from settings import Motorway, read_settings  # noqa: E402
+from tables import TABLES  # noqa: E402
+from traffic import CAR, LENGTH, LORRY, NAMES, RATE, Part, Trajectories, run_sumo, simulate  # noqa: E402
 
-TIMES = np.arange(51) * SAMPLED
+TIMES = np.arange(1, 41) / RATE
+CONSTANT = {"constant": MOTIONS["constant"]()}
 
 
 def cut_ins(size: int, seed: int = 5) -> pd.DataFrame:
     generator = np.random.default_rng(seed)
-    columns = generator.uniform((5, 1, -5), (35, 60, 20), (size, 3))
-    table = pd.DataFrame(columns, columns=list(NAMES)).assign(seen=10.0)
-    return table[table["lead_speed"] + table["closing_speed"] > 0]
+    table = pd.DataFrame(generator.uniform((5, 1, -5), (35, 60, 20), (size, 3)), columns=list(NAMES))
+    return table[table["lead_speed"] + table["closing_speed"] > 0].reset_index(drop=True)
 
 
-def with_courses(table: pd.DataFrame, courses: np.ndarray) -> pd.DataFrame:
-    names = [f"speed_{index:03d}" for index in range(courses.shape[1])]
-    return table.reset_index(drop=True).join(pd.DataFrame(courses, columns=names))
+def with_courses(table: pd.DataFrame, acceleration: float) -> pd.DataFrame:
+    """Add courses of other cars that keep an acceleration [m/s^2] until they stop."""
+    courses = np.maximum(table[["lead_speed"]].to_numpy() + acceleration * TIMES, 0)
+    return table.join(
+        pd.DataFrame(courses, columns=[f"speed_{time:.1f}" for time in TIMES], index=table.index)
+    )
 
 
-@pytest.mark.parametrize("host", HOSTS)
-def test_behind_a_constant_speed_a_host_crashes_as_the_snapshot_predicts(host):
-    name, parameters = HOSTS[host]
-    car, table = load_vehicle(name, **parameters), cut_ins(4000)
-    courses = np.tile(table[["lead_speed"]].to_numpy(), TIMES.size)
+def test_behind_a_constant_speed_hosts_crash_as_the_snapshot_predicts():
     generator = np.random.default_rng(1)
-    found = crashes(car, with_courses(table, courses), MOTIONS["constant"](), generator)
-    assert 100 < found["counted"].sum() < 3900
+    found = crashes(with_courses(cut_ins(4000), 0), CONSTANT, generator)
+    assert set(found["host"]) == set(HOSTS)
+    assert (found.groupby("host")["counted"].sum() > 100).all()
+    humans = found[found["host"] == "human"]  # each time another driver
+    assert humans["counted"].mean() == pytest.approx(humans["snapshot"].mean(), abs=0.03)
+    found = found[found["host"] != "human"]
     np.testing.assert_array_equal(found["counted"], found["snapshot"])
-    np.testing.assert_array_equal(found["motion"], found["snapshot"])
-    braking = with_courses(table, np.maximum(courses - 3 * TIMES, 0))
-    other = crashes(car, braking, MOTIONS["ngsim"](), generator)
+    np.testing.assert_array_equal(found["constant"], found["snapshot"])
+    other = crashes(with_courses(cut_ins(1000), -3), {"ngsim": MOTIONS["ngsim"]()}, generator)
     assert (other["counted"] != other["snapshot"]).sum() > 50
-    assert np.any((other["motion"] > 0) & (other["motion"] < 1))
+    assert other["ngsim"].between(0.1, 0.9).any()
 
 
 def test_behind_a_braking_car_a_host_that_does_nothing_crashes_where_the_formula_says_so():
@@ -55,41 +70,128 @@ def test_behind_a_braking_car_a_host_that_does_nothing_crashes_where_the_formula
     gap = table["range"] - table["closing_speed"] * end - brake * end**2 / 2
     expected = (gap <= 0).to_numpy()
     assert 50 < expected.sum() < len(table) - 5
-    braking = with_courses(table, table[["lead_speed"]].to_numpy() - brake * TIMES)
-    found = car.simulate_moving(*(table[name] for name in NAMES), lead_speeds(braking)).crash
-    np.testing.assert_array_equal(found, expected)
+    courses = recorded_courses(with_courses(table, -brake))
+    np.testing.assert_array_equal(car.simulate_moving(*encounters_of(table), courses).crash, expected)
 
 
 def test_a_car_that_has_left_the_lane_is_not_hit():
     car = load_vehicle("acc_only", kp=0.0, ki=0.0)
     table = pd.DataFrame({"lead_speed": [20.0] * 2, "range": [20.0] * 2, "closing_speed": [10.0] * 2})
-    table = with_courses(table.assign(seen=[1.6, 2.4]), np.full((2, TIMES.size), 20.0))
-    found = car.simulate_moving(*(table[name] for name in NAMES), lead_speeds(table)).crash
+    table = with_courses(table, 0)
+    table.loc[0, [f"speed_{time:.1f}" for time in TIMES if time > 1.6]] = np.nan
+    found = car.simulate_moving(*encounters_of(table), recorded_courses(table)).crash
     np.testing.assert_array_equal(found, [False, True])  # the hosts would arrive after 2 s
 
 
 def test_counts_of_cells_add_up():
-    table = cut_ins(3000)
-    table = with_courses(table, np.maximum(table[["lead_speed"]].to_numpy() - 4 * TIMES, 0))
+    table = with_courses(cut_ins(3000), -4)
     generator = np.random.default_rng(2)
-    one = counted(table, generator).drop(columns="motion")
-    both = summed([counted(part, generator) for part in (table.iloc[:1500], table.iloc[1500:])])
+    whole = summed([counted(table, CONSTANT, generator)])
+    both = summed([counted(part, CONSTANT, generator) for part in (table.iloc[:1500], table.iloc[1500:])])
     keys = ["host", "gap", "range_from"]
-    one, both = (each.sort_values(keys).reset_index(drop=True) for each in (one, both))
-    pd.testing.assert_frame_equal(both[list(one.columns)], one)
+    one, two = (each.sort_values(keys).reset_index(drop=True) for each in (whole, both))
     assert (one.groupby("host")["cut_ins"].sum() == len(table)).all()
-    enough = both[both["counted"] >= 10]
+    one, two = (each[each["host"] != "human"].reset_index(drop=True) for each in (one, two))
+    pd.testing.assert_frame_equal(one, two)
+    enough = one[one["counted"] >= 10]
     assert len(enough) > 3
     expected = enough["snapshot"] / enough["counted"]
     np.testing.assert_allclose(enough["snapshot_to_counted"], expected, atol=5e-4)
 
 
+def test_the_figure_has_every_cell_with_a_crash():
+    table = summed([counted(with_courses(cut_ins(2000), -4), CONSTANT, np.random.default_rng(3))])
+    table = table.assign(ngsim=table["snapshot"], recorded=table["snapshot"])
+    _, data = draw(table)
+    assert len(data) == (table["counted"] > 0).sum() > 4
+    assert ((data["low95"] < data["counted"]) & (data["counted"] < data["high95"])).all()
+
+
+def test_the_chain_predicts_the_crashes_of_a_known_world(monkeypatch):
+    """All cut-ins are of one population, so that the interval should contain a count of thousands of them."""
+    monkeypatch.setattr(chain, "DRAWS", 20)
+    monkeypatch.setattr(chain, "CUT_INS", 1000)
+    monkeypatch.setattr(chain, "MEMBERS", chain.members_at(()))
+    monkeypatch.setattr(chain, "score_family", partial(chain.score_family, blocks=2))
+    generator = np.random.default_rng(4)
+    size = 4000
+    range_ = generator.uniform(10, 70, size)
+    columns = {"lead_speed": generator.uniform(10, 30, size), "range": range_}
+    table = pd.DataFrame(columns | {"closing_speed": generator.exponential(0.06 * range_)})
+    table = with_courses(table, -1.5)
+    found = chain.chain(table.iloc[:500], table.iloc[500:], generator).set_index(["host", "prediction"])
+    moving = found.xs("recorded", level="prediction")
+    assert (moving["counted"] > 20).sum() >= 2
+    often = moving[moving["counted"] > 20]
+    assert often["counted"].between(0.8 * often["low95"], 1.2 * often["high95"]).all()
+    # A constant lead speed would be the wrong chain.
+    still = found.xs("snapshot", level="prediction").loc[often.index]
+    assert (still["median"] < 0.8 * often["counted"]).any()
+
+
+def trajectories() -> Trajectories:
+    """Return a lorry, two cars that cut in, one of them for 2 s, and cars that they cut in on; at 20 m/s."""
+    frames = np.arange(100)
+    cars = [  # begin [m], lane in each frame, speed [m/s], length [m]
+        (100, np.zeros(100), 20, CAR),
+        (150, np.where(frames < 20, 1, 0), 20, CAR),
+        (100, np.full(100, 2), 25, CAR),
+        (160, np.where((frames >= 20) & (frames < 30), 2, 1), 20, CAR),
+        (60, np.full(100, 1), 20, LORRY),
+    ]
+    parts = [
+        (np.full(100, number), frames, lane, begin + speed * frames / RATE, np.full(100, speed), length)
+        for number, (begin, lane, speed, length) in enumerate(cars)
+    ]
+    columns = [np.concatenate([np.broadcast_to(part[k], 100) for part in parts]) for k in range(6)]
+    whole = [column.astype(np.int64) for column in columns[:3]]
+    return Trajectories(*whole, *(column.astype(float) for column in columns[3:]), collisions=0)
+
+
+def test_cut_ins_of_known_trajectories():
+    table = trajectories().cut_ins()
+    assert table[["time", "vehicle", "host"]].to_numpy().tolist() == [[4, 1, 0], [4, 3, 2]]
+    np.testing.assert_allclose(table["range"], [50 - CAR, 60 - 5 * 4 - CAR])
+    np.testing.assert_allclose(table["closing_speed"], [0, 5])
+    assert table["counts"].all()
+    courses = table.filter(like="speed_").drop(columns=["lead_speed", "closing_speed"], errors="ignore")
+    assert courses.notna().sum(axis=1).tolist() == [40, 9]
+
+
+def test_extract_finds_the_cut_ins_of_a_recording(tmp_path):
+    found = trajectories()
+    write_recording(tmp_path / "recording", found)
+    for rule in RULES:
+        data = load([tmp_path / "recording" / f"{rule}.yaml"])["data"]
+        extracted = SOURCES["highd"].read(data["highd"])
+        records, row = compared(found.cut_ins(), extracted)
+        assert (row["recall"], row["false"], len(records)) == (1, 0, 2)
+        assert row["difference"] < 1e-3
+    _, row = compared(found.cut_ins().iloc[:1], extracted)
+    assert row["false"] == 0.5
+
+
+def test_the_statistics_of_traffic():
+    found = trajectories()
+    row = traffic_row(found, found.cut_ins())
+    assert row["kilometres"] == pytest.approx((4 * 20 + 25) * 100 / RATE / 1000)
+    assert row["lane_changes_per_km"] == pytest.approx(3 / row["kilometres"])
+    assert (row["drops_above_3"], row["windows"], row["followed"]) == (0, 15, 1)
+    table = calibration(pd.DataFrame([row, row]))
+    assert len(table) == len(REFERENCES)
+    assert not table["within"].all()
+
+
 @pytest.mark.parametrize(
     ("text", "seen"),
     [
-        ("flow: -1", "-1"),
-        ("headway: [0.5]", r"\[0.5\]"),
-        ("lanes: 2", "'lanes'"),
+        ("flow: -1", "mine.yaml, flow: seen -1; expected a number from 1 to 30000, such as 6500"),
+        ("headway: [0.5]", r"headway: seen \[0.5\]; expected two numbers in increasing order"),
+        ("headway: [1.2, 0.5]", "two numbers in increasing order, both from 0.1 to 10"),
+        ("worlds: 2.5", "a whole number from 1 to 1000"),
+        ("truck_share: true", "truck_share: seen True"),
+        ("speed_limit: .nan", "speed_limit: seen nan"),
+        ("road: 2", "'road'; expected settings of a motorway: worlds, hours"),
         ("[1, 2]", r"\[1, 2\]"),
         ("a: [", "while parsing"),
     ],
@@ -97,19 +199,58 @@ def test_counts_of_cells_add_up():
 def test_settings_that_no_motorway_has(tmp_path, text, seen):
     (tmp_path / "mine.yaml").write_text(text)
     with pytest.raises(InputError, match=seen):
-        settings(str(tmp_path / "mine.yaml"))
+        read_settings(str(tmp_path / "mine.yaml"))
+
+
+def test_the_tables_of_the_readme_are_those_of_the_results():
+    path = ROOT / "benchmarks" / "README.md"
+    assert with_tables(path, TABLES) == path.read_text(encoding="utf-8")
 
 
 def test_settings_are_read(tmp_path):
-    (tmp_path / "mine.yaml").write_text("flow: 5000\nheadway: [0.5, 1.1]\n")
-    assert settings(str(tmp_path / "mine.yaml")) == Motorway(flow=5000, headway=(0.5, 1.1))
+    path = tmp_path / "mine.yaml"
+    path.write_text("flow: 5000\nheadway: [0.5, 1.1]\n")
+    expected = Motorway(flow=5000, headway=(0.5, 1.1), hours=0.5)
+    assert read_settings(str(path), {"hours": 0.5}) == expected
+    path.write_text("")
+    assert read_settings(str(path)) == Motorway()
+    assert read_settings(str(ROOT / "benchmarks/motorway/settings.yaml")) == Motorway()
 
 
-def test_a_motorway_of_sumo_has_cut_ins(tmp_path):
-    pytest.importorskip("libsumo", reason="Eclipse SUMO is not installed; see benchmarks/README.md")
-    table, traffic = drive(Motorway(), tmp_path, seed=1, hours=0.02)
+def test_parts_of_a_world_have_the_same_drivers_and_other_seeds():
+    one, two, other = Part(1, 0, 0, 1.0), Part(1, 0, 1, 1.0), Part(1, 1, 0, 1.0)
+    assert one.drivers.random() == two.drivers.random() != other.drivers.random()
+    assert len({one.seed, two.seed, other.seed}) == 3
+
+
+@pytest.mark.parametrize(
+    ("script", "message"),
+    [
+        ("kill -9 $$", "sumo of Eclipse SUMO ended with status -9. .*Run the same command again"),
+        ("echo Error: no road >&2; exit 1", "ended with status 1: Error: no road"),
+    ],
+)
+def test_a_simulation_that_is_killed_ends_with_one_message(tmp_path, monkeypatch, script, message):
+    (tmp_path / "bin").mkdir()
+    program = tmp_path / "bin" / "sumo"
+    program.write_text(f"#!/bin/sh\n{script}\n")
+    program.chmod(0o755)
+    monkeypatch.setitem(sys.modules, "sumo", SimpleNamespace(SUMO_HOME=tmp_path))
+    with pytest.raises(StudyError, match=message):
+        run_sumo("sumo")
+
+
+def test_without_sumo_the_message_says_how_to_install_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "sumo", None)
+    with pytest.raises(InputError, match="no Eclipse SUMO; expected the package eclipse-sumo"):
+        simulate(Motorway(), Part(1, 0, 0, 0.01))
+
+
+def test_a_motorway_of_sumo_has_cut_ins():
+    pytest.importorskip("sumo", reason="Eclipse SUMO is not installed; see benchmarks/README.md")
+    found = simulate(Motorway(), Part(1, 0, 0, 0.02))
+    table = found.cut_ins()
     assert len(table) > 50
-    assert traffic["kilometres"].item() > 100
     assert (table["range"] > 0).all()
-    assert table["seen"].between(0, 10).all()
-    np.testing.assert_allclose(table["speed_000"], table["lead_speed"], rtol=1e-6)
+    assert found.front.max() < LENGTH + 50
+    assert recorded_courses(table.query("counts")).min() >= 0

@@ -1,0 +1,91 @@
+"""A recording of the motorway in the format of highD, and whether ``extract`` finds the cut-ins in it.
+
+``write`` simulates a part of a world, and writes its trajectories, the list of its cut-ins, and
+configurations for ``accelerated-evaluation extract``. ``compare`` compares the list with what was found.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from accelerated_evaluation.base.files import atomic_path, write_csv, write_text
+from traffic import CAR, NAMES, RATE, Trajectories, add_part, named_part, run_command, simulate
+
+TRACKS = ("frame", "id", "x", "width", "xVelocity", "followingId", "laneId")  # the columns that are read
+STUDY = "data:\n  source: highd\n  highd: {{path: {path}{rule}}}\n"
+# Without the rules that leave out some of the changes of lane; docs/your_records.md explains them.
+RULES = {"default": "", "none": ", settled: 0, rule: {gap: 0.2, absence: 0, stay: 0}"}
+KEYS = ["time", "vehicle"]
+
+
+def write_recording(folder: Path, found: Trajectories) -> None:
+    """Write trajectories in the format of highD; ids begin with 1, as 0 stands for no vehicle."""
+    folder.mkdir(parents=True, exist_ok=True)
+    following = np.where(found.behind < 0, 0, found.vehicle[found.behind] + 1)
+    columns = (found.frame, found.vehicle + 1, found.front - found.length, found.length, found.speed)
+    columns += (following, found.lane + 1)
+    tracks = pd.DataFrame(dict(zip(TRACKS, columns, strict=True)))
+    tracks.to_csv(folder / "01_tracks.csv", index=False, float_format="%.4f")
+    ids, first = np.unique(found.vehicle, return_index=True)
+    kinds = np.where(found.length[first] == CAR, "Car", "Truck")
+    meta = pd.DataFrame({"id": ids + 1, "drivingDirection": 2, "class": kinds})
+    meta.to_csv(folder / "01_tracksMeta.csv", index=False)
+    pd.DataFrame({"id": [1], "frameRate": [RATE]}).to_csv(folder / "01_recordingMeta.csv", index=False)
+    for name, rule in RULES.items():
+        write_text(folder / f"{name}.yaml", STUDY.format(path=folder, rule=rule))
+
+
+def compared(known: pd.DataFrame, found: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, float]]:
+    """Compare the cut-ins that were found with those of the world.
+
+    Returns
+    -------
+    records : pandas.DataFrame
+        The cut-ins that were found and can be followed, with the courses of the other cars.
+    row : dict
+        ``known``, ``found``, how many are in both, ``recall``, ``false``, the share of those that were found
+        and are not known, and ``difference``, the largest one of a lead speed [m/s], range [m] or closing
+        speed [m/s].
+    """
+    found = found.assign(vehicle=found["vehicle"] - 1)
+    both = known.merge(found[[*KEYS, *NAMES]], on=KEYS, suffixes=("_known", ""))
+    differences = [(both[name] - both[f"{name}_known"]).abs().max() for name in NAMES]
+    row = {"known": len(known), "found": len(found), "both": len(both), "recall": len(both) / len(known)}
+    row |= {"false": 1 - len(both) / len(found), "difference": max(differences)}
+    return both[both["counts"]].drop(columns=["counts", *(f"{name}_known" for name in NAMES)]), row
+
+
+def main() -> None:
+    """Write a recording, or compare what was found in it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    commands = parser.add_subparsers(required=True, dest="command")
+    write = commands.add_parser("write", help="simulate, and write the recording")
+    add_part(write)
+    write.add_argument("folder", type=Path, help="of the recording")
+    write.add_argument("known", help="Parquet file of the cut-ins of the world")
+    compare = commands.add_parser("compare", help="compare the list of the world with what was found")
+    compare.add_argument("--world", type=int, required=True, help="number of the world")
+    compare.add_argument("--known", required=True, help="Parquet file that write has written")
+    compare.add_argument("--found", nargs=len(RULES), required=True, help=f"by the rules {', '.join(RULES)}")
+    compare.add_argument("--records", required=True, help="Parquet file of the cut-ins found by the default")
+    compare.add_argument("--output", required=True, help="CSV file of the comparison")
+    arguments = parser.parse_args()
+    if arguments.command == "write":
+        found = simulate(*named_part(arguments))
+        write_recording(arguments.folder, found)
+        with atomic_path(arguments.known) as temporary:
+            found.cut_ins().to_parquet(temporary, index=False)
+        return
+    known, found = pd.read_parquet(arguments.known), map(pd.read_parquet, arguments.found)
+    results = [compared(known, each) for each in found]
+    with atomic_path(arguments.records) as temporary:
+        results[0][0].to_parquet(temporary, index=False)
+    rows = [
+        {"world": arguments.world, "rule": rule} | row for rule, (_, row) in zip(RULES, results, strict=True)
+    ]
+    write_csv(arguments.output, pd.DataFrame(rows))
+
+
+if __name__ == "__main__":
+    run_command(main)

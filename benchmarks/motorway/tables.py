@@ -1,0 +1,49 @@
+"""The tables of the simulated motorway in benchmarks/README.md, made from benchmarks/results.
+
+``python benchmarks/motorway/tables.py`` updates them.
+"""
+
+import pandas as pd
+from accelerated_evaluation.publishing.readme import ROOT, Table, markdown, update
+
+RESULTS = ROOT / "benchmarks" / "results"
+README = ROOT / "benchmarks" / "README.md"
+COMMAND = "python benchmarks/motorway/tables.py"
+
+
+def calibration_table(calibration: pd.DataFrame) -> str:
+    """Return the statistics of the traffic next to those of NGSIM."""
+    headings = ("statistic", "NGSIM", "limits", "reason", "motorway", "smallest and largest hour", "within")
+    table = [
+        (
+            row.statistic,
+            row.ngsim,
+            f"{row.low:g} to {row.high:g}",
+            row.limits,
+            f"{row.motorway:.3g}",
+            f"{row.smallest_part:.3g} to {row.largest_part:.3g}",
+            "yes" if row.within else "no",
+        )
+        for row in calibration.itertuples()
+    ]
+    return markdown(headings, table)
+
+
+def extraction_table(extraction: pd.DataFrame) -> str:
+    """Return how many cut-ins of the recordings the command extract finds."""
+    headings = ("rule", "cut-ins of the worlds", "found", "recall", "false", "largest difference")
+    table = []
+    for rule, rows in extraction.groupby("rule", sort=False):
+        known, found, both = (rows[name].sum() for name in ("known", "found", "both"))
+        shares = (f"{both / known:.1%}", f"{1 - both / found:.1%}", f"{rows['difference'].max():.1e}")
+        table.append((rule, f"{known:,}", f"{found:,}", *shares))
+    return markdown(headings, table)
+
+
+TABLES = {
+    "motorway_calibration": Table(README, RESULTS / "motorway_calibration.csv", calibration_table, COMMAND),
+    "motorway_extraction": Table(README, RESULTS / "motorway_extraction.csv", extraction_table, COMMAND),
+}
+
+if __name__ == "__main__":
+    update(TABLES)
