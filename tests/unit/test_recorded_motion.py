@@ -6,6 +6,7 @@ import pytest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.motion import MOTIONS, STATES, STEP, draw_lead_speeds
 from accelerated_evaluation.laws.motion.recorded import AWAY, NAMES, Recorded, recorded_courses
+from accelerated_evaluation.vehicles.lead_motion import lead_speeds_of
 
 TIMES = STEP * np.arange(STATES)
 SIZE, NOISE = 4000, 0.5
@@ -91,6 +92,8 @@ def test_courses_in_a_file_are_a_law(tmp_path):
     rows.to_parquet(tmp_path / "courses.parquet")
     motion = MOTIONS["recorded"].read(tmp_path / "courses.parquet")
     np.testing.assert_allclose(motion.courses, courses, atol=1e-9)
+    drawn = lead_speeds_of(str(tmp_path / "courses.parquet"), np.array([25, 20, 1]), np.random.default_rng(5))
+    assert np.abs(courses - courses[:, :1] - (drawn - 25)).max(axis=1).min() < 1e-9
 
 
 @pytest.mark.parametrize(

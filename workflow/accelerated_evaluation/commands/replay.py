@@ -57,8 +57,9 @@ class Replay:
         command.add_argument(
             "--motion",
             metavar="MOTION",
-            help="of a cut-in, the lead speed over time: ngsim, drawn with the statistics of NGSIM, or a "
-            "table with columns time_s, from 0 to 8, and lead_speed_m_per_s (default: constant)",
+            help="of a cut-in, the lead speed over time: ngsim, drawn with the statistics of NGSIM; a CSV "
+            "table with columns time_s, from 0 to 8, and lead_speed_m_per_s; or a Parquet table of recorded "
+            "cut-ins with courses, of which a similar one is drawn (default: constant)",
         )
         add_seed(command)
         add_scenario(command)

@@ -20,8 +20,9 @@ def lead_speeds_of(text: str, encounter: Array, generator: np.random.Generator) 
     Parameters
     ----------
     text
-        Name of a law of lead motion, or a CSV file with the columns ``time_s``, from 0 to 8 s or more, and
-        ``lead_speed_m_per_s``. Speeds in between are interpolated.
+        Name of a law of lead motion; or a CSV file with the columns ``time_s``, from 0 to 8 s or more, and
+        ``lead_speed_m_per_s``, between which speeds are interpolated; or a Parquet file of recorded cut-ins
+        with courses, for the law `recorded`.
     encounter
         Lead speed [m/s], range [m] and closing speed [m/s], shape (3,).
     generator
@@ -35,14 +36,18 @@ def lead_speeds_of(text: str, encounter: Array, generator: np.random.Generator) 
     """
     if text.endswith(".csv"):
         return _read(Path(text))
-    if text not in DRAWN:
+    if text.endswith(".parquet"):
+        motion = MOTIONS["recorded"].read(text)
+    elif text in DRAWN:
+        motion = MOTIONS[text]()
+    else:
         raise InputError(
             "--motion",
             seen=repr(text),
-            expected=f"{' or '.join(DRAWN)}, or a file that ends in .csv",
+            expected=f"{' or '.join(DRAWN)}, or a file that ends in .csv or .parquet",
             change="Name one of these.",
         )
-    return draw_lead_speeds(MOTIONS[text](), np.reshape(encounter, (3, 1)), generator)[0]
+    return draw_lead_speeds(motion, np.reshape(encounter, (3, 1)), generator)[0]
 
 
 def _read(path: Path) -> Array:
