@@ -62,7 +62,7 @@ def probabilities(records: pd.DataFrame, generator: np.random.Generator) -> pd.D
         A row for each host and draw: ``host``, ``snapshot``, with a constant lead speed, and ``recorded``,
         with lead motion.
     """
-    weighted = score_family(DistinctRecords.of(records), MEMBERS).weighted(generator, DRAWS)
+    weighted = WeightedLaws.drawn(score_family(DistinctRecords.of(records), MEMBERS), generator, DRAWS)
     constant, cars, rows = MOTIONS["constant"](), hosts(generator), []
     for cut_ins in drawn_cut_ins(weighted, generator):
         again = records.sample(frac=1, replace=True, random_state=generator)
