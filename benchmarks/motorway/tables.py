@@ -9,6 +9,21 @@ from accelerated_evaluation.publishing.readme import ROOT, Table, markdown, upda
 RESULTS = ROOT / "benchmarks" / "results"
 README = ROOT / "benchmarks" / "README.md"
 COMMAND = "python benchmarks/motorway/tables.py"
+PREDICTIONS = ("snapshot", "ngsim", "recorded")
+
+
+def counts_table(counts: pd.DataFrame) -> str:
+    """Return counted and predicted crashes by host and sign of the closing speed."""
+    headings = ("host", "gap", "cut-ins", "counted", *PREDICTIONS)
+    headings += ("cells with 10 crashes or more", *(f"{name} within a factor of 2" for name in PREDICTIONS))
+    table = []
+    for (host, gap), cells in counts.groupby(["host", "gap"], sort=False):
+        sums = cells[["cut_ins", "counted", *PREDICTIONS]].sum()
+        ratios = cells[[f"{name}_to_counted" for name in PREDICTIONS]].dropna()
+        near = ((ratios >= 0.5) & (ratios <= 2)).sum()
+        numbers = (f"{value:,.0f}" for value in (*sums, len(ratios)))
+        table.append((host, gap, *numbers, *(f"{count}" if len(ratios) else "–" for count in near)))
+    return markdown(headings, table)
 
 
 def calibration_table(calibration: pd.DataFrame) -> str:
@@ -41,6 +56,7 @@ def extraction_table(extraction: pd.DataFrame) -> str:
 
 
 TABLES = {
+    "motorway": Table(README, RESULTS / "motorway.csv", counts_table, COMMAND),
     "motorway_calibration": Table(README, RESULTS / "motorway_calibration.csv", calibration_table, COMMAND),
     "motorway_extraction": Table(README, RESULTS / "motorway_extraction.csv", extraction_table, COMMAND),
 }
