@@ -70,7 +70,9 @@ class Human:
     delay
         Time [s] after which a driver who has responded sees a change of the lead speed. By default there is
         none, as for the reference drivers: a driver who watches the other car. An assumption, which only
-        matters if the lead vehicle changes its speed.
+        matters if the lead vehicle changes its speed. With the motion of NGSIM the crash probability of the
+        default study is 1.4 times as large as with a constant lead speed; with a delay of .35 s it is 1.9
+        times, and with .7 s 11 times as large (standard errors .05, .2 and 2).
     swerves
         If false, no driver swerves.
     certain
