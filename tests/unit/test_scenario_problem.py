@@ -56,7 +56,8 @@ def test_methods_of_normal_scores_cover_the_exact_probability(name):
     assert all(estimate.converged for estimate in found)
     needed = binom.ppf(1e-3, len(found), 0.8)
     assert sum(estimate.covers(EXACT) for estimate in found) >= needed
-    assert sum(estimate.covers(2 * EXACT) for estimate in found) < needed
+    wrong = 3 if name == "crude" else 2  # its intervals are twice as wide
+    assert sum(estimate.covers(wrong * EXACT) for estimate in found) < needed
 
 
 def test_a_mixture_without_the_right_ratio_misses_the_probability(monkeypatch):
