@@ -7,7 +7,7 @@ import pandas as pd
 from accelerated_evaluation.answer.calibration import CLOSING, strips
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.publishing.tables.formats import reproducible
-from summarise import COVERAGES, limits
+from summarise_worlds import COVERAGES, limits
 
 LEVEL = 0.05  # of the test whether any cell has too few or too many records
 

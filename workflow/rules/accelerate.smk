@@ -4,15 +4,6 @@
 # accelerated distributions of all segments, and the trace of every iteration.
 
 
-def searched(suffix, *methods):
-    """Files that the searches of some methods give, one for each seed."""
-    return [
-        result("cross_entropy", f"{method}_{seed}{suffix}")
-        for method in methods
-        for seed in SEEDS
-    ]
-
-
 rule search_proposals:
     """Search the accelerated distributions of one method from every seed, segment by segment.
 

@@ -109,6 +109,15 @@ def benchmark_of(*parts: str) -> str:
     return str(RESULTS.joinpath("benchmarks", *parts))
 
 
+def searched(suffix, *methods):
+    """Files that the searches of some methods give, one for each seed."""
+    return [
+        result("cross_entropy", f"{method}_{seed}{suffix}")
+        for method in methods
+        for seed in SEEDS
+    ]
+
+
 def estimates_of(table):
     """Files of a table that the methods give: of all methods, if all have it."""
     suffix = "" if table == "estimates" else f"_{table}"
