@@ -21,8 +21,8 @@ sys.path.append(str(ROOT / "benchmarks" / "motorway"))
 
 import chain  # noqa: E402
 from calibration import REFERENCES, calibration, traffic_row  # noqa: E402
+from cells import draw  # noqa: E402
 from count import counted, crashes, summed  # noqa: E402
-from figure import draw  # noqa: E402
 from hosts import HOSTS, encounters_of  # noqa: E402
 from recording import RULES, compared, write_recording  # noqa: E402
 from settings import Motorway, read_settings  # noqa: E402

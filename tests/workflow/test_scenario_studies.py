@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 MINIATURE = """
 study: {0}
-scenario: {{name: {0}, draws: 20, simulations: 2000}}
+scenario: {{name: {0}, draws: 20, simulations: 60000}}
 importance_sampling: {{replicates: 1, beta: 0.5, minimum_events: 5}}
 surrogate: {{replicates: 1, maximum_calls: 100}}
 """

@@ -1,5 +1,7 @@
 """Compare a slow vehicle with references whose maps are known, and the laws with the records."""
 
+from functools import partial
+
 import pandas as pd
 from accelerated_evaluation.answer.averaged import posterior_of
 from accelerated_evaluation.answer.calibration_table import calibration_table
@@ -21,18 +23,14 @@ if __name__ == "__main__":
         files, params, outputs = snakemake.input, snakemake.params, snakemake.output
         encounters = read_encounters(files.encounters)
         records = DistinctRecords.of(encounters, Support.of(params.support))
-        scored = read_family(files.family, records)
-        weighted = WeightedLaws.drawn(scored, child_generator(params.seed, "laws", "weigh"), params.draws)
+        stream = partial(child_generator, params.seed, "laws")
+        weighted = WeightedLaws.drawn(read_family(files.family, records), stream("weigh"), params.draws)
         draws, known = read_law(files.law, encounters).draws, pd.read_csv(files.draws)
         own = posterior_of(known) if len(known) else None
         with all_loaded(params.vehicles, params.simulations | {"workers": 1}) as vehicles:
             references = {
                 name: Reference.of(
-                    vehicles[name],
-                    read_crash_map(path),
-                    records,
-                    draws,
-                    child_generator(params.seed, "laws", "references", name),
+                    vehicles[name], read_crash_map(path), records, draws, stream("references", name)
                 )
                 for name, path in zip(vehicles, files.get("maps", []), strict=True)
             }
