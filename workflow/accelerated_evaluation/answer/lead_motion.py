@@ -28,8 +28,8 @@ from accelerated_evaluation.laws.motion import LARGEST_WEIGHT, LeadMotion, draw_
 from accelerated_evaluation.laws.smooth.conditional import SpeedLaw
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
-from accelerated_evaluation.vehicles.builtin.moving import MovingVehicle, simulate_motion
 from accelerated_evaluation.vehicles.events import CRASH
+from accelerated_evaluation.vehicles.moving import MovingVehicle, simulate_motion
 from accelerated_evaluation.vehicles.protocol import RandomVehicle, simulate_inner
 
 # [m/s], by which a motion may lower the smallest closing speed that crashes, for the choice of places.

@@ -12,7 +12,7 @@ from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.laws.motion.ngsim import Ngsim
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
-from accelerated_evaluation.vehicles.builtin.moving import takes_motion
+from accelerated_evaluation.vehicles.moving import takes_motion
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 FEWEST = 30  # opening cut-ins that stand for their population

@@ -23,9 +23,9 @@ from accelerated_evaluation.laws.motion import COURSE_COLUMN
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import ENDED, Scenario
-from accelerated_evaluation.vehicles.builtin.moving import require_motion, speeds_in
 from accelerated_evaluation.vehicles.external.apart import run_apart
 from accelerated_evaluation.vehicles.loading import load_vehicle
+from accelerated_evaluation.vehicles.moving import require_motion, speeds_in
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 CHUNK = 100_000  # rows in memory at a time

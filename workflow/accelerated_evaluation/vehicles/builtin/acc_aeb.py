@@ -1,8 +1,8 @@
 """The car of the study: adaptive cruise control (ACC) with autonomous emergency braking (AEB)."""
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
-import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
@@ -12,9 +12,9 @@ from accelerated_evaluation.scenarios.compiled import available_threads, simulat
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.parameters import parameter_error
 from accelerated_evaluation.vehicles.builtin.kernel import STEP, Car, simulate_moving, simulate_slice
-from accelerated_evaluation.vehicles.builtin.moving import checked_lead_speeds, checked_motion
 from accelerated_evaluation.vehicles.builtin.traces import trace_car
 from accelerated_evaluation.vehicles.checks import checked_encounters
+from accelerated_evaluation.vehicles.moving import CompiledVehicle, checked_motion
 from accelerated_evaluation.vehicles.protocol import Outcomes
 from accelerated_evaluation.vehicles.registry import VEHICLES
 
@@ -26,7 +26,7 @@ V60_TTC = (0.86, 0.91)  # [s]
 
 @VEHICLES.add("acc_aeb")
 @dataclass(frozen=True)
-class AccAeb(AccAebParameters):
+class AccAeb(AccAebParameters, CompiledVehicle):
     """A car with ACC, and with AEB unless ``aeb`` is false; the defaults are the authors' published car.
 
     A proportional-integral ACC on the time headway, an AEB triggered by the time to collision (TTC), and an
@@ -45,6 +45,8 @@ class AccAeb(AccAebParameters):
     InputError
         If a parameter is not a finite number in its range.
     """
+
+    moving_kernel: ClassVar = staticmethod(simulate_moving)
 
     top_start_speed: float = 35.0
 
@@ -87,29 +89,6 @@ class AccAeb(AccAebParameters):
         """
         encounters = checked_encounters(lead_speed, range_, closing_speed)
         return simulate_encounters(self, encounters, threads=available_threads())
-
-    def simulate_moving(
-        self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, lead_speeds: ArrayLike
-    ) -> Outcomes:
-        """Simulate n cut-ins behind lead vehicles that change their speeds.
-
-        Parameters
-        ----------
-        lead_speed, range_, closing_speed
-            As in `simulate`.
-        lead_speeds
-            Lead speeds [m/s] at 0, 0.1, ... s, shape (n, at least 81). The first ones are ``lead_speed``.
-
-        Raises
-        ------
-        InputError
-            As in `simulate`, and if lead speeds are not finite, negative, or too short in time.
-        """
-        encounters = checked_encounters(lead_speed, range_, closing_speed)
-        outcomes = np.empty((4, encounters.shape[1]))
-        speeds = checked_lead_speeds(lead_speeds, encounters[0])
-        simulate_moving(encounters, speeds, self.compiled(), outcomes)
-        return Outcomes(outcomes[0] > 0, *outcomes[1:])
 
     def trace(
         self,

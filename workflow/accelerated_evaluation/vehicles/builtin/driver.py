@@ -4,7 +4,6 @@ import math
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
-import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
@@ -13,16 +12,16 @@ from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.parameters import check_number, parameter_error, zero_or_more
 from accelerated_evaluation.vehicles.builtin.driver_kernel import STEP, follow_moving, follow_slice
 from accelerated_evaluation.vehicles.builtin.driver_numbers import Driver
-from accelerated_evaluation.vehicles.builtin.moving import checked_lead_speeds, checked_motion
 from accelerated_evaluation.vehicles.builtin.traces import trace_driver, trace_moving_driver
 from accelerated_evaluation.vehicles.checks import checked_encounters
+from accelerated_evaluation.vehicles.moving import CompiledVehicle, checked_motion
 from accelerated_evaluation.vehicles.protocol import Outcomes
 
 G = 9.81  # [m/s^2], as JRC-FSM has it
 
 
 @dataclass(frozen=True)
-class ReferenceDriver:
+class ReferenceDriver(CompiledVehicle):
     """A driver model to compare an automated vehicle with.
 
     It behaves as in JRC-FSM, the code of the Joint Research Centre of the European Commission.
@@ -53,6 +52,7 @@ class ReferenceDriver:
     """
 
     deterministic: ClassVar[bool] = True
+    moving_kernel: ClassVar = staticmethod(follow_moving)
 
     lateral_speed: float = zero_or_more(0.0)
     entry_offset: float = 3.5
@@ -109,29 +109,6 @@ class ReferenceDriver:
             CUT_IN, follow_slice, self.compiled(), encounters, threads=available_threads()
         )
 
-    def simulate_moving(
-        self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, lead_speeds: ArrayLike
-    ) -> Outcomes:
-        """Simulate n cut-ins behind lead vehicles that change their speeds.
-
-        Parameters
-        ----------
-        lead_speed, range_, closing_speed
-            As in `simulate`.
-        lead_speeds
-            Lead speeds [m/s] at 0, 0.1, ... s, shape (n, at least 81). The first ones are ``lead_speed``.
-
-        Raises
-        ------
-        InputError
-            As in `simulate`, and if lead speeds are not finite, negative, or too short in time.
-        """
-        encounters = checked_encounters(lead_speed, range_, closing_speed)
-        outcomes = np.empty((4, encounters.shape[1]))
-        speeds = checked_lead_speeds(lead_speeds, encounters[0])
-        follow_moving(encounters, speeds, self.compiled(), outcomes)
-        return Outcomes(outcomes[0] > 0, *outcomes[1:])
-
     def trace(
         self,
         lead_speed: float,
@@ -149,10 +126,6 @@ class ReferenceDriver:
         if speeds is None:
             return trace_driver(self.compiled(), encounter)
         return trace_moving_driver(self.compiled(), encounter, speeds)
-
-    def compiled(self) -> Driver:
-        """Return the numbers that the compiled code needs."""
-        raise NotImplementedError
 
     def _numbers(self, rule: int, reaction_time: float, **numbers: Any) -> Driver:  # noqa: ANN401
         """Return the numbers of a rule together with those that all drivers have.

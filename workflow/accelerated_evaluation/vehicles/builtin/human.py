@@ -15,9 +15,9 @@ from accelerated_evaluation.scenarios.parameters import check_number, parameter_
 from accelerated_evaluation.vehicles.builtin import human_kernel
 from accelerated_evaluation.vehicles.builtin.human_numbers import SWERVE, HumanNumbers
 from accelerated_evaluation.vehicles.builtin.human_population import Population
-from accelerated_evaluation.vehicles.builtin.moving import checked_lead_speeds, checked_motion
 from accelerated_evaluation.vehicles.builtin.traces import trace_human
 from accelerated_evaluation.vehicles.checks import checked_encounters
+from accelerated_evaluation.vehicles.moving import checked_lead_speeds, checked_motion
 from accelerated_evaluation.vehicles.protocol import Outcomes
 from accelerated_evaluation.vehicles.registry import VEHICLES
 

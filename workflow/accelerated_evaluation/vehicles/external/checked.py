@@ -14,8 +14,8 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
-from accelerated_evaluation.vehicles.builtin.moving import checked_lead_speeds, require_motion, takes_motion
 from accelerated_evaluation.vehicles.checks import checked_outcomes, outcome_error
+from accelerated_evaluation.vehicles.moving import checked_lead_speeds, require_motion, takes_motion
 from accelerated_evaluation.vehicles.protocol import Vehicle, repeats_itself
 
 REPEATED = 4  # encounters of the first batch that are simulated twice again

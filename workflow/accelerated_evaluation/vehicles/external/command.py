@@ -23,8 +23,8 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.motion import SPEED_COLUMNS, STATES
 from accelerated_evaluation.scenarios.parameters import parameter_error
 from accelerated_evaluation.scenarios.protocol import FLAG, Scenario
-from accelerated_evaluation.vehicles.builtin.moving import checked_lead_speeds
 from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
+from accelerated_evaluation.vehicles.moving import checked_lead_speeds
 from accelerated_evaluation.vehicles.registry import VEHICLES
 
 REMEMBERED = 2000  # bytes of what a command prints, its last ones, of which a message has the last line

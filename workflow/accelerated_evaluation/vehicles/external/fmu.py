@@ -15,10 +15,10 @@ from accelerated_evaluation.base.errors import located
 from accelerated_evaluation.laws.motion import STEP
 from accelerated_evaluation.scenarios.cut_in import CUT_IN, Outcomes
 from accelerated_evaluation.scenarios.parameters import check_number, parameter_error
-from accelerated_evaluation.vehicles.builtin.moving import checked_lead_speeds
 from accelerated_evaluation.vehicles.builtin.traces import COLUMNS
 from accelerated_evaluation.vehicles.external.fmi import Model, State
 from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
+from accelerated_evaluation.vehicles.moving import checked_lead_speeds
 from accelerated_evaluation.vehicles.registry import VEHICLES
 
 INPUTS = ("range", "range_rate", "host_speed")

@@ -1,6 +1,7 @@
 """Encounters in which the lead vehicle changes its speed: what all vehicles share."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -8,10 +9,51 @@ from numpy.typing import ArrayLike
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.motion import STATES, STEP
+from accelerated_evaluation.vehicles.checks import checked_encounters
 from accelerated_evaluation.vehicles.protocol import MovingVehicle, Outcomes, RandomVehicle, Vehicle
 
 START = "the lead speed of the encounter"
 TOLERANCE = 1e-9  # [m/s], between the lead speed and the first of the lead speeds over time
+
+
+class CompiledVehicle:
+    """A vehicle that repeats itself, and that compiled code simulates behind lead vehicles that change speed.
+
+    Attributes
+    ----------
+    moving_kernel
+        Compiled code that fills outcomes of shape (4, n) from encounters of shape (3, n), lead speeds over
+        time of shape (n, states), and the numbers of the vehicle.
+    """
+
+    moving_kernel: ClassVar[Callable[[Array, Array, Any, Array], None]]
+
+    def compiled(self) -> Any:  # noqa: ANN401
+        """Return the numbers that the compiled code needs."""
+        raise NotImplementedError
+
+    def simulate_moving(
+        self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, lead_speeds: ArrayLike
+    ) -> Outcomes:
+        """Simulate n cut-ins behind lead vehicles that change their speeds.
+
+        Parameters
+        ----------
+        lead_speed, range_, closing_speed
+            As in `simulate`.
+        lead_speeds
+            Lead speeds [m/s] at 0, 0.1, ... s, shape (n, at least 81). The first ones are ``lead_speed``.
+
+        Raises
+        ------
+        InputError
+            As in `simulate`, and if lead speeds are not finite, negative, or too short in time.
+        """
+        encounters = checked_encounters(lead_speed, range_, closing_speed)
+        outcomes = np.empty((4, encounters.shape[1]))
+        speeds = checked_lead_speeds(lead_speeds, encounters[0])
+        self.moving_kernel(encounters, speeds, self.compiled(), outcomes)
+        return Outcomes(outcomes[0] > 0, *outcomes[1:])
 
 
 def takes_motion(vehicle: Vehicle) -> bool:
