@@ -1,6 +1,5 @@
 """Simulate a chunk of worlds of one kind, run both procedures on each, and write what they said."""
 
-import argparse
 import time
 
 import pandas as pd
@@ -8,18 +7,13 @@ from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from kinds import worlds
 from procedures import PROCEDURES
-from setting import ROOT, read_setting, simulate_records
+from setting import ROOT, chunk_arguments, read_setting, simulate_records
 
 
 def main() -> None:
     """Write a table with a row a world and procedure."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("kind")
-    parser.add_argument("--worlds", type=int, nargs=2, metavar=("FIRST", "END"), required=True)
-    parser.add_argument("--setting", required=True)
-    parser.add_argument("--output", required=True)
-    arguments = parser.parse_args()
-    setting, kind, rows = read_setting(arguments.setting), arguments.kind.replace("_", " "), []
+    arguments = chunk_arguments(__doc__)
+    setting, kind, rows = read_setting(arguments.setting), arguments.kind, []
     world = worlds(setting.family, setting.law)[kind]
     truth = float(world.masses(setting.lines).sum())
     for number in range(*arguments.worlds):

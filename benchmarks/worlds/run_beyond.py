@@ -1,14 +1,12 @@
 """Simulate worlds beyond the family, and find the crash probability of each by the map and by few runs."""
 
-import argparse
-
 import pandas as pd
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from beyond import worlds_beyond
 from kinds import World
 from procedures import Fitted
-from setting import ROOT, WorldSettings, read_setting, simulate_records
+from setting import ROOT, WorldSettings, chunk_arguments, read_setting, simulate_records
 from tqdm import tqdm
 
 
@@ -27,13 +25,8 @@ def examine(kind: str, number: int, world: World, setting: WorldSettings) -> lis
 
 def main() -> None:
     """Write a table with two rows a world."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("kind")
-    parser.add_argument("--worlds", type=int, nargs=2, metavar=("FIRST", "END"), required=True)
-    parser.add_argument("--setting", required=True)
-    parser.add_argument("--output", required=True)
-    arguments = parser.parse_args()
-    setting, kind = read_setting(arguments.setting), arguments.kind.replace("_", " ")
+    arguments = chunk_arguments(__doc__)
+    setting, kind = read_setting(arguments.setting), arguments.kind
     world = worlds_beyond(setting.family)[kind]
     numbers = tqdm(range(*arguments.worlds), desc=kind, unit=" worlds")
     rows = [row for number in numbers for row in examine(kind, number, world, setting)]

@@ -98,6 +98,16 @@ def read_setting(path: str | Path) -> WorldSettings:
     return pickle.loads(Path(path).read_bytes())
 
 
+def chunk_arguments(description: str) -> argparse.Namespace:
+    """Return the arguments of a script that simulates a chunk of the worlds of one kind."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("kind", type=lambda name: name.replace("_", " "))
+    parser.add_argument("--worlds", type=int, nargs=2, metavar=("FIRST", "END"), required=True)
+    parser.add_argument("--setting", required=True)
+    parser.add_argument("--output", required=True)
+    return parser.parse_args()
+
+
 def main() -> None:
     """Write the setting."""
     parser = argparse.ArgumentParser(description=__doc__)

@@ -191,8 +191,8 @@ def test_the_first_runs_for_frequent_events_exclude_what_those_for_rare_ones_lea
     """Half-spaces with a probability of 5e-3 in three dimensions, by the first runs alone."""
     probability, bounds = 5e-3, {}
     for begin in (FREQUENT, RARE):
-        looks = np.array([[begin.runs, 0.0, begin.reach]])
-        bounds[begin] = Unseen.after(looks, 3, reach_of(probability), 0.0).mode
+        draws = np.array([[begin.runs, 0.0, begin.reach]])
+        bounds[begin] = Unseen.after(draws, 3, reach_of(probability), 0.0).mode
     assert bounds[FREQUENT] <= probability < bounds[RARE]
     z = FREQUENT.draw(1000, 3, np.random.default_rng(1))
     assert rarity(z).max() <= FREQUENT.reach

@@ -97,14 +97,14 @@ def test_the_command_says_the_law_and_what_the_interval_is(config, capsys):
     Path("few_draws.yaml").write_text("answer: {draws: 20}\n")
     configs = ["--config", "motorway.yaml", "--config", "few_draws.yaml"]
     assert cli.main(["estimate", *configs, "--law", "exponential 0.9"]) == 0
-    told = capsys.readouterr().out
-    assert "law of cut-ins: mean of 20 draws of exponential 0.9\n" in told
-    assert "interval of the sampling alone" in told
+    printed = capsys.readouterr().out
+    assert "law of cut-ins: mean of 20 draws of exponential 0.9\n" in printed
+    assert "interval of the sampling alone" in printed
     folder = Path("results/motorway/estimate")
     found = pd.read_csv(folder / "estimate.csv")
     assert found["law"].tolist() == ["mean of 20 draws of exponential 0.9"]
     bounds = f"{found['unseen_mode'][0]:.1g} if a half-space, {found['unseen_any'][0]:.1g} if of any shape"
-    assert f"no run has met: at most {bounds} (95% confidence)" in told
+    assert f"no run has met: at most {bounds} (95% confidence)" in printed
     encounters, _ = read_records(config)
     assert read_law(folder / "law.json", encounters).draws.size == 20
 

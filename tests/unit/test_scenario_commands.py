@@ -86,8 +86,8 @@ def test_outcomes_that_contradict_the_scenario_are_refused(folder, capsys, table
     options = ("--scenario", "left_turn", "--event", "impact_speed=5")
     assert campaign("new", "--law", "law.json", *options) == 0
     assert campaign("ask", "next") == 0
-    Path("told.csv").write_text(table)
-    assert campaign("tell", "told.csv") == 2
+    Path("outcomes.csv").write_text(table)
+    assert campaign("tell", "outcomes.csv") == 2
     assert message in capsys.readouterr().err
 
 

@@ -30,8 +30,8 @@ def test_notebooks_are_parameterised_and_committed_without_outputs(path):
 
 def test_every_rule_has_been_measured_for_the_cluster(project):
     def listed(name):
-        told = project.run("--list", config=f"config/{name}.yaml").stdout
-        return set(re.findall(r"^(\w+)(?: \(|$)", told, re.MULTILINE)) - {"all", "figures", "tables"}
+        listing = project.run("--list", config=f"config/{name}.yaml").stdout
+        return set(re.findall(r"^(\w+)(?: \(|$)", listing, re.MULTILINE)) - {"all", "figures", "tables"}
 
     rules = listed("config") | listed("left_turn")
     asked = yaml.safe_load((ROOT / "profiles/slurm/config.yaml").read_text())

@@ -261,10 +261,11 @@ Part = tuple[float, TwoPhaseBatch, Ratios, Array, Control]
 
 
 def divided(found: SampledPosterior, parts: Sequence[Part]) -> SampledPosterior:
-    """Divide the errors of a posterior into the part that all draws share and the own part of each.
+    """Divide the errors of a posterior into the part that all draws share and a part of each draw alone.
 
     The shared error is that of the mean of Y_k / P_k over the draws, without the tenth with the smallest and
-    the tenth with the largest probabilities. The own error is that of the difference from this mean.
+    the tenth with the largest probabilities. The error of a draw alone is that of the difference from this
+    mean.
 
     Parameters
     ----------
