@@ -7,7 +7,7 @@ import pandas as pd
 from accelerated_evaluation.answer.calibration import CLOSING, strips
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.publishing.tables.formats import reproducible
-from summarise_worlds import COVERAGES, limits
+from summarise_worlds import coverages
 
 LEVEL = 0.05  # of the test whether any cell has too few or too many records
 
@@ -44,11 +44,7 @@ def tabulate(rows: pd.DataFrame) -> pd.DataFrame:
         }
         row["width80"] = (known["high0.8"] / known["low0.8"]).median()
         row["truth_above80"] = float(np.mean(known["high0.8"] < truth))
-        for level in COVERAGES:
-            hits = int((known[f"low{level:g}"].le(truth) & known[f"high{level:g}"].ge(truth)).sum())
-            name = f"coverage{100 * level:.0f}"
-            row[name] = hits / len(own)  # no answer covers nothing
-            row[f"{name}_low"], row[f"{name}_high"] = limits(hits, len(own))
+        row |= coverages(own)
         row["near_found"] = float((own["near_p"] < LEVEL / cells[True]).mean())
         row["host_found"] = float((own["host_p"] < LEVEL / cells[False]).mean())
         row["simulations"] = own["simulations"].mean() if "simulations" in own else np.nan

@@ -19,6 +19,20 @@ def limits(hits: int, size: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
+def coverages(rows: pd.DataFrame) -> dict[str, float]:
+    """Return by level the share of the worlds whose interval covers the truth, with 95 % limits.
+
+    A world without an answer is not covered.
+    """
+    reported: dict[str, float] = {}
+    for level in COVERAGES:
+        name = f"coverage{100 * level:.0f}"
+        hits = int(rows["truth"].between(rows[f"low{level:g}"], rows[f"high{level:g}"]).sum())
+        reported[name] = hits / len(rows)
+        reported[f"{name}_low"], reported[f"{name}_high"] = limits(hits, len(rows))
+    return reported
+
+
 def judge(rows: pd.DataFrame) -> dict[str, float]:
     """Sum up the worlds of one kind under one procedure."""
     truth = rows["truth"]
@@ -31,14 +45,7 @@ def judge(rows: pd.DataFrame) -> dict[str, float]:
         "truth_above80": float(np.mean(rows["high0.8"] < truth)),
         "truth_below80": float(np.mean(rows["low0.8"] > truth)),
     }
-    for level in COVERAGES:
-        name, inside = (
-            f"coverage{100 * level:.0f}",
-            rows[f"low{level:g}"].le(truth) & truth.le(rows[f"high{level:g}"]),
-        )
-        reported[name] = float(inside.mean())
-        reported[f"{name}_low"], reported[f"{name}_high"] = limits(int(inside.sum()), len(rows))
-    return reported
+    return reported | coverages(rows)
 
 
 def main() -> None:
