@@ -1,5 +1,6 @@
 """Make the explorer: one page on which a reader changes the vehicle, the law and the event."""
 
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -18,26 +19,20 @@ from accelerated_evaluation.study.jobs import job
 
 if __name__ == "__main__":
     with job(snakemake.log[0]):
-        files, params = snakemake.input, snakemake.params
-        seed = params.config["seed"]
+        files, params, config = snakemake.input, snakemake.params, snakemake.params.config
+        stream = partial(child_generator, config["seed"])
         records = DistinctRecords.of(read_encounters(files.encounters), Support.of(params.support))
-        weighted = WeightedLaws.drawn(
-            read_family(files.family, records),
-            child_generator(seed, "laws", "weigh"),
-            params.config["answer"]["draws"],
-        )
-        answered = child_generator(seed, "laws", *ANSWER_STREAM)
-        more = child_generator(seed, "explorer", "draws")
+        family, draws = read_family(files.family, records), config["answer"]["draws"]
+        weighted = WeightedLaws.drawn(family, stream("laws", "weigh"), draws)
         explored = Explored(
-            config=params.config,
+            config=config,
             weighted=weighted,
-            drawn=DrawnLaws.of(weighted, answered, more),
+            drawn=DrawnLaws.of(weighted, stream("laws", *ANSWER_STREAM), stream("explorer", "draws")),
             exposure=read_json(files.exposure),
             answer=pd.read_csv(files.answer),
             vehicles=pd.read_csv(files.vehicles),
             crash_map=next(map(read_crash_map, files.map), None),
             runs=next(map(pd.read_csv, files.runs), None),
         )
-        templates, generator = Path(files.templates[0]).parent, child_generator(seed, "explorer")
         with atomic_path(snakemake.output.page) as temporary:
-            write_page(explored, templates, temporary, generator)
+            write_page(explored, Path(files.templates[0]).parent, temporary, stream("explorer"))
