@@ -68,10 +68,10 @@ def reproducible(table: pd.DataFrame) -> pd.DataFrame:
     return table.assign(**columns)
 
 
-def reproducible_value(value: Any) -> Any:  # noqa: ANN401
-    """Round a value as `reproducible` does."""
+def reproducible_value(value: Any, digits: int = DIGITS) -> Any:  # noqa: ANN401
+    """Round a value as `reproducible` does, to the given number of significant digits."""
     is_count = isinstance(value, float) and value.is_integer() and abs(value) < LARGEST_COUNT
-    return value if is_count or not isinstance(value, float) else float(f"{value:.{DIGITS}g}")
+    return value if is_count or not isinstance(value, float) else float(f"{value:.{digits}g}")
 
 
 def as_markdown(text: Any) -> Any:  # noqa: ANN401

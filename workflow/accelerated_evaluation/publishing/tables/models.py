@@ -10,6 +10,7 @@ from accelerated_evaluation.laws.paper.independent import UNITS, IndependentLaw
 from accelerated_evaluation.publishing.published import table
 from accelerated_evaluation.publishing.tables.formats import reproducible_value
 
+PARAMETER_DIGITS = 5  # significant; processors find different eighth digits of the maximum of a flat curve
 SYMBOLS = {"inverse_range": "R⁻¹", "inverse_ttc": "TTC⁻¹"}
 
 
@@ -85,11 +86,12 @@ def rank_table(candidates: pd.DataFrame) -> pd.DataFrame:
 def candidates_table(candidates: pd.DataFrame) -> pd.DataFrame:
     """Tabulate the fits of all candidate families; readers are shown the `rank_table`.
 
-    The parameters are numbers in a text, which is rounded as all published numbers are.
+    The parameters are numbers in a text, which are rounded to `PARAMETER_DIGITS`.
     """
 
     def rounded(text: str) -> str:
-        return json.dumps({name: reproducible_value(value) for name, value in json.loads(text).items()})
+        parameters = json.loads(text).items()
+        return json.dumps({name: reproducible_value(value, PARAMETER_DIGITS) for name, value in parameters})
 
     return candidates.assign(parameters=candidates["parameters"].map(rounded, na_action="ignore"))
 
