@@ -121,6 +121,16 @@ def test_sites_of_another_shape_are_named(value):
         state.State.from_json(whole | {"checksum": state._checksum(content)}, "state.json")
 
 
+@pytest.mark.parametrize("part", ["progress", "pending"])
+def test_a_zone_of_rarity_without_a_width_is_refused(part):
+    path = ("progress", "wide_draws") if part == "progress" else ("progress", "pending", "wide_draws")
+    waiting = next(content for content in STATES if (content["progress"]["pending"] or {}).get("wide_draws"))
+    content = changed(waiting, (*path, 0, 2), 0)
+    whole = {"format": state.FORMAT, "version": state.VERSION, "state": content}
+    with pytest.raises(InputError, match="a zone of rarity that does not end above its beginning"):
+        state.State.from_json(whole | {"checksum": state._checksum(content)}, "state.json")
+
+
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory):
     """A folder with a campaign of which half a batch is reported, and the content of its file."""

@@ -160,7 +160,7 @@ def _whole(state: State) -> State:
     _require_shape("sites", state.sites, 2, min(state.sites.size // 2, runs + others))
     _require_shape("z", progress.z, runs, d)
     _require_shape("score", progress.score, runs)
-    _require_shape("wide_draws", progress.wide_draws, len(progress.wide_draws), 3)
+    _require_zones(progress.wide_draws)
     _require_shape("foreseen", progress.foreseen, min(len(progress.foreseen), runs), 2)
     for name, value in vars(progress.repeats).items():
         _require_shape(name, value, len(progress.repeats))
@@ -185,15 +185,25 @@ def _whole(state: State) -> State:
 
 def _require_whole_batch(batch: Batch, d: int) -> None:
     """Raise ValueError if the arrays of a batch of points in d dimensions do not fit together."""
-    columns = {"z": [d], "foreseen": [2], "wide_draws": [3], "kept": [d]}
+    columns = {"z": [d], "foreseen": [2], "kept": [d]}
     if isinstance(batch, TwoPhaseBatch) and batch.kept.size == 0:  # an empty list has lost its dimensions
         columns["kept"] = list(batch.kept.shape[1:])
     for name, value in vars(batch).items():
         if isinstance(value, np.ndarray):
             rows = max(len(batch.z), 1)
-            if name == "wide_draws" or name.startswith("kept"):
-                rows = len(batch.kept if name.startswith("kept") else value)
+            if name == "wide_draws":
+                _require_zones(value)
+                continue
+            if name.startswith("kept"):
+                rows = len(batch.kept)
             _require_shape(name, value, rows, *columns.get(name, []))
+
+
+def _require_zones(wide_draws: Array) -> None:
+    """Raise ValueError if the draws of the wide distribution are not in zones of rarity that have a width."""
+    _require_shape("wide_draws", wide_draws, len(wide_draws), 3)
+    if not (wide_draws[:, 1] < wide_draws[:, 2]).all():
+        raise ValueError("a zone of rarity that does not end above its beginning")
 
 
 def _require_shape(name: str, array: Array, *shape: int) -> None:
