@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 import pandas as pd
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from accelerated_evaluation.answer.calibration_table import NearMisses, calibration_table, shown_members
 from accelerated_evaluation.answer.exposure import exposure_table
@@ -248,7 +248,7 @@ class LawStudy:
             UNDER_TEST if vehicle is self.vehicle else name: posteriors[self.crash_of(name)]
             for name, vehicle in self.vehicles.items()
         }
-        vehicles, sampling = self.compared(crashes), half_width / norm.isf(0.1)
+        vehicles, sampling = self.compared(crashes), half_width / ndtri(0.9)
         resolved = {name: crashes[name] for name in vehicles.loc[vehicles["resolved"], "vehicle"]}
         return {
             "answer": answer_table(own, per_km),

@@ -11,7 +11,6 @@ import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs, dtrtrs
 from scipy.optimize import minimize
 from scipy.special import ndtr, ndtri
-from scipy.stats import rankdata
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.methods.surrogate.constants import (
@@ -52,8 +51,10 @@ def graded(happened: Flags, score: Array) -> Array:
     numpy.ndarray
         Graded outcomes, shape (n,).
     """
-    _, place = np.unique(np.column_stack([~happened, score]), axis=0, return_inverse=True)
-    return ndtri((rankdata(place) - 0.5) / len(score))
+    columns = np.column_stack([~happened, score])
+    _, place, alike = np.unique(columns, axis=0, return_inverse=True, return_counts=True)
+    rank = np.cumsum(alike) - (alike - 1) / 2  # the mean rank of those that are alike
+    return ndtri((rank[place.ravel()] - 0.5) / len(score))
 
 
 def end_of_events(outcome: Array, happened: Flags) -> float:

@@ -21,7 +21,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import beta
+from scipy.special import betaincinv
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.randomness import child_generator
@@ -88,7 +88,7 @@ class LapseBounds:
 
 def upper_limit(events: Array, count: Array, alpha: float) -> Array:
     """Return the upper limits of Clopper and Pearson with confidence 1 - alpha, shape (k,)."""
-    return np.where(events < count, beta.ppf(1 - alpha, events + 1, np.maximum(count - events, 1)), 1.0)
+    return np.where(events < count, betaincinv(events + 1, np.maximum(count - events, 1), 1 - alpha), 1.0)
 
 
 def _edges(least: float) -> Array:

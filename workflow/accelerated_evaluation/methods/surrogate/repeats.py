@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import beta
+from scipy.special import betaincinv
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.methods.surrogate.constants import LARGEST_SCORE, OFTEN, SAME_SCORE
@@ -83,7 +83,7 @@ class Repeats:
         differed = int(np.count_nonzero(self.differed))
         if differed == len(self):
             return 1.0
-        return float(beta.ppf(1 - alpha, differed + 1, len(self) - differed))
+        return float(betaincinv(differed + 1, len(self) - differed, 1 - alpha))
 
 
 def end_differently(happened: Flags, score: Array, again: Flags, score_again: Array) -> Flags:

@@ -8,7 +8,7 @@ logarithm is uniform.
 from dataclasses import dataclass, fields
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr, ndtri
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.vehicles.builtin.human_numbers import (
@@ -26,7 +26,7 @@ G = 9.81  # [m/s^2]
 # Summala 2000, abstract: means of 1.0 to 1.3 s at the same urgency, which is 1.15 s and 13 % to both sides.
 RESPONSE_SCALE = (0.87, 1.13)
 # Johansson and Rumar 1965, abstract: median .9 s, a quarter of the drivers above 1.2 s. Width: an assumption.
-SPREAD = np.log(1.2 / 0.9) / norm.isf(0.25)
+SPREAD = np.log(1.2 / 0.9) / -ndtri(0.25)
 RESPONSE_SPREAD = (0.85 * SPREAD, 1.15 * SPREAD)
 NOTICE_EXPONENT = (1 / 3, 3.0)  # assumption: on average at 25 to 75 % of the way
 # Mean [s]: 5 to 6 (Toledo and Zohar 2007, abstract), 6.28 with a deviation of 2.0 (Lee, Olsen and Wierwille,
@@ -98,7 +98,7 @@ class Population:
         """Draw one driver of each population: traits, shape (n, traits)."""
         size = self.scale.size
         level = generator.random(size)
-        sideways = norm.isf(generator.random(size) * norm.sf((SWERVE_LEAST - SWERVE_MEAN) / SWERVE_DEVIATION))
+        sideways = -ndtri(generator.random(size) * ndtr((SWERVE_MEAN - SWERVE_LEAST) / SWERVE_DEVIATION))
         traits = np.empty((size, len(TRAITS)))
         traits[:, RESPONSE] = np.exp(self._log_response + self.spread * generator.standard_normal(size))
         traits[:, NOTICE] = generator.random(size) ** (1 / self.exponent)
@@ -128,9 +128,9 @@ class Population:
         """
         columns = {field.name: getattr(self, field.name)[:, None] for field in fields(self)}
         spread, exponent, braking = columns["spread"], columns["exponent"], columns["braking"]
-        response = norm.pdf(np.log(traits[:, RESPONSE]), self._log_response[:, None], spread)
+        response = _normal_density(np.log(traits[:, RESPONSE]), self._log_response[:, None], spread)
         notice = exponent * traits[:, NOTICE] ** (exponent - 1)
-        duration = norm.pdf(np.log(traits[:, DURATION]), self._log_duration[:, None], DURATION_SHAPE)
+        duration = _normal_density(np.log(traits[:, DURATION]), self._log_duration[:, None], DURATION_SHAPE)
         piece = np.searchsorted(BRAKING_LEVELS, traits[:, BRAKING] / (G * braking), side="right")
         slope = np.concatenate([[0.0], np.diff(BRAKING_SHARES) / np.diff(BRAKING_LEVELS), [0.0]])
         swerving = np.where(traits[:, SWERVE] > 0, columns["swerving"], 1 - columns["swerving"])
@@ -148,3 +148,7 @@ class Population:
 
 
 DURATION_SHAPE = float(np.sqrt(np.log1p(LANE_CHANGE_VARIATION**2)))
+
+
+def _normal_density(x: Array, mean: Array, deviation: Array | float) -> Array:
+    return np.exp(-(((x - mean) / deviation) ** 2) / 2) / np.sqrt(2 * np.pi) / deviation
