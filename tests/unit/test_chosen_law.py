@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import cli
+from accelerated_evaluation.answer import estimation
 from accelerated_evaluation.answer.chosen_law import choose_law
 from accelerated_evaluation.answer.estimation import estimate_alone, read_records
 from accelerated_evaluation.base.errors import InputError
@@ -127,3 +128,15 @@ def test_a_threshold_that_too_few_records_exceed_is_told(config):
     encounters, _ = read_records(config)
     with pytest.raises(InputError, match="fewer than ten of the"):
         choose_law("two kinds 0.995", encounters.iloc[:: len(encounters) // 300], config)
+
+
+@pytest.mark.parametrize(
+    "option", [["--sampling-share", "0"], ["--reference", "cc_human"], ["--compare", "results"]]
+)
+def test_an_option_that_needs_draws_is_refused_before_anything_is_simulated(
+    folder, monkeypatch, capsys, option
+):
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr(estimation, "simulate_answer", lambda *_: pytest.fail("it simulates"))
+    assert cli.main(["estimate", "--config", "motorway.yaml", "--law", "paper", *option]) == 2
+    assert f"{option[0]}: seen the law two_pieces, which has no draws" in capsys.readouterr().err

@@ -1,7 +1,7 @@
 """The answer for a slow vehicle: few simulations by the surrogate-guided method, without crash maps."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,6 +15,7 @@ from accelerated_evaluation.answer.exposure import exposure_table
 from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.answer.reweighting import LEVEL, SampledPosterior
 from accelerated_evaluation.answer.study import event_name
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import CutIns, Law
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
@@ -87,6 +88,7 @@ def estimate_alone(
     predecessor: str | os.PathLike | None = None,
     share: float = SHARE,
     event: Event = CRASH,
+    for_draws: Sequence[str] = (),
 ) -> Alone:
     """Fit laws to the records, and find the crash probability by few simulations under their mean.
 
@@ -106,12 +108,14 @@ def estimate_alone(
         paper's stopping rule.
     event
         The event for which the simulations are chosen, a crash by default.
+    for_draws
+        Options of the command that have no effect under a law without draws.
 
     Raises
     ------
     InputError
-        If the records, the law, the predecessor or the vehicle cannot be used. Completed simulations are kept
-        in the store.
+        If the records, the law, the predecessor or the vehicle cannot be used, or if the law has no draws and
+        ``for_draws`` is not empty. Completed simulations are kept in the store.
     """
     require_law(law)
     with loaded_for(config["vehicle"], config["simulations"]) as vehicle:  # first, as it is soonest refused
@@ -119,6 +123,13 @@ def estimate_alone(
         verdict = verdict_on(raw, config)
         encounters, account = _ingested(raw, config)
         name, chosen = choose_sampled_law(law, encounters, config)
+        if for_draws and not isinstance(chosen, MeanLaw):
+            raise InputError(
+                for_draws[0],
+                seen=f"the law {name}, which has no draws",
+                expected="a law with draws, see --help",
+                change="Leave the option out, or choose another law.",
+            )
         problem = Problem(chosen, vehicle, event)
         known = None if predecessor is None else read_predecessor(predecessor, problem)
         exposure = encounters.attrs["exposure"]

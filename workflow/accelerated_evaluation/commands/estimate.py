@@ -14,6 +14,7 @@ if TYPE_CHECKING:  # takes seconds, which --help can do without
     from accelerated_evaluation.answer.estimation import Alone
 
 CUT_IN, ANSWER, SURROGATE = "cut_in", "answer", "surrogate"
+FOR_DRAWS = ("sampling_share", "compare", "reference")  # options that need a law with draws
 DESCRIPTION = """\
 Estimate how often a vehicle crashes when a human driver cuts in, by some 150 simulations: without crash maps
 and crude Monte Carlo, which take millions. For a slow vehicle: a command in any language, an FMU, or a Python
@@ -113,7 +114,7 @@ class EstimateAlone:
             metavar="SHARE",
             type=_share,
             help="stop when the sampling adds no more than this to the width of the 80 %% interval; 0 for "
-            "the paper's stopping rule alone (default: 0.05; for cut-ins only)",
+            "the paper's stopping rule alone (default: 0.05; for cut-ins, under a law with draws)",
         )
         command.add_argument(
             "--predecessor",
@@ -191,6 +192,7 @@ class EstimateAlone:
             arguments.predecessor,
             SHARE if arguments.sampling_share is None else arguments.sampling_share,
             event,
+            [_written(option) for option in FOR_DRAWS if getattr(arguments, option) not in (None, [])],
         )
         folder = Path("results", config["study"], "estimate")
         for name, table in found.tables.items():
@@ -227,10 +229,13 @@ def _estimate_scenario(arguments: argparse.Namespace, config: dict[str, Any]) ->
     print(*found.lines(), f"tables: {folder}", sep="\n")
 
 
+def _written(option: str) -> str:
+    return f"--{option.replace('_', '-')}"
+
+
 def _refuse(option: str, seen: str, expected: str) -> None:
     """Raise the error for an option that would have no effect."""
-    where = f"--{option.replace('_', '-')}"
-    raise InputError(where, seen=seen, expected=expected, change="Leave the option out.")
+    raise InputError(_written(option), seen=seen, expected=expected, change="Leave the option out.")
 
 
 def _compared(
@@ -248,8 +253,6 @@ def _compared(
     table = compare_estimates(folder, others) if others else pd.DataFrame()
     if not references:
         return table
-    if "draws" not in found.tables:
-        _refuse("reference", f"the law {found.name}, which has no draws", "a law with draws")
     records, draws = DistinctRecords.of(found.encounters, Support.configured(config)), found.law.draws
     mapped = {name: map_reference(name, config, records, draws) for name in references}
     known = found.tables["draws"]
