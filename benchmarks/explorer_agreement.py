@@ -1,7 +1,7 @@
 """Probabilities in the explorer and in Python at random settings of the sliders, and how long a change takes.
 
-For every setting Python computes the crash map of the vehicle, and from it the probability of the event under
-a sample of the draws of the law. The page, opened in Chromium, computes the same from its own lines: a first
+For every setting Python computes the crash map of the vehicle, checks it as in a study, and finds from it the
+probability of the event under a sample of the draws of the law. The page, opened in Chromium, computes the same from its own lines: a first
 result at once, and the settled one after the refinement.
 
     python benchmarks/explorer_agreement.py results/spmd benchmarks/results/explorer.csv
@@ -21,6 +21,7 @@ from accelerated_evaluation.answer.family_file import read_family
 from accelerated_evaluation.answer.study import ANSWER_STREAM
 from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.base.randomness import child_generator
+from accelerated_evaluation.crash_map.checked import require_right_map
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
@@ -101,7 +102,8 @@ def _compared(opened, drawn, records, grid, support, generator):
         parameters = slider.parameters(parameters, value)
         values.append("published" if value is None else f"{value:g}")
     begin = time.perf_counter()
-    mapped = map_crashes(vehicle_class(**parameters), grid, [event], generator)
+    vehicle = vehicle_class(**parameters)
+    mapped = require_right_map(vehicle, map_crashes(vehicle, grid, [event], generator), generator)
     lines = CrashLines.of(mapped, records.lead_speed, event, support)
     chosen = np.arange(0, drawn.answered, max(1, drawn.answered // DRAWS))
     probabilities = np.array([lines.probability(*drawn.laws[k]) for k in chosen])
