@@ -1,8 +1,8 @@
 """Probabilities in the explorer and in Python at random settings of the sliders, and how long a change takes.
 
 For every setting Python computes the crash map of the vehicle, checks it as in a study, and finds from it the
-probability of the event under a sample of the draws of the law. The page, opened in Chromium, computes the same from its own lines: a first
-result at once, and the settled one after the refinement.
+probability of the event under a sample of the draws of the law. The page, opened in Chromium, computes the
+same from its own lines: a first result at once, and the settled one after the refinement.
 
     python benchmarks/explorer_agreement.py results/spmd benchmarks/results/explorer.csv
 """

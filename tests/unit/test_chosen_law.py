@@ -140,3 +140,21 @@ def test_an_option_that_needs_draws_is_refused_before_anything_is_simulated(
     monkeypatch.setattr(estimation, "simulate_answer", lambda *_: pytest.fail("it simulates"))
     assert cli.main(["estimate", "--config", "motorway.yaml", "--law", "paper", *option]) == 2
     assert f"{option[0]}: seen the law two_pieces, which has no draws" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("deterministic", [True, False])
+def test_an_answer_that_has_not_converged_says_so_first(folder, monkeypatch, capsys, deterministic):
+    # A car in whose outcomes chance may have a part could lapse, and few runs cannot exclude that.
+    monkeypatch.chdir(folder)
+    Path("chance.yaml").write_text(
+        f"study: chance\nvehicle: {{name: car.py:Car, deterministic: {json.dumps(deterministic)}}}\n"
+    )
+    assert cli.main(["estimate", "--config", "motorway.yaml", "--config", "chance.yaml"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    answer = next(k for k, line in enumerate(lines) if line.startswith("crash: probability in a cut-in"))
+    row = pd.read_csv("results/chance/estimate/estimate.csv").iloc[0]
+    assert row["converged"] == deterministic
+    warned = lines[answer - 1].startswith("NOT CONVERGED")
+    assert warned != deterministic
+    if warned:
+        assert f"can add up to {row['unseen_lapses']:.1g} to each probability" in lines[answer - 1]

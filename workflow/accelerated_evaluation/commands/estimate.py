@@ -295,9 +295,20 @@ def _answers(found: "Alone") -> list[str]:
     if "answer" not in found.tables:
         return []
     lines = []
+    estimates = found.tables["estimate"].set_index("replicate")
     for replicate, rows in found.tables["answer"].groupby("replicate"):
+        if not estimates.loc[replicate, "converged"]:
+            lines.append(_not_settled(estimates.loc[replicate].get("unseen_lapses", math.nan)))
         for row in rows.to_dict("records"):
             lines += answer_in_words(row)
         budget = found.tables["budget"]
         lines += budget_in_words(budget[budget["replicate"] == replicate]) if len(budget) else []
     return lines
+
+
+def _not_settled(unseen_lapses: float) -> str:
+    """Say, before an answer that has not converged, what its intervals leave out."""
+    reason = "they would change with more simulations, or have a part of the event still to find"
+    if not math.isnan(unseen_lapses):
+        reason = f"lapses that no run has shown can add up to {unseen_lapses:.1g} to each probability"
+    return f"NOT CONVERGED, the intervals of this answer are too narrow: {reason}; see the last lines"

@@ -105,7 +105,8 @@ class TwoPhaseBatch:
     controlled, controlled_square
         Sums over the whole pool of w g and of w^2 g, with w as in ``weight``.
     aimed
-        Whether a run was sampled preferentially, because the event was held possible there, shape (n,).
+        Whether a run was sampled preferentially because the surrogates predicted that the event is possible
+        there, shape (n,).
     wide_draws
         Draws of the wide law that the defence stands for: their number, and the rarities between which they
         are, shape (1 or 2, 3).
