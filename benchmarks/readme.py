@@ -329,7 +329,7 @@ def answers_table(answers: pd.DataFrame) -> str:
         errors = ["–"] * 4
         if row["no_answer"] < 1:
             errors = [f"{row[f'low{level}']:.2f} and {row[f'high{level}']:.2f}" for level in (80, 95)]
-            errors += [f"{np.expm1(row['median_bias']):+.0%} ± {row['median_bias_se']:.0%}"]
+            errors += [f"{np.expm1(row['median_bias']):+.1%} ± {row['median_bias_se']:.1%}"]
             errors += [f"{row['ratio']:.2f}"]
         counts = (f"{row[name] * row['seeds']:.0f}" for name in ("off_by_2", "silently", "no_answer"))
         runs = (f"{row[name]:,.0f}" for name in ("seeds", "runs_mean", "runs_p95"))

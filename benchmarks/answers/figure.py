@@ -30,7 +30,8 @@ def intervals(runs: pd.DataFrame) -> pd.DataFrame:
         known = found.iloc[0]
         rows.append({"vehicle": vehicle, "name": "map, millions of runs"} | _ends(known, "map"))
         for row in found.head(SEEDS).to_dict("records"):
-            rows.append({"vehicle": vehicle, "name": f"{row['runs']:.0f} runs"} | _ends(row, "few"))
+            name = f"{row['runs']:.0f} runs" + ("" if row["converged"] else ", not converged")
+            rows.append({"vehicle": vehicle, "name": name} | _ends(row, "few"))
     return pd.DataFrame(rows).assign(probability=float("nan"))
 
 

@@ -157,4 +157,9 @@ def test_an_answer_that_has_not_converged_says_so_first(folder, monkeypatch, cap
     warned = lines[answer - 1].startswith("NOT CONVERGED")
     assert warned != deterministic
     if warned:
-        assert f"can add up to {row['unseen_lapses']:.1g} to each probability" in lines[answer - 1]
+        assert f"can add up to {row['unseen_lapses']:.1g}, which the upper ends contain" in lines[answer - 1]
+    found = pd.read_csv("results/chance/estimate/answer.csv").iloc[0]
+    draws = pd.read_csv("results/chance/estimate/draws.csv")["probability"]
+    unseen = row["unseen_lapses"] if warned else 0.0
+    assert found["high80"] == pytest.approx(draws.quantile(0.9) + unseen, rel=0.2)
+    assert found["low80"] == pytest.approx(draws.quantile(0.1), rel=0.3)

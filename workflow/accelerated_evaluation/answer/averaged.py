@@ -23,6 +23,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.smooth.mean import MeanLaw
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
 from accelerated_evaluation.methods.surrogate import Surrogate
+from accelerated_evaluation.methods.surrogate.lapses import LapseBounds
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.protocol import Event
@@ -153,6 +154,7 @@ class Course:
         -------
         dict
             ``answer``: the columns of the study's table of that name and ``simulations``, one row an event.
+            If the vehicle may lapse, the upper ends contain `unseen_lapses`.
             ``budget``: see `posterior.budget`, for the sampled event. ``draws``: number of the ``draw``, its
             ``law``, ``probability`` of the sampled event, its relative ``error``, the parts ``shared_error``
             and ``own_error`` of it, and the number of ``batches`` of which it is made. ``crashes``: see
@@ -161,9 +163,9 @@ class Course:
         controls = self._controls()
         posteriors = {event: self._of(event, sampled, controls) for event in (sampled, *events)}
         per_km = np.nan if cut_ins_per_km is None else cut_ins_per_km
-        rows = []
+        rows, unseen = [], self.unseen_lapses()
         for event, posterior in posteriors.items():
-            summary = answer_row(posterior)
+            summary = answer_row(posterior, unseen)
             rows.append({"event": event_name(event)} | summary | {"per_km": summary["probability"] * per_km})
         answer = pd.DataFrame(rows).assign(simulations=self.sampler.simulations)
         if (own := posteriors[sampled]) is None:
@@ -181,6 +183,14 @@ class Course:
         }
         of_draws = {"budget": budget(own.alone, own.deviation), "draws": pd.DataFrame(draws)}
         return {"answer": answer, "crashes": self.crashes(sampled)} | of_draws
+
+    def unseen_lapses(self) -> float:
+        """Return a bound on what lapses that no run has shown add to a probability; 0 if there are none."""
+        posterior, progress = self.posterior(), self.sampler.progress
+        if posterior is None or not self.sampler.may_lapse:
+            return 0.0
+        probability = float(posterior.probabilities.mean())
+        return LapseBounds.after(progress.z, progress.happened, probability, SHARE).like_hardness
 
     def crashes(self, sampled: Event) -> pd.DataFrame:
         """Return the runs that ended in the sampled event: where, how, and for which part of the event.
@@ -243,11 +253,16 @@ def is_part(event: Event, sampled: Event) -> bool:
     return event.quantity in ("crash", "impact_speed") and sampled.quantity != "impact_speed"
 
 
-def answer_row(posterior: SampledPosterior | None) -> dict[str, float]:
-    """Return the columns of `summary.summarise`: the mean is that under the mean law; NaN without one."""
+def answer_row(posterior: SampledPosterior | None, unseen_lapses: float = 0.0) -> dict[str, float]:
+    """Return the columns of `summary.summarise`, the upper ends raised by a bound on unseen lapses.
+
+    The probability is that under the mean law. Without a posterior, all values are NaN.
+    """
     if posterior is None:
         return dict.fromkeys(SUMMARY, np.nan)
-    return summarise(posterior.whole) | {"probability": float(posterior.probabilities.mean())}
+    row = summarise(posterior.whole) | {"probability": float(posterior.probabilities.mean())}
+    raised = {name: min(end + unseen_lapses, 1.0) for name, end in row.items() if name.startswith("high")}
+    return row | raised
 
 
 def joined(outcomes: Sequence[Outcomes]) -> Outcomes:

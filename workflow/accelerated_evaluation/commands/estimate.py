@@ -307,8 +307,10 @@ def _answers(found: "Alone") -> list[str]:
 
 
 def _not_settled(unseen_lapses: float) -> str:
-    """Say, before an answer that has not converged, what its intervals leave out."""
-    reason = "they would change with more simulations, or have a part of the event still to find"
+    """Say, before an answer that has not converged, why it has not."""
+    reason = "more simulations would change it, or find further parts of the event"
     if not math.isnan(unseen_lapses):
-        reason = f"lapses that no run has shown can add up to {unseen_lapses:.1g} to each probability"
-    return f"NOT CONVERGED, the intervals of this answer are too narrow: {reason}; see the last lines"
+        reason = (
+            f"lapses that no run has shown can add up to {unseen_lapses:.1g}, which the upper ends contain"
+        )
+    return f"NOT CONVERGED: {reason}; see the last lines"

@@ -73,7 +73,9 @@ def whole_in_words(campaign: Campaign, law: Law | JointLaw, draws: MeanLaw | Non
     posterior = course.refined()
     if posterior is None:
         return ["laws        nothing is known yet under the draws of the law"]
-    row = {"event": campaign.event.in_words, "per_km": float("nan")} | answer_row(posterior)
+    row = {"event": campaign.event.in_words, "per_km": float("nan")} | answer_row(
+        posterior, course.unseen_lapses()
+    )
     gain = 1 - 1 / (1 + max(posterior.share_of_sampling, 0.0))
     return [
         *answer_in_words(row),
