@@ -10,6 +10,7 @@ All are events g(x) <= 0 of independent inputs, which are functions of normal sc
   Bourgund (1990). Its flow-rate problem needs a solver of differential equations and is left out.
 - ``paraboloid`` and ``shell``: issues 2819 and 2773 of OpenTURNS (https://github.com/openturns/openturns).
 - ``cut_in_and_17``: the main problem of this benchmark, with 17 inputs more of no or little influence.
+- ``many_small_d``: of this benchmark too, d inputs of comparable influence and a curved boundary.
 
 What a reference probability is, and its standard error, is said by `probability_of`.
 """
@@ -33,6 +34,7 @@ LARGEST = 8.5
 DRAWS, BATCH = 20_000_000, 1_000_000  # of crude Monte Carlo
 COMMON = 1e-4  # probability from which on it is exact enough
 EULER = 0.5772156649015329
+CURVATURE = 0.2  # of `many_small`
 
 Marginal = Callable[[Array], Array]
 
@@ -184,6 +186,39 @@ def diluted(z: Array, little: float) -> Array:
     return (z[:, :3] + little * others) / math.sqrt(1 + 5 * little**2)
 
 
+def many_small(inputs: int) -> tuple[Array, Array]:
+    """Return the coefficients a and c of sum a_i (z_i + c_i (z_i^2 - 1)), which has the variance 1 if c is 0.
+
+    The largest influence is three times the smallest one, and the curvatures have both signs.
+    """
+    influence = np.linspace(0.5, 1.5, inputs)
+    return influence / np.linalg.norm(influence), np.where(np.arange(inputs) % 2, -1, 1) * CURVATURE
+
+
+def tail_of_squares(level: float, influence: Array, curvature: Array) -> float:
+    """Return the probability that sum a_i (z_i + c_i (z_i^2 - 1)) exceeds a level.
+
+    The moment generating function is known, and its transform is inverted along the vertical line through the
+    level, near which the integrand does not oscillate.
+
+    Parameters
+    ----------
+    level
+        The level; it must be less than 1 / (2 a_i c_i) for every i.
+    influence, curvature
+        The coefficients a and c, shape (d,).
+    """
+    square = influence * curvature
+
+    def integrand(u: float) -> float:
+        s = complex(level, u)
+        rest = 1 - 2 * s * square
+        log_mean = (s * s * influence**2 / (2 * rest) - s * square - np.log(rest) / 2).sum()
+        return float((np.exp(log_mean - s * level) / s).real) / math.pi
+
+    return quad(integrand, 0, math.inf, epsabs=0, epsrel=1e-8)[0]
+
+
 # ---- the problems
 
 
@@ -317,6 +352,17 @@ def fujita_rackwitz(dimension: int) -> PublicProblem:
     )
 
 
+def of_many_small(inputs: int) -> PublicProblem:
+    """Return the event that a sum of many small influences exceeds 4.5."""
+    influence, curvature = many_small(inputs)
+
+    def margin(z: Array) -> Array:
+        return 4.5 - (z + curvature * (z**2 - 1)) @ influence
+
+    name = f"many_small_{inputs}"
+    return PublicProblem(name, of_all(name, inputs, margin), exact=tail_of_squares(4.5, influence, curvature))
+
+
 def shell(z: Array) -> Array:
     """Return the margin of a layer about a paraboloid that is 0.02 thick."""
     return np.maximum(3.5 - paraboloid(z), paraboloid(z) - 3.52)
@@ -359,6 +405,7 @@ def high_dimensions() -> list[PublicProblem]:
             )
             for d in (20, 40)
         ),
+        *(of_many_small(d) for d in (20, 40)),
         *(
             PublicProblem(
                 name,

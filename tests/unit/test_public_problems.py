@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import stats
 
 SAMPLERS = Path(__file__).parents[2] / "benchmarks" / "samplers"
 
@@ -49,3 +50,19 @@ def test_inputs_of_no_influence_leave_the_probability_as_it_is(public):
         mixed = public.diluted(z, little)
         np.testing.assert_allclose(np.cov(mixed.T), np.eye(3), atol=0.05)
     np.testing.assert_array_equal(public.diluted(z, 0.0), z[:, :3])
+
+
+@pytest.mark.parametrize("inputs", [20, 40])
+def test_many_small_influences_have_the_probability_of_weighted_draws(public, inputs):
+    """The draws are about the nearest point of the plane that the boundary would be without curvature."""
+    problem = public.public_problems()[f"many_small_{inputs}"]
+    influence, curvature = public.many_small(inputs)
+    centre = 4.5 * influence
+    z = centre + np.random.default_rng(4).standard_normal((400_000, inputs))
+    weight = np.exp(centre @ centre / 2 - z @ centre) * problem.event.evaluate(z)[0]
+    error = weight.std() / np.sqrt(len(z))
+    assert abs(weight.mean() - problem.exact) < 4 * error
+    flat = public.tail_of_squares(4.5, influence, 0 * curvature)
+    assert flat == pytest.approx(stats.norm.sf(4.5), rel=1e-6)
+    for wrong in (flat, public.tail_of_squares(4.4, influence, curvature)):
+        assert abs(weight.mean() - wrong) > 10 * error
