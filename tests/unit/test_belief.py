@@ -6,8 +6,9 @@ from accelerated_evaluation.methods.surrogate.belief import Belief
 from accelerated_evaluation.methods.surrogate.constants import MOST_TRUST
 from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurrogate, Predecessor
 from accelerated_evaluation.methods.surrogate.progress import Progress
-from accelerated_evaluation.methods.surrogate.subspace import WholeSpace
+from accelerated_evaluation.methods.surrogate.subspace import Subspace, WholeSpace
 from accelerated_evaluation.methods.surrogate.wide_laws import draw_wide
+from scipy.stats import norm
 
 DIMENSION = 6
 
@@ -126,3 +127,22 @@ def test_a_predecessor_cannot_rule_out_what_the_own_flags_hold_possible():
     trust = belief._calibration.trust
     assert trust == pytest.approx(1 - MOST_TRUST)
     assert (belief.probability(new) >= trust * belief._calibration.second(by_own) * (1 - 1e-9)).all()
+
+
+def test_what_lies_across_the_directions_counts_as_noise():
+    """The event is z_1 + z_2 / 2 > 4.5, and only z_1 is a direction; its probability given z_1 is known."""
+    z = np.vstack([draw_wide(60, DIMENSION, np.random.default_rng(4)), near_the_boundary(240, 5)])
+    progress = Progress.start(DIMENSION)
+    progress.z, progress.score = z, 4.5 - z[:, 0] - z[:, 1] / 2
+    progress.happened = progress.score < 0
+    belief = Belief(Subspace(np.eye(DIMENSION)[:, :1]), None)
+    belief.fit(progress)
+    new = near_the_boundary(500, 6)
+    exact = norm.cdf(2 * (new[:, 0] - 4.5))
+
+    def error():
+        return np.abs(belief.foresee(new)[:, 1] - exact).mean()
+
+    assert error() < 0.08
+    belief._scores_are_noisy = False
+    assert error() > 0.12  # too sure

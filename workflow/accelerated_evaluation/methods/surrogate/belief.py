@@ -25,7 +25,7 @@ from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurro
 from accelerated_evaluation.methods.surrogate.graded import GradedSurrogate, end_of_events, graded
 from accelerated_evaluation.methods.surrogate.kernel import principal_axes
 from accelerated_evaluation.methods.surrogate.progress import Progress
-from accelerated_evaluation.methods.surrogate.subspace import Space
+from accelerated_evaluation.methods.surrogate.subspace import Space, Subspace
 
 
 class Belief:
@@ -40,7 +40,8 @@ class Belief:
         are not used if a predecessor is given.
     noisy
         Whether most outcomes are one draw of a probability instead of being the same in every run. The
-        amplitude of the surrogate of the flags may then be small, and the noise of the scores counts.
+        amplitude of the surrogate of the flags may then be small, and the noise of the scores counts. It
+        also counts in a subspace, where the same coordinates may belong to different outcomes.
 
     Attributes
     ----------
@@ -56,6 +57,7 @@ class Belief:
         self.flags = EventSurrogate(space.dimension, predecessor, amplitude)
         self.scores = GradedSurrogate(space.dimension)
         self._has_predecessor, self._noisy = predecessor is not None, noisy
+        self._scores_are_noisy = noisy or isinstance(space, Subspace)
         self._second: Callable[[Array], Array] | None = None
         self._calibration = Calibration()
 
@@ -109,4 +111,4 @@ class Belief:
         return np.column_stack([by_flags, by_second])
 
     def _by_scores(self, z: Array, below: float) -> Array:
-        return self.scores.probability(z @ self.flags.axes, below, noisy=self._noisy)
+        return self.scores.probability(z @ self.flags.axes, below, noisy=self._scores_are_noisy)
