@@ -130,8 +130,10 @@ def save_figure(
                 temporary, format=extension, metadata={**undated[extension], **metadata.get(extension, {})}
             )
         # Finding the places of all parts takes longer than drawing them. The first format has found them in
-        # inches, which serve all formats, so that the others need not search again.
-        figure.set_layout_engine("none")
+        # inches, which serve all formats, so that the others need not search again. With the engine "none"
+        # Matplotlib would still draw once in advance for it.
+        with mpl.rc_context({"figure.constrained_layout.use": False}):
+            figure.set_layout_engine(None)
     write_csv(Path(folder) / f"{name}.csv", reproducible(data))
     plt.close(figure)
     return figure
