@@ -1,6 +1,7 @@
 """The law that the command ``estimate`` is given: fitted at once, named, or of a finished study."""
 
 import json
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -44,11 +45,27 @@ def folder(tmp_path_factory):
     return folder
 
 
+@pytest.fixture(scope="module")
+def chosen():
+    """Return a function that fits a law to the records of a configuration, each law once for all tests."""
+
+    @cache
+    def fitted(choice):
+        config = few_draws()
+        return choose_law(choice, read_records(config)[0], config)[1]
+
+    return fitted
+
+
+def few_draws():
+    config = resolved(load(["motorway.yaml"]))
+    return config | {"answer": config["answer"] | {"draws": 20}}
+
+
 @pytest.fixture
 def config(folder, monkeypatch):
     monkeypatch.chdir(folder)
-    config = resolved(load(["motorway.yaml"]))
-    return config | {"answer": config["answer"] | {"draws": 20}}
+    return few_draws()
 
 
 def crash_probability(law):
@@ -67,7 +84,7 @@ def crash_probability(law):
 
 
 @pytest.mark.parametrize("choice", ["answer", "paper"])
-def test_the_estimate_is_of_the_law_that_was_chosen(config, choice):
+def test_the_estimate_is_of_the_law_that_was_chosen(config, chosen, choice):
     found = estimate_alone(config, law=choice)
     row = found.tables["estimate"].iloc[0]
     exact = crash_probability(found.law)
@@ -78,14 +95,13 @@ def test_the_estimate_is_of_the_law_that_was_chosen(config, choice):
         answer = found.tables["answer"].iloc[0]
         assert answer["probability"] == pytest.approx(exact, abs=4 * error)
     others = [name for name in ("paper", "hazard", "exponential 0.9") if name != choice]
-    encounters, _ = read_records(config)
-    wrong = [crash_probability(choose_law(other, encounters, config)[1]) for other in others]
+    wrong = [crash_probability(chosen(other)) for other in others]
     assert max(abs(row["probability"] - other) for other in wrong) > 4 * error
 
 
-def test_a_law_file_of_a_study_is_taken_and_of_other_records_refused(config, tmp_path):
+def test_a_law_file_of_a_study_is_taken_and_of_other_records_refused(config, chosen, tmp_path):
     encounters, _ = read_records(config)
-    _, law = choose_law("hazard", encounters, config)
+    law = chosen("hazard")
     write_law(tmp_path / "law.json", law)
     name, read = choose_law(str(tmp_path / "law.json"), encounters, config)
     assert name == str(tmp_path / "law.json")

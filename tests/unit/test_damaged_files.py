@@ -11,7 +11,7 @@ import copy
 import io
 import json
 import re
-from functools import reduce
+from functools import cache, reduce
 from operator import getitem
 from pathlib import Path
 
@@ -87,13 +87,18 @@ def driven(batches, predecessor=None):
 
 
 ALIKE = Predecessor(np.array([[3.6, 0.1], [3.0, 0.2], [3.8, -1.0]]), np.array([True, False, True]))
-STATES = [driven(1), driven(5), driven(14), driven(3, ALIKE)]
+
+
+@cache
+def states():
+    """Return states of samplers; they are made for the first test, and not where tests are collected."""
+    return [driven(1), driven(5), driven(14), driven(3, ALIKE)]
 
 
 @often
 @given(st.data())
 def test_a_state_is_refused_or_the_sampler_goes_on(data):
-    content = data.draw(st.sampled_from(STATES))
+    content = data.draw(st.sampled_from(states()))
     content = changed(content, *data.draw(damages(content)))
     whole = {
         "format": state.FORMAT,
@@ -115,7 +120,7 @@ def test_a_state_is_refused_or_the_sampler_goes_on(data):
 
 @pytest.mark.parametrize("value", [[[1.0], [1.0], [1.0]], [[1.0, 2.0]], [], [[[1.0]], [[1.0]]]])
 def test_sites_of_another_shape_are_named(value):
-    content = changed(STATES[1], ("sites",), value)
+    content = changed(states()[1], ("sites",), value)
     whole = {"format": state.FORMAT, "version": state.VERSION, "state": content}
     with pytest.raises(InputError, match="sites has the shape"):
         state.State.from_json(whole | {"checksum": state._checksum(content)}, "state.json")
@@ -124,7 +129,9 @@ def test_sites_of_another_shape_are_named(value):
 @pytest.mark.parametrize("part", ["progress", "pending"])
 def test_a_zone_of_rarity_without_a_width_is_refused(part):
     path = ("progress", "wide_draws") if part == "progress" else ("progress", "pending", "wide_draws")
-    waiting = next(content for content in STATES if (content["progress"]["pending"] or {}).get("wide_draws"))
+    waiting = next(
+        content for content in states() if (content["progress"]["pending"] or {}).get("wide_draws")
+    )
     content = changed(waiting, (*path, 0, 2), 0)
     whole = {"format": state.FORMAT, "version": state.VERSION, "state": content}
     with pytest.raises(InputError, match="a zone of rarity that does not end above its beginning"):

@@ -48,7 +48,7 @@ def with_toy(tmp_path):
     """Return the environment of a copy of the library with the files of the toy scenario."""
     package = "workflow/accelerated_evaluation"
     for folder in ("config", "workflow/schemas", package):
-        shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(ROOT / folder, tmp_path / folder)  # compiled code comes along
     toy = f"{package}/scenarios/backing_out"
     shutil.copytree(ROOT / "tests/toys" / toy, tmp_path / toy, ignore=shutil.ignore_patterns("__pycache__"))
     return os.environ | {"PYTHONPATH": str(tmp_path / "workflow")}
