@@ -13,6 +13,7 @@ from accelerated_evaluation.laws.joint.truncated import Normals
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
+from accelerated_evaluation.scenarios.record_report import inspect_scenario_records
 from accelerated_evaluation.track import weighted_set
 from accelerated_evaluation.track.campaign_file import read_campaign, write_campaign
 from accelerated_evaluation.track.export import page, table_of
@@ -143,6 +144,19 @@ def test_the_report_on_records_counts_what_is_wrong(folder, capsys):
     spoiled.assign(turning_speed_mps=-1.0).to_csv("records.csv", index=False)
     with pytest.raises(SystemExit):
         cli.main(arguments)
+
+
+@pytest.mark.parametrize(("equal", "verdict"), [(5, "fine"), (20, "warning"), (100, "stop")])
+def test_values_that_are_constant_or_heaped_are_reported(equal, verdict):
+    generator = np.random.default_rng(1)
+    rows = pd.DataFrame({name: generator.uniform(5, 25, 100) for name in LEFT_TURN.names})
+    rows.loc[: equal - 1, LEFT_TURN.names[1]] = 7.0
+    rows = rows.assign(cluster=[f"driver {k % 30}" for k in range(100)], fitted=True)
+    simulate = load_vehicle(LEFT_TURN.default_vehicle, LEFT_TURN).simulate
+    found = inspect_scenario_records(LEFT_TURN, rows, simulate).set_index("check").loc["equal values"]
+    assert found["verdict"] == verdict
+    assert found["number"] == equal / 100
+    assert LEFT_TURN.names[1] in found["seen"]
 
 
 @pytest.mark.parametrize(

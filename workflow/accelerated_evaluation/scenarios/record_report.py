@@ -10,6 +10,7 @@ from accelerated_evaluation.records.checks import FINE, STOP, WARNING, Finding, 
 from accelerated_evaluation.scenarios.protocol import CLUSTER, FITTED, Scenario
 
 FEW_CLUSTERS = 20  # effective number, below which intervals by a bootstrap over clusters are too short
+MANY_EQUAL = 0.05  # of the records with one value of a variable, which no smooth law has
 MANY_CRASHES = 0.1  # of the records: the recorded drivers did not crash, so the vehicle or a unit is wrong
 Simulate = Callable[..., object]
 
@@ -37,6 +38,7 @@ def inspect_scenario_records(scenario: Scenario, records: pd.DataFrame, simulate
         {
             "repeated rows": _repeated(scenario, numbered),
             "rows outside limits": _outside(scenario, numbered),
+            "equal values": _equal(scenario, numbered),
             "clusters": _clusters(numbered),
             "replayed crashes": _replayed(scenario, numbered, simulate),
         }
@@ -68,6 +70,24 @@ def _outside(scenario: Scenario, records: pd.DataFrame) -> Finding:
         len(rows),
         "Check the unit and the sign of the column. Laws are not fitted to these rows.",
         list(rows),
+    )
+
+
+def _equal(scenario: Scenario, records: pd.DataFrame) -> Finding:
+    fitted = records[records[FITTED]]
+    counts = {name: fitted[name].value_counts() for name in scenario.names if len(fitted)}
+    shares = {name: float(each.iloc[0]) / len(fitted) for name, each in counts.items()}
+    name = max(shares, key=shares.__getitem__, default="")
+    share = shares.get(name, 0.0)
+    value = counts[name].index[0] if name else np.nan
+    return Finding(
+        STOP if share == 1 else WARNING if share > MANY_EQUAL else FINE,
+        "largest share of the fitted records that have the same value of a variable",
+        f"{share:.1%} have {name} {value:g}" if name else "no fitted records",
+        share,
+        "Take the values as they were measured. Laws are smooth, and fit neither a constant nor a heap of "
+        "rounded or missing values.",
+        list(fitted.index[fitted[name] == value]) if share > MANY_EQUAL else (),
     )
 
 
