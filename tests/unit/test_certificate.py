@@ -168,7 +168,23 @@ def test_a_region_that_is_met_late_is_not_averaged_away():
         assert abs(math.log(result.probability / (2 * norm.sf(3.5)))) < math.log(1.6)
 
 
-@pytest.mark.parametrize("wrong", [(0.0, 1.0), (1.0, -1.0), (1.0, math.inf)])
+def test_a_mode_that_is_not_filled_is_missed_as_seldom_as_its_bound_says():
+    """The event happens in 30 % of the encounters of a half-space; a filled one is met oftener."""
+    generator, trials, draws, filled = np.random.default_rng(3), 2000, 100, 0.3
+    wide_draws = np.array([[draws, 0.0, FREQUENT.reach]])
+    bound = Unseen.after(wide_draws, 3, FREQUENT.reach, 0.0, filled).mode
+    assert Unseen.after(wide_draws, 3, FREQUENT.reach, 0.0).mode < bound / filled
+    z = FREQUENT.draw(draws * trials, 3, generator)
+    in_mode = z[:, 0] > norm.isf(bound / filled)
+    happened = in_mode & (generator.random(len(z)) < filled)
+    missed, missed_if_filled = (~each.reshape(trials, draws).any(1) for each in (happened, in_mode))
+    assert abs(missed.mean() - UNSEEN_ALPHA) < 5 * math.sqrt(UNSEEN_ALPHA / trials)
+    assert missed_if_filled.mean() < UNSEEN_ALPHA / 10
+
+
+@pytest.mark.parametrize(
+    "wrong", [(0.0, 1.0), (1.0, -1.0), (1.0, math.inf), (1.0, 0.0, 0.0), (1.0, 0.0, 1.5)]
+)
 def test_certificates_that_mean_nothing_are_refused(wrong):
     with pytest.raises(ValueError, match="share must be positive"):
         Certificate(*wrong)

@@ -44,8 +44,12 @@ SETTINGS = section(
 )
 
 # For events that may be frequent and in several parts, as in scenarios with joint laws: an unmet part must be
-# less probable than the estimate. The default is for rare events, and allows a thousand times the estimate.
-FREQUENT_EVENTS: Mapping[str, Any] = {"certificate": Certificate(share=1.0, curvature=0.0), "begin": FREQUENT}
+# less probable than the estimate, even if the event happens in only 30 % of the encounters there, as where
+# rounding decides. The default is for rare events, and allows filled parts of a thousand times the estimate.
+FREQUENT_EVENTS: Mapping[str, Any] = {
+    "certificate": Certificate(share=3.0, curvature=0.0, filled=0.3),
+    "begin": FREQUENT,
+}
 
 
 @METHODS.add("surrogate")

@@ -38,14 +38,21 @@ class Certificate:
         Largest allowed ratio of the probability of an unmet mode to the estimate.
     curvature
         Largest curvature of the modes that must be excluded, one over a length in normal scores.
+    filled
+        Smallest share of the encounters in such a mode in which the event happens. If it is below 1, a draw
+        in the mode meets the event only with this probability, and more draws are needed to exclude it.
     """
 
     share: float
     curvature: float
+    filled: float = 1.0
 
     def __post_init__(self) -> None:
-        if not (self.share > 0 and 0 <= self.curvature < math.inf):
-            raise ValueError(f"share must be positive and curvature finite and not negative, got {self}")
+        if not (self.share > 0 and 0 <= self.curvature < math.inf and 0 < self.filled <= 1):
+            raise ValueError(
+                "share must be positive, curvature finite and not negative, and filled above 0 and at most "
+                f"1, got {self}"
+            )
 
 
 # By default half-spaces must be excluded that are a thousand times as probable as the estimate. Where the
@@ -65,7 +72,7 @@ class Unseen:
     runs
         Number of draws from the wide distribution on which the bounds are based.
     mode, anything
-        Bounds on the probability of a mode, and of any set.
+        Bounds on the probability of the event in a mode, and in any set.
     """
 
     runs: float
@@ -73,7 +80,9 @@ class Unseen:
     anything: float
 
     @classmethod
-    def after(cls, wide_draws: Array, dimension: int, reach: float, curvature: float) -> Self:
+    def after(
+        cls, wide_draws: Array, dimension: int, reach: float, curvature: float, filled: float = 1.0
+    ) -> Self:
         """Return the bounds after some draws from the wide distribution.
 
         Parameters
@@ -86,9 +95,12 @@ class Unseen:
             Rarity up to which no point of the mode was met.
         curvature
             Largest curvature of the mode, one over a length in normal scores.
+        filled
+            Share of the encounters in the mode in which the event happens.
         """
-        nearest = _caps(dimension, curvature)[0][_nearest(wide_draws, dimension, reach, curvature)]
-        return cls(float(wide_draws[:, 0].sum()), float(ndtr(-nearest)), _bound_of_any_set(wide_draws))
+        mode = _nearest(wide_draws * [filled, 1, 1], dimension, reach, curvature)
+        probability = filled * float(ndtr(-_caps(dimension, curvature)[0][mode]))
+        return cls(float(wide_draws[:, 0].sum()), probability, _bound_of_any_set(wide_draws))
 
 
 def unseen_in_words(diagnostics: Mapping[str, float]) -> str:

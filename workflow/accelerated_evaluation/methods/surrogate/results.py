@@ -108,9 +108,10 @@ def is_certified(progress: Progress, certificate: Certificate) -> bool:
 def where_to_search(progress: Progress, certificate: Certificate) -> float:
     """Return the rarity beyond which runs for the certificate are placed; 0 means everywhere."""
     probability = _mean(progress)
-    if not 0 < (share := certificate.share * probability) < 0.5:
+    if not 0 < (share := certificate.share * probability / certificate.filled) < 0.5:
         return 0.0
-    known = progress.wide_draws, progress.z.shape[1], reach_of(probability), certificate.curvature
+    wide_draws = progress.wide_draws * [certificate.filled, 1, 1]
+    known = wide_draws, progress.z.shape[1], reach_of(probability), certificate.curvature
     return look_beyond(*known, share)
 
 
@@ -129,7 +130,8 @@ def _that_count(progress: Progress) -> Sequence[BatchEstimate]:
 def _unseen(progress: Progress, probability: float, certificate: Certificate) -> Unseen:
     """Return the bounds on an unmet part of the event, given the probability of the known part."""
     reach = reach_of(probability)
-    return Unseen.after(progress.wide_draws, progress.z.shape[1], reach, certificate.curvature)
+    shape = certificate.curvature, certificate.filled
+    return Unseen.after(progress.wide_draws, progress.z.shape[1], reach, *shape)
 
 
 def combined_estimate(progress: Progress, stopping: Stopping) -> tuple[Combined | None, tuple[float, float]]:
