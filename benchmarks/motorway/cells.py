@@ -28,7 +28,7 @@ COLORS = {
     "acc_only": "#737373",
     "acc_aeb": "#000000",
 }
-MARKERS = {"closing": "o", "opening": "^"}
+MARKERS = {"cc_human": "s", "poor": "^", "human": "o", "acc_only": "D", "acc_aeb": "v"}
 LEAST = 0.3  # where predictions of less are drawn
 LEVEL = 0.95
 
@@ -67,8 +67,10 @@ def _draw_panel(axes: Axes, data: pd.DataFrame, name: str, largest: float) -> No
             cells[name].clip(LEAST),
             counted,
             yerr=errors,
-            fmt=MARKERS[gap],
+            fmt=MARKERS[host],
             color=COLORS[host],
+            markerfacecolor=COLORS[host] if gap == "closing" else "white",
+            markersize=4,
             elinewidth=0.5,
             label=f"{host}, {gap}",
         )

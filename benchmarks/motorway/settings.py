@@ -35,7 +35,7 @@ class Motorway:
     lanes
         Number of lanes.
     flow
-        Vehicles that enter per hour.
+        Vehicles that arrive per hour. Those that find no gap at the entry within a minute are left out.
     truck_share
         Share of lorries.
     speed_limit
@@ -54,12 +54,12 @@ class Motorway:
         Limits of the uniform distribution of the willingness to change into a small gap (lcAssertive).
     """
 
-    worlds: int = limited(5, 1, 1000, whole=True)
-    hours: float = limited(1.0, 0.01, 10_000)
+    worlds: int = limited(10, 1, 1000, whole=True)
+    hours: float = limited(5.0, 0.01, 10_000)
     recording: float = limited(0.15, 0.01, 100)
     seed: int = limited(1, 0, 2_000_000, whole=True)
     lanes: int = limited(3, 2, 8, whole=True)
-    flow: float = limited(6_500.0, 1, 30_000)
+    flow: float = limited(4_000.0, 1, 30_000)
     truck_share: float = limited(0.12, 0, 1)
     speed_limit: float = limited(30.0, 5, 80)
     speed_spread: float = limited(0.16, 0, 0.5)

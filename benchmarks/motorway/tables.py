@@ -55,9 +55,24 @@ def extraction_table(extraction: pd.DataFrame) -> str:
     return markdown(headings, table)
 
 
+def chain_table(chain: pd.DataFrame) -> str:
+    """Return in how many worlds the intervals of the whole chain cover the count, by host and prediction."""
+    headings = ("host", "lead motion", "worlds", "counted", "predicted, sum of the medians")
+    headings += ("80 % covers", "95 % covers", "count above the 95 % interval", "count below it")
+    table = []
+    for (host, prediction), rows in chain.groupby(["host", "prediction"], sort=False):
+        counted = rows["counted"]
+        covers = (counted.between(rows[f"low{level}"], rows[f"high{level}"]).sum() for level in (80, 95))
+        misses = ((counted > rows["high95"]).sum(), (counted < rows["low95"]).sum())
+        numbers = (len(rows), counted.sum(), rows["median"].sum(), *covers, *misses)
+        table.append((host, prediction, *(f"{number:,.0f}" for number in numbers)))
+    return markdown(headings, table)
+
+
 TABLES = {
     "motorway": Table(README, RESULTS / "motorway.csv", counts_table, COMMAND),
     "motorway_calibration": Table(README, RESULTS / "motorway_calibration.csv", calibration_table, COMMAND),
+    "motorway_chain": Table(README, RESULTS / "motorway_chain.csv", chain_table, COMMAND),
     "motorway_extraction": Table(README, RESULTS / "motorway_extraction.csv", extraction_table, COMMAND),
 }
 

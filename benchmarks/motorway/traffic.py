@@ -29,7 +29,10 @@ RATE = 5  # records of all vehicles a second
 FOLLOWED = 8.0  # [s], how long the other car is followed, the horizon of the study's car
 AHEAD = 400.0  # [m], of road that a cut-in has ahead, so that the other car can be followed so long
 SEEN = 150.0  # [m], largest range of a cut-in
-WARM_UP = 240.0  # [s], until the motorway is full
+WARM_UP = 900.0  # [s], until the traffic is stationary
+PATIENCE = (
+    60.0  # [s], after which a vehicle that finds no gap at the entry is left out; long queues take much time
+)
 WINDOW = 5.0  # [s], over which changes of speed are measured, as in NGSIM
 FASTER = 8.0  # [m/s], speed above which they are
 CAR, LORRY = 4.8, 14.0  # [m], lengths
@@ -212,6 +215,7 @@ def simulate(motorway: Motorway, part: Part) -> Trajectories:
         write_motorway(motorway, folder, part.drivers, end)
         options = ["--step-length", STEP, "--seed", part.seed, "--end", end, "--precision", 4]
         options += ["--collision.action", "warn", "--collision.mingap-factor", 0, "--time-to-teleport", -1]
+        options += ["--max-depart-delay", PATIENCE]
         options += [
             "--no-step-log",
             "--no-warnings",
