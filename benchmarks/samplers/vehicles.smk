@@ -9,7 +9,10 @@ import sys
 sys.path.insert(0, workflow.basedir)
 
 from accelerated_evaluation.study.dependencies import imported_modules
+from accelerated_evaluation.study.locks import release_dead_locks
 from vehicles import LAWS, vehicles
+
+ALIVE = release_dead_locks()
 
 HERE = "benchmarks/samplers"
 RAW = "results/benchmarks/vehicles"

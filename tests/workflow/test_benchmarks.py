@@ -1,4 +1,4 @@
-"""The workflows of the benchmarks find all inputs: each plans its jobs in a folder in which nothing ran."""
+"""The workflows of the benchmarks find all inputs, and plan their jobs where a run was killed."""
 
 import os
 import re
@@ -23,6 +23,9 @@ JOBS = {
 def test_a_benchmark_plans_its_jobs(name, tmp_path):
     for part in PARTS:
         (tmp_path / part).symlink_to(ROOT / part)
+    lock = tmp_path / ".snakemake/locks/0.output.lock"  # of a run that was killed
+    lock.parent.mkdir(parents=True)
+    lock.touch()
     command = [
         sys.executable,
         "-m",
@@ -38,3 +41,4 @@ def test_a_benchmark_plans_its_jobs(name, tmp_path):
     assert run.returncode == 0, run.stderr[-3000:] + run.stdout[-3000:]
     statistics = (run.stdout + run.stderr).split("Job stats:")[-1].split("\n\n")[0]
     assert JOBS[name] <= set(re.findall(r"^(\w+) +\d+$", statistics, flags=re.MULTILINE))
+    assert not lock.exists()
