@@ -24,8 +24,9 @@ os.environ.pop("PYTHONUNBUFFERED", None)
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 PARTS = ("Snakefile", "workflow", "notebooks", "docs", "config", "data", "profiles", "environment.txt")
-PARTS += ("benchmarks/results/worlds.csv", "benchmarks/results/worlds_causes.csv", "article")
-PARTS += tuple(f"benchmarks/results/{name}.csv" for name in ("samplers", "successors", "answers"))
+BENCHMARKS = ("worlds", "worlds_causes", "motorway", "motorway_chain", "samplers", "successors", "answers")
+PARTS += tuple(f"benchmarks/results/{name}.csv" for name in BENCHMARKS)
+PARTS += ("article",)
 WITH_TOYS = ("config/smoke.yaml", "config/toys.yaml")
 
 

@@ -4,7 +4,14 @@
 """
 
 import pandas as pd
-from accelerated_evaluation.publishing.readme import ROOT, Table, markdown, update
+from accelerated_evaluation.publishing.readme import (
+    MOTORWAY,
+    MOTORWAY_CHAIN,
+    ROOT,
+    Table,
+    markdown,
+    update,
+)
 
 RESULTS = ROOT / "benchmarks" / "results"
 README = ROOT / "benchmarks" / "README.md"
@@ -70,9 +77,9 @@ def chain_table(chain: pd.DataFrame) -> str:
 
 
 TABLES = {
-    "motorway": Table(README, RESULTS / "motorway.csv", counts_table, COMMAND),
+    "motorway": Table(README, MOTORWAY, counts_table, COMMAND),
     "motorway_calibration": Table(README, RESULTS / "motorway_calibration.csv", calibration_table, COMMAND),
-    "motorway_chain": Table(README, RESULTS / "motorway_chain.csv", chain_table, COMMAND),
+    "motorway_chain": Table(README, MOTORWAY_CHAIN, chain_table, COMMAND),
     "motorway_extraction": Table(README, RESULTS / "motorway_extraction.csv", extraction_table, COMMAND),
 }
 

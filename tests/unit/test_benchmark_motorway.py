@@ -256,12 +256,11 @@ def test_a_motorway_of_sumo_has_cut_ins():
     assert recorded_courses(table.query("counts")).min() >= 0
 
 
-def test_a_crowded_motorway_is_not_more_expensive_by_the_hour():
-    """Vehicles have numbers in order of arrival, so that those in a queue fall behind the others."""
+def test_no_queue_grows_at_the_entry_of_a_crowded_motorway():
+    """Vehicles are numbered by arrival. Without a limit they would have waited for 450 s here."""
     pytest.importorskip("sumo", reason="Eclipse SUMO is not installed; see benchmarks/README.md")
-    found = simulate(Motorway(flow=20_000), Part(1, 0, 0, 0.01))
+    found = simulate(Motorway(flow=8_000), Part(1, 0, 0, 0.01))
     _, first = np.unique(found.vehicle, return_index=True)
     enters = first[found.frame[first] > 0]
-    arrives = found.vehicle[enters] / 20_000 * 3600 - WARM_UP
-    waited = found.frame[enters] / RATE - arrives
-    assert np.quantile(waited, [0.05, 0.95]) == pytest.approx([0, PATIENCE], abs=PATIENCE)
+    waited = WARM_UP + found.frame[enters] / RATE - found.vehicle[enters] / 8_000 * 3600
+    assert 0 < waited.max() < 2 * PATIENCE
