@@ -11,7 +11,7 @@ from accelerated_evaluation.laws.smooth.excess import fit_excess, unit_informati
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, members_at
 from accelerated_evaluation.laws.smooth.regressions import REGRESSIONS, fit_regression
 from accelerated_evaluation.laws.smooth.shapes import SHAPES, Exponential, Generalised, TwoKinds
-from accelerated_evaluation.laws.smooth.smooth_hazard import Binned, fit_hazard
+from accelerated_evaluation.laws.smooth.smooth_hazard import Binned, Cumulative, fit_hazard
 from accelerated_evaluation.laws.smooth.splines import Basis, Constant, Penalty, Tensor
 from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
 from scipy import stats
@@ -101,6 +101,16 @@ def test_the_range_law_is_a_power_of_the_range(family):
     # P(R < 40 m) of the drawn law; its logarithm has a local standard error of about 0.03.
     truth = -np.log(((40 / 75) ** 2 - 0.01) / 0.99)
     np.testing.assert_allclose(near.at(np.full(2, np.log(75 / 40))), truth, rtol=0.1)
+
+
+@pytest.mark.parametrize("grid", [speed_grid(), range_grid(), range_grid(Support(range_max=67.3))])
+def test_the_bin_of_a_value_is_that_of_a_search(grid):
+    edges = grid.edges[2]
+    near = [np.nextafter(edges, -np.inf), edges, np.nextafter(edges, np.inf)]
+    value = np.concatenate([*near, np.random.default_rng(1).uniform(-1, edges[-1] + 1, 10_000)])
+    value = np.append(value, [np.inf, -np.inf, np.nan])
+    searched = np.clip(np.searchsorted(edges, value, side="right") - 1, 0, edges.size - 2)
+    assert Cumulative(edges, np.empty(0), np.empty(0)).bin_of(value).tolist() == searched.tolist()
 
 
 def test_cumulative_hazards_and_their_inverse_agree(family):
