@@ -64,7 +64,7 @@ benchmark-vehicles: $(ENVIRONMENT) ## all vehicles of the study under four laws:
 benchmark-recordings: $(ENVIRONMENT) ## cut-ins in 1, 10 and 100 million rows of recordings: time, memory, right or wrong; needs 12 GB of disk
 	python benchmarks/recordings/run.py
 
-worlds: $(ENVIRONMENT) ## does the interval cover? 5 kinds of 100 synthetic worlds, 6 kinds of 20 beyond the family; an hour and a half, resumable
+worlds: $(ENVIRONMENT) ## does the interval cover? 100 synthetic worlds of 5 kinds, and 20 of 11 kinds by few runs; two hours, resumable
 	$(WORLDS)
 
 claims: $(ENVIRONMENT) ## repeat every claim of the README with other random numbers, see REPRODUCE.md; resumable: make claims [CLAIMS="paper worlds"]

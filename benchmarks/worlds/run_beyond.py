@@ -1,10 +1,10 @@
-"""Simulate worlds beyond the family, and find the crash probability of each by the map and by few runs."""
+"""Simulate worlds of any kind, and find the crash probability of each by the map and by few runs."""
 
 import pandas as pd
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from beyond import worlds_beyond
-from kinds import World
+from kinds import World, worlds
 from procedures import Fitted
 from setting import ROOT, WorldSettings, chunk_arguments, read_setting, simulate_records
 from tqdm import tqdm
@@ -27,7 +27,7 @@ def main() -> None:
     """Write a table with two rows a world."""
     arguments = chunk_arguments(__doc__)
     setting, kind = read_setting(arguments.setting), arguments.kind
-    world = worlds_beyond(setting.family)[kind]
+    world = (worlds(setting.family, setting.law) | worlds_beyond(setting.family))[kind]
     numbers = tqdm(range(*arguments.worlds), desc=kind, unit=" worlds")
     rows = [row for number in numbers for row in examine(kind, number, world, setting)]
     write_csv(arguments.output, pd.DataFrame(rows))
