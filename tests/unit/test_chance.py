@@ -23,6 +23,7 @@ from test_methods import LAW, Corner, estimates, exact, fits
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "samplers"))
 
+import chance
 from chance import Careless, Lapsing, Shaken, Unbraked, least_runs, table
 
 DRAWN_BY_LAW = [name for name in METHODS if issubclass(METHODS[name], CrossEntropyMethod)]
@@ -185,6 +186,17 @@ def test_the_cars_of_the_benchmark_lapse_as_often_as_they_say():
         np.random.default_rng(4).standard_normal((n, 2))
     )
     assert happened.mean() == pytest.approx(ndtr(-1.0), abs=4 * math.sqrt(0.16 / n))
+
+
+def test_the_probability_of_the_stripes_is_that_of_other_draws(monkeypatch):
+    monkeypatch.setattr(chance, "DRAWS", 20_000)
+    stripes = chance.PROBLEMS["reg157"]()
+    z = np.random.default_rng(5).standard_normal((20_000, 3))
+    error = math.sqrt(2 * 0.015 / len(z))
+    happened = stripes.make(np.random.default_rng(6)).evaluate(z)[0]
+    assert abs(happened.mean() - stripes.exact) < 4 * error
+    other_car = chance.PROBLEMS["main"]().make(np.random.default_rng(7)).evaluate(z)[0]
+    assert abs(other_car.mean() - stripes.exact) > 4 * error
 
 
 def test_noise_costs_no_less_than_the_best_unbiased_estimate():

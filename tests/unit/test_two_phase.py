@@ -99,6 +99,9 @@ def test_the_defence_is_worth_draws_of_the_wide_law():
     assert (pi >= draws * wide / 400 * (1 - 1e-12)).all()
     assert (pi < 1.001 * draws * wide / 400).any()
     assert selection.draws_of_the_wide_law(0 * wide, pi) == 0
+    underflown = np.where(wide > 0, wide, 5e-324)  # the draws of such a point are beyond all numbers
+    with np.errstate(over="raise"):
+        assert selection.draws_of_the_wide_law(underflown, pi) == draws
 
 
 def test_the_cut_wide_law_keeps_its_mass():

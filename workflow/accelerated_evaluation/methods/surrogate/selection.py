@@ -40,7 +40,9 @@ def draws_of_the_wide_law(wide: Array, inclusion: Array) -> float:
     inclusion probability is smaller. ``wide`` is the density of the wide distribution, shape (m,).
     """
     within = wide > 0
-    return float((inclusion[within] / wide[within]).min() * len(inclusion)) if within.any() else 0.0
+    with np.errstate(over="ignore"):  # where the wide density underflows; such points are never the least
+        draws = inclusion[within] / wide[within]
+    return float(draws.min() * len(inclusion)) if within.any() else 0.0
 
 
 def draw_systematically(
