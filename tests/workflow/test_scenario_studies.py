@@ -89,7 +89,7 @@ def test_three_files_add_a_scenario_that_is_simulated_and_estimated(tmp_path, wi
     )
     found = pd.read_csv(tmp_path / "results/toy/estimate/estimate.csv").iloc[0]
     law = ["--scenario", "backing_out", "--law", "results/toy/estimate/law.json"]
-    assert "4 checks of the records" in run(tmp_path, with_toy, "inspect", "toy.yaml")
+    assert "FINE  equal values" in run(tmp_path, with_toy, "inspect", "toy.yaml")
     run(tmp_path, with_toy, "replay", "9", "35", "trace.csv", *law[:2], "--figure", "trace.svg")
     trace, far = pd.read_csv(tmp_path / "trace.csv"), 35 - 9 - 9**2 / 12
     assert trace["gap_m"].iloc[-1] == pytest.approx(far, abs=0.1)
