@@ -9,10 +9,11 @@ import sys
 sys.path.insert(0, workflow.basedir)
 
 from accelerated_evaluation.study.dependencies import imported_modules
-from accelerated_evaluation.study.locks import release_dead_locks
 from vehicles import LAWS, vehicles
 
-ALIVE = release_dead_locks()
+
+include: "../../workflow/rules/this_run.smk"
+
 
 HERE = "benchmarks/samplers"
 RAW = "results/benchmarks/vehicles"

@@ -16,12 +16,9 @@ from accelerated_evaluation.records.segments import segment_names
 from accelerated_evaluation.study.configuration import WORKFLOW
 from accelerated_evaluation.study.dependencies import imported_modules
 from accelerated_evaluation.study.inputs import StudyInputs, map_folder, part
-from accelerated_evaluation.study.locks import release_dead_locks
 from snakemake.exceptions import WorkflowError
 
 PROJECT = Path(os.path.relpath(WORKFLOW.parent))
-# A job of a cluster runs on a machine of its own, which cannot know whether the run that sent it is alive.
-ALIVE = release_dead_locks() if workflow.is_main_process else None
 try:
     INPUTS = StudyInputs.checked(
         config,

@@ -8,7 +8,7 @@ This saves time, because tables of cumulative hazards are needed for bodies and 
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Self
 
@@ -44,11 +44,11 @@ class LawDraws:
         Limits of the records.
     """
 
-    ranges: tuple[SmoothHazard, ...]
-    bodies: tuple[SmoothHazard, ...]
-    laws: tuple[SpeedLaw, ...]
-    shared: NDArray[np.intp]
-    names: tuple[str, ...]
+    ranges: tuple[SmoothHazard, ...] = field(repr=False)
+    bodies: tuple[SmoothHazard, ...] = field(repr=False)
+    laws: tuple[SpeedLaw, ...] = field(repr=False)
+    shared: NDArray[np.intp] = field(repr=False)
+    names: tuple[str, ...] = field(repr=False)
     support: Support
 
     @classmethod
