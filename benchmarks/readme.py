@@ -1,25 +1,18 @@
-"""The tables of the benchmarks in their README and in two guides, made from benchmarks/results.
+"""The tables of the benchmarks in their README and in guides, made from benchmarks/results and figures.
 
-``python benchmarks/readme.py`` updates them.
+``python benchmarks/readme.py`` updates them. Each table is a dictionary from a heading to the format of its
+cells, which names columns of the published file.
 """
+
+import re
 
 import numpy as np
 import pandas as pd
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.publishing.readme import CAUSES, ROOT, WORLDS, Table, markdown, update
 
-ANSWERS = ROOT / "benchmarks" / "results" / "answers.csv"
-CERTIFICATES = ROOT / "benchmarks" / "results" / "certificates.csv"
-CHANCE = ROOT / "benchmarks" / "results" / "chance.csv"
-CHECKS = ROOT / "benchmarks" / "results" / "checks.csv"
-PUBLIC = ROOT / "benchmarks" / "results" / "public.csv"
-RECORDINGS = ROOT / "benchmarks" / "results" / "recordings.csv"
-SAMPLERS = ROOT / "benchmarks" / "results" / "samplers.csv"
-SCENARIOS = ROOT / "benchmarks" / "results" / "scenarios.csv"
+RESULTS = ROOT / "benchmarks" / "results"
 STUDIES = ROOT / "figures"
-SUCCESSORS = ROOT / "benchmarks" / "results" / "successors.csv"
-VEHICLES = ROOT / "benchmarks" / "results" / "vehicles.csv"
-BEYOND = ROOT / "benchmarks" / "results" / "worlds_beyond.csv"
 BENCHMARKS = ROOT / "benchmarks" / "README.md"
 GUIDE = ROOT / "docs" / "sampler.md"
 JOINT_LAWS = ROOT / "docs" / "joint_laws.md"
@@ -28,396 +21,412 @@ OURS = "surrogate"
 LEARNERS = ("ak_mcs", "ak_is", "two_stage", "kde_ais")  # as in benchmarks/samplers/methods.py
 RELIABLE = 0.05  # share of failed seeds up to which another sampler is called the best
 COMMAND = "python benchmarks/readme.py"
+NOTHING = "–"
+MISSING = re.compile(r"\bnan\b")
+
+
+def formatted(table: pd.DataFrame, cells: dict[str, str]) -> str:
+    """Return a Markdown table with the given headings, and a row for each row of a table.
+
+    ``cells`` maps each heading to the format of its cells, for example ``"{runs:,.0f}"`` for the column
+    ``runs``. A cell whose value is missing contains a dash.
+    """
+    rows = [
+        tuple(NOTHING if MISSING.search(cell := form.format_map(row)) else cell for form in cells.values())
+        for row in table.to_dict("records")
+    ]
+    return markdown(tuple(cells), rows)
+
+
+def spaced(names: pd.Series) -> pd.Series:
+    """Return names with spaces instead of underscores."""
+    return names.str.replace("_", " ")
+
+
+def counts(table: pd.DataFrame, *shares: str, of: str = "seeds") -> pd.DataFrame:
+    """Return a table in which the named shares are numbers of seeds, or of what the column ``of`` counts."""
+    return table.assign(**{share: (table[share] * table[of]).round() for share in shares})
+
+
+def ours_and_others(samplers: pd.DataFrame) -> list[tuple[pd.Series, pd.DataFrame]]:
+    """Return, for each problem, the row of this sampler and the rows of the others that rarely fail."""
+    pairs = []
+    for _, rows in samplers.groupby("problem", sort=False):
+        others = rows[(rows["method"] != OURS) & (rows["failed"] <= RELIABLE)]
+        pairs.append((rows[rows["method"] == OURS].iloc[0], others))
+    return pairs
 
 
 def samplers_table(samplers: pd.DataFrame) -> str:
-    """Return, for each problem of the benchmark, what this project's sampler, the paper and others need.
+    """Return the simulations that this sampler, the paper's methods and public tools need for each problem.
 
-    Of the others the one of fewest effective simulations is shown, among those that rarely fail.
+    Of the other methods that rarely fail, the one with the fewest effective simulations is shown.
     """
-    headings = (
-        "problem",
-        "probability",
-        "this sampler",
-        "its true error",
-        "its 80 % intervals hold",
-        "failed",
+
+    def best(others: pd.DataFrame) -> str:
+        if others.empty:
+            return NOTHING
+        row = others.loc[others["effective_calls"].idxmin()]
+        return f"{row.effective_calls:,.0f} ({row.method})"
+
+    papers = [name for name in METHODS if METHODS[name].learns_apart]
+    rows = []
+    for ours, others in ours_and_others(samplers):
+        others = others[others["method"] != "crude"]
+        is_paper = others["method"].isin(papers)
+        rows.append({**ours, "paper": best(others[is_paper]), "public": best(others[~is_paper])})
+    table = counts(pd.DataFrame(rows), "failed")
+    return formatted(
+        table.assign(problem=spaced(table["problem"])),
+        {
+            "problem": "{problem}",
+            "probability": "{reference:.2g}",
+            "this sampler": "{calls_mean:,.0f}",
+            "its true error": "{error:.2f}",
+            "its 80 % intervals hold": "{coverage80:.0%}",
+            "failed": "{failed:.0f} of {seeds:,.0f}",
+            "best of the paper's methods": "{paper}",
+            "best public tool": "{public}",
+        },
     )
-    headings += ("best of the paper's methods", "best public tool")
-    table = []
-    for name, rows in samplers.groupby("problem", sort=False):
-        ours = rows[rows["method"] == OURS].iloc[0]
-        others = rows[(rows["method"] != "crude") & (rows["failed"] <= RELIABLE) & (rows["method"] != OURS)]
-        is_paper = others["method"].isin([name for name in METHODS if METHODS[name].learns_apart])
-        cells = (
-            name.replace("_", " "),
-            f"{ours.reference:.2g}",
-            f"{ours.calls_mean:,.0f}",
-            f"{ours['error']:.2f}",
-            f"{ours.coverage80:.0%}",
-            f"{ours.failed * ours.seeds:.0f} of {ours.seeds:,.0f}",
-            _best(others[is_paper]),
-            _best(others[~is_paper]),
-        )
-        table.append(cells)
-    return markdown(headings, table)
 
 
 def learners_table(samplers: pd.DataFrame) -> str:
-    """Return, for the problems on which others that learn a surface were run, what they and ours need."""
-    headings = ("problem", "method", "seeds", "calls", "95 % at most", "error", "bias")
-    headings += ("off by a factor of 2", "of these claimed", "80 % holds", "95 % holds")
+    """Return the performance of this sampler and of others that learn a surrogate, on common problems."""
     learned = samplers.groupby("problem", sort=False).filter(lambda rows: rows["method"].isin(LEARNERS).any())
-    forms = {"error": ".2f", "bias": "+.0%", "failed": ".0%", "claimed": ".0%"}
-    forms |= {"coverage80": ".0%", "coverage95": ".0%"}
-    table = []
-    for _, row in learned[learned["method"].isin([OURS, *LEARNERS])].iterrows():
-        cells = (
-            row["problem"].replace("_", " "),
-            "this sampler" if row["method"] == OURS else row["method"],
-            *(f"{row[name]:,.0f}" for name in ("seeds", "calls_mean", "calls_p95")),
-            *("–" if pd.isna(row[name]) else format(row[name], form) for name, form in forms.items()),
-        )
-        table.append(cells)
-    return markdown(headings, table)
+    learned = learned[learned["method"].isin([OURS, *LEARNERS])]
+    return formatted(
+        learned.assign(
+            problem=spaced(learned["problem"]), method=learned["method"].replace(OURS, "this sampler")
+        ),
+        {
+            "problem": "{problem}",
+            "method": "{method}",
+            "seeds": "{seeds:,.0f}",
+            "calls": "{calls_mean:,.0f}",
+            "95 % at most": "{calls_p95:,.0f}",
+            "error": "{error:.2f}",
+            "bias": "{bias:+.0%}",
+            "off by a factor of 2": "{failed:.0%}",
+            "of these claimed": "{claimed:.0%}",
+            "80 % holds": "{coverage80:.0%}",
+            "95 % holds": "{coverage95:.0%}",
+        },
+    )
 
 
 def public_table(public: pd.DataFrame) -> str:
-    """Return what this project's sampler and OpenTURNS need for the problems of public collections."""
-    headings = ("problem", "inputs", "reference", "seeds", "simulations", "95 % at most", "error")
-    headings += ("80 % holds", "off by a factor of 2", "no number", "NAIS: simulations", "its error")
-    table = []
-    for name, rows in public.groupby("problem", sort=False):
-        by = rows.set_index("method")
-        ours, others = by.loc[OURS], by.drop(index=OURS)
-        found = others[others["failed"] <= RELIABLE]
-        best = None if found.empty else found.loc[(found["calls_mean"] * found["error"] ** 2).idxmin()]
-        no_number = round(ours["no_number"] * ours["seeds"])
+    """Return the simulations that this sampler and OpenTURNS need for the problems of public collections."""
+    rows = []
+    for ours, others in ours_and_others(public):
+        best = {"nais": np.nan, "nais_error": np.nan}
+        if not others.empty:
+            other = others.loc[(others["calls_mean"] * others["error"] ** 2).idxmin()]
+            best = {"nais": other["calls_mean"], "nais_error": other["error"]}
         uncertain = f" ± {ours['reference_se']:.1g}" if ours["reference_se"] else ""
-        cells = (
-            name.replace("_", " "),
-            f"{ours['dimension']:.0f}",
-            f"{ours['reference']:.3g}{uncertain}",
-            *(f"{ours[column]:,.0f}" for column in ("seeds", "calls_mean", "calls_p95")),
-            "–" if pd.isna(ours["error"]) else f"{ours['error']:.2f}",
-            f"{ours['coverage80']:.0%}",
-            f"{round(ours['failed'] * ours['seeds']) - no_number}",
-            f"{no_number}",
-            *_calls_and_error(best),
-        )
-        table.append(cells)
-    return markdown(headings, table)
-
-
-def _calls_and_error(row: pd.Series | None) -> tuple[str, str]:
-    return ("–", "–") if row is None else (f"{row['calls_mean']:,.0f}", f"{row['error']:.2f}")
+        rows.append({**ours, **best, "reference": f"{ours['reference']:.3g}{uncertain}"})
+    table = counts(pd.DataFrame(rows), "failed", "no_number")
+    return formatted(
+        table.assign(problem=spaced(table["problem"]), off=table["failed"] - table["no_number"]),
+        {
+            "problem": "{problem}",
+            "inputs": "{dimension:.0f}",
+            "reference": "{reference}",
+            "seeds": "{seeds:,.0f}",
+            "simulations": "{calls_mean:,.0f}",
+            "95 % at most": "{calls_p95:,.0f}",
+            "error": "{error:.2f}",
+            "80 % holds": "{coverage80:.0%}",
+            "off by a factor of 2": "{off:.0f}",
+            "no number": "{no_number:.0f}",
+            "NAIS: simulations": "{nais:,.0f}",
+            "its error": "{nais_error:.2f}",
+        },
+    )
 
 
 def vehicles_table(vehicles: pd.DataFrame) -> str:
     """Return, for each law and vehicle, the exact crash probability and how well the sampler finds it."""
-    headings = ("law", "vehicle", "exact", "simulations", "mean / exact", "true error")
-    headings += ("80 % intervals hold", "failed", "of these, said to have converged")
-    table = []
-    for row in vehicles.to_dict("records"):
-        cells = [row["law"].replace("_", " "), row["vehicle"], f"{row['exact']:.2g}"]
-        if row["seeds"]:
-            found, failed = pd.notna(row["error"]), round(row["failed"] * row["seeds"])
-            cells += [
-                f"{row['calls_mean']:,.0f}",
-                f"{1 + row['bias']:.2f}" if found else "–",
-                f"{row['error']:.2f}" if found else "–",
-                f"{row['coverage80']:.0%}" if found else "–",
-                f"{failed} of {row['seeds']:.0f}",
-                f"{row['claimed'] * failed:.0f}" if failed else "–",
-            ]
-        table.append((*cells, *["–"] * (len(headings) - len(cells))))
-    return markdown(headings, table)
+    table = counts(vehicles, "failed")
+    run, found = table["seeds"] > 0, table["error"].notna()
+    return formatted(
+        table.assign(
+            law=spaced(table["law"]),
+            ratio=1 + table["bias"].where(found),
+            coverage80=table["coverage80"].where(found),
+            calls_mean=table["calls_mean"].where(run),
+            seeds=table["seeds"].where(run),
+            claimed=(table["claimed"] * table["failed"]).where(table["failed"] > 0),
+        ),
+        {
+            "law": "{law}",
+            "vehicle": "{vehicle}",
+            "exact": "{exact:.2g}",
+            "simulations": "{calls_mean:,.0f}",
+            "mean / exact": "{ratio:.2f}",
+            "true error": "{error:.2f}",
+            "80 % intervals hold": "{coverage80:.0%}",
+            "failed": "{failed:.0f} of {seeds:.0f}",
+            "of these, said to have converged": "{claimed:.0f}",
+        },
+    )
 
 
 def worlds_table(worlds: pd.DataFrame) -> str:
-    """Return how often the intervals cover in each kind of world, and how wide they are, as Markdown."""
-    headings = ("kind", "worlds", "50 % covers", "80 % covers", "95 % covers", "80 %: upper / lower")
-    headings += ("median / truth", "paper's 80 % covers")
-    table = []
-    for kind, rows in worlds.groupby("kind", sort=False):
-        by = rows.set_index("procedure")
-        ours = by.loc["this project"]
-        cells = (
-            kind,
-            f"{ours.worlds:.0f}",
-            *(f"{ours[f'coverage{level}']:.0%}" for level in (50, 80, 95)),
-            f"{ours.width80:.1f}",
-            f"{ours.median_ratio:.2f}",
-            f"{by.loc['paper', 'coverage80']:.0%}",
-        )
-        table.append(cells)
-    return markdown(headings, table)
+    """Return how often the intervals cover in each kind of world, and how wide they are."""
+    paper = worlds[worlds["procedure"] == "paper"].set_index("kind")["coverage80"]
+    ours = worlds[worlds["procedure"] == "this project"]
+    return formatted(
+        ours.assign(paper=ours["kind"].map(paper)),
+        {
+            "kind": "{kind}",
+            "worlds": "{worlds:.0f}",
+            "50 % covers": "{coverage50:.0%}",
+            "80 % covers": "{coverage80:.0%}",
+            "95 % covers": "{coverage95:.0%}",
+            "80 %: upper / lower": "{width80:.1f}",
+            "median / truth": "{median_ratio:.2f}",
+            "paper's 80 % covers": "{paper:.0%}",
+        },
+    )
 
 
 def beyond_table(beyond: pd.DataFrame) -> str:
-    """Return how often the intervals cover in worlds beyond the family, and what would reveal them."""
-    headings = ("kind", "by", "worlds", "50 % covers", "80 % covers", "95 % covers", "80 %: upper / lower")
-    headings += ("median / truth", "its 10 and 90 %", "counts differ near crashes", "by host speed")
-    table = [
-        (
-            row.kind,
-            row.procedure,
-            f"{row.worlds:.0f}",
-            *(f"{getattr(row, f'coverage{level}') * row.worlds:.0f}" for level in (50, 80, 95)),
-            f"{row.width80:.1f}",
-            f"{row.median_ratio:.2f}",
-            f"{row.ratio_10:.2f}, {row.ratio_90:.2f}",
-            *(f"{found * row.worlds:.0f}" for found in (row.near_found, row.host_found)),
-        )
-        for row in beyond.itertuples()
-    ]
-    return markdown(headings, table)
+    """Return how often the intervals cover in worlds beyond the family, and what reveals these worlds."""
+    shares = ("coverage50", "coverage80", "coverage95", "near_found", "host_found")
+    return formatted(
+        counts(beyond, *shares, of="worlds"),
+        {
+            "kind": "{kind}",
+            "by": "{procedure}",
+            "worlds": "{worlds:.0f}",
+            "50 % covers": "{coverage50:.0f}",
+            "80 % covers": "{coverage80:.0f}",
+            "95 % covers": "{coverage95:.0f}",
+            "80 %: upper / lower": "{width80:.1f}",
+            "median / truth": "{median_ratio:.2f}",
+            "its 10 and 90 %": "{ratio_10:.2f}, {ratio_90:.2f}",
+            "counts differ near crashes": "{near_found:.0f}",
+            "by host speed": "{host_found:.0f}",
+        },
+    )
 
 
 def causes_table(causes: pd.DataFrame) -> str:
-    """Return what a threshold does by chance, and the choice among laws to the width, as Markdown."""
-    headings = ("kind", "worlds", "10 %", "median", "90 %", "80 % covers", "upper / lower")
-    headings += ("80 % of the true law alone covers", "its upper / lower")
-    table = [
-        (
-            row.kind,
-            f"{row.worlds:.0f}",
-            *(f"{ratio:.2f}" for ratio in (row.ratio_10, row.ratio_50, row.ratio_90)),
-            *(f"{row.coverage80:.0%}", f"{row.width80:.1f}"),
-            *(f"{row.true_law_coverage80:.0%}", f"{row.true_law_width80:.1f}"),
-        )
-        for row in causes.itertuples()
-    ]
-    return markdown(headings, table)
+    """Return what a threshold does by chance, and how much the choice of a law adds to the width."""
+    return formatted(
+        causes,
+        {
+            "kind": "{kind}",
+            "worlds": "{worlds:.0f}",
+            "10 %": "{ratio_10:.2f}",
+            "median": "{ratio_50:.2f}",
+            "90 %": "{ratio_90:.2f}",
+            "80 % covers": "{coverage80:.0%}",
+            "upper / lower": "{width80:.1f}",
+            "80 % of the true law alone covers": "{true_law_coverage80:.0%}",
+            "its upper / lower": "{true_law_width80:.1f}",
+        },
+    )
 
 
 def recordings_table(recordings: pd.DataFrame) -> str:
-    """Return what recordings of each size take, and which of their cut-ins are found, as Markdown."""
-    headings = ("rows of targets", "CSV", "processor time", "a million rows", "peak memory")
-    headings += ("temporary files", "planted", "found", "invented")
-    table = [
-        (
-            f"{row.target_rows:,}",
-            f"{row.gb:.2f} GB",
-            f"{row.cpu_s:.0f} s",
-            f"{row.cpu_s / row.target_rows * 1e6:.1f} s",
-            f"{row.peak_gb:.2f} GB",
-            f"{row.temporary_gb:.2f} GB",
-            *(f"{count:,}" for count in (row.planted, row.found, row.invented)),
-        )
-        for row in recordings.itertuples()
-    ]
-    return markdown(headings, table)
+    """Return the time and memory that recordings of each size need, and which of their cut-ins are found."""
+    return formatted(
+        recordings.assign(per_million=recordings["cpu_s"] / recordings["target_rows"] * 1e6),
+        {
+            "rows of targets": "{target_rows:,}",
+            "CSV": "{gb:.2f} GB",
+            "processor time": "{cpu_s:.0f} s",
+            "a million rows": "{per_million:.1f} s",
+            "peak memory": "{peak_gb:.2f} GB",
+            "temporary files": "{temporary_gb:.2f} GB",
+            "planted": "{planted:,}",
+            "found": "{found:,}",
+            "invented": "{invented:,}",
+        },
+    )
 
 
 def certificates_table(certificates: pd.DataFrame) -> str:
-    """Return what each certificate costs, and how often it misses a hidden part, as Markdown."""
-    headings = ("share, curvature", "main problem", "range ≤ 1 m", "of these, draws of the wide law")
-    headings += ("hidden part missed",)
-    table = []
-    for (share, curvature), rows in certificates.groupby(["share", "curvature"], sort=False):
-        by = rows.set_index("problem")
-        main, near, hidden = by.loc["segment_5_15"], by.loc["range_1"], by.loc["hidden"]
-        cells = (
-            f"{share:g}, {curvature:g}",
-            *(f"{row.calls_mean:,.0f} (95 %: {row.calls_p95:,.0f})" for row in (main, near)),
-            f"{main.wide_draws:,.0f}, {near.wide_draws:,.0f}",
-            f"{hidden.missed * hidden.seeds:.0f} of {hidden.certified * hidden.seeds:.0f}",
-        )
-        table.append(cells)
-    return markdown(headings, table)
+    """Return the cost of each certificate, and how often it misses a hidden part."""
+    shares = counts(certificates, "missed", "certified")
+    wide = shares.pivot_table(index=["share", "curvature"], columns="problem", sort=False)
+    wide.columns = [f"{problem}_{column}" for column, problem in wide.columns]
+    return formatted(
+        wide.reset_index(),
+        {
+            "share, curvature": "{share:g}, {curvature:g}",
+            "main problem": "{segment_5_15_calls_mean:,.0f} (95 %: {segment_5_15_calls_p95:,.0f})",
+            "range ≤ 1 m": "{range_1_calls_mean:,.0f} (95 %: {range_1_calls_p95:,.0f})",
+            "of these, draws of the wide law": "{segment_5_15_wide_draws:,.0f}, {range_1_wide_draws:,.0f}",
+            "hidden part missed": "{hidden_missed:.0f} of {hidden_certified:.0f}",
+        },
+    )
 
 
 def successors_table(successors: pd.DataFrame) -> str:
-    """Return what runs of a similar vehicle save, as Markdown; the first variant is the vehicle itself."""
-    headings = (
-        "variant",
-        "crash probability",
-        "ratio to the predecessor",
-        "ranked right at 60",
-        "error at 60",
-        "simulations to the end",
-        "error",
-        "80 % intervals hold",
-        "off by a factor of 2",
-        "simulations alone",
+    """Return the simulations that runs of a similar vehicle save; the first variant is the vehicle itself."""
+    table = counts(successors, "ranked", "holds", "off")
+    return formatted(
+        table.assign(ranked=table["ranked"].where(table["ratio"] != 1)),
+        {
+            "variant": "{variant}",
+            "crash probability": "{probability:.1e}",
+            "ratio to the predecessor": "{ratio:.2f}",
+            "ranked right at 60": "{ranked:.0f} of {seeds}",
+            "error at 60": "{early_error:.2f}",
+            "simulations to the end": "{simulations:.0f}",
+            "error": "{error:.2f}",
+            "80 % intervals hold": "{holds:.0f} of {seeds}",
+            "off by a factor of 2": "{off:.0f}",
+            "simulations alone": "{simulations_alone:.0f}",
+        },
     )
-    table = []
-    for row in successors.itertuples():
-        cells = (
-            row.variant,
-            f"{row.probability:.1e}",
-            f"{row.ratio:.2f}",
-            f"{row.ranked * row.seeds:.0f} of {row.seeds}" if row.ratio != 1 else "–",
-            f"{row.early_error:.2f}",
-            f"{row.simulations:.0f}",
-            f"{row.error:.2f}",
-            f"{row.holds * row.seeds:.0f} of {row.seeds}",
-            f"{row.off * row.seeds:.0f}",
-            f"{row.simulations_alone:.0f}",
-        )
-        table.append(cells)
-    return markdown(headings, table)
-
-
-def _best(rows: pd.DataFrame) -> str:
-    if rows.empty:
-        return "–"
-    best = rows.loc[rows["effective_calls"].idxmin()]
-    return f"{best.effective_calls:,.0f} ({best.method})"
 
 
 def chance_table(chance: pd.DataFrame) -> str:
-    """Return what the sampler does for systems that do not repeat themselves, as Markdown."""
-    headings = ("system", "probability", "version", "seeds", "simulations", "converged")
-    headings += ("of these: mean over truth", "80 % intervals cover", "off by a factor of 2")
-    table = []
-    for row in chance.itertuples():
-        some = row.converged > 0
-        cells = (
-            row.problem.replace("_", " "),
-            f"{row.exact:.1e}",
-            row.version,
-            f"{row.seeds}",
-            f"{row.simulations:.0f}",
-            f"{row.converged}",
-            f"{row.ratio:.2g}" if some else "–",
-            f"{row.covered} of {row.converged}" if some else "–",
-            f"{row.off}" if some else "–",
-        )
-        table.append(cells)
-    return markdown(headings, table)
+    """Return what the sampler finds for systems that do not repeat themselves."""
+    some = chance["converged"] > 0
+    return formatted(
+        chance.assign(
+            problem=spaced(chance["problem"]),
+            covered=chance["covered"].where(some),
+            off=chance["off"].where(some),
+        ),
+        {
+            "system": "{problem}",
+            "probability": "{exact:.1e}",
+            "version": "{version}",
+            "seeds": "{seeds}",
+            "simulations": "{simulations:.0f}",
+            "converged": "{converged}",
+            "of these: mean over truth": "{ratio:.2g}",
+            "80 % intervals cover": "{covered:.0f} of {converged}",
+            "off by a factor of 2": "{off:.0f}",
+        },
+    )
 
 
 def checks_table(checks: pd.DataFrame) -> str:
-    """Return how often intervals that are checked after every batch miss the truth, as Markdown."""
-    headings = (
-        "problem",
-        "interval",
-        "seeds",
-        "simulations",
-        "any check missed the truth",
-        "the last one did",
+    """Return how often intervals that are checked after every batch exclude the truth."""
+    return formatted(
+        checks.assign(problem=spaced(checks["problem"])),
+        {
+            "problem": "{problem}",
+            "interval": "{interval}",
+            "seeds": "{seeds}",
+            "simulations": "{simulations:.0f}",
+            "any check missed the truth": "{missed_at_any_check:.0%} (95 %: {missed_at_any_low:.0%} to "
+            "{missed_at_any_high:.0%})",
+            "the last one did": "{missed_at_the_end:.0%}",
+        },
     )
-    table = []
-    for row in checks.itertuples():
-        ends = f"{row.missed_at_any_low:.0%} to {row.missed_at_any_high:.0%}"
-        cells = (
-            row.problem.replace("_", " "),
-            row.interval,
-            f"{row.seeds}",
-            f"{row.simulations:.0f}",
-            f"{row.missed_at_any_check:.0%} (95 %: {ends})",
-            f"{row.missed_at_the_end:.0%}",
-        )
-        table.append(cells)
-    return markdown(headings, table)
 
 
 def answers_table(answers: pd.DataFrame) -> str:
     """Return, for each vehicle, how far the whole answer of few runs is from that of the crash map."""
-    headings = ("vehicle", "seeds", "runs", "95 % at most", "80 % interval, ends", "95 % interval, ends")
-    headings += (
-        "median, bias",
-        "ratio to `cc_human`",
-        "off by a factor of 2",
-        "of these, claimed",
-        "no answer",
+    table = counts(answers, "off_by_2", "silently", "no_answer")
+    errors = ["low80", "high80", "low95", "high95", "median_bias", "ratio"]
+    table[errors] = table[errors].where(table["no_answer"] < table["seeds"])
+    return formatted(
+        table.assign(bias=np.expm1(table["median_bias"])),
+        {
+            "vehicle": "{vehicle}",
+            "seeds": "{seeds:,.0f}",
+            "runs": "{runs_mean:,.0f}",
+            "95 % at most": "{runs_p95:,.0f}",
+            "80 % interval, ends": "{low80:.2f} and {high80:.2f}",
+            "95 % interval, ends": "{low95:.2f} and {high95:.2f}",
+            "median, bias": "{bias:+.1%} ± {median_bias_se:.1%}",
+            "ratio to `cc_human`": "{ratio:.2f}",
+            "off by a factor of 2": "{off_by_2:.0f}",
+            "of these, claimed": "{silently:.0f}",
+            "no answer": "{no_answer:.0f}",
+        },
     )
-    table = []
-    for row in answers.to_dict("records"):
-        errors = ["–"] * 4
-        if row["no_answer"] < 1:
-            errors = [f"{row[f'low{level}']:.2f} and {row[f'high{level}']:.2f}" for level in (80, 95)]
-            errors += [f"{np.expm1(row['median_bias']):+.1%} ± {row['median_bias_se']:.1%}"]
-            errors += [f"{row['ratio']:.2f}"]
-        counts = (f"{row[name] * row['seeds']:.0f}" for name in ("off_by_2", "silently", "no_answer"))
-        runs = (f"{row[name]:,.0f}" for name in ("seeds", "runs_mean", "runs_p95"))
-        table.append((row["vehicle"], *runs, *errors, *counts))
-    return markdown(headings, table)
 
 
 def scenario_answers(answer: pd.DataFrame) -> str:
     """Return the probability of each event of a scenario with its intervals."""
-    rows = [
-        (
-            row.event,
-            row.encounters,
-            f"{row.median:.2g}",
-            f"{row.low50:.2g} to {row.high50:.2g}",
-            f"{row.low80:.2g} to {row.high80:.2g}",
-            f"{row.low95:.2g} to {row.high95:.2g}",
-        )
-        for row in answer.itertuples()
-    ]
-    headings = ("event", "encounters", "median", "50 % interval", "80 % interval", "95 % interval")
-    return markdown(headings, rows)
+    return formatted(
+        answer,
+        {
+            "event": "{event}",
+            "encounters": "{encounters}",
+            "median": "{median:.2g}",
+            "50 % interval": "{low50:.2g} to {high50:.2g}",
+            "80 % interval": "{low80:.2g} to {high80:.2g}",
+            "95 % interval": "{low95:.2g} to {high95:.2g}",
+        },
+    )
 
 
 def scenarios_table(scenarios: pd.DataFrame) -> str:
-    """Return how often the sampler is right in the scenarios with joint laws, and what it takes."""
-    rows = [
-        (
-            row.scenario.replace("_", " "),
-            f"{row.probability:.3g}",
-            f"{row.at_most:,}",
-            f"{row.seeds}",
-            f"{row.simulations:.0f}",
-            f"{row.covered:.0%}",
-            f"{row.with_a_number:.0%}",
-            f"{row.converged:.0%}",
-            f"{row.silently_off_by_2}",
-        )
-        for row in scenarios.itertuples()
-    ]
-    headings = ("scenario", "probability", "runs at most", "seeds", "runs, mean", "80 % intervals that cover")
-    headings += ("with an interval below 1", "converged", "of these, off by a factor of 2")
-    return markdown(headings, rows)
+    """Return how often the sampler is right in the scenarios with joint laws, and the runs that it needs."""
+    return formatted(
+        scenarios.assign(scenario=spaced(scenarios["scenario"])),
+        {
+            "scenario": "{scenario}",
+            "probability": "{probability:.3g}",
+            "runs at most": "{at_most:,}",
+            "seeds": "{seeds}",
+            "runs, mean": "{simulations:.0f}",
+            "80 % intervals that cover": "{covered:.0%}",
+            "with an interval below 1": "{with_a_number:.0%}",
+            "converged": "{converged:.0%}",
+            "of these, off by a factor of 2": "{silently_off_by_2}",
+        },
+    )
 
 
 def experiments_table(experiments: pd.DataFrame) -> str:
     """Return the stored experiments with right weights, and which check warns of them."""
-    rows = [
-        (
-            row.experiment,
-            row.weights,
-            f"{row.probability:.2g} ± {row.error:.1g}",
-            f"{row.errors_off:.1f}",
-            *("yes" if warns else "no" for warns in (row.warns_events, row.warns_mean, row.warns_region)),
-            f"{row.crude_runs:,.0f}",
-        )
-        for row in experiments.itertuples()
-    ]
-    headings = ("experiment", "weights", "estimate", "too low by, in errors", "effective crashes warn")
-    headings += ("mean weight warns", "control regions warn", "crude runs that contradict it")
-    return markdown(headings, rows)
+    warnings = ["warns_events", "warns_mean", "warns_region"]
+    return formatted(
+        experiments.replace({name: {True: "yes", False: "no"} for name in warnings}),
+        {
+            "experiment": "{experiment}",
+            "weights": "{weights}",
+            "estimate": "{probability:.2g} ± {error:.1g}",
+            "too low by, in errors": "{errors_off:.1f}",
+            "effective crashes warn": "{warns_events}",
+            "mean weight warns": "{warns_mean}",
+            "control regions warn": "{warns_region}",
+            "crude runs that contradict it": "{crude_runs:,.0f}",
+        },
+    )
+
+
+def result(text, name: str, make) -> Table:
+    """Return the table that a text of the project has of one file of the results."""
+    return Table(text, RESULTS / f"{name}.csv", make, COMMAND)
+
+
+def of_scenario(name: str, table: str, make) -> Table:
+    """Return the table that the guide to joint laws has of one published table of a scenario's study."""
+    return Table(JOINT_LAWS, STUDIES / name / "tables" / f"{table}.csv", make, COMMAND)
 
 
 TABLES = {
-    "left_turn": Table(
-        JOINT_LAWS, STUDIES / "left_turn/tables/scenario_answer.csv", scenario_answers, COMMAND
-    ),
-    "pedestrian": Table(
-        JOINT_LAWS, STUDIES / "pedestrian/tables/scenario_answer.csv", scenario_answers, COMMAND
-    ),
-    "experiments": Table(
-        JOINT_LAWS, STUDIES / "left_turn/tables/scenario_experiments.csv", experiments_table, COMMAND
-    ),
-    "scenarios": Table(JOINT_LAWS, SCENARIOS, scenarios_table, COMMAND),
-    "answers": Table(BENCHMARKS, ANSWERS, answers_table, COMMAND),
-    "samplers": Table(BENCHMARKS, SAMPLERS, samplers_table, COMMAND),
-    "learners": Table(BENCHMARKS, SAMPLERS, learners_table, COMMAND),
-    "public": Table(BENCHMARKS, PUBLIC, public_table, COMMAND),
-    "vehicles": Table(BENCHMARKS, VEHICLES, vehicles_table, COMMAND),
+    "left_turn": of_scenario("left_turn", "scenario_answer", scenario_answers),
+    "pedestrian": of_scenario("pedestrian", "scenario_answer", scenario_answers),
+    "experiments": of_scenario("left_turn", "scenario_experiments", experiments_table),
+    "scenarios": result(JOINT_LAWS, "scenarios", scenarios_table),
+    "answers": result(BENCHMARKS, "answers", answers_table),
+    "samplers": result(BENCHMARKS, "samplers", samplers_table),
+    "learners": result(BENCHMARKS, "samplers", learners_table),
+    "public": result(BENCHMARKS, "public", public_table),
+    "vehicles": result(BENCHMARKS, "vehicles", vehicles_table),
     "worlds": Table(BENCHMARKS, WORLDS, worlds_table, COMMAND),
-    "beyond": Table(BENCHMARKS, BEYOND, beyond_table, COMMAND),
+    "beyond": result(BENCHMARKS, "worlds_beyond", beyond_table),
     "causes": Table(BENCHMARKS, CAUSES, causes_table, COMMAND),
-    "recordings": Table(BENCHMARKS, RECORDINGS, recordings_table, COMMAND),
-    "size": Table(YOUR_RECORDS, RECORDINGS, recordings_table, COMMAND),
-    "certificates": Table(GUIDE, CERTIFICATES, certificates_table, COMMAND),
-    "chance": Table(GUIDE, CHANCE, chance_table, COMMAND),
-    "checks": Table(GUIDE, CHECKS, checks_table, COMMAND),
-    "successors": Table(GUIDE, SUCCESSORS, successors_table, COMMAND),
+    "recordings": result(BENCHMARKS, "recordings", recordings_table),
+    "size": result(YOUR_RECORDS, "recordings", recordings_table),
+    "certificates": result(GUIDE, "certificates", certificates_table),
+    "chance": result(GUIDE, "chance", chance_table),
+    "checks": result(GUIDE, "checks", checks_table),
+    "successors": result(GUIDE, "successors", successors_table),
 }
 
 if __name__ == "__main__":

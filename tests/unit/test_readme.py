@@ -14,7 +14,8 @@ ROOT = Path(__file__).resolve().parents[2]
 SCRIPT = importlib.util.spec_from_file_location("readme_of_benchmarks", ROOT / "benchmarks" / "readme.py")
 of_benchmarks = importlib.util.module_from_spec(SCRIPT)
 SCRIPT.loader.exec_module(of_benchmarks)
-BENCHMARKS, GUIDE, SAMPLERS = of_benchmarks.BENCHMARKS, of_benchmarks.GUIDE, of_benchmarks.SAMPLERS
+BENCHMARKS, GUIDE = of_benchmarks.BENCHMARKS, of_benchmarks.GUIDE
+SAMPLERS = of_benchmarks.TABLES["samplers"].source
 TABLES = of_results.TABLES | of_benchmarks.TABLES
 
 
