@@ -97,7 +97,7 @@ def test_batches_differ(tmp_path):
 
 def test_the_checkpoint_of_another_work_is_not_used(tmp_path):
     run(tmp_path, Toy(), work="one", seed=8)
-    with pytest.warns(UserWarning, match="starting again from zero"):
+    with pytest.warns(UserWarning, match="all batches are simulated again"):
         again = run(tmp_path, Toy(), work="two")
     assert again == run(tmp_path / "fresh", Toy())
 
@@ -112,7 +112,7 @@ def test_a_damaged_checkpoint_is_told_and_not_used(tmp_path, damage):
         "digit": text.replace(str(whole[0]["slow"][1]), str(whole[0]["slow"][1] + 1), 1),
     }
     path.write_bytes(b"\xff\xfe" if damage == "bytes" else damaged.get(damage, damage).encode())
-    with pytest.warns(UserWarning, match=r"checkpoint.json is damaged; starting again from zero"):
+    with pytest.warns(UserWarning, match=r"checkpoint.json is damaged; all batches are simulated again"):
         assert run(tmp_path, Toy()) == whole
 
 

@@ -102,5 +102,5 @@ def test_bounded_weights_are_the_best_of_all_that_are_allowed(shares, minimum):
 
 @pytest.mark.parametrize(("size", "minimum"), [(3, 0.34), (2, 0.5), (2, 0.7), (2, 0.0), (2, math.nan)])
 def test_weights_that_cannot_be_are_refused(size, minimum):
-    with pytest.raises(ValueError, match=f"{size} weights cannot all be at least"):
+    with pytest.raises(ValueError, match=f"{size} weights cannot sum to one and each be at least"):
         bounded_weights(np.full(size, 1 / size), minimum)

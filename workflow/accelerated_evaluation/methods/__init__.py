@@ -1,4 +1,4 @@
-"""Methods that estimate the probability of an event: one module a method, one registry."""
+"""Methods that estimate the probability of an event; each is a module, and `METHODS` is their registry."""
 
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.methods.estimate import Estimate, Method, Stopping

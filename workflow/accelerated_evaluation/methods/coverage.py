@@ -7,11 +7,11 @@ There are four stopping rules, each with its interval:
 - ``sequential``: the paper's rule, the first n at which the normal interval is narrow enough;
 - ``sequential_gamma``: `intervals.sequential_estimate`.
 
-All rules use the same simulations of a replicate, from its beginning. Replicates use the f* of the searches
-in turn, so the result is an average over these searches.
+All rules use the same simulations of a replicate, from its beginning. The replicates take the distribution f*
+of one search after the other, so the result is an average over the searches.
 
-Crude Monte Carlo at the real probability takes too long to be run a thousand times. Its number of crashes is
-binomial, and is drawn from this distribution with the exact probability.
+Crude Monte Carlo takes too long to be run a thousand times at the real probability. Its number of crashes has
+a binomial distribution, so this number is drawn from that distribution with the exact probability.
 """
 
 import math
@@ -48,9 +48,9 @@ INTERVALS = {
     "sequential_gamma": gamma_interval,
 }
 BLOCK = 50_000  # simulations drawn at once: small blocks take longer
-LARGEST = 1_000_000  # fixed number of simulations of a replicate, so that its weights fit into the memory
-VANISHING = 1e-290  # below it the number of simulations is no longer a number
-RARE = 1e-15  # below it events are drawn from the Poisson law, as their simulations exceed any whole number
+LARGEST = 1_000_000  # largest fixed size of a replicate, so that its weights fit into memory
+VANISHING = 1e-290  # for a smaller probability the number of simulations is too large for a float
+RARE = 1e-15  # below it the number of simulations exceeds the largest integer, and Poisson replaces binomial
 
 
 def predicted_size(
@@ -60,23 +60,24 @@ def predicted_size(
     pilot: int,
     stopping: Stopping,
 ) -> int:
-    """Return the number of simulations after which a relative half-width of beta is expected (VI.C, N-hat).
+    """Predict from a pilot study how many simulations give a relative half-width of beta (VI.C, N-hat).
 
-    It is the largest number of the stopping rule if the pilot study has fewer than two events, and at most
-    `LARGEST`.
+    The result is at most `LARGEST`. If the pilot study has fewer than two events, its variance is unknown,
+    and the result is the largest number of simulations that the stopping rule allows.
 
     Parameters
     ----------
     problem
         The law, the vehicle and the event.
     searches
-        f* of each stratum, search by search; the variance is averaged over the searches.
+        The accelerated distribution f* of each stratum, for each search. The variance is averaged over the
+        searches.
     generator
         Source of all randomness.
     pilot
-        Number of simulations with each search.
+        Number of simulations from the f* of each search.
     stopping
-        The rule, of which alpha and beta are used.
+        The stopping rule; alpha, beta and the largest number of simulations are used.
     """
     pilots = (Sums.of(draw_weights(problem, proposals, generator, pilot)) for proposals in searches)
     sums = sum(pilots, Sums())
@@ -87,10 +88,10 @@ def predicted_size(
 
 
 class Stream:
-    """A stream of weights with the f* of one search, drawn in large blocks and divided among replicates.
+    """A stream of importance weights from the f* of one search, divided among consecutive replicates.
 
-    A replicate begins where the previous one ended. The end depends only on earlier weights, so the
-    replicates are independent.
+    The weights are drawn in blocks of `BLOCK`. A replicate begins where the previous one ended. Where a
+    replicate ends depends only on its own weights, so the replicates are independent.
 
     Parameters
     ----------
@@ -109,7 +110,7 @@ class Stream:
         self._weights = np.empty(0)
 
     def first(self, size: int) -> Array:
-        """Return the first ``size`` weights of this replicate."""
+        """Return the first ``size`` weights of this replicate, shape (size,)."""
         while self._weights.size < size:
             block = draw_weights(self._problem, self._proposals, self._generator, BLOCK)
             self._weights = np.concatenate([self._weights, block])
@@ -128,7 +129,7 @@ def stop_importance_sampling(stream: Stream, fixed: int, stopping: Stopping) -> 
     stream
         The stream of weights.
     fixed
-        The fixed size.
+        Number of simulations of the rules with a fixed size.
     stopping
         Criterion of the sequential rules.
 
@@ -183,8 +184,8 @@ def stop_crude(
     Returns
     -------
     dict
-        As for `stop_importance_sampling`. If the probability is (almost) 0, the largest number of simulations
-        of the rule is used.
+        For each rule, the sums at its end, and whether its criterion was met. If the probability is below
+        `VANISHING`, every rule ends without an event at the largest number of simulations of ``stopping``.
     """
     if probability < VANISHING:
         nothing = Sums.unweighted(stopping.maximum_simulations, 0), False
@@ -215,9 +216,21 @@ def stop_crude(
 def replicate_rows(
     stopped: Mapping[str, tuple[Sums, bool]], weight_bound: float | None = None
 ) -> list[dict[str, Any]]:
-    """Return a row for each stopping rule of one replicate: estimate, reported cov, and intervals by level.
+    """Return the results of one replicate as rows of a table, one for each stopping rule.
 
-    ``weight_bound`` is that of `gamma_interval`.
+    Parameters
+    ----------
+    stopped
+        For each rule, the sums at its end, and whether its criterion was met.
+    weight_bound
+        Upper bound on every importance weight, for `intervals.gamma_interval`; None if it is not known.
+
+    Returns
+    -------
+    list of dict
+        Keys ``stopping``, ``converged``, ``simulations``, ``events``, ``probability``, ``cov_reported`` (the
+        estimated coefficient of variation of the estimate), and the ends of the intervals, ``ci80_low`` to
+        ``ci95_high``.
     """
     rows = []
     for stopping, (sums, converged) in stopped.items():
@@ -227,7 +240,7 @@ def replicate_rows(
         row = {
             "stopping": stopping,
             "converged": converged,
-            # Beyond the whole numbers of a table, as a float.
+            # A number that is too large for an integer column of a table is stored as a float.
             "simulations": sums.simulations if sums.simulations <= sys.maxsize else float(sums.simulations),
             "events": sums.events,
             "probability": sums.probability,
@@ -241,21 +254,22 @@ def replicate_rows(
 
 
 def coverage_table(replicates: pd.DataFrame, probability: float, standard_error: float = 0.0) -> pd.DataFrame:
-    """Compare replicates with the exact probability.
+    """Compare the estimates and intervals of many replicates with the exact probability.
 
     Parameters
     ----------
     replicates
-        Rows as of `replicate_rows`, with the columns ``method`` and ``replicate``.
+        Rows of `replicate_rows`, with the additional columns ``method`` and ``replicate``.
     probability, standard_error
         The exact probability and its standard error.
 
     Returns
     -------
     pandas.DataFrame
-        For each method and stopping rule: ``replicates``, the share ``converged``, ``simulations_mean``,
-        relative ``bias``, true and mean reported coefficient of variation ``cov_true`` and ``cov_reported``,
-        and the coverage of each level; with standard errors ``*_se``.
+        One row for each method and stopping rule: the number of ``replicates``; the share ``converged``;
+        ``simulations_mean``; the relative ``bias``; the coefficient of variation of the estimates,
+        ``cov_true``, and the mean of those reported, ``cov_reported``; the shares of intervals that contain
+        the exact probability, ``coverage80`` and ``coverage95``; and standard errors ``*_se``.
     """
     groups = replicates.groupby(["method", "stopping"], sort=False)
     return pd.DataFrame(
@@ -266,7 +280,7 @@ def coverage_table(replicates: pd.DataFrame, probability: float, standard_error:
 
 def _judge(group: pd.DataFrame, probability: float, standard_error: float) -> dict[str, float]:
     count = len(group)
-    # Without an event nothing is relative to its probability.
+    # If the exact probability is 0, relative quantities are undefined (NaN).
     ratio = group["probability"] / (probability or math.nan)
     cov = float(ratio.std())
     row = {
@@ -281,8 +295,8 @@ def _judge(group: pd.DataFrame, probability: float, standard_error: float) -> di
         "cov_reported": float(group["cov_reported"].mean()),
     }
     for level in LEVELS:
-        held = float(
+        share = float(
             group[f"ci{level}_low"].le(probability).mul(group[f"ci{level}_high"].ge(probability)).mean()
         )
-        row |= {f"coverage{level}": held, f"coverage{level}_se": math.sqrt(held * (1 - held) / count)}
+        row |= {f"coverage{level}": share, f"coverage{level}_se": math.sqrt(share * (1 - share) / count)}
     return row

@@ -28,7 +28,9 @@ def coverage_replicates(
     stopping: Stopping,
     coverage: Mapping[str, int],
 ) -> pd.DataFrame:
-    """Run the replicates of one method, which use the searches in turn.
+    """Run many replicates of one method, each of which is stopped by every stopping rule.
+
+    Replicate k uses the result of search k modulo the number of searches.
 
     Parameters
     ----------
@@ -37,16 +39,18 @@ def coverage_replicates(
     problem
         The law, the vehicle and the event.
     searches
-        f* of each stratum, search by search. If it is empty, cut-ins are drawn from f itself (crude Monte
-        Carlo).
+        The accelerated distribution f* of each stratum, for each search. If it is empty, the method is crude
+        Monte Carlo.
     probability
-        The exact crash probability, from which the number of crashes of crude Monte Carlo is drawn.
+        The exact crash probability. The number of crashes of crude Monte Carlo is drawn with it.
     generator_of
-        Function that returns the generator for a named piece of the work.
+        Function that returns a random generator. It is called with "pilot", with the number of a search, or,
+        for crude Monte Carlo, without an argument.
     stopping
         Criterion of the sequential rules.
     coverage
-        Section ``coverage`` of the configuration.
+        Section ``coverage`` of the configuration: ``pilot`` (simulations of the pilot study for each search)
+        and ``replicates`` are used.
 
     Returns
     -------
@@ -59,7 +63,7 @@ def coverage_replicates(
         stops = [partial(stop_importance_sampling, stream, size, stopping) for stream in streams]
         weight_bound = None
     else:
-        # The weight of a crude simulation is 0 or 1, which the gamma interval makes use of.
+        # The weights of crude Monte Carlo are 0 or 1, so the gamma interval can use 1 as their bound.
         stops, weight_bound = [partial(stop_crude, probability, generator_of(), stopping)], 1.0
     rows = []
     for replicate in trange(coverage["replicates"], desc=f"coverage, {method}"):

@@ -64,30 +64,40 @@ class Checkpoint:
     work: str
 
     def read(self) -> list[Counts]:
-        """Read the counts; return none, with a warning, if the file is damaged or belongs to other work."""
+        """Return the counts of the finished batches.
+
+        If there is no file, the list is empty. If the file is damaged or belongs to other work, the list is
+        empty as well, and a warning is given.
+        """
         if not Path(self.path).is_file():
             return []
         try:
             content = read_json(self.path)
             work, checksum, batches = (content[name] for name in ("work", "checksum", "batches"))
-        except (ValueError, TypeError, KeyError):  # no JSON, or none that `write` has written
+        except (ValueError, TypeError, KeyError):  # not JSON, or not written by `write`
             work, checksum, batches = self.work, "", None
         if checksum != value_digest([work, batches]):
-            warnings.warn(f"{self.path} is damaged; starting again from zero", stacklevel=2)
+            warnings.warn(f"{self.path} is damaged; all batches are simulated again", stacklevel=2)
             return []
         if work != self.work:
-            warnings.warn(f"{self.path} has other inputs or settings; starting again from zero", stacklevel=2)
+            warnings.warn(
+                f"{self.path} belongs to other inputs or settings; all batches are simulated again",
+                stacklevel=2,
+            )
             return []
         return batches
 
     def write(self, batches: list[Counts]) -> None:
-        """Write the counts with a checksum, atomically."""
+        """Write the counts of the finished batches with a checksum, atomically."""
         checksum = value_digest([self.work, batches])
         write_json(self.path, {"work": self.work, "checksum": checksum, "batches": batches})
 
 
 def fingerprint(paths: Iterable[str | os.PathLike], settings: Mapping[str, Any]) -> str:
-    """Return a digest of the files and settings on which the work depends; it changes with any of them."""
+    """Return a digest of the files and settings on which a piece of work depends.
+
+    It changes if the contents of any file, or any setting, change.
+    """
     files = {str(path): file_digest(Path(path)) for path in paths}
     return value_digest([files, settings])
 
@@ -118,13 +128,18 @@ def simulate_batches(
     problem
         The law, the vehicle and the event.
     checkpoint
-        Saved after every ``save_every`` batches and at the end.
+        File of counts, which is written after every ``save_every`` batches and at the end.
     seed
         Root seed; batch k uses the child ("crude", k).
     batches, batch_size
-        Number of batches, and of simulations in each.
+        Number of batches, and number of simulations in each.
     save_every
-        Number of batches between two checkpoints.
+        Number of batches after which the counts are saved.
+
+    Returns
+    -------
+    list of dict
+        For each batch, the numbers of simulations and of events by stratum.
     """
     done = checkpoint.read()
     with tqdm(
@@ -160,7 +175,10 @@ class Crude(Method):
         return 0
 
     def estimate(self, problem: ScoreProblem, stopping: Stopping, generator: np.random.Generator) -> Estimate:
-        """Estimate the probability of the event, with the gamma interval of unweighted events."""
+        """Estimate the probability of the event by its relative frequency, with a gamma interval.
+
+        The simulations end when this interval is narrow enough; see `intervals.sequential_estimate`.
+        """
 
         def draw(size: int) -> Sums:
             happened, _ = problem.evaluate(generator.standard_normal((size, problem.dimension)))
@@ -174,14 +192,21 @@ class Crude(Method):
 
 
 def crude_estimates(batches: list[Counts], alpha: float) -> pd.DataFrame:
-    """Estimate the crash probability of each segment and of all segments.
+    """Estimate the crash probability of each segment and of all segments together.
+
+    Parameters
+    ----------
+    batches
+        Counts of all batches.
+    alpha
+        The level of the intervals ``ci_low`` to ``ci_high`` is 100 (1 - alpha) %.
 
     Returns
     -------
     pandas.DataFrame
-        Columns ``segment``, ``simulations``, ``crashes``, ``probability``, and the exact intervals ``ci_low``
-        and ``ci_high`` at 100 (1 - alpha) %, ``ci95_low`` and ``ci95_high`` at 95 %. Without a crash they are
-        one-sided, from 0.
+        Columns ``segment``, ``simulations``, ``crashes``, ``probability``, the ends of the Clopper-Pearson
+        interval, ``ci_low`` and ``ci_high``, and those of the 95 % interval, ``ci95_low`` and ``ci95_high``.
+        If there is no crash, the lower ends are 0.
     """
     segments = {segment: np.sum([counts[segment] for counts in batches], axis=0) for segment in batches[0]}
     totals = segments | {ALL: sum(segments.values())}
@@ -194,9 +219,9 @@ def crude_estimates(batches: list[Counts], alpha: float) -> pd.DataFrame:
 
 
 def crude_course(batches: list[Counts], alpha: float) -> pd.DataFrame:
-    """Return the estimate over all segments after each batch.
+    """Return the estimate over all segments after each batch, from all batches up to it.
 
-    The columns are those of `crude_estimates`, without the 95 % intervals.
+    The columns are those of `crude_estimates`, without ``segment`` and the 95 % intervals.
     """
     counts = np.cumsum([np.sum(list(batch.values()), axis=0) for batch in batches], axis=0)
     return pd.DataFrame([_estimate(simulations, crashes, alpha) for simulations, crashes in counts.tolist()])

@@ -14,7 +14,7 @@ from accelerated_evaluation.problem import ScoreProblem
 
 
 def normal_reach(alpha: float) -> float:
-    """Return half the width of a normal 100 (1 - alpha) % interval, in standard errors."""
+    """Return the normal quantile z(1 - alpha / 2): the half-width of an interval in standard errors."""
     return -float(ndtri(alpha / 2))
 
 
@@ -25,16 +25,17 @@ class Stopping:
     Attributes
     ----------
     alpha
-        Intervals have the level 100 (1 - alpha) %.
+        The level of the intervals is 100 (1 - alpha) %.
     beta
         An estimate has converged when the half-width of its interval is at most ``beta`` times the estimate.
     minimum_events
-        Least number of events, which prevents convergence by chance after few events.
+        Smallest number of events for convergence. It prevents that an estimate seems to have converged after
+        a few events.
     maximum_simulations
         Number of simulations after which a method ends without convergence.
     anytime
-        Whether the interval may be checked any number of times; see `surrogate.anytime`. Only the
-        surrogate-guided sampler has such intervals.
+        Whether the intervals keep their level although they are checked after every batch; see
+        `surrogate.anytime`. Only the surrogate-guided sampler has such intervals.
     """
 
     alpha: float = 0.2
@@ -45,7 +46,7 @@ class Stopping:
 
     @classmethod
     def configured(cls, section: Mapping[str, Any]) -> Self:
-        """Return the rule of the section ``importance_sampling`` of the configuration."""
+        """Return the stopping rule with the settings of the section ``importance_sampling``."""
         return cls(**{name: section[name] for name in cls.__dataclass_fields__ if name != "anytime"})
 
 
@@ -56,22 +57,22 @@ class Estimate:
     Attributes
     ----------
     probability, low, high
-        The estimate and its interval. If there are too few events, the interval is [0, bound], or [0, 1] in
-        the worst case, and the estimate is 0 or NaN.
+        The estimate and the ends of its interval. If there are too few events, the interval begins at 0 and
+        ends at an upper limit, which is 1 in the worst case, and the estimate is 0 or NaN.
     alpha
         The level of the interval is 100 (1 - alpha) %.
     learning
-        Number of simulations that do not enter the estimate, because they were used for learning.
+        Number of simulations that were used for learning, and do not enter the estimate.
     estimating
         Number of simulations on which the estimate is based.
     events
-        Number of events among the simulations that the method counts.
+        Number of events among the simulations that enter the estimate, or that the method counts instead.
     converged
         Whether the stopping rule is satisfied.
     diagnostics
-        Further numbers of some methods, by name.
+        Additional numbers by name, which differ between the methods.
     tables
-        Further tables of some methods, by name.
+        Additional tables by name, which differ between the methods.
     """
 
     probability: float
@@ -87,15 +88,15 @@ class Estimate:
 
     @property
     def simulations(self) -> int:
-        """Number of all simulations, including those for learning."""
+        """Total number of simulations, including those for learning."""
         return self.learning + self.estimating
 
     def covers(self, probability: float) -> bool:
-        """Return whether the interval contains a value."""
+        """Return whether the interval contains the given probability."""
         return self.low <= probability <= self.high
 
     def row(self) -> dict[str, Any]:
-        """Return the estimate as a row of a table, with the diagnostics as last columns."""
+        """Return the estimate as a row of a table, by column; the diagnostics are the last columns."""
         return {
             "probability": self.probability,
             "ci_low": self.low,
@@ -141,7 +142,10 @@ class Method(ABC):
 
     @classmethod
     def replicates(cls, config: Mapping[str, Any]) -> int:
-        """Return the number of independent replicates of the study, by default the paper's ten."""
+        """Return the number of independent replicates that the study runs with this method.
+
+        By default it is the number in the section ``importance_sampling`` (ten in the paper).
+        """
         return config["importance_sampling"]["replicates"]
 
     @classmethod
@@ -151,7 +155,15 @@ class Method(ABC):
 
     @classmethod
     def stream(cls, scope: str, replicate: int) -> tuple[str | int, ...]:
-        """Return the names of the random stream of one replicate; see `randomness.child_generator`."""
+        """Return the name of the random stream of one replicate; see `randomness.child_generator`.
+
+        Parameters
+        ----------
+        scope
+            The stratum, or ``all``.
+        replicate
+            Number of the replicate.
+        """
         return cls.name, scope, replicate
 
     @abstractmethod
@@ -161,7 +173,7 @@ class Method(ABC):
         Parameters
         ----------
         problem
-            The problem. Some methods need a `Problem`, others only a `ScoreProblem`.
+            The law, the vehicle and the event. Some methods need a `Problem`, others only a `ScoreProblem`.
         stopping
             The stopping rule.
         generator

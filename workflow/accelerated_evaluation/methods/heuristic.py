@@ -18,5 +18,5 @@ class Heuristic(Piecewise):
     style: ClassVar[dict[str, Any]] = {"color": "#41ab5d", "linestyle": "-.", "marker": "^"}
 
     def shift(self) -> Shift:
-        """Return the steps of the truncation points."""
+        """Return the steps by which the truncation points of both coordinates move up."""
         return Shift(**self.cross_entropy["truncation_shift"])

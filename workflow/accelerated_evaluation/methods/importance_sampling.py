@@ -12,15 +12,19 @@ from accelerated_evaluation.laws import Factors, Law
 from accelerated_evaluation.methods.estimate import Estimate, Stopping, normal_reach
 from accelerated_evaluation.problem import Problem
 
-UNSEEN_DRAWS = 100  # of an event that nothing has shown, on which its bound rests
-MAXIMUM_DRAWS = 2_000_000
-LAW_DRAWS = 200_000
+# Numbers of draws, without simulation, by which `bound_without_event` computes an upper limit.
+UNSEEN_DRAWS = 100  # expected draws from f* in the worst set, whose probability is the limit
+MAXIMUM_DRAWS = 2_000_000  # largest number of draws from f*
+LAW_DRAWS = 200_000  # draws from f
 
 
 def draw_weights(
     problem: Problem, proposals: Mapping[str, Factors], generator: np.random.Generator, size: int
 ) -> Array:
-    """Draw cut-ins over all strata from f*, with v_L as recorded, and return the weights I(x) f(x) / f*(x).
+    """Simulate cut-ins that are drawn from f*, and return their weights I(x) f(x) / f*(x).
+
+    I(x) is 1 if the event happened and 0 otherwise. The stratum of a cut-in and its lead speed v_L are drawn
+    from the law, and only range and time to collision are accelerated.
 
     Parameters
     ----------
@@ -57,20 +61,25 @@ def draw_log_ratios(
     *,
     of_law: bool = False,
 ) -> Array:
-    """Draw cut-ins over all strata, and return log f / f*, shape (size,), without any simulation.
+    """Draw cut-ins over all strata, and return the logarithms of f / f*; nothing is simulated.
 
     Parameters
     ----------
     law
-        f.
+        The law f.
     proposals
-        f* of each stratum.
+        The accelerated distribution f* of each stratum.
     generator
         Source of all randomness.
     size
         Number of cut-ins.
     of_law
-        Whether they are drawn from f instead of f*.
+        Whether the cut-ins are drawn from f instead of f*.
+
+    Returns
+    -------
+    numpy.ndarray
+        Logarithms of f / f*, sorted by stratum, shape (size,).
     """
     shares = np.array(list(law.shares.values()))
     counts = generator.multinomial(size, shares / shares.sum())
@@ -86,22 +95,23 @@ def bound_without_event(
 ) -> float:
     """Return an upper limit of the probability of an event that did not happen in n simulations from f*.
 
-    Under f* the event has at most the probability b = 1 - (alpha / 2)^(1/n), the binomial limit of Clopper
-    and Pearson. Among all sets with probability b under f*, the set with the largest f / f* has the largest
-    probability under f (Neyman and Pearson), which is the limit. It is computed from draws that are not
-    simulated. Draws from f* determine the set and its probability; draws from f give its probability where f*
-    has almost none. The larger of the two values is returned.
+    With confidence 1 - alpha / 2, the probability of the event under f* is at most b = 1 - (alpha / 2)^(1/n),
+    the binomial limit of Clopper and Pearson. Among all sets with probability b under f*, the set with the
+    largest values of f / f* has the largest probability under f (lemma of Neyman and Pearson). This largest
+    probability is the limit. It is computed from draws that are not simulated, in two ways: from draws of f*,
+    which determine the set, and from draws of f, which also reach the places where f* has almost no
+    probability. The larger of the two values is returned.
 
     Parameters
     ----------
     law
-        f.
+        The law f.
     proposals
-        f* of each stratum.
+        The accelerated distribution f* of each stratum.
     simulations
         Number n of simulations from f*.
     alpha
-        The event has a larger probability than the limit with confidence at most alpha / 2.
+        The limit has confidence 1 - alpha / 2.
     generator
         Source of all randomness.
     """
@@ -133,8 +143,8 @@ def estimate_from_weights(weights: Array, alpha: float, *, converged: bool, lear
     Returns
     -------
     Estimate
-        With fewer than two events, for which no variance can be estimated, the interval is [0, 1]; see
-        `bound_without_event` for a better limit. Without simulations the estimate is NaN. Diagnostics:
+        With fewer than two events no variance can be estimated, and the interval is [0, 1]; see
+        `bound_without_event` for a better limit. Without simulations the estimate is NaN. The diagnostics are
         ``relative_half_width``, the half-width of the interval divided by the estimate;
         ``effective_sample_size``, (sum w)^2 / sum w^2 over the events; ``largest_weight_share``, the largest
         weight divided by the sum of all weights, which is near one if a single event dominates.
@@ -159,7 +169,18 @@ def estimate_from_weights(weights: Array, alpha: float, *, converged: bool, lear
 
 @dataclass(frozen=True)
 class Running:
-    """Estimate, variance of the estimate and relative half-width after each of n simulations, shape (n,)."""
+    """The estimate after each of n simulations, from all simulations up to it.
+
+    Attributes
+    ----------
+    probability, variance
+        The estimates and their estimated variances, shape (n,).
+    relative_half_width
+        Half-width of the normal interval divided by the estimate, shape (n,); infinite with fewer than two
+        events.
+    events
+        Number of events so far, shape (n,).
+    """
 
     probability: Array
     variance: Array
@@ -168,10 +189,10 @@ class Running:
 
 
 def running(weights: Array, alpha: float) -> Running:
-    """Return the estimate after each simulation; its half-width is infinite with fewer than two events."""
+    """Return the estimate after each of n simulations, given their weights I f / f*, shape (n,)."""
     n = np.arange(1, weights.size + 1)
     mean = np.cumsum(weights) / n
-    # Welford's increments: no difference of large sums.
+    # Welford's increments avoid the difference of two large sums.
     previous = np.concatenate([[0.0], mean[:-1]])
     spread = np.cumsum((weights - previous) * (weights - mean))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -182,9 +203,9 @@ def running(weights: Array, alpha: float) -> Running:
 
 
 def first_converged(course: Running, stopping: Stopping) -> int | None:
-    """Return the number of simulations to convergence, or None if the rule is not satisfied.
+    """Return the number of simulations after which the stopping rule is first satisfied; None if it never is.
 
-    It is the first n at which the relative half-width is at most beta and the number of events is sufficient.
+    The rule is satisfied if the relative half-width is at most beta and there are enough events.
     """
     met = course.relative_half_width <= stopping.beta
     met &= course.events >= stopping.minimum_events
@@ -202,8 +223,10 @@ def run_to_convergence(
 
     Parameters
     ----------
-    problem, proposals, generator
-        As in `draw_weights`.
+    problem, proposals
+        The law f, the vehicle and the event; and f* of each stratum.
+    generator
+        Source of all randomness.
     stopping
         The stopping rule, which is checked after every simulation.
     batch
@@ -214,7 +237,7 @@ def run_to_convergence(
     weights : numpy.ndarray
         Weights of all simulations drawn, shape (n,).
     converged_at : int or None
-        The number of simulations to convergence.
+        Number of simulations after which the rule was first satisfied; None if it was not.
     """
     weights = np.empty(0)
     converged_at = None
@@ -226,7 +249,16 @@ def run_to_convergence(
 
 
 def course_table(weights: Array, alpha: float, step: int) -> pd.DataFrame:
-    """Tabulate an estimate as a function of the number of simulations, every ``step`` simulations.
+    """Tabulate an estimate as a function of the number of simulations.
+
+    Parameters
+    ----------
+    weights
+        Weights I f / f* of all simulations, shape (n,).
+    alpha
+        The level of the intervals is 100 (1 - alpha) %.
+    step
+        Number of simulations between two rows.
 
     Returns
     -------
@@ -247,5 +279,13 @@ def course_table(weights: Array, alpha: float, step: int) -> pd.DataFrame:
 
 
 def crude_simulations(probability: float, alpha: float, beta: float) -> float:
-    """Return the number of simulations of crude Monte Carlo for a relative half-width beta (VI.C, N-hat)."""
+    """Return how many simulations crude Monte Carlo needs for a relative half-width of beta (VI.C, N-hat).
+
+    Parameters
+    ----------
+    probability
+        Probability of the event.
+    alpha, beta
+        Level 100 (1 - alpha) % of the normal interval, and its half-width divided by the probability.
+    """
     return normal_reach(alpha) ** 2 * (1 - probability) / (beta**2 * probability)

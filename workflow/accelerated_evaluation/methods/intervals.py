@@ -44,9 +44,9 @@ class Sums:
     Attributes
     ----------
     simulations, events
-        Numbers of simulated cut-ins and of crashes.
+        Number of simulated cut-ins, and number of crashes among them.
     total, squares
-        Sum of the weights and of their squares.
+        Sum of the importance weights of the crashes, and sum of their squares.
     largest
         The largest weight.
     """
@@ -59,7 +59,7 @@ class Sums:
 
     @classmethod
     def of(cls, weights: Array) -> "Sums":
-        """Return the sums of crash weights, shape (n,), which are zero without a crash."""
+        """Return the sums of the weights of all simulations, shape (n,); they are 0 if there was no crash."""
         crashes = weights[weights > 0]
         squares = float(crashes @ crashes)
         return cls(weights.size, crashes.size, float(crashes.sum()), squares, float(crashes.max(initial=0)))
@@ -80,24 +80,24 @@ class Sums:
 
     @property
     def probability(self) -> float:
-        """The estimate."""
+        """Estimated crash probability: the sum of the weights divided by the number of simulations."""
         return self.total / self.simulations
 
     @property
     def coefficient_of_variation(self) -> float:
-        """Estimated standard error of the estimate divided by the estimate.
-
-        At least two crashes are needed.
-        """
+        """Estimated relative standard error of the estimate; NaN with fewer than two crashes."""
         if self.events < 2:
             return math.nan
         spread = self.squares - self.total**2 / self.simulations
-        # Weights that are all alike may leave a spread just below zero.
+        # If all weights are equal, rounding may give a sum of squares slightly below zero.
         return math.sqrt(max(spread, 0.0) / (1 - 1 / self.simulations)) / self.total
 
 
 def normal_interval(sums: Sums, alpha: float) -> Interval:
-    """Return the paper's 100 (1 - alpha) % interval (section VI.C); [0, 1] with fewer than two crashes."""
+    """Return the normal 100 (1 - alpha) % interval, which the paper uses (section VI.C).
+
+    With fewer than two crashes it is [0, 1].
+    """
     if sums.events < 2:
         return Interval(0.0, 1.0)
     reach = normal_reach(alpha) * sums.coefficient_of_variation
@@ -105,7 +105,7 @@ def normal_interval(sums: Sums, alpha: float) -> Interval:
 
 
 def gamma_interval(sums: Sums, alpha: float, weight_bound: float | None = None) -> Interval:
-    """Return the 100 (1 - alpha) % gamma interval; see the module for its derivation.
+    """Return the 100 (1 - alpha) % gamma interval of Fay and Feuer (1997), derived at the top of the module.
 
     Parameters
     ----------
@@ -156,14 +156,14 @@ def sequential_estimate(
     first: int = 500,
     growth: float = 1.1,
 ) -> tuple[Sums, bool]:
-    """Simulate until the gamma interval is narrow enough; this stopping rule has the nominal coverage.
+    """Simulate until the gamma interval is narrow enough.
 
     The paper's rule checks a normal interval after every simulation, and stops as soon as its relative
     half-width is beta. It therefore tends to stop when the estimated variance is too small. This rule differs
-    in two ways. The gamma interval is wide as long as a few weights dominate, and its upper part is longer.
-    And the interval is checked only after ``first``, ``first growth``, ``first growth^2``, ... simulations.
-    With 10 % more simulations at each check, the choice of the moment has less influence, and the final
-    number exceeds the necessary one by 5 % on average.
+    in two ways. First, the gamma interval is wide as long as a few weights dominate, and its upper part is
+    longer. Second, the interval is checked only after ``first``, ``first growth``, ``first growth^2``, ...
+    simulations. With 10 % more simulations at each check there are fewer chances to stop on an estimate that
+    is too low, and the final number exceeds the necessary one by 5 % on average.
 
     For the SPMD study, intervals of 80 % and 95 % then have a coverage of 84 to 86 % and 96 to 98 %, for 1.5
     times the simulations of the paper's rule, whose coverage is 77 to 80 % and 92 to 95 %. A new sample of
@@ -176,11 +176,11 @@ def sequential_estimate(
     Parameters
     ----------
     draw
-        Function that simulates a number of new cut-ins and returns the sums of their crash weights.
+        Function that simulates a given number of new cut-ins and returns the sums of their crash weights.
     stopping
         The stopping rule.
     weight_bound
-        As in `gamma_interval`.
+        Upper bound on every weight, for `gamma_interval`; None if it is not known.
     first, growth
         The interval is checked after ``first`` simulations, and whenever their number has grown by the factor
         ``growth``.
@@ -192,13 +192,13 @@ def sequential_estimate(
     converged : bool
         Whether the interval is narrow enough.
     """
-    sums, look = Sums(), float(first)
+    sums, next_check = Sums(), float(first)
     while True:
-        size = min(math.ceil(look), stopping.maximum_simulations) - sums.simulations
+        size = min(math.ceil(next_check), stopping.maximum_simulations) - sums.simulations
         sums += draw(size)
         interval = gamma_interval(sums, stopping.alpha, weight_bound)
         narrow = (interval.high - interval.low) / 2 <= stopping.beta * sums.probability
         converged = narrow and sums.events >= stopping.minimum_events
         if converged or sums.simulations >= stopping.maximum_simulations:
             return sums, converged
-        look *= growth
+        next_check *= growth

@@ -1,11 +1,11 @@
 """Importance sampling from a mixture of normal distributions in the space of normal scores.
 
 The method works for every problem with normal scores, whatever its dimension and its law. It learns in a few
-stages. In each stage it draws from the present mixture, and fits a new one to the points of all stages at
-which the event happened, weighted by their likelihood ratios; this is a step of the Cross-Entropy method. As
-long as too few events have happened, the points with the smallest scores take their place. The mixture always
-keeps a part of the standard normal distribution, so that no likelihood ratio exceeds 1 / DEFENSIVE. The
-estimate uses fresh draws only.
+stages. Each stage simulates points that are drawn from the current mixture. It then fits a new mixture to
+the points of all stages at which the event happened, weighted by their likelihood ratios; this is a step of
+the Cross-Entropy method. As long as fewer than ELITE events have happened, the points that came nearest to
+the event are added. The mixture always contains the standard normal distribution with the share DEFENSIVE, so
+that no likelihood ratio exceeds 1 / DEFENSIVE. The estimate uses only new simulations from the last mixture.
 """
 
 from dataclasses import dataclass, replace
@@ -22,9 +22,9 @@ from accelerated_evaluation.methods.intervals import Sums, gamma_interval, seque
 from accelerated_evaluation.problem import ScoreProblem
 
 DEFENSIVE = 0.25  # share of the standard normal distribution in the mixture
-STAGES, STAGE_SIZE = 4, 500  # of learning
-ELITE = 50  # least number of points to which a mixture is fitted
-COMPONENTS = 6  # at most, besides the defensive one
+STAGES, STAGE_SIZE = 4, 500  # number of stages of learning, and of simulations in each
+ELITE = 50  # smallest number of points to which a mixture is fitted
+COMPONENTS = 6  # largest number of components in addition to the standard normal one
 LEAST_VARIANCE = 0.05  # added to the variance of each component in every direction
 WIDE = 1.5  # standard deviation of the draws of the first stage
 
@@ -46,13 +46,16 @@ class NormalMixture:
     factors: Array
 
     def sample(self, n: int, generator: np.random.Generator) -> Array:
-        """Draw n points, shape (n, d)."""
+        """Draw n points of d normal scores, shape (n, d)."""
         which = generator.choice(len(self.shares), size=n, p=self.shares)
         steps = generator.standard_normal((n, self.means.shape[1]))
         return self.means[which] + np.einsum("nij,nj->ni", self.factors[which], steps)
 
     def log_ratio(self, z: Array) -> Array:
-        """Return log f / f* at points, shape (n,), where f is standard normal and f* is this mixture."""
+        """Return log f / f* at points z, shape (n, d), where f is standard normal and f* is this mixture.
+
+        The result has shape (n,).
+        """
         logs = []
         for share, mean, factor in zip(self.shares, self.means, self.factors, strict=True):
             standardised = np.linalg.solve(factor, (z - mean).T)
@@ -63,7 +66,15 @@ class NormalMixture:
 
     @classmethod
     def fitted(cls, z: Array, weights: Array, generator: np.random.Generator) -> "NormalMixture":
-        """Fit a mixture to weighted points, shapes (n, d) and (n,), by clusters of the points."""
+        """Fit a mixture with one normal component for each cluster of the points.
+
+        Parameters
+        ----------
+        z, weights
+            Points, shape (n, d), and their weights, shape (n,).
+        generator
+            Source of the random starts of the clustering by k-means.
+        """
         dimension = z.shape[1]
         count = max(1, min(COMPONENTS, len(z) // (4 * dimension)))
         _, label = kmeans2(z, count, minit="++", rng=generator)
@@ -81,16 +92,17 @@ class NormalMixture:
 
 @METHODS.add("normal_mixture")
 class NormalMixtureSampling(Method):
-    """Importance sampling from a mixture of normal distributions of the scores, learnt by Cross-Entropy."""
+    """Importance sampling from a mixture of normal distributions, fitted by the Cross-Entropy method."""
 
     name: ClassVar[str] = "normal_mixture"
     style: ClassVar[dict[str, Any]] = {"color": "#b15928", "linestyle": (0, (1, 1)), "marker": "X"}
 
     def estimate(self, problem: ScoreProblem, stopping: Stopping, generator: np.random.Generator) -> Estimate:
-        """Learn a mixture, and estimate the probability of the event from fresh draws.
+        """Fit a mixture, and estimate the probability of the event from new simulations.
 
-        The diagnostics are the effective sample size of the events, (sum w)^2 / sum w^2, and the share of the
-        largest weight in their sum. The interval is the gamma interval.
+        The interval is the gamma interval of `intervals.gamma_interval`. The diagnostics are
+        ``effective_sample_size``, (sum w)^2 / sum w^2 over the weights w of the events,
+        and ``largest_weight_share``, the largest weight divided by the sum of all weights.
         """
         mixture, learning = self._learnt(problem, generator)
 
@@ -101,7 +113,7 @@ class NormalMixtureSampling(Method):
 
         left = max(stopping.maximum_simulations - learning, 1)
         sums, converged = sequential_estimate(draw, replace(stopping, maximum_simulations=left))
-        # The known bound is many times the usual weight, so it serves only if there is no weight at all.
+        # The bound 1 / DEFENSIVE far exceeds the usual weights, so it is used only if there is no event.
         low, high = gamma_interval(sums, stopping.alpha, None if sums.events else 1 / DEFENSIVE)
         diagnostics = {
             "effective_sample_size": sums.total**2 / sums.squares if sums.events else 0.0,
@@ -131,7 +143,10 @@ class NormalMixtureSampling(Method):
 
 
 def _nearest(happened: Array, score: Array, *, graded: bool) -> Array:
-    """Return the points of the event, and those with the smallest scores if there are fewer than ELITE."""
+    """Return which points to fit: the events, or the ELITE points nearest to the event if there are fewer.
+
+    Without scores (``graded`` is False), only the events are returned. The result has shape (n,).
+    """
     if np.count_nonzero(happened) >= ELITE or not graded:
         return happened
     order = np.argsort(np.where(happened, -np.inf, score), kind="stable")

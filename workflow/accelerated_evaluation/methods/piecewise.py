@@ -16,6 +16,6 @@ class Piecewise(CrossEntropyMethod):
     style: ClassVar[dict[str, Any]] = {"color": "#08306b", "linestyle": "-", "marker": "o"}
 
     def start(self, f: Factors) -> tuple[ProposalFamily, ProposalFamily]:
-        """Start at f itself, with the weights of all pieces raised to the lower bound."""
+        """Return families that equal f, except that small weights are raised to the lower bound."""
         limits = self.cross_entropy["minimum_weight"], self.cross_entropy["minimum_piece_events"]
         return PiecewiseFamily.start(f.first, *limits), PiecewiseFamily.start(f.second, *limits)

@@ -16,5 +16,5 @@ class Single(CrossEntropyMethod):
     style: ClassVar[dict[str, Any]] = {"color": "#b2182b", "linestyle": "--", "marker": "s"}
 
     def start(self, f: Factors) -> tuple[ProposalFamily, ProposalFamily]:
-        """Start at the exponentials with the means of f."""
+        """Return the exponential distributions that have the means of f."""
         return SingleFamily.start(f.first), SingleFamily.start(f.second)

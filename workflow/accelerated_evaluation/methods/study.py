@@ -1,4 +1,4 @@
-"""The study of one method: independent replicates, each with an estimate and its tables."""
+"""Run a method for the study: its searches, if it has any, and independent replicates of its estimate."""
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -37,12 +37,14 @@ def study_method(
     labels
         Columns that identify the estimates, such as the study, the scope and the method.
     proposals
-        Results of separate searches, which the replicates use in turn.
+        Results of the separate searches of a method with `Method.learns_apart`. Replicate k uses result k
+        modulo their number.
 
     Returns
     -------
     dict
-        ``estimates``, with one row for each replicate, and each table of the method, for all replicates.
+        Tables by name: ``estimates``, with one row for each replicate, and the tables of `Method.tables` with
+        the rows of all replicates.
     """
     rows, tables = [], {name: [] for name in method.tables}
     for replicate, generator in zip(
@@ -91,7 +93,17 @@ def with_encounters(runs: pd.DataFrame, problem: Problem | ScenarioProblem) -> p
 def in_scope(
     problem: Problem, proposals: Sequence[Proposals], scope: str
 ) -> tuple[Problem, Sequence[Proposals]]:
-    """Return a problem and its proposals restricted to one stratum, or unchanged for ``all``."""
+    """Restrict a problem and its proposals to one stratum.
+
+    Parameters
+    ----------
+    problem
+        The law, the vehicle and the event.
+    proposals
+        Results of searches.
+    scope
+        Name of the stratum; ``all`` leaves problem and proposals unchanged.
+    """
     if scope == ALL:
         return problem, proposals
     return problem.only(scope), [found.only(scope) for found in proposals]
@@ -100,12 +112,14 @@ def in_scope(
 def search_strata(
     method: Method, problem: Problem, generator_of: Callable[[str], np.random.Generator]
 ) -> tuple[Proposals, pd.DataFrame]:
-    """Search f* of every stratum, for a method with separate learning.
+    """Search the accelerated distribution f* of every stratum by the Cross-Entropy method.
+
+    A search that does not reach the event gives a warning.
 
     Parameters
     ----------
     method
-        A method that searches by Cross-Entropy.
+        A method with a function ``search``, as `CrossEntropyMethod` has.
     problem
         The law, the vehicle and the event.
     generator_of

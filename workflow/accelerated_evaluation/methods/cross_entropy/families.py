@@ -18,18 +18,19 @@ class ProposalFamily(Protocol):
         """The distribution with the current parameters."""
 
     def update(self, x: Array, weight: Array) -> Self:
-        """Maximize sum_n weight_n log f_theta(x_n) over the parameters (the Cross-Entropy step).
+        """Return the family with the parameters theta that maximise sum_n weight_n log f_theta(x_n).
 
-        ``x`` and ``weight`` have shape (n,); only events, with positive weights, are passed.
+        This is the step of the Cross-Entropy method. ``x`` and ``weight`` contain the values and the
+        importance weights of the events of a sample, shape (n,).
         """
 
     def parameters(self) -> dict[str, float]:
-        """Return the parameters by name, for the trace."""
+        """Return the parameters by name, as they are saved in the trace of a search."""
 
 
 @dataclass(frozen=True)
 class SingleFamily:
-    """One exponential on [lower, inf): the authors' earlier, single parametric f*."""
+    """The family of the authors' earlier method: f* is one exponential distribution on [lower, inf)."""
 
     distribution: BoundedExponential
 
@@ -39,18 +40,20 @@ class SingleFamily:
         return cls(BoundedExponential.from_mean(model.mean(), model.lower))
 
     def update(self, x: Array, weight: Array) -> "SingleFamily":
-        """Match the weighted mean of the events."""
+        """Return the exponential whose mean is the weighted mean of the events."""
         mean = float(np.average(x, weights=weight))
         return SingleFamily(BoundedExponential.from_mean(mean, self.distribution.lower))
 
     def parameters(self) -> dict[str, float]:
-        """Return the rate."""
+        """Return the rate, in the inverse unit of the variable."""
         return {"rate": self.distribution.rate}
 
 
 @dataclass(frozen=True)
 class PiecewiseFamily:
-    """The family in which every piece of the model has its own tilt and weight (18 parameters in all).
+    """The family in which every piece of the model has its own tilt and weight (section V.B).
+
+    The tilt theta of a piece multiplies its density by exp(theta x) and normalises it again.
 
     Parameters
     ----------
@@ -59,9 +62,9 @@ class PiecewiseFamily:
     thetas, weights
         Tilt and weight of each of the k pieces.
     minimum_weight
-        Lower bound of the weights, so that f* keeps the support of f (section V.C.3).
+        Lower bound of the weights. It ensures that f* is positive wherever f is (section V.C.3).
     minimum_events
-        A piece with fewer events keeps its theta (section V.C.4).
+        A piece in which a sample has fewer events keeps its theta (section V.C.4).
     """
 
     model: PiecewiseMixture
@@ -82,14 +85,16 @@ class PiecewiseFamily:
         return self.model.accelerated(self.thetas, self.weights)
 
     def update(self, x: Array, weight: Array) -> "PiecewiseFamily":
-        """Update the weights (equation pi_update), and the theta of every piece with enough events.
+        """Update the weights of all pieces, and the theta of every piece with enough events.
 
-        The theta of an unbounded tail is not allowed to be negative. With a lighter tail than that of f, the
-        likelihood ratios could have an infinite variance, which samples do not show.
+        The new weight of a piece is its share of the sum of the importance weights, raised to the lower
+        bound. Its new theta makes the mean of the piece equal to the weighted mean of the events in it. The
+        theta of an unbounded tail is not allowed to be negative: if f* had a lighter tail than f, the
+        likelihood ratios could have an infinite variance, which a sample does not reveal.
         """
         piece = self.model.piece_index(x)
         shares = np.bincount(piece, weights=weight, minlength=len(self.weights)) / weight.sum()
-        # A weight that underflows has lost its digits, and a piece with no other has lost its mean.
+        # Subnormal weights have lost digits, so a mean that is computed only from them would be inaccurate.
         heavy = weight > np.finfo(float).tiny
         thetas = list(self.thetas)
         for index, component in enumerate(self.model.components):
@@ -102,7 +107,7 @@ class PiecewiseFamily:
 
     @property
     def tail_is_full(self) -> bool:
-        """Whether the tail piece has the largest weight that the lower bound allows."""
+        """Whether the tail has its largest possible weight, with all other weights at the lower bound."""
         return self.weights[-1] >= 1 - (len(self.weights) - 1) * self.minimum_weight - 1e-9
 
     def shifted(self, shift: float) -> "PiecewiseFamily":
@@ -124,17 +129,28 @@ class PiecewiseFamily:
 
 
 def bounded_weights(shares: Array, minimum: float) -> tuple[float, ...]:
-    """Raise shares below ``minimum`` to it, and scale the others so that the sum is one.
+    """Return weights that are proportional to given shares, are at least ``minimum``, and sum to one.
 
-    Among all weights with this bound, the result maximizes sum_i shares_i log weights_i.
+    Shares that would be below the minimum are raised to it, and the others are scaled. Among all weights with
+    this lower bound, the result maximises sum_i shares_i log weights_i.
+
+    Parameters
+    ----------
+    shares
+        Non-negative shares of the k pieces, shape (k,).
+    minimum
+        Lower bound of each weight.
 
     Raises
     ------
     ValueError
-        If the sum of the bounds exceeds one.
+        If k times the minimum is not between 0 and 1.
     """
     if not 0 < minimum * shares.size < 1:
-        raise ValueError(f"{shares.size} weights cannot all be at least {minimum}, positive, and sum to one")
+        raise ValueError(
+            f"{shares.size} weights cannot sum to one and each be at least {minimum}; the minimum must be "
+            f"positive and below {1 / shares.size:.3g}"
+        )
     low = np.zeros(shares.size, dtype=bool)
     while True:
         free = np.where(low, 0.0, shares)
@@ -145,7 +161,10 @@ def bounded_weights(shares: Array, minimum: float) -> tuple[float, ...]:
 
 
 def _inner_mean(mean: float, component: Tiltable) -> float:
-    """Keep a mean from the very edge of a bounded piece, where f* would become a needle."""
+    """Move a mean at least 2 % of the width of a bounded piece away from its edges.
+
+    A mean at an edge would give a distribution f* that is concentrated there.
+    """
     if math.isinf(component.upper):
         return mean
     margin = 0.02 * (component.upper - component.lower)

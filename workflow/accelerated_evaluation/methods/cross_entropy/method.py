@@ -73,7 +73,7 @@ SETTINGS = section(
 
 @dataclass(frozen=True)
 class CrossEntropyMethod(Method):
-    """Importance sampling from an f* that is searched by the Cross-Entropy method.
+    """Importance sampling from a distribution f* that the Cross-Entropy method has found.
 
     Attributes
     ----------
@@ -102,15 +102,21 @@ class CrossEntropyMethod(Method):
 
     @classmethod
     def stream(cls, scope: str, replicate: int) -> tuple[str | int, ...]:
-        """Return the names of the random stream of one replicate."""
+        """Return the name of the random stream of one replicate; see `randomness.child_generator`."""
         return "importance_sampling", cls.name, scope, replicate
 
     @abstractmethod
     def start(self, f: Factors) -> tuple[ProposalFamily, ProposalFamily]:
-        """Return the families of both coordinates, at the parameters where the search begins."""
+        """Return the families of f* for 1 / range and 1 / TTC, with their parameters at the start.
+
+        Parameters
+        ----------
+        f
+            The fitted distributions of both coordinates in one stratum.
+        """
 
     def shift(self) -> Shift | None:
-        """Return the steps by which truncation points move up; None if they are fixed."""
+        """Return the steps by which truncation points move, by coordinate; None if they are fixed."""
         return None
 
     def search(
@@ -120,7 +126,17 @@ class CrossEntropyMethod(Method):
         generator: np.random.Generator,
         on_iteration: Callable[[dict[str, float]], None] = lambda _: None,
     ) -> Search:
-        """Search f* of one stratum; see `search.search` for arguments and errors."""
+        """Search the accelerated distribution f* of one stratum with the settings of this method.
+
+        Parameters
+        ----------
+        problem, stratum
+            The law, the vehicle and the event; and the name of the stratum.
+        generator
+            Source of all randomness.
+        on_iteration
+            Function that is called with every row of the trace, for example to show progress.
+        """
         settings = SearchSettings(
             **{name: self.cross_entropy[name] for name in SearchSettings.__dataclass_fields__}
         )
@@ -136,18 +152,18 @@ class CrossEntropyMethod(Method):
         generator: np.random.Generator,
         proposals: Proposals | None = None,
     ) -> Estimate:
-        """Estimate the probability of the event, with new samples from f*.
+        """Estimate the probability of the event by importance sampling, with new simulations from f*.
 
         Parameters
         ----------
         problem
             The law, whose strata are accelerated separately, the vehicle and the event.
         stopping
-            The stopping rule. Simulations of a search in this call count towards the limit.
+            The stopping rule. The simulations of a search in this call count towards its limit.
         generator
             Source of all randomness.
         proposals
-            Results of earlier searches in each stratum; by default the search is done here.
+            Results of earlier searches in each stratum. By default every stratum is searched here.
         """
         limit = stopping.maximum_simulations
         if proposals is None:
@@ -161,7 +177,7 @@ class CrossEntropyMethod(Method):
             generator,
             self.batch,
         )
-        # The rule looks after every simulation; what was drawn at once beyond its end is not counted.
+        # The rule is checked after every simulation. The rest of the last batch is not part of the estimate.
         estimate = estimate_from_weights(
             weights[:converged_at],
             stopping.alpha,

@@ -1,4 +1,4 @@
-"""Results of searches, f* of each stratum, and their file."""
+"""Results of Cross-Entropy searches, the distribution f* of each stratum, and their file."""
 
 import os
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from accelerated_evaluation.methods.cross_entropy.search import Search
 
 @dataclass(frozen=True)
 class Proposals:
-    """f* of each stratum, with the number of simulations of its search.
+    """The accelerated distribution f* of each stratum, with the number of simulations of its search.
 
     Attributes
     ----------
@@ -32,25 +32,25 @@ class Proposals:
 
     @classmethod
     def of(cls, searches: Mapping[str, Search]) -> Self:
-        """Return the f* of finished searches, by stratum."""
+        """Collect the results of searches, which are given by stratum."""
         factors = {stratum: search.proposal for stratum, search in searches.items()}
         simulations = {stratum: search.simulations for stratum, search in searches.items()}
         reasons = {stratum: search.unfinished for stratum, search in searches.items() if search.unfinished}
         return cls(factors, simulations, reasons)
 
     def only(self, stratum: str) -> Self:
-        """Return the result of one stratum."""
+        """Return the proposals restricted to one stratum."""
         reason = {stratum: self.unfinished[stratum]} if stratum in self.unfinished else {}
         return type(self)({stratum: self.factors[stratum]}, {stratum: self.simulations[stratum]}, reason)
 
     @property
     def total(self) -> int:
-        """Number of simulations of all searches."""
+        """Total number of simulations of all searches."""
         return sum(self.simulations.values())
 
 
 def write_proposals(path: str | os.PathLike, proposals: Proposals) -> None:
-    """Write f* of each stratum as JSON, atomically."""
+    """Write f* of each stratum to a JSON file, atomically."""
     content = {
         stratum: {
             "simulations": proposals.simulations[stratum],
@@ -64,12 +64,12 @@ def write_proposals(path: str | os.PathLike, proposals: Proposals) -> None:
 
 
 def read_proposals(path: str | os.PathLike) -> Proposals:
-    """Read a file that `write_proposals` wrote.
+    """Read f* of each stratum from a file of `write_proposals`.
 
     Raises
     ------
     InputError
-        If the file is damaged.
+        If the file is not such a file, or is damaged.
     """
     try:
         content = read_json(path)

@@ -1,4 +1,8 @@
-"""The Cross-Entropy search for f* through relaxed events that shrink to the crash (section V, appendix C)."""
+"""The Cross-Entropy search for f* (section V, appendix C).
+
+The crash is too rare to be observed in the first samples. The search therefore begins with relaxed events,
+such as a short time to collision, and makes them stricter until the event is the crash itself.
+"""
 
 import math
 from collections.abc import Callable
@@ -14,25 +18,27 @@ from accelerated_evaluation.problem import Problem, Sample
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """Settings of the search.
+    """Settings of the Cross-Entropy search.
 
     Attributes
     ----------
     sample_size
-        Number N of simulations of an iteration.
+        Number N of simulations in an iteration.
     event_quantile
-        Share of a sample that belongs to the next relaxed event, while the crash is too rare.
+        Share of a sample that belongs to the next relaxed event, as long as the crash is too rare.
     range_per_ttc
-        Ratio of the range threshold t_R [m] to the threshold t_TTC [s]. It is small, because encounters that
-        only begin at a short range are not dangerous and would mislead the search.
+        Ratio of the threshold t_R of the range [m] to the threshold t_TTC of the time to collision [s], hence
+        [m/s]. It is small, because encounters that merely begin at a short range are not dangerous and would
+        mislead the search.
     minimum_events
-        Least number of events in an iteration; N is increased to find them (section V.C.2).
+        Smallest number of events in an iteration. More batches of N are simulated to find them (section
+        V.C.2).
     maximum_batches
-        Largest number of batches of N in one iteration.
+        Largest number of batches of N simulations in one iteration.
     crash_iterations
-        The search ends after this number of consecutive updates with the crash itself.
+        The search ends after this number of consecutive updates in which the event was the crash itself.
     maximum_iterations
-        Limit of the number of iterations.
+        Largest number of iterations.
     """
 
     sample_size: int = 1000
@@ -49,12 +55,12 @@ COORDINATES = ("inverse_range", "inverse_ttc")  # names of the two coordinates i
 
 @dataclass(frozen=True)
 class Search:
-    """The state of a search.
+    """The state of a search in one stratum.
 
     Attributes
     ----------
     first, second
-        The families of both coordinates with their current parameters.
+        The families of both coordinates, 1 / range and 1 / TTC, with their current parameters.
     trace
         A row for each iteration.
     unfinished
@@ -77,7 +83,15 @@ class Search:
         return int(self.trace[-1]["simulations_total"]) if self.trace else 0
 
     def advance(self, first: ProposalFamily, second: ProposalFamily, row: dict[str, float]) -> "Search":
-        """Return the next state, with its parameters added to the row of the trace."""
+        """Return the next state of the search.
+
+        Parameters
+        ----------
+        first, second
+            The families of both coordinates with their new parameters.
+        row
+            Numbers of this iteration. They are added to the trace, with the parameters of both families.
+        """
         parameters = {
             f"{coordinate}_{name}": value
             for coordinate, family in zip(COORDINATES, (first, second), strict=True)
@@ -89,7 +103,13 @@ class Search:
 
 @dataclass(frozen=True)
 class Shift:
-    """Steps by which the heuristic moves truncation points up (section V.C.5), in the coordinates' units."""
+    """Steps by which the heuristic moves truncation points up (section V.C.5).
+
+    Attributes
+    ----------
+    inverse_range, inverse_ttc
+        Steps for 1 / range [1/m] and for 1 / TTC [1/s].
+    """
 
     inverse_range: float = 0.0
     inverse_ttc: float = 0.0
@@ -105,35 +125,36 @@ def search(
     shift: Shift | None = None,
     on_iteration: Callable[[dict[str, float]], None] = lambda _: None,
 ) -> Search:
-    """Search f* of one stratum by the Cross-Entropy method.
+    """Search the accelerated distribution f* of one stratum by the Cross-Entropy method.
 
-    Every iteration draws N cut-ins from f*. Its event is the widest relaxed event "R reaches t_R or TTC
-    reaches t_TTC" that is rare enough (section V.C.1), and the weighted likelihood of the events is
-    maximized. A search that does not reach the crash still returns its last f*, and reports this. Estimates
-    with this f* are valid, and without an event they give a bound.
+    Every iteration simulates N cut-ins drawn from the current f*. A cut-in belongs to the relaxed event if
+    its range falls to t_R or its time to collision falls to t_TTC. The thresholds are chosen such that a
+    given share of the sample belongs to this event, and they never rise (section V.C.1). The new f* maximises
+    the weighted likelihood of the events. A search that does not reach the crash still returns its last f*,
+    with the reason. Estimates with this f* are valid, and if they contain no event they give an upper limit.
 
     Parameters
     ----------
     problem, stratum
         The law, the vehicle and the event; and the name of the stratum.
     start
-        Families of both coordinates with the initial parameters; their kind distinguishes the methods single
-        and piecewise.
+        Families of both coordinates with the initial parameters: `SingleFamily` for the method single,
+        `PiecewiseFamily` for piecewise and heuristic.
     settings
         Sample size, thresholds and limits.
     generator
         Source of all randomness.
     shift
-        Steps by which the heuristic moves truncation points; None for the plain method.
+        Steps by which the heuristic moves truncation points; None if the truncation points are fixed.
     on_iteration
         Function that is called with every row of the trace.
 
     Returns
     -------
     Search
-        The last f*, and the trace: thresholds, events, effective sample size, parameters, simulations. It is
-        unfinished if the crash itself was not the event of the last ``crash_iterations`` updates, or if no
-        simulation of an iteration ended in the relaxed event.
+        The last f*, and the trace: thresholds, events, effective sample size, parameters and simulations of
+        each iteration. The search is unfinished if the crash itself was not the event of the last
+        ``crash_iterations`` updates, or if no simulation of an iteration ended in the relaxed event.
     """
     row = {"threshold_ttc_s": math.nan, "threshold_range_m": math.nan, "simulations_total": 0}
     state = Search(*start).advance(*start, row)
@@ -179,9 +200,17 @@ def _unfinished(state: Search, settings: SearchSettings, reached: str) -> Search
 
 
 def event_score(sample: Sample, range_per_ttc: float) -> Array:
-    """Return the smallest t such that R reaches t range_per_ttc or TTC reaches t, shape (n,).
+    """Return for each simulation the smallest threshold t_TTC [s] of a relaxed event to which it belongs.
 
-    It is 0 if the event happened.
+    This is min(TTC, R / range_per_ttc), with the smallest time to collision and the smallest range of the
+    simulation, and 0 if the event itself happened; shape (n,).
+
+    Parameters
+    ----------
+    sample
+        Simulated cut-ins.
+    range_per_ttc
+        Ratio of the threshold of the range to that of the time to collision [m/s].
     """
     outcomes = sample.outcomes
     near = np.minimum(outcomes.min_ttc, outcomes.min_range / range_per_ttc)
@@ -196,11 +225,12 @@ def _draw_level(
     threshold: float,
     generator: np.random.Generator,
 ) -> tuple[Sample, float]:
-    """Draw an iteration's sample and its threshold, which never rises.
+    """Draw the sample of an iteration, and return it with its threshold [s], which never rises.
 
-    The threshold is the event quantile of the sample. Where that is no longer below the last one, f* is
-    as good as this event can teach it: N is adjusted until the event itself is seen often enough, or at least
-    until there are enough relaxed events under a smaller threshold.
+    The threshold is the event quantile of the scores of the sample. If this is not below the previous
+    threshold, the relaxed events no longer improve f*. More batches are then drawn until the event itself has
+    happened ``minimum_events`` times, or ``maximum_batches`` is reached, and the threshold is the score of
+    rank ``minimum_events``.
     """
     sample = problem.sample(stratum, proposal, generator, settings.sample_size)
     rank = max(int(settings.event_quantile * settings.sample_size), 1)
@@ -217,7 +247,10 @@ def _draw_level(
 
 
 def _shifted(family: ProposalFamily, step: float, events: Array) -> ProposalFamily:
-    """Shift truncation points up by one step where the tail is full and keeps a step below all events."""
+    """Move the truncation points up by one step if the tail has its largest weight.
+
+    They are moved only if the last one then still lies at least one step below all events.
+    """
     if not (step > 0 and isinstance(family, PiecewiseFamily) and family.tail_is_full):
         return family
     return family.shifted(step) if family.model.knots[-1] + 2 * step <= events.min() else family
