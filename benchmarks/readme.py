@@ -425,8 +425,8 @@ TABLES = {
     "size": result(YOUR_RECORDS, "recordings", recordings_table),
     "certificates": result(GUIDE, "certificates", certificates_table),
     "chance": result(GUIDE, "chance", chance_table),
-    "checks": result(GUIDE, "checks", checks_table),
-    "successors": result(GUIDE, "successors", successors_table),
+    "checks": result(BENCHMARKS, "checks", checks_table),
+    "successors": result(BENCHMARKS, "successors", successors_table),
 }
 
 if __name__ == "__main__":
