@@ -73,7 +73,6 @@ def test_three_files_add_a_scenario_that_is_simulated_and_estimated(tmp_path, wi
     settings = {
         "study": "toy",
         "scenario": {"name": "backing_out", "records": "records.csv"},
-        "vehicle": {"name": "braking_car"},
     }
     (tmp_path / "toy.yaml").write_text(json.dumps(settings))
     run(

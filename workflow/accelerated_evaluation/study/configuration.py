@@ -92,8 +92,8 @@ def completed(config: Mapping[str, Any]) -> dict[str, Any]:
     """Return a configuration in which missing keys have the values of ``config/config.yaml``.
 
     The limits in that file belong to its source. For another source, missing limits are `limits.AUTO` and are
-    derived from the records (`limits.with_limits`). In a study of a slow vehicle the outcomes of a class are
-    kept, too.
+    derived from the records (`limits.with_limits`). Another scenario has its own default vehicle. In a study
+    of a slow vehicle the outcomes of a class are kept, too.
     """
     defaults = default_configuration()
     data = config.get("data")
@@ -102,11 +102,22 @@ def completed(config: Mapping[str, Any]) -> dict[str, Any]:
         and data.get("source", defaults["data"]["source"]) != defaults["data"]["source"]
     ):
         defaults = with_values(defaults, dict.fromkeys(AUTOMATIC, AUTO))
+    if (vehicle := _default_vehicle(config)) is not None:
+        defaults["vehicle"] = defaults["vehicle"] | {"name": vehicle}
     complete = _merged(defaults, config)
     simulations = complete["simulations"]
     if isinstance(simulations, Mapping) and simulations.get("slow") is True:
         complete["simulations"] = simulations | {"keep_class": True}
     return complete
+
+
+def _default_vehicle(config: Mapping[str, Any]) -> str | None:
+    """Return the default vehicle of the scenario of a configuration; None if it names no known scenario."""
+    from accelerated_evaluation.scenarios import SCENARIOS
+
+    scenario = config.get("scenario")
+    name = scenario.get("name") if isinstance(scenario, Mapping) else None
+    return SCENARIOS[name].default_vehicle if isinstance(name, str) and name in SCENARIOS else None
 
 
 def resolved(
