@@ -43,9 +43,10 @@ SETTINGS = section(
     ),
 )
 
-# For events that may be frequent and in several parts, as in scenarios with joint laws: an unmet part must be
-# less probable than the estimate, even if the event happens in only 30 % of the encounters there, as where
-# rounding decides. The default is for rare events, and allows filled parts of a thousand times the estimate.
+# Settings for events that may be frequent and may have several separate parts, as in scenarios with joint
+# laws. An unobserved part of the event must have at most three times the probability of the estimate, even if
+# the event happens in only 30 % of the encounters in this part (for example because rounding decides). The
+# default certificate is for rare events: it allows unobserved parts of a thousand times the estimate.
 FREQUENT_EVENTS: Mapping[str, Any] = {
     "certificate": Certificate(share=3.0, curvature=0.0, filled=0.3),
     "begin": FREQUENT,
@@ -68,12 +69,12 @@ class Surrogate(Method):
     on_batch
         Function that is called with the estimate after every batch, for example to show progress.
     certificate
-        The certificate that is required before an estimate has converged. Once the interval is narrow, the
-        sampler continues to search for unmet parts of the event until the certificate is sufficient.
+        The bound on unobserved parts of the event that is required for convergence. Once the interval is
+        narrow, the sampler continues to search for such parts until the certificate is met.
     predecessor
         Runs of another vehicle that is similar to the one under test, with events among them; see `Sampler`.
     begin
-        The first runs.
+        Number and distribution of the first runs.
     """
 
     name: ClassVar[str] = "surrogate"
@@ -101,7 +102,11 @@ class Surrogate(Method):
 
     @classmethod
     def stopping(cls, config: Mapping[str, Any]) -> Stopping:
-        """Return the paper's rule with this method's limit of simulations, and one event as the minimum."""
+        """Return the stopping rule of this method: the paper's level and precision with other limits.
+
+        One event is enough, the number of simulations is limited by ``maximum_calls``, and the interval may
+        be one that is valid at every check (``anytime``).
+        """
         rule = Stopping.configured(config["importance_sampling"])
         own = config["surrogate"]
         anytime = own["interval"] == "anytime"
@@ -110,13 +115,13 @@ class Surrogate(Method):
     def estimate(self, problem: ScoreProblem, stopping: Stopping, generator: np.random.Generator) -> Estimate:
         """Estimate the probability of the event with as few simulations as possible.
 
-        The runs end when the estimate has converged, or when rare lapses are in doubt, which more runs
-        cannot exclude; see `Sampler.has_ended`. In the latter case the estimate has not converged.
+        The runs end when the estimate has converged. They also end, without convergence, if the vehicle may
+        fail in a few of its runs, because more runs cannot exclude such lapses; see `Sampler.has_ended`.
 
         Parameters
         ----------
         problem
-            The problem.
+            The law, the vehicle and the event.
         stopping
             The stopping rule. A few dozen events are enough for this method, so ``minimum_events`` should be
             1.
@@ -144,7 +149,7 @@ class Surrogate(Method):
         return sampler.estimate(stopping)
 
     def _sampler(self, problem: ScoreProblem, generator: np.random.Generator) -> Sampler:
-        """Return the sampler of the state file, or a new one where there is no such file."""
+        """Return the sampler that is saved in the state file, or a new one if there is no such file."""
         own = {"dimension": problem.dimension, "fingerprint": problem.fingerprint}
         if self.state_file is None or not Path(self.state_file).exists():
             return Sampler(

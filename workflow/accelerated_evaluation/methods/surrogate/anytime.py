@@ -1,21 +1,22 @@
-"""Intervals that may be checked after every batch: a boundary that the error of the estimate seldom crosses.
+"""Intervals that keep their confidence level although they are checked after every batch.
 
 An interval of confidence 1 - alpha covers the truth with this probability if it is computed once, at a time
-that was chosen beforehand. Somebody who checks it after every batch has many chances to see one that misses.
+that was chosen beforehand. If it is checked after every batch, the probability that at least one of the
+intervals misses the truth is larger than alpha.
 
-Let c_t be the coefficient of variation of the estimate Y_t after t batches. The weighted errors of the
-batches are a martingale. In the time V = 1 / c^2 it is close to a Brownian motion W:
+Let P be the true probability, and c_t the coefficient of variation of the estimate Y_t after t batches. The
+weighted errors of the batches are a martingale. In the time V = 1 / c^2 it is close to a Brownian motion W:
 (Y_t - P) / P = W(V_t) / V_t. With probability 1 - alpha the motion stays within z sqrt(V_g) up to the time
 V_g, where z follows from its reflection principle (1.645 for 80 %). This is the boundary of O'Brien and
-Fleming (1979). V_g is the time at which the interval is as narrow as the goal asks. Until then all intervals
-with
+Fleming (1979). V_g = 1 / c_g^2 is the time at which the interval is as narrow as the goal requires. Until
+then all intervals with
 
     |Y_t - P| <= P z c_t^2 / c_g
 
 cover the truth together with probability 1 - alpha. After V_g the interval stays as it was then.
 
-Nothing here protects against a part of the event that no run has met. The upper end rests on the variances
-that were predicted and observed; what can be unseen is the question of `certificate`.
+These intervals do not include a part of the event that no run has met, because they are based on the
+predicted and observed variances. The module `certificate` bounds the probability of such a part.
 """
 
 import math
@@ -28,14 +29,15 @@ from scipy.special import ndtri, stdtrit
 
 from accelerated_evaluation.methods.surrogate.combining import BatchEstimate, Combined, combine, ends
 
-TERMS = 50  # of the series of the reflection principle
+TERMS = 50  # number of terms of the series in `boundary`
 
 
 @lru_cache
 def boundary(alpha: float) -> float:
-    """Return what |W(V)| / sqrt(V_g) exceeds on [0, V_g] with probability alpha, for a Brownian motion W.
+    """Return the boundary z that a Brownian motion W crosses with probability alpha.
 
-    The probability to stay within z is (4 / pi) sum_k (-1)^k / (2k + 1) exp(-(2k + 1)^2 pi^2 / (8 z^2)).
+    The crossing is that of |W(V)| > z sqrt(V_g) at any time V in [0, V_g]. The probability that there is none
+    is (4 / pi) sum_k (-1)^k / (2k + 1) exp(-(2k + 1)^2 pi^2 / (8 z^2)), which is solved for z.
     """
     odd = 2 * np.arange(TERMS) + 1
 
@@ -47,7 +49,10 @@ def boundary(alpha: float) -> float:
 
 
 def reach_of_goal(beta: float) -> float:
-    """Return the r for which the interval Y / (1 + r) to Y / (1 - r) has a half-width of beta Y."""
+    """Return the relative error r for which the interval from Y / (1 + r) to Y / (1 - r) is narrow enough.
+
+    Its half-width is then beta times the estimate Y.
+    """
     return (math.sqrt(1 + 4 * beta**2) - 1) / (2 * beta)
 
 
@@ -59,18 +64,18 @@ def anytime_interval(
     Parameters
     ----------
     batches
-        The batches that count, at least two.
+        The batches on which the estimate is based, at least two; see `combining.that_count`.
     alpha
         Probability that any of the intervals misses the truth.
     beta
-        Goal: largest half-width, in relation to the estimate.
+        Goal for the half-width of the interval, divided by the estimate.
 
     Returns
     -------
     combined : Combined
-        The estimate of the batches up to the first one with which the goal was met, or of all.
+        The estimate from the first batches with which the goal is met, or from all batches if it is not.
     interval : tuple of float
-        Its ends; the upper one may be infinite.
+        The ends of the interval; the upper one may be infinite.
     """
     goal = reach_of_goal(beta)
     for count in range(2, len(batches) + 1):
@@ -83,7 +88,7 @@ def anytime_interval(
 
 
 def _inflated(combined: Combined, alpha: float) -> float:
-    """Return the coefficient of variation, larger by what Student's law exceeds the normal law."""
+    """Return the coefficient of variation times the ratio of Student's quantile to the normal quantile."""
     if combined.probability <= 0:
         return math.inf
     student = float(stdtrit(combined.batches - 1, 1 - alpha / 2) / ndtri(1 - alpha / 2))

@@ -39,9 +39,10 @@ class Belief:
         Runs of a similar vehicle; None if there is none. The scores of these runs are unknown, so the scores
         are not used if a predecessor is given.
     noisy
-        Whether most outcomes are one draw of a probability instead of being the same in every run. The
-        amplitude of the surrogate of the flags may then be small, and the noise of the scores counts. It
-        also counts in a subspace, where the same coordinates may belong to different outcomes.
+        Whether most outcomes are random instead of being the same in every repetition of a run. The prior of
+        the amplitude of the surrogate of the flags is then smaller, and the predictions by the scores include
+        the noise of the regression. They also include it in a subspace, because points with the same
+        coordinates may have different outcomes.
 
     Attributes
     ----------
@@ -62,7 +63,10 @@ class Belief:
         self._calibration = Calibration()
 
     def fit(self, progress: Progress) -> None:
-        """Fit both surrogates to all runs, and from time to time learn axes, lengths and amplitudes again.
+        """Fit both surrogates to all runs, and learn their parameters again if there are enough new runs.
+
+        The parameters are axes, lengths and amplitudes. They are learnt again when the number of runs has
+        grown by the factor `RELEARN`, and always before the first batch of the second phase is known.
 
         Three sets of axes are compared: the original coordinates, the principal axes of the events, and the
         principal axes of the most important points of the last pool. If the event is a thin set that is
@@ -79,7 +83,7 @@ class Belief:
         self.flags.fit(z, happened, learn=learn, turned=turned)
         self._second = None
         if self._has_predecessor and runs:
-            # With the prior's lengths, so that nothing of it must be kept in a state.
+            # It keeps the prior's lengths, so that none of its parameters has to be saved in a state.
             own_flags = EventSurrogate(z.shape[1], amplitude=NOISY_AMPLITUDE if self._noisy else AMPLITUDE)
             own_flags.fit(z, happened, learn=False)
             self._second = own_flags.probability
@@ -89,14 +93,14 @@ class Belief:
             self._second = partial(self._by_scores, below=end_of_events(outcome, happened))
         predicted = len(progress.foreseen)
         least = 1 - MOST_TRUST if self._has_predecessor else 0.0
-        # If noise affects most runs, the regression with noise describes how the flags arise.
+        # If most outcomes are random, the regression with noise is the better model of the flags.
         log_odds = NOISY_LOG_ODDS if self._noisy else 0.0
         self._calibration = Calibration.learn(
             progress.foreseen, happened[runs - predicted :], least, log_odds
         )
 
     def probability(self, z: Array) -> Array:
-        """Return the calibrated probability of the event at points z, shape (m, d)."""
+        """Return the calibrated probability of the event at points z, shape (m, d); shape (m,)."""
         return self._calibration(self.foresee(z, both=self._calibration.trust > 0))
 
     def foresee(self, z: Array, *, both: bool = True) -> Array:

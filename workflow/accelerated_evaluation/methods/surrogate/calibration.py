@@ -98,8 +98,8 @@ class Calibration:
         log_odds
             Logarithm of the prior odds that the second surrogate predicts better.
         """
-        slopes = [Slopes.learn(said, happened) for said in foreseen.T]
-        calibrated = [slope(said) for slope, said in zip(slopes, foreseen.T, strict=True)]
+        slopes = [Slopes.learn(predicted, happened) for predicted in foreseen.T]
+        calibrated = [slope(predicted) for slope, predicted in zip(slopes, foreseen.T, strict=True)]
         first, second = (np.log(np.where(happened, p, 1 - p)).sum() for p in calibrated)
         trust = float(MOST_TRUST * expit(second - first + log_odds))
         return cls(*slopes, max(trust if trust >= LEAST_TRUST else 0.0, least))
@@ -111,12 +111,13 @@ class Calibration:
 
 
 def _slope(foreseen: Array, happened: Flags) -> float:
+    """Return the slope that is supported by the runs, as `Slopes.learn` describes."""
     towards = np.where(happened, 1, -1) * _probit(foreseen)
 
-    def surprise(log_slope: float) -> float:
+    def loss(log_slope: float) -> float:
         return (log_slope / SLOPE_SPREAD) ** 2 / 2 - log_ndtr(np.exp(log_slope) * towards).sum()
 
-    best = minimize_scalar(surprise, bounds=LOG_SLOPE_BOUNDS, method="bounded").x
+    best = minimize_scalar(loss, bounds=LOG_SLOPE_BOUNDS, method="bounded").x
     u = np.exp(best) * towards
     ratio = np.exp(-u * u / 2 - log_ndtr(u)) / np.sqrt(2 * np.pi)
     # The second derivative of the negative log likelihood of the runs may be negative; it is then ignored.

@@ -1,14 +1,15 @@
 """A bound on the probability of a part of the event that no run of a sampler has met.
 
-Some runs are draws of the wide law, cut at some rarity, whatever the surrogate believes. If Q(A) is the
-number of them that is expected in a part A of the event, none is there with probability at most exp(-Q(A)).
-So with confidence 1 - alpha, an unseen part has Q(A) < log(1 / alpha). What probability such a part can have
-depends on its shape, which nobody knows, so the bound is stated for a kind of parts, and for any set.
+Some runs are draws from the wide distribution up to a given rarity, independently of the surrogate. Let Q(A)
+be the expected number of these draws in a part A of the event. The probability that no draw meets A is at
+most exp(-Q(A)). Therefore, with confidence 1 - alpha, a part that was not met has Q(A) < log(1 / alpha). How
+probable such a part can be depends on its shape, which is unknown. The bound is therefore stated for parts of
+one kind, called modes, and for sets of any shape.
 
-A mode lies beyond the plane through its point nearest to the origin, and holds the ball of radius 1 /
-curvature that touches this plane there; curvature 0 is that of a half-space. It is unseen if none of its
-points up to the rarity of the event was met: farther out it may run together with what is known.
-Notebook 10 derives both bounds.
+Let x be the point of a mode that is nearest to the origin. The mode lies beyond the plane through x that is
+perpendicular to x, and contains the ball of radius 1 / curvature that touches this plane at x. A half-space
+has the curvature 0. A mode counts as unmet if no run met it up to the rarity that the event reaches; farther
+out, it may be connected with the known part of the event. Notebook 10 derives both bounds.
 """
 
 import math
@@ -24,18 +25,18 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.methods.surrogate.constants import BEYOND, FEW, REACH, UNSEEN_ALPHA
 from accelerated_evaluation.methods.surrogate.wide_laws import rarity
 
-STEPS = 600  # of the integrals over the rarity, and of the distances that are tried
+STEPS = 600  # number of steps of the integrals over the rarity, and of distances of modes
 RARITIES = (np.arange(STEPS) + 0.5) / STEPS * REACH
 
 
 @dataclass(frozen=True)
 class Certificate:
-    """The bound that is required before an estimate has converged.
+    """The bound on the probability of an unmet mode that is required before an estimate has converged.
 
     Attributes
     ----------
     share
-        Largest allowed ratio of the probability of an unmet mode to the estimate.
+        Largest allowed ratio of the bound on the probability of an unmet mode to the estimate.
     curvature
         Largest curvature of the modes that must be excluded, one over a length in normal scores.
     filled
@@ -55,9 +56,9 @@ class Certificate:
             )
 
 
-# By default half-spaces must be excluded that are a thousand times as probable as the estimate. Where the
-# event was found at its main part, the usual runs exclude them. Where it was found at a far end only, at a
-# billionth of its probability, they do not, and the sampler goes on.
+# By default, an unmet half-space must not be more than a thousand times as probable as the estimate. If the
+# search has found the main part of the event, the usual runs are enough for this. If it has found only a
+# remote part with a billionth of the probability, they are not, and the sampler continues.
 BY_DEFAULT = Certificate(share=1000.0, curvature=0.0)
 
 
@@ -65,14 +66,14 @@ BY_DEFAULT = Certificate(share=1000.0, curvature=0.0)
 class Unseen:
     """Bounds on the probability of a part of the event that no run has met.
 
-    They hold with confidence 1 - `UNSEEN_ALPHA`.
+    The confidence of each bound is 1 - `UNSEEN_ALPHA`.
 
     Attributes
     ----------
     runs
         Number of draws from the wide distribution on which the bounds are based.
     mode, anything
-        Bounds on the probability of the event in a mode, and in any set.
+        Bounds on the probability of an unmet part: if it is a mode, and if it has any shape.
     """
 
     runs: float
@@ -83,16 +84,17 @@ class Unseen:
     def after(
         cls, wide_draws: Array, dimension: int, reach: float, curvature: float, filled: float = 1.0
     ) -> Self:
-        """Return the bounds after some draws from the wide distribution.
+        """Return the bounds that follow from given draws of the wide distribution.
 
         Parameters
         ----------
         wide_draws
-            Number of draws, and the rarities between which they were made, shape (k, 3).
+            For each of k groups of draws: their number, and the rarities between which they were made, shape
+            (k, 3).
         dimension
             Number of normal scores.
         reach
-            Rarity up to which no point of the mode was met.
+            Largest rarity at which a mode counts as unmet.
         curvature
             Largest curvature of the mode, one over a length in normal scores.
         filled
@@ -106,7 +108,10 @@ class Unseen:
 def unseen_in_words(diagnostics: Mapping[str, float]) -> str:
     """Return a sentence with the two bounds on the probability of unobserved parts of the event.
 
-    They are ``unseen_mode`` and ``unseen_any`` in the diagnostics of an estimate.
+    Parameters
+    ----------
+    diagnostics
+        Diagnostics of an estimate, which contain the bounds as ``unseen_mode`` and ``unseen_any``.
     """
     return (
         f"a part of the event that no run has met: at most {diagnostics['unseen_mode']:.1g} if a half-space, "
@@ -124,12 +129,12 @@ def look_beyond(wide_draws: Array, dimension: int, reach: float, curvature: floa
     wide_draws, dimension, reach, curvature
         As for `Unseen.after`.
     share
-        Probability above which modes must be excluded.
+        Probability of the least probable mode that must be excluded.
     """
     distances, caps = _caps(dimension, curvature)
     mode = _nearest(wide_draws, dimension, reach, curvature)
     nearest, farthest = rarity(np.outer([distances[mode], -ndtri(share)], np.eye(dimension)[0]))
-    if dimension > FEW:  # the nearest points of all modes are in the bulk and carry no information
+    if dimension > FEW:  # the nearest points of all modes are in the bulk of the normal distribution
         farthest = max(farthest, reach - BEYOND)
     cap, middle = (values[reach >= RARITIES][::-1] for values in (caps[mode], RARITIES))
     begin = middle - REACH / STEPS / 2
@@ -139,7 +144,7 @@ def look_beyond(wide_draws: Array, dimension: int, reach: float, curvature: floa
 
 
 def _nearest(wide_draws: Array, dimension: int, reach: float, curvature: float) -> int:
-    """Return which of the modes of `_caps` is the nearest that is not excluded, or the last."""
+    """Return the index of the nearest mode of `_caps` that is not excluded, or of the last mode."""
     caps = _caps(dimension, curvature)[1]
     expected = caps @ np.where(reach >= RARITIES, _draws_at(wide_draws, RARITIES), 0.0) * REACH / STEPS
     likely = np.flatnonzero(expected <= -math.log(UNSEEN_ALPHA))
@@ -147,16 +152,16 @@ def _nearest(wide_draws: Array, dimension: int, reach: float, curvature: float) 
 
 
 def _draws_at(wide_draws: Array, at: Array) -> Array:
-    """Return the expected number of draws in all directions for a unit of rarity, shape (k,)."""
+    """Return the number of draws per unit of rarity, in all directions, at given rarities, shape (k,)."""
     runs, begin, end = wide_draws.T[:, :, None]
     return (runs / (end - begin) * ((begin < at) & (at <= end))).sum(axis=0)
 
 
 def _bound_of_any_set(wide_draws: Array) -> float:
-    """Return what P(A) cannot exceed for any set A.
+    """Return the largest probability that an unmet set of any shape can have.
 
-    The worst set is a ball about the origin, because a unit of probability gets the fewest draws there. With
-    a surface of rarity u it has the probability 1 - exp(-u).
+    The worst set is a ball about the origin, because there a unit of probability has the fewest draws. The
+    ball whose surface has the rarity u has the probability 1 - exp(-u).
     """
     expected = np.concatenate([[0.0], np.cumsum(_draws_at(wide_draws, RARITIES)) * REACH / STEPS])
     surface = np.interp(-math.log(UNSEEN_ALPHA), expected, np.arange(STEPS + 1) / STEPS * REACH)
@@ -165,17 +170,20 @@ def _bound_of_any_set(wide_draws: Array) -> float:
 
 @lru_cache
 def _caps(dimension: int, curvature: float) -> tuple[Array, Array]:
-    """Return distances of modes, shape (k,), and which share of the directions they cover at each rarity."""
+    """Return distances of modes from the origin, and the shares of directions that the modes cover.
+
+    The distances have shape (k,). The shares have shape (k, STEPS), with a column for each of `RARITIES`.
+    """
     radius = np.sqrt(chdtri(dimension, np.exp(-RARITIES)))
     distances = np.linspace(0, radius[-1], STEPS)
     return distances, np.array([_cap(radius, distance, dimension, curvature) for distance in distances])
 
 
 def _cap(radius: Array, distance: float, dimension: int, curvature: float) -> Array:
-    """Return the share of spheres about the origin, of radii of shape (k,), that a mode covers.
+    """Return the share of each sphere about the origin that a mode covers, for radii of shape (k,).
 
-    Half-space and ball cut a cap {cosine >= t} out of a sphere. (1 + cosine) / 2 of a uniform direction has
-    a beta law with both parameters (d - 1) / 2; in one dimension there are only two directions.
+    A half-space or a ball cuts a cap {cosine >= t} out of a sphere. For a uniform direction, (1 + cosine) / 2
+    has a beta distribution with both parameters (d - 1) / 2. In one dimension there are only two directions.
     """
     r, b = radius, distance
     # A point at radius r is in the ball if curvature (r^2 + b^2) / 2 + b <= (1 + curvature b) r cosine.

@@ -1,7 +1,7 @@
-"""The estimate from several batches: which batches count, their weights, and the variance.
+"""The estimate from several batches: the batches on which it is based, their weights, and its variance.
 
-All of these decisions use only the past of a batch, so the weighted errors of the batches are a martingale.
-Notebook 10 derives the rules.
+Whether a batch is used, and its weight, depend only on what was known before the batch was drawn. The
+weighted errors of the batches are therefore a martingale. Notebook 10 derives the rules.
 """
 
 import math
@@ -17,14 +17,14 @@ from accelerated_evaluation.methods.surrogate.two_phase import Flags, Prediction
 
 @dataclass(frozen=True)
 class BatchEstimate:
-    """The estimate of P(event) from one batch of the second phase.
+    """The estimate of the probability of the event from one batch of the second phase.
 
     Attributes
     ----------
     probability
         The estimate Y.
     observed_variance
-        Variance of Y estimated from its own runs, for both phases together.
+        Variance of Y that is estimated from the runs of the batch, as the sum over both phases.
     runs
         Number of runs.
     prediction
@@ -42,7 +42,7 @@ class BatchEstimate:
 
     @property
     def importance(self) -> float:
-        """Weight k_b of the batch in the estimate."""
+        """Weight of the batch in the estimate: its runs divided by the predicted variance of a single run."""
         return self.runs / max(self.prediction.variation, BEST**2)
 
 
@@ -53,9 +53,9 @@ class Combined:
     Attributes
     ----------
     probability
-        The weighted mean of their estimates.
+        The weighted mean of the estimates of the batches.
     observed_variance, predicted_variance
-        Its variance estimated from the runs, and predicted before they were made.
+        Variance of the weighted mean: estimated from the runs, and predicted before the runs were made.
     batches
         Number of batches.
     """
@@ -75,7 +75,7 @@ class Combined:
 
     @property
     def error(self) -> float:
-        """Coefficient of variation of the estimate, by the larger of its two variances."""
+        """Coefficient of variation of the estimate, computed from the larger of its two variances."""
         return math.sqrt(max(self.observed_variance, self.predicted_variance)) / self.probability
 
     def half_width(self, alpha: float) -> float:
@@ -85,19 +85,19 @@ class Combined:
 
 
 def interval(probability: float, error: float, batches: int, alpha: float) -> tuple[float, float]:
-    """Return all probabilities P that are consistent with an estimate of a given relative error.
+    """Return the interval of the probabilities P that agree with an estimate of a given relative error.
 
-    The coefficient of variation c of the estimate Y is known, so its standard deviation is c P, which is
-    relative to the true probability P and not to Y. The interval contains every P with |Y - P| <= t c P. Its
-    upper part is longer than its lower part. This is appropriate, because an estimate that is too low also
-    has an estimated error that is too small.
+    The standard deviation of the estimate Y is c P, where c is its coefficient of variation. It is relative
+    to the true probability P and not to Y. The interval contains every P with |Y - P| <= t c P, where t is
+    the 1 - alpha / 2 quantile of Student's t. Its upper part is longer than its lower part. This is
+    appropriate, because an estimate that is too low also has an estimated error that is too small.
 
     Parameters
     ----------
     probability
         The estimate Y.
     error
-        Its coefficient of variation c.
+        The coefficient of variation c of the estimate.
     batches
         Number of batches, one more than the degrees of freedom of Student's t.
     alpha
@@ -112,16 +112,26 @@ def interval(probability: float, error: float, batches: int, alpha: float) -> tu
 
 
 def ends(probability: float, reach: float) -> tuple[float, float]:
-    """Return the ends of all P whose difference from an estimate is at most ``reach`` times P."""
+    """Return the ends of the interval of all P with |probability - P| <= reach P.
+
+    The upper end is infinite if ``reach`` is 1 or more.
+    """
     return probability / (1 + reach), probability / (1 - reach) if reach < 1 else math.inf
 
 
 def estimate_batch(batch: TwoPhaseBatch, happened: Flags) -> BatchEstimate:
-    """Return the estimate of a batch and its observed variance, given the flags of its runs, shape (n,).
+    """Return the estimate of a batch by the difference estimator of `two_phase`, with its observed variance.
 
-    The variance of the second phase is that of independent runs. Points that are included with a probability
-    close to 1 add nothing to it. The variance of the first phase is estimated by a difference estimator,
-    which may be negative; it is then replaced by 0.
+    The variance of the second phase is estimated as if the runs were included independently of each other;
+    points with an inclusion probability close to 1 contribute almost nothing. The variance of the first phase
+    is also estimated by a difference estimator, which is replaced by 0 if it is negative.
+
+    Parameters
+    ----------
+    batch
+        A batch of n runs.
+    happened
+        Whether the event happened in each run, shape (n,).
     """
     n, terms = len(happened), batch.weight * (happened - batch.control) / batch.inclusion
     first_phase = max(batch.controlled_square + batch.weight @ terms, 0.0)
@@ -137,40 +147,49 @@ def estimate_batch(batch: TwoPhaseBatch, happened: Flags) -> BatchEstimate:
 
 
 def that_count(batches: Sequence[BatchEstimate], usable: float = USABLE) -> Sequence[BatchEstimate]:
-    """Return the batches on which the estimate is based, the last ones with consistent predictions.
+    """Return the batches on which the estimate is based: the last ones with consistent predictions.
 
-    The estimate begins with a batch for which the surrogate was usable and agreed with its prediction for the
-    previous batch. It restarts if the surrogate no longer agrees with its prediction for the first of the
-    batches, or after an unexpected event. In both cases the earlier batches were designed with wrong
-    predictions, and averaging over them would conceal the parts of the event that they have missed.
+    Before each batch, the surrogate predicts the probability of the event and the coefficient of variation of
+    a run. Two predictions of the probability agree if they differ by less than the factor `AGREEMENT`. The
+    estimate begins with the first batch whose predicted coefficient of variation is below ``usable`` and
+    whose predicted probability agrees with that of the batch before. It begins again with a later batch if
+    the predicted probability no longer agrees with that of its first batch, or after an unexpected event. In
+    both cases the earlier batches were designed with wrong predictions, and averaging over them would conceal
+    the parts of the event that they have missed.
 
     Parameters
     ----------
     batches
         All batches, in their order.
     usable
-        Coefficient of variation per run below which a surrogate is usable.
+        Predicted coefficient of variation of a single run, below which a surrogate is usable.
+
+    Returns
+    -------
+    sequence of BatchEstimate
+        The last batches; empty if the estimate has not begun.
     """
-    first, view = None, 0.0
+    first, reference = None, 0.0
     for i, batch in enumerate(batches):
         now = batch.prediction.probability
-        agrees = min(now, view) > 0 and 1 / AGREEMENT < now / view < AGREEMENT
+        agrees = min(now, reference) > 0 and 1 / AGREEMENT < now / reference < AGREEMENT
         if not agrees:
             first = None
         elif first is None and batch.prediction.variation < usable**2:
             first = i
         if first is None or first == i:
-            view = now
+            reference = now
         if batch.surprising:
-            first, view = None, 0.0
+            first, reference = None, 0.0
     return batches[len(batches) if first is None else first :]
 
 
 def combine(batches: Sequence[BatchEstimate]) -> Combined:
-    """Return the weighted mean of the estimates of the batches, and its two variances.
+    """Return the weighted mean of the estimates of the batches, with its observed and predicted variance.
 
-    The weights are the importances of the batches. They must not depend on the estimates or on their observed
-    variances, because low estimates have small observed variances and would get too much weight.
+    The weights are proportional to `BatchEstimate.importance`. They must not depend on the estimates or on
+    their observed variances, because low estimates have small observed variances and would get too much
+    weight.
     """
     weight = np.array([batch.importance for batch in batches])
     weight /= weight.sum()

@@ -1,11 +1,11 @@
 """The directions in a space of many normal scores on which the outcomes of the runs depend.
 
-The outcomes are regressed on z M and on the distance of z from the origin, with the covariance of `kernel`
-and noise. The matrix M has few columns, and its scale contains the lengths (Vivarelli and Williams 1999;
-Tripathy, Bilionis and Gonzalez 2016). M and all other parameters maximise the posterior density. The columns
-are added one by one. When a new column begins to grow from 0, the evidence does not change to first order; to
-second order, it increases most along the first eigenvector of a matrix L. The first column is then similar to
-that of partial least squares.
+The graded outcomes are regressed on z M and on the distance of z from the origin, with the covariance of
+`kernel` and noise. The matrix M has few columns. Their size is the inverse of the length in this direction
+(Vivarelli and Williams 1999; Tripathy, Bilionis and Gonzalez 2016). M and all other parameters maximise the
+posterior density. The columns are added one after the other. A small new column v changes the log evidence by
+v' L v, with a matrix L that `_Regression.posterior` computes. A new column therefore starts along the
+eigenvector of L with the largest eigenvalue; for the first column this is similar to partial least squares.
 
 Two kinds of M are compared. The columns of the first kind are arbitrary directions, with a prior under which
 all inputs may have small effects. Each column of the second kind is a single input. The kind with the higher
@@ -47,7 +47,7 @@ from accelerated_evaluation.methods.surrogate.kernel import (
 from accelerated_evaluation.methods.surrogate.subspace import outward
 from accelerated_evaluation.methods.surrogate.two_phase import Flags
 
-# Prior of the logarithms of one over the length outward, of the amplitude, and of the noise.
+# Prior mean and standard deviation of three logarithms: inverse length outward, amplitude and noise.
 CENTRE = np.log([OUTWARD, 1.0, NOISE])
 SCALE = np.array([OUTWARD_SPREAD, AMPLITUDE_SPREAD, NOISE_SPREAD])
 
@@ -83,11 +83,11 @@ class _Model:
     Attributes
     ----------
     directions
-        The matrix M, shape (d, k). Where all its entries are free none is exactly 0.
+        The matrix M, shape (d, k). An entry that is exactly 0 is fixed; all others are parameters.
     others
-        Logarithms of one over the length outward, of the amplitude and of the noise, shape (3,).
+        Logarithms of the inverse length outward, of the amplitude and of the noise, shape (3,).
     loss
-        Negative log posterior density, and the cost of the parameters.
+        Negative log posterior density plus the cost of the parameters.
     """
 
     directions: Array
@@ -122,7 +122,7 @@ class _Model:
         return type(self)(directions, vector[-len(self.others) :])
 
     def of_inputs(self, count: int) -> Self:
-        """Return the model with the inputs alone that matter most, all of whose entries are free."""
+        """Return the model restricted to its ``count`` most important inputs, with all their entries free."""
         matter = np.argsort((self.directions**2).sum(axis=1))[-count:]
         left, length, _ = np.linalg.svd(self.directions[matter], full_matrices=False)
         few = np.zeros((len(self.directions), len(length)))
@@ -130,7 +130,7 @@ class _Model:
         return type(self)(few, self.others)
 
     def with_column(self, column: Array) -> Self:
-        """Return the model with one column more, shape (d,)."""
+        """Return the model with an additional column of M, shape (d,)."""
         return type(self)(np.column_stack([self.directions, column]), self.others)
 
 
@@ -148,7 +148,7 @@ class _Regression:
         self._outward = outward((z * z).sum(1), z.shape[1])
 
     def optimise(self, model: _Model) -> _Model:
-        """Return the model of highest posterior density that is found from a given one on."""
+        """Return the model at a maximum of the posterior density, found from a given model by L-BFGS-B."""
         free = model.free
         bounds = [(None, None)] * int(free.sum()) + [*LOG_DIRECTION_BOUNDS]
 
@@ -162,14 +162,16 @@ class _Regression:
         return _Model(best.directions, best.others, float(found.fun) + model.cost)
 
     def grown(self, model: _Model, *, single: bool) -> _Model:
-        """Return a model with as many columns more as pay for themselves, and with one at least.
+        """Return a model with additional columns, as long as each of them reduces the loss.
+
+        The model has at least one column and at most `MOST_DIRECTIONS`.
 
         Parameters
         ----------
         model
-            Where to begin.
+            The model to which columns are added.
         single
-            Whether a column is a single input.
+            Whether each new column is a single input.
         """
         d, k = model.directions.shape
         while k < min(MOST_DIRECTIONS, d - 1):
@@ -201,12 +203,12 @@ class _Regression:
         evidence = -0.5 * self._outcome @ weights - np.log(np.diag(factor)).sum()
         half = np.tril(dpotri(factor, lower=1)[0])
         outer = 0.5 * (np.outer(weights, weights) - half - np.tril(half, -1).T)
-        by_square = -0.5 * variance * slope * outer  # derivative by the squared distances
+        by_square = -0.5 * variance * slope * outer  # derivative with respect to the squared distances
         growth = _sum_over_pairs(self._z, by_square)
         by_outward = 2 * scale**2 * _sum_over_pairs(self._outward[:, None], by_square).item()
         by_others = [by_outward, 2 * (outer * covariance).sum(), 2 * noise * np.trace(outer)]
         gradient = np.append((2 * growth @ along)[free], by_others)
-        width = np.sqrt(np.broadcast_to(free.sum(axis=0), free.shape)[free])  # 1 over the prior's
+        width = np.sqrt(np.broadcast_to(free.sum(axis=0), free.shape)[free])  # 1 / prior standard deviation
         score = np.append(along[free] * width, (others - CENTRE) / SCALE)
         value, slope_of_loss = negative_log_posterior(evidence, gradient, score, np.append(1 / width, SCALE))
         return float(value), slope_of_loss, growth

@@ -2,8 +2,8 @@
 
 This is Gaussian process classification of the flags: the probability is Phi(latent), where the latent
 function is a Gaussian process. Its posterior is approximated by expectation propagation (Rasmussen and
-Williams 2006, section 3.6). Lengths and amplitude maximise the posterior density, and the axes are those for
-which this maximum is largest.
+Williams 2006, section 3.6). The lengths and the amplitude are those with the largest posterior density. Of
+several sets of axes, the one with the largest such maximum is used.
 """
 
 import math
@@ -53,7 +53,7 @@ LOG_ROOT_2PI = 0.5 * math.log(2 * math.pi)
 
 @njit(cache=True)
 def _scale_both_sides(covariance: Array, root: Array, scaled: Array) -> None:
-    """Fill the lower triangle of I + S^1/2 K S^1/2 in, with the diagonal of S^1/2 in ``root``, shape (n,)."""
+    """Write the lower triangle of I + S^1/2 K S^1/2 to ``scaled``, for a diagonal S^1/2 in ``root``."""
     for i in range(len(root)):
         for j in range(i):
             scaled[i, j] = root[i] * covariance[i, j] * root[j]
@@ -63,7 +63,7 @@ def _scale_both_sides(covariance: Array, root: Array, scaled: Array) -> None:
 def _log_evidence(
     factor: Array, sites: tuple[Array, Array], mean: Array, cavity: tuple[Array, Array], log_mass: Array
 ) -> float:
-    """Log evidence of the flags by expectation propagation (Rasmussen and Williams 2006, equation 3.65).
+    """Return the log evidence of the flags by expectation propagation (Rasmussen and Williams, eq. 3.65).
 
     Parameters
     ----------
@@ -85,17 +85,18 @@ def _log_evidence(
 
 
 def that_matter(runs: Array, event: NDArray[np.bool_], most: int) -> NDArray[np.intp]:
-    """Return the indices of at most ``most`` runs for the fit, half of them near the event's boundary.
+    """Return the indices of at most ``most`` runs to which a surrogate is fitted.
 
-    The runs near the boundary are those with the nearest run of the opposite flag. The others are thinned
-    evenly, in the order in which they were made, so that they still represent all other regions.
+    If there are more runs, one half of the selection are those nearest to the boundary of the event, which
+    are those with the smallest distance to a run of the opposite flag. The other half are runs at equal
+    intervals in the order in which they were made, so that they represent all other regions.
 
     Parameters
     ----------
     runs
         Points in units of the lengths, shape (n, d).
     event
-        Their flags, shape (n,).
+        Whether the event happened in each run, shape (n,).
     most
         Largest number of runs to return.
     """
@@ -123,10 +124,15 @@ class Predecessor:
     happened: NDArray[np.bool_]
 
     def check(self, dimension: int) -> None:
-        """Raise ValueError if there is no event, or if shapes do not fit a number of normal scores.
+        """Check that the runs can be used for a problem with a given number of normal scores.
 
-        With many normal scores, the directions on which the event depends are learnt from scores, and those
-        of a predecessor are not known. This raises InputError.
+        Raises
+        ------
+        InputError
+            If there are more than `FEW` normal scores. The directions on which the event depends are then
+            learnt from the scores of the runs, which are not known for a predecessor.
+        ValueError
+            If the shapes do not agree, or there is no event.
         """
         if dimension > FEW:
             change = "Leave the predecessor out: it would not save runs here."
@@ -206,7 +212,7 @@ class EventSurrogate:
         _, self._factor, self._root, self._weights = self._propagate(covariance, sign, tolerance=SETTLED)
 
     def _learn(self, axes: Array, z: Array, sign: Array) -> tuple[float, Array, Array]:
-        """Return the least loss along some axes, sought from the prior on, the axes, and its theta."""
+        """Return the smallest loss along given axes, the axes, and theta, optimised from the prior median."""
         self.axes, self.theta, self.sites = axes, self._centre.copy(), np.empty((2, 0))
         kept = self._keep(z, sign)
         bounds = [LOG_LENGTH_BOUNDS] * (len(self.theta) - 1) + [LOG_AMPLITUDE_BOUNDS]
@@ -215,7 +221,7 @@ class EventSurrogate:
         return float(found.fun), axes, found.x
 
     def _keep(self, z: Array, sign: Array) -> tuple[Array, Array]:
-        """Return the runs to condition on, the predecessor's first, and their signs; new runs get sites."""
+        """Return the runs for the fit, those of the predecessor first, and their signs; add missing sites."""
         runs = self._placed(z)
         if (other := self._predecessor) is not None:
             runs = np.vstack([np.column_stack([other.z @ self.axes, np.ones(len(other.z))]), runs])
@@ -225,31 +231,32 @@ class EventSurrogate:
         return runs[self._kept], sign[self._kept]
 
     def probability(self, z: Array) -> Array:
-        """Return the predicted probability of the event at points z, shape (m, d)."""
+        """Return the predicted probability of the event at points z, shape (m, d); shape (m,)."""
         covariance = covariance_between(self._placed(z) / self._lengths, self._runs, self._variance)[0]
         mean = covariance @ self._weights
         covariance *= self._root
-        # The transpose is ordered as LAPACK has it, which need not copy it then.
+        # The transpose has the column order of LAPACK, so it is not copied.
         scaled = dtrtrs(self._factor, covariance.T, lower=1, overwrite_b=1)[0]
         variance = np.maximum(2 * self._variance - np.einsum("ij,ij->j", scaled, scaled), 0.0)
         return ndtr(mean / np.sqrt(1 + variance))
 
     def _placed(self, z: Array) -> Array:
-        """Return points of the vehicle under test with all their coordinates, along the axes."""
+        """Return points in coordinates along the axes, with the coordinate of the vehicle under test."""
         z = z @ self.axes
         return z if self._predecessor is None else np.column_stack([z, np.zeros(len(z))])
 
     def _propagate(
         self, covariance: Array, sign: Array, tolerance: float
     ) -> tuple[float, Array, Array, Array]:
-        """Propagate expectations, all sites at once, until the log evidence is known to ``tolerance``.
+        """Run expectation propagation until a step changes the log evidence by less than ``tolerance``.
 
-        Returns the log evidence, the Cholesky factor of I + S^1/2 K S^1/2, S^1/2, and the mean's weights.
+        All sites are updated at once. The results are the log evidence, the Cholesky factor of
+        I + S^1/2 K S^1/2, the diagonal of S^1/2, and the weights K^-1 m of the posterior mean m.
         """
         (precision, shift), previous = self.sites[:, self._kept], math.inf
         for _ in range(SWEEPS):
             root = np.sqrt(precision)
-            factor = np.empty(covariance.shape, order="F")  # as LAPACK has it, which need not copy it then
+            factor = np.empty(covariance.shape, order="F")  # the column order of LAPACK avoids a copy
             _scale_both_sides(covariance, root, factor)
             factor, _ = dpotrf(factor, lower=1, clean=1, overwrite_a=1)
             inverse = dtrtri(factor, lower=1)[0]
@@ -267,8 +274,8 @@ class EventSurrogate:
             if abs(evidence - previous) < tolerance:
                 break
             previous = evidence
-            # A new site gives cavity times site the moments of cavity times probit. The ratio of the normal
-            # density to its integral is taken in logarithms, because both vanish far out.
+            # The new site is such that cavity times site has the moments of cavity times probit. The ratio of
+            # the normal density to its integral is computed from logarithms, because both may underflow.
             hazard = np.exp(-0.5 * score * score - LOG_ROOT_2PI - log_mass)
             matched_mean = centre + sign * hazard / (rest * width)
             matched_variance = 1 / rest - hazard * (score + hazard) / (rest * width) ** 2
@@ -279,7 +286,7 @@ class EventSurrogate:
         return evidence, factor, root, weights
 
     def _loss(self, theta: Array, z: Array, sign: Array) -> tuple[float, Array]:
-        """Negative log posterior density of the log lengths and log amplitude, and its gradient."""
+        """Return the negative log posterior density of log lengths and log amplitude, and its gradient."""
         variance = math.exp(2 * theta[-1])
         runs = z / np.exp(theta[:-1])
         covariance, slope = covariance_of_runs(runs, variance, with_slope=True)

@@ -1,8 +1,8 @@
 """A surrogate of the graded outcome: its predicted mean and standard deviation at any point.
 
-The graded outcome is the normal score of the rank of a run, with events first. The surrogate is a Gaussian
-process regression (Rasmussen and Williams 2006, section 2.2) whose lengths, amplitude and noise maximise the
-posterior density.
+All runs are ranked by how close they came to the event, with the events first. The graded outcome of a run is
+Phi^-1((rank - 1/2) / n). The surrogate is a Gaussian process regression (Rasmussen and Williams 2006, section
+2.2) whose lengths, amplitude and noise maximise the posterior density.
 """
 
 import math
@@ -37,9 +37,10 @@ from accelerated_evaluation.methods.surrogate.two_phase import Flags
 
 
 def graded(happened: Flags, score: Array) -> Array:
-    """Return the graded outcomes of runs: normal scores of their ranks, events first, then by score.
+    """Return the graded outcome Phi^-1((rank - 1/2) / n) of each run.
 
-    Only the order of the scores is used, because their values need not have a meaning.
+    Events have the first ranks, then the runs with the smallest scores; equal runs have their mean rank. Only
+    the order of the scores is used, because the scale of a score may be arbitrary.
 
     Parameters
     ----------
@@ -53,14 +54,19 @@ def graded(happened: Flags, score: Array) -> Array:
     """
     columns = np.column_stack([~happened, score])
     _, place, alike = np.unique(columns, axis=0, return_inverse=True, return_counts=True)
-    rank = np.cumsum(alike) - (alike - 1) / 2  # the mean rank of those that are alike
+    rank = np.cumsum(alike) - (alike - 1) / 2  # equal runs have their mean rank
     return ndtri((rank[place.ravel()] - 0.5) / len(score))
 
 
 def end_of_events(outcome: Array, happened: Flags) -> float:
     """Return the graded outcome midway between the events and all other runs.
 
-    Outcomes below this value are predicted to be events.
+    A point is predicted to end in the event if its graded outcome is below this value.
+
+    Parameters
+    ----------
+    outcome, happened
+        Graded outcomes, and whether the event happened, shape (n,); some runs have to be events, but not all.
     """
     return float(outcome[happened].max() + outcome[~happened].min()) / 2
 
@@ -86,7 +92,7 @@ class GradedSurrogate:
         self.theta = self._centre.copy()
 
     def fit(self, z: Array, outcome: Array, *, learn: bool) -> None:
-        """Fit the regression to runs, or to a selection of them if there are too many.
+        """Fit the regression to all runs, or to `GRADED_RUNS` of them if there are more.
 
         Parameters
         ----------
@@ -115,22 +121,23 @@ class GradedSurrogate:
         """
         covariance = covariance_between(z / np.exp(self.theta[:-2]), self._runs, self._variance)[0]
         mean = covariance @ self._weights
-        # The transpose is ordered as LAPACK has it, which need not copy it then.
+        # The transpose has the column order of LAPACK, so it is not copied.
         scaled = dtrtrs(self._factor, covariance.T, lower=1, overwrite_b=1)[0]
         variance = np.maximum(2 * self._variance - np.einsum("ij,ij->j", scaled, scaled), LEAST_VARIANCE)
         return mean, np.sqrt(variance)
 
     def probability(self, z: Array, below: float | Array, *, noisy: bool = False) -> Array:
-        """Return the probability that the graded outcome at points z, shape (m, d), is below given values.
+        """Return the probability that the graded outcome is below given values, shape (m,).
 
         Parameters
         ----------
         z
-            The points.
+            Points, shape (m, d).
         below
-            One value for all points, or one for each.
+            One value for all points, or one for each point, shape (m,).
         noisy
-            Whether the noise is part of the outcome, as it is for a vehicle that does not repeat itself.
+            Whether the noise of the regression is part of the outcome, as for a vehicle whose outcomes are
+            random.
         """
         mean, deviation = self.expect(z)
         if noisy:
@@ -143,7 +150,7 @@ class GradedSurrogate:
         return factor, dpotrs(factor, self._outcome, lower=1)[0]
 
     def _loss(self, theta: Array) -> tuple[float, Array]:
-        """Negative log posterior density of the logarithms of the parameters, and its gradient."""
+        """Return the negative log posterior density of the log parameters, and its gradient."""
         variance, noise_variance = np.exp(2 * theta[-2:])
         runs = self._z / np.exp(theta[:-2])
         covariance, slope = covariance_of_runs(runs, variance, with_slope=True)

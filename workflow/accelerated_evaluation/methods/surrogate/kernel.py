@@ -1,7 +1,7 @@
-"""Covariance, derivatives, prior and selection of runs for the two Gaussian processes of the sampler.
+"""Covariance, its derivatives, and selection of runs, for the Gaussian processes of the sampler.
 
-The covariance is amplitude^2 (1 + Matern 5/2), with one length for each dimension. The constant 1 is the
-variance of an unknown mean. Points are given in units of the lengths.
+The covariance of two points is amplitude^2 (1 + Matern 5/2), with one length for each dimension. The constant
+1 represents an unknown mean. All points are divided by the lengths before they are passed to this module.
 """
 
 import numpy as np
@@ -10,24 +10,24 @@ from numpy.typing import NDArray
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.methods.surrogate.constants import JITTER
 
-# Covariances that are computed at once: so few that they stay in the cache of a processor.
+# Number of covariances that are computed at once, so that they fit into the cache of a processor.
 BLOCK = 32_768
 
 
 def covariance_between(
     a: Array, b: Array, variance: float, *, with_slope: bool = False
 ) -> tuple[Array, Array]:
-    """Return the covariances between two sets of points in units of the lengths, shape (n, m).
+    """Return the covariances between two sets of points, shape (n, m), and the slopes.
 
     Parameters
     ----------
     a, b
-        Points, shapes (n, d) and (m, d).
+        Points in units of the lengths, shapes (n, d) and (m, d).
     variance
         Square of the amplitude.
     with_slope
-        Whether to return also -2 times the derivatives of the correlations by the squared distance, shape (n,
-        m); otherwise the second result is empty.
+        Whether to compute the slopes, which are -2 times the derivatives of the correlations with respect to
+        the squared distance, shape (n, m). Otherwise the second result is empty.
     """
     value = np.empty((len(a), len(b)))
     slope = np.empty_like(value) if with_slope else np.empty((0, len(b)))
@@ -47,7 +47,19 @@ def covariance_between(
 
 
 def covariance_of_runs(runs: Array, variance: float, *, with_slope: bool = False) -> tuple[Array, Array]:
-    """Return the covariance of the runs with a small ridge on the diagonal, shape (n, n), and the slopes."""
+    """Return the covariance matrix of runs, shape (n, n), and the slopes as in `covariance_between`.
+
+    A small term is added to the diagonal, so that the matrix is positive definite.
+
+    Parameters
+    ----------
+    runs
+        Points in units of the lengths, shape (n, d).
+    variance
+        Square of the amplitude.
+    with_slope
+        Whether to compute the slopes, shape (n, n).
+    """
     covariance, slope = covariance_between(runs, runs, 1.0, with_slope=with_slope)
     covariance.flat[:: len(runs) + 1] += JITTER
     covariance *= variance
@@ -55,16 +67,16 @@ def covariance_of_runs(runs: Array, variance: float, *, with_slope: bool = False
 
 
 def evidence_gradient(runs: Array, covariance: Array, slope: Array, outer: Array, variance: float) -> Array:
-    """Return the gradient of a log evidence by the logarithms of lengths and amplitude, shape (d + 1,).
+    """Return the gradient of a log evidence with respect to log lengths and log amplitude, shape (d + 1,).
 
     Parameters
     ----------
     runs
-        Points, shape (n, d).
+        Points in units of the lengths, shape (n, d).
     covariance, slope
         Covariance and slopes of the runs from `covariance_of_runs`, shape (n, n).
     outer
-        Derivative of the log evidence by the covariance, shape (n, n).
+        Derivative of the log evidence with respect to the covariance matrix, shape (n, n).
     variance
         Square of the amplitude.
     """
@@ -81,7 +93,7 @@ def negative_log_posterior(
     Parameters
     ----------
     evidence, gradient
-        Log evidence, and its gradient by the parameters, shape (k,).
+        Log evidence, and its gradient with respect to the k parameters, shape (k,).
     score, scale
         Distance of the parameters from their prior mean in units of the prior standard deviation, and the
         standard deviations, shape (k,).
@@ -90,9 +102,9 @@ def negative_log_posterior(
 
 
 def principal_axes(points: Array) -> list[Array]:
-    """Return the principal axes of points, shape (n, d), as columns of a matrix.
+    """Return the principal axes of points, shape (n, d), as the columns of one matrix, shape (d, d).
 
-    The result is empty if there are too few points.
+    The list is empty if there are not more than d different points.
     """
     if len(np.unique(points, axis=0)) <= points.shape[1]:
         return []
@@ -100,14 +112,15 @@ def principal_axes(points: Array) -> list[Array]:
 
 
 def thinned(order: NDArray[np.intp], most: int) -> NDArray[np.intp]:
-    """Return the indices of at most ``most`` runs: half from the beginning of an order, the others thinned.
+    """Return the indices of at most ``most`` runs, in rising order.
 
-    The others are thinned evenly, in the order in which they were made.
+    If there are more runs, one half of the selection are the most important runs. The other half are chosen
+    from the remaining runs at equal intervals, in the order in which the runs were made.
 
     Parameters
     ----------
     order
-        All runs, the most important first.
+        Indices of all runs, the most important first, shape (n,).
     most
         Largest number of runs to return.
     """

@@ -1,19 +1,23 @@
-"""Bounds on the probability that lapses add, if a vehicle drives differently in few of its runs.
+"""Bounds on the crash probability that lapses add, for a vehicle that behaves differently in few of its runs.
 
-The estimate contains only the events that the runs have met. A lapse is seldom met: if none of n runs in
-cut-ins of probability Q was a crash, lapses may cause crashes there with probability 3 Q / n (95 %
-confidence). The probability of lapses is bounded here, not estimated, and a shape has to be assumed for it.
-Cut-ins are sorted by their hardness, which is the probability of the event by a surrogate of the flags, and
-divided into shells. Each shell has a tenth of the probability of the previous one.
+A lapse is a rare random failure of the vehicle. The estimate includes only events that the runs have met, and
+lapses are seldom met. If n runs in a set of cut-ins of probability Q had no crash, lapses may still cause
+crashes there with a probability of up to 3 Q / n (95 % confidence). This module bounds the probability of
+such crashes; it does not estimate it. A bound needs an assumption about the cut-ins in which the vehicle
+lapses. The cut-ins are ordered by their hardness, which is the probability of the event predicted by a
+surrogate of the flags, and divided into shells. Each shell has a tenth of the probability of the next easier
+one. One of two assumptions is made:
 
-- *Like hardness*: all cut-ins of a shell have the same probability of a lapse that ends in the event, so that
-  it does not matter how the runs were chosen. Every shell has its own bound.
-- *Monotone*: besides, harder cut-ins do not have a smaller one. Harder shells then bound the easier ones too.
+- *Equal hardness*: all cut-ins of a shell have the same probability of a lapse that ends in the event, so it
+  does not matter which cut-ins of a shell were simulated. Every shell has a bound of its own.
+- *Monotone*: in addition, this probability is not smaller in harder cut-ins. The runs of harder shells then
+  also bound the probability in easier shells.
 
-Without any assumption n draws of the law itself are needed, of which none is an event: log(1 / alpha) / n.
-Neither of the two assumptions lowers this number, because lapses that are equally likely in all cut-ins
-satisfy both. If harder cut-ins do not lapse less often, the n runs may be hard cut-ins instead of draws. Only
-the knowledge that easy cut-ins are harmless lowers it: to n Q if lapses matter in a share Q of all cut-ins.
+Without any assumption, n draws from the law itself without an event give the bound log(1 / alpha) / n. The
+two assumptions do not reduce the number n that is needed for a given bound, because lapses that are equally
+likely in all cut-ins satisfy both. Under the second assumption, the n runs may be hard cut-ins instead of
+draws from the law. Only the knowledge that easy cut-ins are harmless reduces the number, to n Q if lapses
+matter in a share Q of all cut-ins.
 """
 
 import math
@@ -30,24 +34,24 @@ from accelerated_evaluation.methods.surrogate.gaussian_process import EventSurro
 from accelerated_evaluation.methods.surrogate.two_phase import Flags
 from accelerated_evaluation.methods.surrogate.wide_laws import draw_wide, log_normal_to_wide
 
-# Multiple of the estimate up to which the hardest cut-ins are those that the estimate is made of; and the
-# probability of these cut-ins if there is no estimate.
+# The hardest cut-ins, in which the event is covered by the estimate, have KNOWN times the probability of the
+# estimate, or the probability HARDEST if there is no estimate.
 KNOWN, HARDEST = 10.0, 1e-6
 
 
 @dataclass(frozen=True)
 class LapseBounds:
-    """Bounds, with confidence 1 - `UNSEEN_ALPHA`, on what lapses can add to the estimate.
+    """Bounds, with confidence 1 - `UNSEEN_ALPHA`, on the probability that lapses can add to the estimate.
 
     Attributes
     ----------
     like_hardness, monotone
-        By the two assumptions of the module. If there is no estimate, the hardest cut-ins are included, so
-        that these are bounds on the probability of the event.
+        The bounds under the two assumptions of the module, equal hardness and monotone. If there is no
+        estimate, the hardest cut-ins are included, so these are bounds on the probability of the event.
     runs
-        Draws of the law itself, none of them an event, that would bring the bound down to a share of the
-        estimate, whatever the shape. If there is no estimate, it is replaced by its bound, so that at least
-        so many draws are needed.
+        Number of draws from the law itself, none of them an event, that would reduce the bound to a given
+        share of the estimate without any assumption. If there is no estimate, its bound is used instead, and
+        the number is a lower limit.
     """
 
     like_hardness: float
@@ -56,27 +60,27 @@ class LapseBounds:
 
     @classmethod
     def after(cls, z: Array, happened: Flags, probability: float, share: float) -> "LapseBounds":
-        """Return what lapses can add after some runs.
+        """Return the bounds that follow from given runs.
 
         Parameters
         ----------
         z, happened
             Normal scores of the runs, shape (n, d), and whether the event happened, shape (n,).
         probability
-            The estimate; NaN or 0 if there is none.
+            The estimated probability of the event; NaN or 0 if there is no estimate.
         share
-            Share of the estimate to which ``runs`` belongs.
+            Share of the estimate to which the number ``runs`` would reduce the bound.
         """
         if not len(z):
             return cls(1.0, 1.0, math.inf)
         is_known = probability > 0
         surrogate = EventSurrogate(z.shape[1], amplitude=NOISY_AMPLITUDE)
         surrogate.fit(z, happened, learn=False)
-        # These draws cost no run. They are the same every time, so that a bound has no noise of its own.
+        # These draws need no simulation. They are the same in every call, so that the bound has no noise.
         points = draw_wide(POOL, z.shape[1], child_generator(0, "lapses"))
         harder = _mass_of_harder(surrogate, points, z)
         edges = _edges(KNOWN * probability if is_known else HARDEST)
-        shells = np.digitize(harder, edges) - 1  # -1 for the hardest cut-ins, which are known
+        shells = np.digitize(harder, edges) - 1  # -1 for the hardest cut-ins, which the estimate covers
         count = np.array([np.count_nonzero(shells == k) for k in range(len(edges) - 1)])
         events = np.array([np.count_nonzero(happened & (shells == k)) for k in range(len(edges) - 1)])
         mass, each = np.diff(edges), UNSEEN_ALPHA / max(len(edges) - 1, 1)
@@ -87,12 +91,24 @@ class LapseBounds:
 
 
 def upper_limit(events: Array, count: Array, alpha: float) -> Array:
-    """Return the upper limits of Clopper and Pearson with confidence 1 - alpha, shape (k,)."""
+    """Return one-sided upper limits of binomial probabilities by Clopper and Pearson, shape (k,).
+
+    Parameters
+    ----------
+    events, count
+        Numbers of events, and of trials, shape (k,).
+    alpha
+        The confidence of each limit is 1 - alpha.
+    """
     return np.where(events < count, betaincinv(events + 1, np.maximum(count - events, 1), 1 - alpha), 1.0)
 
 
 def _edges(least: float) -> Array:
-    """Return the probabilities of all cut-ins that are at least as hard as the ends of the shells, rising."""
+    """Return the edges of the shells, rising.
+
+    An edge is the probability of all cut-ins that are at least as hard as the easiest of the shell; they are
+    ``least``, powers of ten above it, and 1.
+    """
     decades = max(math.ceil(-math.log10(least)), 1) if least < 1 else 0
     return np.unique(np.append(np.logspace(-decades, 0, decades + 1).clip(least), 1.0))
 
@@ -108,23 +124,30 @@ def _mass_of_harder(surrogate: EventSurrogate, points: Array, z: Array) -> Array
 
 
 def chance_in_words(diagnostics: Mapping[str, float]) -> str:
-    """Say what the repeats of runs have shown, and what lapses can add to the estimate."""
+    """Return sentences about the repeated runs and about the probability that lapses can add to the estimate.
+
+    Parameters
+    ----------
+    diagnostics
+        Diagnostics of an estimate: ``repeats``, ``differed``, and, if the vehicle may lapse, the bounds
+        ``unseen_lapses`` and ``unseen_lapses_monotone`` and the number ``settling_runs``.
+    """
     repeats, differed = int(diagnostics["repeats"]), int(diagnostics["differed"])
     if not repeats:
-        return "repeats: none, because the vehicle is said to repeat itself"
+        return "repeats: none, because the vehicle is stated to be deterministic"
     lines = [f"repeats: {repeats} runs were made a second time, and {differed} of them ended differently"]
     if not math.isnan(bound := diagnostics.get("unseen_lapses", math.nan)):
         monotone, runs = diagnostics["unseen_lapses_monotone"], diagnostics["settling_runs"]
         lines.append(
-            f"rare lapses can add up to {bound:.1g} if all cut-ins of like hardness are alike, and "
-            f"{monotone:.1g} if harder cut-ins besides are not less prone to them ({1 - UNSEEN_ALPHA:.0%} "
-            "confidence); the interval ends at the first bound, and the estimate is not converged"
+            f"rare lapses can add up to {bound:.1g} if cut-ins of equal hardness are equally prone to them, "
+            f"and {monotone:.1g} if in addition harder cut-ins are not less prone ({1 - UNSEEN_ALPHA:.0%} "
+            "confidence); the interval includes the first bound, and the estimate has not converged"
         )
         if math.isfinite(runs):
             lines.append(
-                f"to exclude such lapses it would take at least {runs:,.0f} runs without an event: of cut-ins"
-                " drawn from the law itself, without an assumption or if cut-ins of like hardness are alike; "
-                "of any hard cut-ins, if harder ones are not less prone; and Q times as many, if lapses are "
-                "harmless in all but the hardest share Q of the cut-ins"
+                f"to exclude such lapses, at least {runs:,.0f} runs without an event would be needed. They "
+                "must be cut-ins drawn from the law itself, or may be any hard cut-ins if harder cut-ins are "
+                "not less prone to lapses. Q times as many are enough if lapses are harmless in all but the "
+                "hardest share Q of the cut-ins"
             )
     return "\n".join(lines)
