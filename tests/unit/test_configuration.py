@@ -403,7 +403,7 @@ def test_what_the_code_refuses_is_refused_by_the_configuration(changes, expected
 def test_one_column_for_two_quantities_is_refused():
     config = changed(data__table__columns__range__name="lead_speed")
     (line,) = violations(config)
-    assert "another column for each of the three quantities" in line
+    assert "a different column for each of the three quantities" in line
 
 
 @pytest.mark.parametrize(

@@ -138,7 +138,7 @@ def estimate_alone(
     tables = found.tables | {"account": account.table()}
     tables["estimate"] = tables["estimate"].assign(law=name)
     for table in {"estimate", "answer"} & tables.keys():
-        tables[table] = verdict.beside(tables[table])
+        tables[table] = verdict.added_to(tables[table])
     slow = vehicle if isinstance(vehicle, SlowVehicle) else None
     return Alone(tables, name, chosen, slow, verdict, encounters, found.warning, event)
 

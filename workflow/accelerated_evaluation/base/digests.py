@@ -26,11 +26,11 @@ def content_digest(paths: Iterable[str | os.PathLike], missing: str = "") -> str
 
 
 def file_digest(path: Path) -> str:
-    """Return the SHA-256 of a file, which may be larger than the memory."""
+    """Return the SHA-256 of a file as hexadecimal digits; the file may be larger than the memory."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def value_digest(value: Any) -> str:  # noqa: ANN401
-    """Return a digest of a value that can be written as JSON; the order of mapping keys has no influence."""
+    """Return the SHA-256 of a value written as JSON; the order of mapping keys has no influence."""
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()

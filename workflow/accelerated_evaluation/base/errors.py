@@ -1,4 +1,4 @@
-"""Errors of the study. Each message says where, what was found, what was expected and what to change."""
+"""Errors that a user can correct. Each message says where, what was seen and expected, and what to change."""
 
 import errno
 from collections.abc import Iterator
@@ -34,7 +34,17 @@ class InputError(StudyError):
 
 
 class ConvergenceError(StudyError):
-    """An iteration that ended without meeting its criterion, with the value that it reached."""
+    """An iterative calculation that ended before it met its convergence criterion.
+
+    Parameters
+    ----------
+    what
+        Name of the calculation.
+    reached, limit
+        Value that the calculation reached, and the limit that it should have met.
+    change
+        What the user can do about it.
+    """
 
     def __init__(self, what: str, *, reached: str, limit: str, change: str) -> None:
         self.what, self.reached, self.limit, self.change = what, reached, limit, change
@@ -43,7 +53,13 @@ class ConvergenceError(StudyError):
 
 @contextmanager
 def located(place: str) -> Iterator[None]:
-    """Add a place, which only the caller knows, to an `InputError` or `ConvergenceError` of the block."""
+    """Prefix the message of an `InputError` or `ConvergenceError` that is raised in the ``with`` block.
+
+    Parameters
+    ----------
+    place
+        Where the error occurred, for example a segment or file that only the caller knows.
+    """
     try:
         yield
     except InputError as error:

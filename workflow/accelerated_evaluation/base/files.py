@@ -58,7 +58,7 @@ def atomic_path(path: str | os.PathLike) -> Iterator[Path]:
 
 
 def _unwritable(path: Path, error: OSError) -> StudyError:
-    """Say why a file cannot be written."""
+    """Return the error that says why a file cannot be written."""
     if is_disk_full(error):
         return StudyError(f"no space left on the disk to write {path}; free some and run again")
     is_file = path.parent.exists() and not path.parent.is_dir()
@@ -67,7 +67,7 @@ def _unwritable(path: Path, error: OSError) -> StudyError:
 
 
 def is_disk_full(error: BaseException | None) -> bool:
-    """Return whether an error, or its cause, is that there is no space left on the disk."""
+    """Return whether an error, or the cause of the error, is that the disk is full or a quota is used up."""
     while error is not None:
         if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
             return True
@@ -91,7 +91,7 @@ def is_alive(process: int) -> bool:
     except ProcessLookupError:
         return False
     except PermissionError:
-        pass  # it is another user's
+        pass  # the process exists, but belongs to another user
     return True
 
 
@@ -124,9 +124,25 @@ def read_json(path: str | os.PathLike) -> Any:  # noqa: ANN401
 
 
 def require_format(path: str | os.PathLike, content: Any, name: str, version: int, change: str) -> None:  # noqa: ANN401
-    """Raise InputError unless the content of a JSON file is of a format and a version.
+    """Check that the entries ``format`` and ``version`` of a JSON file have the expected values.
 
-    Raises a LookupError or TypeError if the content has no such entries.
+    Parameters
+    ----------
+    path
+        The file, for the error.
+    content
+        Content of the file, as `read_json` returns it.
+    name, version
+        Expected values of the two entries.
+    change
+        Advice to the user, for the error.
+
+    Raises
+    ------
+    InputError
+        If one of the values differs.
+    LookupError, TypeError
+        If the content has no such entries.
     """
     if (kind := (content["format"], content["version"])) != (name, version):
         raise InputError(str(path), seen=f"{kind}", expected=f"{(name, version)}", change=change)
@@ -135,9 +151,8 @@ def require_format(path: str | os.PathLike, content: Any, name: str, version: in
 def write_csv(path: str | os.PathLike, table: "pd.DataFrame") -> None:
     """Write a table as CSV without its index.
 
-    Floats are written so that they read back as the same numbers.
-
-    Texts that a spreadsheet would run as a formula, because they begin with = or @, get an apostrophe before.
+    Floats are written with so many digits that reading them returns the same numbers. A text that begins with
+    = or @ is prefixed with an apostrophe, because a spreadsheet would run it as a formula.
     """
     texts = table.select_dtypes(exclude=["number", "bool"])
     table = table.assign(**{name: texts[name].map(_no_formula) for name in texts})

@@ -1,8 +1,8 @@
-"""Sections of the configuration that a module of the library owns, as JSON Schema with defaults.
+"""Sections of the configuration that are defined in a module of the library, as JSON Schema with defaults.
 
-A source of records and a method state the keys of their section in their own module. Each key is a part of a
-JSON Schema: its type, its limits, a description with the unit, and its ``default``. The schema of the whole
-configuration, its defaults and the table in ``config/README.md`` are put together from these sections.
+Each source of records and each method states the keys of its section in its own module. Each key is a part of
+a JSON Schema: type, limits, a description with the unit, and ``default``. The schema of the whole
+configuration, its defaults and the table in ``config/README.md`` are generated from these sections.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -15,16 +15,17 @@ Schema = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Check:
-    """A condition on the values of several keys, which a schema cannot state.
+    """A condition on the values of several keys, which a JSON Schema cannot state.
 
     Attributes
     ----------
     keys
-        The keys, with dots between the levels; those of a section's own checks begin inside of the section.
+        The keys, with dots between the levels, such as ``columns.closing.unit``. In the checks of a section
+        they are relative to the section.
     holds
-        Takes their values, and returns whether they fit together.
+        Function that takes the values of the keys and returns whether they are consistent.
     expected
-        What is expected of them, for the message.
+        What is expected of the values, for the error message.
     """
 
     keys: tuple[str, ...]
@@ -33,12 +34,12 @@ class Check:
 
 
 def section(**keys: Schema) -> Schema:
-    """Return the schema of a mapping that has exactly these keys."""
+    """Return the schema of a mapping that has exactly the given keys, each with its own schema."""
     return {"type": "object", "additionalProperties": False, "required": [*keys], "properties": keys}
 
 
 def default_of(schema: Schema) -> Any:  # noqa: ANN401
-    """Return the default of a key, or of a section: a mapping of the defaults of its keys.
+    """Return the default value of a schema; for the schema of a section, a mapping from key to default.
 
     Raises
     ------
@@ -65,11 +66,11 @@ def number(
     Parameters
     ----------
     default
-        Its default.
+        Default value.
     low, high
         The smallest and the largest value that are allowed.
     description
-        What the number is, with its unit in brackets; a sentence.
+        A sentence that says what the number is, with its unit in brackets.
     exclusive
         Whether ``low`` itself is not allowed.
     null
@@ -92,7 +93,7 @@ def integer(default: int, low: int, high: int, description: str) -> Schema:
 
 
 def share(default: float, description: str, *, below: float = 1) -> Schema:
-    """Return the schema of a number above 0 and below 1, or below another limit."""
+    """Return the schema of a number above 0 and below ``below``."""
     return {
         "type": "number",
         "exclusiveMinimum": 0,
@@ -108,12 +109,12 @@ def text(default: str | None, description: str, **limits: Any) -> Schema:  # noq
 
 
 def choice(default: str, options: Iterable[str], description: str) -> Schema:
-    """Return the schema of one of several words."""
+    """Return the schema of a text that is one of the ``options``."""
     return {"type": "string", "enum": [*options], "default": default, "description": description}
 
 
 def listed(default: Sequence[Any], items: Schema, description: str, *, fewest: int = 1) -> Schema:
-    """Return the schema of a list of ``items``, of which there are at least ``fewest``."""
+    """Return the schema of a list of at least ``fewest`` elements, each with the schema ``items``."""
     return {
         "type": "array",
         "minItems": fewest,

@@ -12,9 +12,9 @@ import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
 
-SHOWN = 5  # columns that a message shows of many
-MOST_COLUMNS = 10_000  # of a table that is read; pandas takes a minute for ten times as many
-LONGEST, LONGEST_REASON = 40, 300  # characters of a name, and of another library's message, that are shown
+SHOWN = 5  # number of column names that a message shows
+MOST_COLUMNS = 10_000  # limit for tables that are read; pandas takes a minute for ten times as many columns
+LONGEST, LONGEST_REASON = 40, 300  # characters shown of a name, and of the message of another library
 
 
 def require_file(path: str | os.PathLike, change: str) -> None:
@@ -31,11 +31,12 @@ def require_columns(path: str | os.PathLike, seen: Sequence[str], named: Mapping
     Parameters
     ----------
     path
-        The table.
+        File of the table, for the error.
     seen
-        Names of its columns; a message shows the first few and the most similar one.
+        Column names of the table. The error shows the first few and the one that is most similar to the
+        missing column.
     named
-        The required columns, by the configuration key that names them.
+        Mapping from the configuration key that names a required column to the name of the column.
 
     Raises
     ------
@@ -53,14 +54,23 @@ def require_columns(path: str | os.PathLike, seen: Sequence[str], named: Mapping
 
 
 def listed(names: Sequence[str], wanted: str) -> str:
-    """Return names for a message: the one most similar to ``wanted``, the first few, and how many others."""
+    """Return a list of names for a message: the name most similar to ``wanted``, and the first few names.
+
+    The text ends with the number of names that are not among the first few.
+    """
     shown = dict.fromkeys([*get_close_matches(wanted, names, n=1), *names[:SHOWN]])
     more = f" and {len(names) - SHOWN:,} more" if len(names) > SHOWN else ""
     return f"{', '.join(map(cut, shown)) or 'without a name'}{more}"
 
 
 def read_parquet(path: str | os.PathLike, named: Mapping[str, str] = MappingProxyType({})) -> pd.DataFrame:
-    """Read a Parquet file; raise InputError if it is damaged or lacks one of the columns ``named``."""
+    """Read a Parquet file.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged or lacks one of the columns ``named`` (see `require_columns`).
+    """
     try:
         table = pd.read_parquet(path)
     except (OSError, ValueError) as error:  # pyarrow's own errors derive from these
@@ -75,8 +85,8 @@ def read_csv(path: str | os.PathLike, named: Mapping[str, str] = MappingProxyTyp
     Raises
     ------
     InputError
-        If the file is damaged, lacks one of the columns ``named`` (see `require_columns`), or has a column
-        twice.
+        If the file is damaged, lacks one of the columns ``named`` (see `require_columns`), or has two columns
+        of the same name.
     """
     expected = "a comma-separated table in UTF-8 with a header"
     try:
@@ -100,7 +110,7 @@ def read_csv(path: str | os.PathLike, named: Mapping[str, str] = MappingProxyTyp
 
 
 def cut(text: str) -> str:
-    """Return a text for a message: in quotation marks, and shortened if it is long."""
+    """Return a text in quotation marks for a message, shortened to about `LONGEST` characters."""
     quoted = repr(text[: LONGEST + 1])  # a control character takes four characters or more
     return quoted if len(quoted) <= LONGEST + 2 else f"{quoted[:LONGEST]}...'"
 

@@ -1,4 +1,4 @@
-"""Units of measurement, each with its factor to the SI unit of the quantity."""
+"""Units of measurement: for each quantity, the factors that convert values to the SI unit."""
 
 from collections.abc import Mapping
 

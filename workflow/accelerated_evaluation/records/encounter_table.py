@@ -11,7 +11,7 @@ from accelerated_evaluation.base.tables import read_parquet, require_file
 
 NUMBERS = ("lead_speed", "range", "closing_speed", "inverse_range", "inverse_ttc")
 COLUMNS = (*NUMBERS, "segment")
-QUANTITIES = (*NUMBERS, "range_rate", "ttc")  # that a source may state
+QUANTITIES = (*NUMBERS, "range_rate", "ttc")  # names of columns in the records of a source
 
 
 def complete(raw: pd.DataFrame) -> pd.DataFrame:
@@ -44,7 +44,17 @@ def complete(raw: pd.DataFrame) -> pd.DataFrame:
 
 
 def write_encounters(path: str | os.PathLike, encounters: pd.DataFrame, description: str) -> None:
-    """Write an encounter table as Parquet, with the description of the data in the metadata of the file."""
+    """Write an encounter table as a Parquet file.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    encounters
+        Table with the columns `COLUMNS`; its index and other columns are not written.
+    description
+        Description of the data, which is stored in the metadata of the file.
+    """
     table = encounters[list(COLUMNS)].reset_index(drop=True)
     table.attrs = {"description": description}
     with atomic_path(path) as temporary:

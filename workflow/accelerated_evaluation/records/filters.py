@@ -1,4 +1,4 @@
-"""Filters of the records, with an account of every row that is dropped."""
+"""Filters of the records, and an account of the number of rows that each filter drops."""
 
 from collections.abc import Iterable, Mapping
 from typing import Self
@@ -9,7 +9,7 @@ import pandas as pd
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.records.encounter_table import QUANTITIES, complete
 
-NAMED_ROWS = 5
+NAMED_ROWS = 5  # number of example rows that the account and the messages show
 FASTEST = 300.0  # [m/s]; a larger speed is a wrong unit or a code for a missing value
 
 
@@ -30,13 +30,17 @@ class Account:
 
     @classmethod
     def of(cls, raw: pd.DataFrame) -> Self:
-        """Begin the account of the records of a source, after the lines of an earlier extraction."""
+        """Begin the account of the records of a source.
+
+        The account of the extraction, if the records were extracted from recordings, comes first. It is in
+        ``raw.attrs["account"]``.
+        """
         return cls(len(raw), raw.attrs.get("account", ()))
 
     def take(
         self, table: pd.DataFrame, found: pd.Series, *, step: str, reason: str, drop: bool = True
     ) -> pd.DataFrame:
-        """Enter one line, and return ``table`` without the rows that were found.
+        """Add one line to the account, and return ``table`` without the rows that were found.
 
         Parameters
         ----------
@@ -57,7 +61,7 @@ class Account:
     def enter(
         self, count: int, *, step: str, reason: str, drop: bool = True, examples: Iterable[object] = ()
     ) -> None:
-        """Enter one line about rows that are counted elsewhere, for example in a database.
+        """Add one line to the account about rows that are counted elsewhere, for example in a database.
 
         Parameters
         ----------
@@ -85,18 +89,22 @@ class Account:
         )
 
     def summary(self) -> str:
-        """Return a sentence with the number of rows that each filter dropped."""
+        """Return a text with the number of rows that each filter dropped, and the reasons."""
         dropped = [line for line in self._lines if line["rows_dropped"]]
         counts = (f"{line['rows_dropped']:,} by {line['step']}: {line['reason']}" for line in dropped)
         return "; ".join(counts) or "none were dropped"
 
     def table(self) -> pd.DataFrame:
-        """Return the account: step, reason, rows_in, rows_found, rows_dropped, rows_kept, example_rows."""
+        """Return the account as a table with one row per line, in the order of the filters.
+
+        The columns are ``step``, ``reason``, ``rows_in``, ``rows_found``, ``rows_dropped``, ``rows_kept`` and
+        ``example_rows`` (a text).
+        """
         return pd.DataFrame(self._lines)
 
 
 def drop_invalid(raw: pd.DataFrame, account: Account, *, policy: str, where: str) -> pd.DataFrame:
-    """Complete the records of a source, and drop or refuse the rows that are not an encounter.
+    """Compute the numbers of the encounter table, and drop or refuse rows that are not a valid encounter.
 
     Parameters
     ----------
@@ -104,9 +112,9 @@ def drop_invalid(raw: pd.DataFrame, account: Account, *, policy: str, where: str
         Three columns as `encounter_table.complete` takes them, whose cells may be missing or text. Other
         columns are ignored.
     account
-        Account in which the rows are entered, with one line for each reason.
+        Account to which one line is added for each reason.
     policy
-        ``"drop"`` or ``"refuse"``.
+        ``"drop"`` to drop invalid rows, ``"refuse"`` to raise an error if there is one.
     where
         Name of the data, for the error.
 
@@ -135,7 +143,7 @@ def drop_invalid(raw: pd.DataFrame, account: Account, *, policy: str, where: str
         encounters[["lead_speed", "closing_speed"]].abs().gt(FASTEST)
         & np.isfinite(encounters).all(axis=1).to_numpy()[:, None]
     )
-    if too_fast.any(axis=None):  # named only then, because no filter of the paper's looks for it
+    if too_fast.any(axis=None):  # no line in the account otherwise, because the paper has no such filter
         reasons[f"speed above {FASTEST:g} m/s"] = too_fast
     masks = {reason: cells.any(axis=1) for reason, cells in reasons.items()}
     if policy == "refuse" and any(mask.any() for mask in masks.values()):
@@ -151,7 +159,17 @@ def drop_invalid(raw: pd.DataFrame, account: Account, *, policy: str, where: str
 
 
 def drop_repeated(encounters: pd.DataFrame, account: Account, *, policy: str) -> pd.DataFrame:
-    """Count the rows that repeat the row before them and, if the policy is ``"drop"``, drop them."""
+    """Count the rows that are equal to the row before them and, if the policy is ``"drop"``, drop them.
+
+    Parameters
+    ----------
+    encounters
+        Columns ``encounter_table.NUMBERS``, in the order of the record.
+    account
+        Account to which one line is added.
+    policy
+        ``"drop"``; with any other value the rows are only counted.
+    """
     repeated = (encounters == encounters.shift()).all(axis=1)
     return account.take(
         encounters, repeated, step="repeated", reason="same as the row before", drop=policy == "drop"
@@ -166,9 +184,9 @@ def apply_filters(encounters: pd.DataFrame, account: Account, filters: Mapping[s
     encounters
         Columns ``encounter_table.NUMBERS``.
     account
-        Account in which the rows are entered, with one line for each filter.
+        Account to which one line is added for each filter.
     filters
-        ``lead_speed_min`` [m/s], ``lead_speed_max`` [m/s], exclusive, and ``range_max`` [m].
+        ``lead_speed_min`` [m/s] (inclusive), ``lead_speed_max`` [m/s] (exclusive) and ``range_max`` [m].
     """
     opening = encounters["closing_speed"] <= 0
     encounters = account.take(encounters, opening, step="closing", reason="range rate not negative")
@@ -176,13 +194,14 @@ def apply_filters(encounters: pd.DataFrame, account: Account, filters: Mapping[s
 
 
 def apply_limits(encounters: pd.DataFrame, account: Account, filters: Mapping[str, float]) -> pd.DataFrame:
-    """Keep the rows whose v_L and R are within the limits; the parameters are those of `apply_filters`."""
+    """Keep the rows whose lead speed and range are within the limits; parameters as for `apply_filters`."""
     low, high, range_max = (filters[key] for key in ("lead_speed_min", "lead_speed_max", "range_max"))
     outside = ~encounters["lead_speed"].between(low, high, inclusive="left")
     encounters = account.take(
         encounters, outside, step="lead_speed", reason=f"v_L outside [{low:g}, {high:g}) m/s"
     )
-    # In R^-1, because 1/R >= 1/R_max holds for every R <= R_max after rounding, and is where the models begin
+    # The inverse range is compared: 1/R >= 1/R_max is true for every R <= R_max even after rounding, and
+    # 1/R_max is the lower end of the distributions of R^-1.
     far = encounters["inverse_range"] < 1 / range_max
     return account.take(encounters, far, step="range", reason=f"R above {range_max:g} m")
 

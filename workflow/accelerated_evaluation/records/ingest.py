@@ -1,4 +1,4 @@
-"""Make the encounter table, and the account of dropped rows, from a source of lane-change records."""
+"""Compute the encounter table, and the account of dropped rows, from a source of lane-change records."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -27,7 +27,7 @@ def ingest(raw: pd.DataFrame, config: Mapping[str, Any], account: Account) -> pd
     config
         A valid configuration; its sections ``data``, ``filters`` and ``segments`` are used.
     account
-        A new account of the records. Every dropped row is entered in it, even if an error is raised later.
+        A new account of the records. It contains the dropped rows even if an error is raised later.
 
     Returns
     -------
@@ -64,9 +64,10 @@ def ingest(raw: pd.DataFrame, config: Mapping[str, Any], account: Account) -> pd
 
 
 def opening_cut_ins(raw: pd.DataFrame, config: Mapping[str, Any]) -> pd.DataFrame:
-    """Return the records whose gap opens or stays, within the limits of lead speed and range.
+    """Return the cut-ins whose closing speed is 0 or negative, within the limits of lead speed and range.
 
-    The paper leaves them out, because they cannot end in a crash while the lead vehicle keeps its speed.
+    The paper leaves these cut-ins out, because they cannot end in a crash while the lead vehicle keeps its
+    speed. Records with a negative host speed (lead speed plus closing speed) are left out here.
 
     Parameters
     ----------
@@ -76,8 +77,8 @@ def opening_cut_ins(raw: pd.DataFrame, config: Mapping[str, Any]) -> pd.DataFram
     Returns
     -------
     pandas.DataFrame
-        Columns ``encounter_table.NUMBERS``; empty if the source has closing cut-ins only, as the published
-        lane changes of the paper.
+        Columns ``encounter_table.NUMBERS``. The table is empty if the source has only closing cut-ins, like
+        the published lane changes of the paper.
     """
     data, account = config["data"], Account.of(raw)
     found = drop_invalid(raw, account, policy=data["invalid_rows"], where=data[data["source"]]["path"])

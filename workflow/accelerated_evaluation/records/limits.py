@@ -1,8 +1,8 @@
 """Limits that are derived from the records, for the configuration keys whose value is ``auto``.
 
 The default limits are those of the paper, and they fit the paper's records. In a study of other records, each
-of the keys in `AUTOMATIC` that is not stated is ``auto``. Its limit is then chosen so that all records are
-kept, except physically impossible ones.
+key in `AUTOMATIC` that the configuration does not state is ``auto``. Its limit is then chosen so that all
+records are kept, except physically impossible ones.
 """
 
 import json
@@ -40,11 +40,11 @@ AUTOMATIC = (
     "sensitivity.closing_speed_max",
 )
 FASTEST, FARTHEST = 70.0, 300.0  # [m/s], [m]: no lead car is faster, and no sensor of a car sees farther
-WIDTH = 10.0  # [m/s] of a segment, as the paper's
-SEGMENT_ROWS = 600  # so that the uppermost 5 %, the tail, has 30
-MARGIN = 1.05  # cap / largest recorded closing speed; it is 1.06 in the paper
-NO_CHANGE = 45.0  # [m/s], closing speed above which the outcome of no car of the study changes
-CAPS = (0.75, 0.85, 0.95, 1.05, 1.25)  # multiples of the cap in the study of sensitivity
+WIDTH = 10.0  # [m/s], width of a segment, as in the paper
+SEGMENT_ROWS = 600  # smallest number of rows in a segment, so that its tail, the uppermost 5 %, has 30 rows
+MARGIN = 1.05  # ratio of the cap to the largest recorded closing speed; it is 1.06 in the paper
+NO_CHANGE = 45.0  # [m/s]; above this closing speed the outcomes of all cars of the study stay the same
+CAPS = (0.75, 0.85, 0.95, 1.05, 1.25)  # multiples of the cap that the sensitivity study tries
 LARGEST_SPEED = 100.0  # [m/s], the largest value that the configuration allows
 
 
@@ -54,7 +54,7 @@ def value_of(config: Mapping[str, Any], key: str) -> Any:  # noqa: ANN401
 
 
 def with_values(config: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a copy of a configuration in which some keys have other values."""
+    """Return a copy of a configuration with the given values for keys such as ``filters.range_max``."""
     changed = deepcopy(dict(config))
     for key, value in values.items():
         *sections, name = key.split(".")
@@ -82,12 +82,14 @@ def with_limits(
         File in which the limits are saved, so that the records are read only once; None to read them every
         time.
     trust
-        Use the saved limits without a check. This is for the jobs of a run that has already checked them.
+        Whether to use the saved limits without checking that they belong to these records. The jobs of a run
+        do so, because the run has already checked the limits.
 
     Raises
     ------
     InputError
-        If the records cannot be read, or none of them is physically possible.
+        If the records cannot be read, if no row has three valid numbers, or if no lead speed is within the
+        stated limits.
     """
     asked = [key for key in AUTOMATIC if value_of(config, key) == AUTO]
     if not asked:
@@ -110,25 +112,39 @@ def with_limits(
 
 
 def _kept(of: str, limits: object) -> dict[str, Any]:
-    """Return what the file keeps: limits, what they belong to, and a checksum against changes by hand."""
+    """Return the content of the file of limits.
+
+    It has the limits, the digest ``of`` of the settings and files to which they belong, and a checksum that
+    detects changes by hand.
+    """
     return {"of": of, "limits": limits, "checksum": value_digest([of, limits])}
 
 
 def limits_of(raw: pd.DataFrame, config: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a value for each key of `AUTOMATIC`; those that the configuration states stay.
+    """Return a value for each key of `AUTOMATIC`; values that the configuration states are not changed.
 
-    - Lead speeds from the smallest, rounded down to 1 m/s, to above the largest; ranges up to the largest,
-      rounded up to 1 m. Only closing cut-ins count, and of them those with possible speeds and ranges.
-    - Segments as wide as the paper's, about 10 m/s, and wider where there are fewer than `SEGMENT_ROWS` rows.
-    - The paper's laws need a cap on the closing speed: 5 % above the largest recorded, rounded up to 0.5 m/s.
-      Maps reach up to it, and those of the answer up to twice of it.
+    The values are computed from the closing cut-ins with physically possible speeds and ranges:
+
+    - The limits of the lead speed are the smallest value, rounded down to 1 m/s, and the next whole number
+      above the largest value. The limit of the range is the largest value, rounded up to 1 m.
+    - The segments are about 10 m/s wide, like those of the paper. A segment with fewer than `SEGMENT_ROWS`
+      rows is joined with a neighbour.
+    - The cap on the closing speed, which the paper's laws need, is 5 % above the largest recorded closing
+      speed, rounded up to 0.5 m/s. Crash maps reach up to the cap. The crash maps of the answer reach up to
+      twice the cap, and at least up to `NO_CHANGE`.
+    - The sensitivity study tries segments of several widths, and the multiples `CAPS` of the cap.
 
     Parameters
     ----------
     raw
         Records as `sources.read_source` returns them.
     config
-        A configuration, complete but for ``auto``.
+        A configuration that is complete except for the values ``auto``.
+
+    Raises
+    ------
+    InputError
+        If no row has three valid numbers, or if no lead speed is within the stated limits.
     """
     limits = {key: value_of(config, key) for key in AUTOMATIC}
 
@@ -202,10 +218,11 @@ def limits_in_words(config: Mapping[str, Any]) -> str:
 
 
 def _possible(raw: pd.DataFrame, config: Mapping[str, Any]) -> pd.DataFrame:
-    """Return the closing cut-ins with possible numbers.
+    """Return the closing cut-ins with physically possible speeds and ranges.
 
-    If there are none, all rows are made to be such: then the ingest refuses the records, with an account of
-    why, and the report on the records shows the cause.
+    If there are none, all valid rows are returned, clipped to possible values. Limits can then be derived, so
+    that the ingest step refuses the records with its account of the dropped rows, and the report on the
+    records shows the cause.
     """
     rows = drop_invalid(raw, Account(len(raw)), policy="drop", where="the records")
     if rows.empty:

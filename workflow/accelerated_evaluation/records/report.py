@@ -1,4 +1,4 @@
-"""The report on the records as text, for the log file and for the command."""
+"""The report on the records as text, for the log file and for the command ``inspect``."""
 
 import textwrap
 
@@ -10,7 +10,7 @@ WIDTH = 100
 
 
 def report_in_words(report: pd.DataFrame) -> str:
-    """Return the result of `checks.inspect_records` as readable text, with verdicts of stop first."""
+    """Return the table of `checks.inspect_records` as readable text, in the order of the table."""
     lines = [summary(report), ""]
     for row in report.to_dict("records"):
         lines.append(f"{row['verdict'].upper():5} {row['check']}: {row['seen']}")
@@ -29,7 +29,10 @@ def report_in_words(report: pd.DataFrame) -> str:
 
 
 def summary(report: pd.DataFrame) -> str:
-    """Return a sentence with the number of checks for each verdict, and the names of checks that say stop."""
+    """Return a summary of the table of `checks.inspect_records`.
+
+    It has the number of checks for each verdict, and the names of the checks whose verdict is ``stop``.
+    """
     counts = ", ".join(f"{(report['verdict'] == verdict).sum()} {verdict}" for verdict in VERDICTS)
     stops = report.loc[report["verdict"] == STOP, "check"]
     if stops.empty:

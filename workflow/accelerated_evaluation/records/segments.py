@@ -10,9 +10,10 @@ from accelerated_evaluation.base.errors import InputError
 
 VARIABLES = ("lead_speed", "inverse_range", "inverse_ttc")
 BLOCKS = 30
-# With fewer rows the tail of TTC^-1, above the 95 % quantile, rests on a single one as soon as two are equal.
+# With fewer rows, and two equal values among them, the tail of TTC^-1 above the 95 % quantile would be fitted
+# to a single row.
 MINIMUM_ROWS = 30
-MINIMUM_VALUES = 6  # different ones of a variable: two for each of three pieces
+MINIMUM_VALUES = 6  # number of different values of a variable: two for each of three pieces
 
 
 def segment_names(lead_speed_edges: Sequence[float]) -> list[str]:
@@ -21,7 +22,9 @@ def segment_names(lead_speed_edges: Sequence[float]) -> list[str]:
 
 
 def assign_segments(encounters: pd.DataFrame, lead_speed_edges: Sequence[float]) -> pd.DataFrame:
-    """Add the column ``segment``; each segment includes its lower edge but not its upper one (section II).
+    """Add the column ``segment`` with the name of the segment of lead speed to which each row belongs.
+
+    Each segment includes its lower edge but not its upper one (section II of the paper).
 
     Parameters
     ----------
@@ -92,12 +95,13 @@ def require_rows(encounters: pd.DataFrame) -> None:
 
 
 def segment_counts(encounters: pd.DataFrame) -> pd.DataFrame:
-    """Count the rows of each segment.
+    """Count the rows of each segment of an encounter table.
 
     Returns
     -------
     pandas.DataFrame
-        Columns ``segment``, ``rows`` and ``share``, in order of lead speed.
+        Columns ``segment`` (name), ``rows`` (number of rows) and ``share`` (of all rows), in order of lead
+        speed.
     """
     order = encounters.groupby("segment")["lead_speed"].min().sort_values().index
     rows = encounters["segment"].value_counts().reindex(order)

@@ -1,8 +1,8 @@
-"""The verdict on the records that goes with every number made from them.
+"""The verdict on the records, which every command states with the numbers that it computes from them.
 
-Every command that gives a number asks for this verdict first. A check that says ``stop`` refuses the number,
-unless the user accepts that check by name. An accepted stop is printed next to the number. Checks that say
-``warning`` are named in one line.
+Every command that computes a number from records runs the checks of the records first. If the verdict of a
+check is ``stop``, the command raises an error, unless the user accepts this check by name. An accepted
+``stop`` is printed next to the number. The checks with the verdict ``warning`` are named in one line.
 """
 
 from collections.abc import Iterable, Mapping
@@ -28,18 +28,18 @@ KEY = "data.accepted_warnings"
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the checks of the records say.
+    """The results of the checks of the records, and which of them the user accepts.
 
     Attributes
     ----------
     stops
-        What each check found that says ``stop``, by the name of the check.
+        Mapping from the name of each check with the verdict ``stop`` to what the check found.
     warnings
-        Names of the checks that say ``warning``.
+        Names of the checks with the verdict ``warning``.
     accepted
-        Names of the checks whose ``stop`` the user accepts.
+        Names of the checks that the user accepts even if their verdict is ``stop``.
     advice
-        What to do about each stop, by the name of the check.
+        Mapping from the name of each check with the verdict ``stop`` to what the user should do.
     """
 
     stops: Mapping[str, str]
@@ -49,12 +49,19 @@ class Verdict:
 
     @classmethod
     def of(cls, report: pd.DataFrame, accepted: Iterable[str] = ()) -> Self:
-        """Return the verdict that the report of `checks.inspect_records` gives.
+        """Return the verdict of a report on the records.
+
+        Parameters
+        ----------
+        report
+            Table that `checks.inspect_records` returns.
+        accepted
+            Names of the checks that the user accepts.
 
         Raises
         ------
         InputError
-            If the user accepts a check that does not exist.
+            If ``accepted`` contains a name that is not the name of a check.
         """
         accepted = frozenset(accepted)
         require_checks(accepted)
@@ -64,16 +71,16 @@ class Verdict:
 
     @property
     def refused(self) -> list[str]:
-        """Names of the checks that say ``stop`` and that the user does not accept."""
+        """Names of the checks with the verdict ``stop`` that the user does not accept."""
         return [name for name in self.stops if name not in self.accepted]
 
     def require_accepted(self, where: str) -> None:
-        """Raise InputError if a check says ``stop`` and the user does not accept it.
+        """Raise InputError if a check has the verdict ``stop`` and the user does not accept this check.
 
         Parameters
         ----------
         where
-            What the records are called, for the error.
+            Name of the records, for the error.
         """
         if not self.refused:
             return
@@ -81,14 +88,14 @@ class Verdict:
         raise InputError(
             f"the records ({where})",
             seen="; ".join(f"STOP: {name}: {self.stops[name]}" for name in self.refused),
-            expected="records about which no check says stop, because no result of others can be trusted",
+            expected="records for which no check says stop, because other results cannot be trusted",
             change=f"{' '.join(self.advice[name] for name in self.refused)} `accelerated-evaluation inspect` "
             f"names the rows. If the records are right as they are, accept each check by its name: {flags}, "
             f"or {KEY}: [{', '.join(self.refused)}] in the configuration.",
         )
 
     def lines(self) -> list[str]:
-        """Return a line for each stop and one line for all warnings; no line where all checks are fine."""
+        """Return a line of text for each ``stop`` and one line for all warnings; no lines if all is fine."""
         if not self.warnings:
             return self.stop_lines()
         names = ", ".join(self.warnings)
@@ -96,19 +103,22 @@ class Verdict:
         return [*self.stop_lines(), f"warning: {names}; {advice}"]
 
     def stop_lines(self) -> list[str]:
-        """Return a line for each stop, with what was found."""
-        said = {name: " (accepted by name)" for name in self.accepted}
+        """Return a line of text for each check with the verdict ``stop``, with what the check found."""
+        notes = {name: " (accepted by name)" for name in self.accepted}
         return [
-            f"STOP{said.get(name, '')}: {name} of the records: {seen}" for name, seen in self.stops.items()
+            f"STOP{notes.get(name, '')}: {name} of the records: {seen}" for name, seen in self.stops.items()
         ]
 
-    def beside(self, table: pd.DataFrame) -> pd.DataFrame:
-        """Return a table of results with the column ``records``, which names the stops if there are any."""
+    def added_to(self, table: pd.DataFrame) -> pd.DataFrame:
+        """Return a table of results with the column ``records``, which names the checks that say ``stop``.
+
+        If there is no such check, the table is returned unchanged.
+        """
         return table.assign(records=f"STOP: {', '.join(self.stops)}") if self.stops else table
 
 
 def verdict_on(raw: pd.DataFrame, config: Mapping[str, Any], simulate: Simulate | None = None) -> Verdict:
-    """Check the records of a source, and raise unless each stop is accepted.
+    """Check the records of a source, and raise an error unless the user accepts each ``stop``.
 
     Parameters
     ----------
@@ -117,12 +127,13 @@ def verdict_on(raw: pd.DataFrame, config: Mapping[str, Any], simulate: Simulate 
     config
         A resolved configuration; its sections ``data``, ``filters`` and ``segments`` are used.
     simulate
-        Replays the records; None where that would take too long.
+        Function that simulates the recorded cut-ins with the vehicle under test; None to skip the check that
+        replays them.
 
     Raises
     ------
     InputError
-        If a check says ``stop`` and ``data.accepted_warnings`` does not name it.
+        If a check has the verdict ``stop`` and ``data.accepted_warnings`` does not name it.
     """
     report = inspect_records(Records.of(raw, config, simulate))
     verdict = Verdict.of(report, config["data"]["accepted_warnings"])
@@ -131,16 +142,23 @@ def verdict_on(raw: pd.DataFrame, config: Mapping[str, Any], simulate: Simulate 
 
 
 def verdict_on_encounters(encounters: pd.DataFrame, where: str, accepted: Iterable[str] = ()) -> Verdict:
-    """Check an encounter table, whose own limits and segments are used, as `verdict_on` checks records.
+    """Check an encounter table, and raise an error unless the user accepts each ``stop``.
+
+    The limits and segments for the checks are those of the table itself.
 
     Parameters
     ----------
     encounters
         Encounter table.
     where
-        Its file, for the error.
+        File of the table, for the error.
     accepted
-        Names of the checks whose stop is accepted.
+        Names of the checks that the user accepts.
+
+    Raises
+    ------
+    InputError
+        If a check has the verdict ``stop`` and ``accepted`` does not name it.
     """
     edges = sorted({float(edge) for name in encounters["segment"].unique() for edge in name.split("-")})
     filters = {
@@ -156,9 +174,9 @@ def verdict_on_encounters(encounters: pd.DataFrame, where: str, accepted: Iterab
 
 
 def require_checks(names: Iterable[str]) -> None:
-    """Raise InputError unless all names are those of checks of the records."""
+    """Raise InputError unless each name is the name of a check of the records."""
     if not (names := set(names)):
-        return  # to know the checks, their modules and SciPy's distributions are imported: half a second
+        return  # without the half second that the import of the checks and of SciPy's distributions takes
     known = [name.replace("_", " ") for name in CHECKS]
     if unknown := sorted(names - set(known)):
         raise InputError(

@@ -1,11 +1,11 @@
-"""Checks of records before any result: each check is one function in a module of this package.
+"""Checks of the records, which precede all results; each check is one function in a module of this package.
 
 A check takes `Records` and returns a `Finding`, with the verdict ``fine``, ``warning`` or ``stop``:
 
-- ``warning``: the result is unlikely to be due to chance, at the test level `LEVEL`, or single rows exceed a
-  physical limit. The user has to inspect the rows that are named.
+- ``warning``: the finding is unlikely to be due to chance, at the significance level `LEVEL`, or single rows
+  exceed a physical limit. The user should inspect the rows that the finding names.
 - ``stop``: the finding makes the results wrong, because most of the records exceed a physical limit (a wrong
-  unit, a wrong sign), or because a share of more than `MANY` of the rows has a fault.
+  unit or a wrong sign), or because more than a share `MANY` of the rows has a fault.
 
 A new check is one function with the decorator ``@CHECKS.add("<name>")``.
 """
@@ -26,14 +26,14 @@ from accelerated_evaluation.records.encounter_table import NUMBERS
 from accelerated_evaluation.records.filters import Account, apply_filters, drop_invalid
 from accelerated_evaluation.records.segments import MINIMUM_ROWS, segment_names
 
-LEVEL = 0.001  # significance level of a test: one sound table in a thousand gets the verdict warning
-MANY = 0.01  # of the rows: the fits rest on the uppermost 5 % of the rows, of which this is a fifth
-NAMED_ROWS = 5
+LEVEL = 0.001  # significance level of a test: one table without faults in a thousand gets a warning
+MANY = 0.01  # share of the rows; it is a fifth of the uppermost 5 % of the rows, to which tails are fitted
+NAMED_ROWS = 5  # number of example rows in a report
 FINE, WARNING, STOP = VERDICTS = ("fine", "warning", "stop")
 
 
 class Replayed(Protocol):
-    """The outcomes of simulated cut-ins that the checks need, as arrays of shape (n,)."""
+    """The outcomes of n simulated cut-ins: crash, smallest range [m] and smallest time to collision [s]."""
 
     crash: NDArray[np.bool_]
     min_range: Array
@@ -71,22 +71,23 @@ class Finding:
 
 @dataclass(frozen=True)
 class Records:
-    """The records of a source in the forms that the checks need, all indexed by the row of the source.
+    """The records of a source in the forms that the checks need; all tables are indexed by row of the source.
 
     Attributes
     ----------
     valid
         All rows with three finite numbers, columns ``encounter_table.NUMBERS``.
     invalid
-        Rows that are not an encounter.
+        Row numbers of the records that are not a valid encounter.
     kept
         The valid rows that pass the filters.
     edges
         Edges of the segments of the lead speed [m/s].
     simulate
-        Function that simulates cut-ins with the vehicle under test; None if there is no vehicle.
+        Function that simulates cut-ins with the vehicle under test, given lead speed [m/s], range [m] and
+        closing speed [m/s]; None if there is no vehicle.
     warnings
-        Statements about units of the source that could not be checked.
+        Texts about units of the source that could not be checked.
     """
 
     valid: pd.DataFrame
@@ -98,7 +99,7 @@ class Records:
 
     @classmethod
     def of(cls, raw: pd.DataFrame, config: Mapping[str, Any], simulate: Simulate | None = None) -> "Records":
-        """Prepare the records of a source.
+        """Return the records of a source in the forms that the checks need.
 
         Parameters
         ----------
@@ -132,7 +133,7 @@ class Records:
 
     @cached_property
     def segments(self) -> dict[str, pd.DataFrame]:
-        """The distinct rows that pass the filters, by segment; a segment may be empty."""
+        """The distinct rows that pass the filters, by name of the segment; a segment may have no rows."""
         rows = self.kept[self.kept.index.isin(self.distinct.index)]
         place = np.searchsorted(self.edges, rows["lead_speed"].to_numpy(), side="right") - 1
         return {name: rows[place == number] for number, name in enumerate(segment_names(self.edges))}
@@ -150,9 +151,10 @@ CHECKS: Registry[Check] = Registry("check", __name__, __path__)
 
 
 def by_share(count: int, size: int) -> str:
-    """Return the verdict on faults of single rows, given the number of faulty rows.
+    """Return the verdict if ``count`` of ``size`` rows have a fault.
 
-    The verdict is ``stop`` if more than a share `MANY` of ``size`` rows has a fault.
+    The verdict is ``fine`` without faults, ``stop`` if more than a share `MANY` of the rows has a fault, and
+    otherwise ``warning``.
     """
     if count == 0:
         return FINE
@@ -170,19 +172,19 @@ def inspect_records(records: Records) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        One row for each check, verdicts of stop first: ``check``, ``verdict``, ``looked_at``, ``seen``,
-        ``number``, ``rows`` (number of affected rows), ``example_rows`` (rows of the source, counted from 1)
-        and ``advice``.
+        One row for each check, ordered by verdict (``stop``, ``warning``, ``fine``). Columns: ``check``,
+        ``verdict``, ``looked_at``, ``seen`` and ``number`` as in `Finding`, ``rows`` (number of affected
+        rows), ``example_rows`` (rows of the source, counted from 1) and ``advice``.
 
     Raises
     ------
     InputError
-        If there are too few valid rows for the checks.
+        If there are fewer than `MINIMUM_ROWS` valid rows.
     """
     if len(records.valid) < MINIMUM_ROWS:
         raise InputError(
             "the records",
-            seen=f"{len(records.valid):,} valid rows, and {len(records.invalid):,} that are none",
+            seen=f"{len(records.valid):,} valid rows, and {len(records.invalid):,} invalid ones",
             expected=f"at least {MINIMUM_ROWS} valid rows to check",
             change="Check the columns and their units.",
         )
@@ -190,7 +192,7 @@ def inspect_records(records: Records) -> pd.DataFrame:
 
 
 def report_of(findings: Mapping[str, Finding]) -> pd.DataFrame:
-    """Return the findings of checks by name as a table; see `inspect_records`."""
+    """Return the findings of checks, given by name of the check, as the table of `inspect_records`."""
     table = pd.DataFrame([_line(name, found) for name, found in findings.items()])
     order = table["verdict"].map(VERDICTS[::-1].index).sort_values(kind="stable").index  # stops first
     return table.loc[order].reset_index(drop=True)

@@ -7,17 +7,18 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.records.checks import CHECKS, FINE, LEVEL, STOP, WARNING, Finding, Records
 
 DRIFTING = ("lead_speed", "range", "inverse_ttc")
-BLOCKS = 10  # of consecutive rows in a third of the record, left out in turn
-MEDIUM = 0.5  # standard deviations, a medium effect (Cohen 1988)
+BLOCKS = 10  # number of blocks of consecutive rows in a third of the record, for the jackknife
+MEDIUM = 0.5  # difference of means in standard deviations, a medium effect (Cohen 1988)
 
 
 @CHECKS.add("drift")
 def drift(records: Records) -> Finding:
-    """Compare the first and the last third of the rows, in the order of the record.
+    """Test whether the first and the last third of the rows have the same distribution.
 
-    The statistic is the probability that a value of the last third is larger than one of the first. Its
-    standard error comes from a jackknife over blocks of consecutive rows, because rows of one trip are
-    similar.
+    The statistic of each variable is the probability that a value of the last third is larger than a value of
+    the first third. Its standard error comes from a jackknife over blocks of consecutive rows, because rows
+    of one trip are similar. The test level is divided by the number of variables (Bonferroni). The verdict is
+    ``stop`` if a significant difference is larger than a medium effect.
     """
     rows = records.closing
     looked_at = "chance that a value of the last third of the rows is larger than one of the first third"
@@ -39,7 +40,7 @@ def drift(records: Records) -> Finding:
         "; ".join(f"{key.replace('_', ' ')} {one:.3f} +- {own:.3f}" for key, (one, own) in found.items()),
         chance,
         "Plot the columns in the order of the rows: other places, vehicles, seasons, or a sensor that loses "
-        "its calibration? The intervals take all rows for one population.",
+        "its calibration? The intervals assume that all rows are from one population.",
     )
 
 
@@ -54,7 +55,7 @@ def _superiority(first: Array, last: Array) -> tuple[float, float]:
 
 
 def _wins(first: Array, last: Array) -> float:
-    """Return the share of the pairs in which ``last`` is larger, ties by half."""
+    """Return the share of the pairs in which the value of ``last`` is larger; ties count by half."""
     ordered = np.sort(first)
     below = np.searchsorted(ordered, last, side="left") + np.searchsorted(ordered, last, side="right")
     return float(below.mean() / (2 * ordered.size))

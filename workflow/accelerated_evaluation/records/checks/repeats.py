@@ -1,7 +1,7 @@
-"""Checks whether one row is one cut-in: repeated and nearly repeated rows, and stuck sensors.
+"""Checks whether each row is a different cut-in: repeated and nearly repeated rows, and stuck sensors.
 
-The number of equal values that occur by chance depends on the resolution of the records, which is not stated.
-It is estimated from pairs of rows that are so far apart that they belong to different cut-ins.
+The number of equal values that occur by chance depends on the resolution of the records, which is unknown. It
+is estimated from pairs of rows that are so far apart in the record that they belong to different cut-ins.
 """
 
 import numpy as np
@@ -20,8 +20,8 @@ from accelerated_evaluation.records.checks import (
 )
 
 MEASURED = ["lead_speed", "range", "closing_speed"]
-RESOLUTION = np.array([0.1, 0.2, 0.1])  # [m/s], [m], [m/s]: of the radars of cars
-FAR = (0.23, 0.31, 0.43)  # distances, as shares of the record, between rows of different cut-ins
+RESOLUTION = np.array([0.1, 0.2, 0.1])  # [m/s], [m], [m/s]: resolution of automotive radars for `MEASURED`
+FAR = (0.23, 0.31, 0.43)  # distances between rows of different cut-ins, as shares of the length of the record
 
 
 @CHECKS.add("repeated_rows")
@@ -31,20 +31,21 @@ def repeated_rows(records: Records) -> Finding:
     share = len(rows) / max(len(records.valid), 1)
     return Finding(
         FINE if len(rows) == 0 else STOP if share > 0.5 else WARNING,
-        "rows equal to the row before them; if most are, a row is a time step and no cut-in",
+        "rows equal to the row before them; if most rows are, a row is a time step and not a cut-in",
         f"{len(rows):,} of {len(records.valid):,} rows ({share:.1%})",
         len(rows),
-        "Find out whether one cut-in was written twice. The answer counts them once, the paper's models "
-        "twice unless data.repeated_rows is drop.",
+        "Find out whether one cut-in was written twice. The answer counts equal rows once. The paper's "
+        "models count each of them, unless data.repeated_rows is drop.",
         list(rows),
     )
 
 
 @CHECKS.add("rows_repeated_elsewhere")
 def rows_repeated_elsewhere(records: Records) -> Finding:
-    """Check for rows that are equal to an earlier row that is not the row before.
+    """Check for rows that are equal to an earlier row that is not the row directly before them.
 
-    Their number is compared with the number of equal rows after one column has been shifted.
+    Their number is compared with the number that occurs by chance. This number is estimated by counting equal
+    rows after one column has been shifted against the others.
     """
     rows = records.distinct[MEASURED].round(9)
     found = rows.index[rows.duplicated()]
@@ -52,7 +53,7 @@ def rows_repeated_elsewhere(records: Records) -> Finding:
     chance = max(int(shifted.duplicated().sum()), 1)
     return Finding(
         _against_chance(len(found), chance, len(rows)),
-        "rows equal to one farther up, beside as many as chance gives at this resolution",
+        "rows equal to an earlier row, compared with the number expected by chance at this resolution",
         f"{len(found):,} rows; {chance:,} or fewer by chance",
         len(found),
         "Remove files or blocks that were appended twice.",
@@ -62,25 +63,31 @@ def rows_repeated_elsewhere(records: Records) -> Finding:
 
 @CHECKS.add("nearly_repeated_rows")
 def nearly_repeated_rows(records: Records) -> Finding:
-    """Check for rows that differ from the row before them by no more than the resolution of sensors."""
+    """Check for rows that differ from the row before them by no more than the resolution of radars.
+
+    Their number is compared with the number of such pairs among rows that are far apart in the record.
+    """
     rows = records.distinct[MEASURED].to_numpy()
     near = np.concatenate([[False], _near(rows, 1)])
     chance = max(np.mean([_near(rows, lag).sum() for lag in _lags(len(rows))]), 1.0)
     found = records.distinct.index[near]
     return Finding(
         _against_chance(len(found), chance, len(rows)),
-        "rows within 0.1 m/s, 0.2 m and 0.1 m/s of the row before them, the resolution of radars, beside as "
-        "many as rows far apart give",
+        "rows within 0.1 m/s, 0.2 m and 0.1 m/s (the resolution of radars) of the row before them, compared "
+        "with pairs of rows that are far apart",
         f"{len(found):,} rows; {chance:.1f} or fewer by chance",
         len(found),
-        "See whether one cut-in is recorded by several targets or time steps, and keep one row of each.",
+        "Find out whether one cut-in is recorded by several targets or time steps, and keep one row of each.",
         list(found),
     )
 
 
 @CHECKS.add("stuck_sensor")
 def stuck_sensor(records: Records) -> Finding:
-    """Check for one quantity that is the same as in the row before while another quantity changes."""
+    """Check for a quantity that has the same value as in the row before, while another quantity changes.
+
+    The number of such rows is compared with the number of equal values in rows that are far apart.
+    """
     rows, worst = records.distinct, (1.0, MEASURED[0], 0, pd.Index([]))
     for name in MEASURED:
         values = rows[name].to_numpy()
@@ -101,14 +108,18 @@ def stuck_sensor(records: Records) -> Finding:
 
 
 def _lags(size: int) -> list[int]:
+    """Return the distances `FAR` as numbers of rows, in a record of ``size`` rows."""
     return [max(int(share * size), 1) for share in FAR]
 
 
 def _near(rows: np.ndarray, lag: int) -> np.ndarray:
-    """Return which rows equal the row ``lag`` before them, within the resolution; shape (n - lag,)."""
+    """Return which rows are equal to the row ``lag`` places before, within `RESOLUTION`; shape (n - lag,)."""
     return (np.abs(rows[lag:] - rows[:-lag]) <= RESOLUTION).all(axis=1)
 
 
 def _against_chance(count: int, chance: float, size: int) -> str:
-    """Return the verdict on a count: ``fine`` if chance gives as many at the test level."""
+    """Return the verdict on a count of ``size`` rows, of which ``chance`` are expected by chance.
+
+    The verdict is ``fine`` if a Poisson test does not reject at `LEVEL`; otherwise see `by_share`.
+    """
     return FINE if poisson.sf(count - 1, chance) >= LEVEL else by_share(count, size)

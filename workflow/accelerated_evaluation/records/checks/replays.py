@@ -11,18 +11,18 @@ from accelerated_evaluation.records.checks import (
     Records,
 )
 
-NEAR_TTC, NEAR_RANGE = 1.0, 1.0  # [s], [m], near misses of the crash map
+NEAR_TTC, NEAR_RANGE = 1.0, 1.0  # [s], [m]; the crash map defines near misses by the same limits
 
 
 @CHECKS.add("replayed_crashes")
 def replayed_crashes(records: Records) -> Finding:
-    """Replay the rows that pass the filters, and report those that crash or nearly crash."""
+    """Simulate the filtered rows with the vehicle under test, and report crashes and near misses."""
     looked_at = (
         f"rows that crash with the vehicle under test, or come to a TTC under {NEAR_TTC:g} s or a range "
         f"under {NEAR_RANGE:g} m"
     )
     if records.simulate is None or records.kept.empty:
-        return Finding(FINE, looked_at, "not looked at: no vehicle or no rows", 0.0)
+        return Finding(FINE, looked_at, "not checked: no vehicle or no rows", 0.0)
     outcomes = records.outcomes
     crash = outcomes["crash"]
     near = ~crash & ((outcomes["min_ttc"] < NEAR_TTC) | (outcomes["min_range"] < NEAR_RANGE))
@@ -33,11 +33,12 @@ def replayed_crashes(records: Records) -> Finding:
         looked_at,
         f"{len(crashes):,} rows crash{_named(crashes)}, {len(nearly):,} nearly",
         len(crashes),
-        "Look at these rows with the command accelerated-evaluation replay: an error of the record, or the "
-        "vehicle's? Table data_quality has the answer without the rows that crash.",
+        "Inspect these rows with the command accelerated-evaluation replay: an error of the record, or of "
+        "the vehicle? Table data_quality has the answer without the rows that crash.",
         [*crashes, *nearly],
     )
 
 
 def _named(rows: list[int]) -> str:
+    """Return the first few row numbers in brackets."""
     return f" ({'; '.join(map(str, rows[:NAMED_ROWS]))})" if len(rows) else ""

@@ -21,15 +21,15 @@ from accelerated_evaluation.records.checks import (
 SPEED_UNITS = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704}
 UNITS = {"lead_speed": SPEED_UNITS, "range": {"m": 1.0, "ft": 0.3048}, "closing_speed": SPEED_UNITS}
 STEPS = (10.0, 5.0, 1.0, 0.5)
-OFFSETS = sorted({j / 10 for j in range(1, 10)} | {j / 16 for j in range(1, 16)})  # of a step
-BESIDE = 50  # neighbouring distinct values, from which the expected count or distance is estimated
-TOP = 100  # largest values, whose mean excess is known within 10 %
-EXTREMES = ("inverse_range", "inverse_ttc")  # what the models have tails of
+OFFSETS = sorted({j / 10 for j in range(1, 10)} | {j / 16 for j in range(1, 16)})  # in steps
+NEIGHBOURS = 50  # number of distinct values next to a value that give the expected count or distance
+TOP = 100  # number of largest values; the standard error of their mean excess is 10 %
+EXTREMES = ("inverse_range", "inverse_ttc")  # quantities whose tails the models describe
 
 
 @CHECKS.add("round_numbers")
 def round_numbers(records: Records) -> Finding:
-    """Check for more rows on round numbers than on any other lattice with the same step."""
+    """Check for rounding: more rows on multiples of a step than on any shifted lattice of this step."""
     heaps, tests = [], sum(len(units) for units in UNITS.values()) * len(STEPS)
     for name, units in UNITS.items():
         values = _of(records, name)
@@ -43,22 +43,25 @@ def round_numbers(records: Records) -> Finding:
     heaped = p < LEVEL
     return Finding(
         FINE if not heaped else STOP if -minus_share > 0.5 else WARNING,
-        "rows on multiples of 0.5, 1, 5 and 10 of m/s, km/h, mph, m and ft, beside those on other lattices",
+        "rows on multiples of 0.5, 1, 5 and 10 of m/s, km/h, mph, m and ft, compared with shifted lattices",
         f"most conspicuous: {where}, {len(rows):,} rows ({-minus_share:.1%}; p = {min(p, 1):.2g})",
         -minus_share,
-        "Take the values as they were measured: rounded ones make steps in the tails. A heap on multiples "
-        "of another unit shows the unit of the sensor.",
+        "Use the values as they were measured, because rounded values make steps in the tails. Many values "
+        "on multiples of another unit show the unit of the sensor.",
         list(rows) if heaped else (),
     )
 
 
 def _of(records: Records, name: str) -> pd.Series:
-    """Return the distinct values of a quantity; of the closing speed, those of gaps that close."""
+    """Return a quantity in the distinct rows; for the closing speed, only in the rows whose gap closes."""
     return (records.closing if name == "closing_speed" else records.distinct)[name]
 
 
 def _on_lattices(steps: Array) -> tuple[np.ndarray, int]:
-    """Return which values, in steps, are whole numbers, and the largest count on a shifted lattice."""
+    """Return which values are whole numbers, and the largest number of values on a shifted lattice.
+
+    The values are in units of the step of the lattice. The lattices are shifted by `OFFSETS`.
+    """
     part = steps - np.floor(steps)
     on = {offset: np.abs(part - offset) < 1e-5 for offset in OFFSETS}
     return (part < 1e-5) | (part > 1 - 1e-5), max(int(found.sum()) for found in on.values())
@@ -68,35 +71,39 @@ def _on_lattices(steps: Array) -> tuple[np.ndarray, int]:
 def cut_edges(records: Records) -> Finding:
     """Check for values that accumulate at the smallest or largest value of a quantity.
 
-    The cause may be a limit of the export or a saturated sensor.
+    The cause may be a limit of the export or a saturated sensor. The number of values at the edge is compared
+    with the mean number at the `NEIGHBOURS` values next to it, by a Poisson test.
     """
     worst, tests = (1.0, "no edge", 0.0, "range"), 2 * len(UNITS)
     for name in UNITS:
         values, counts = np.unique(_of(records, name).round(9), return_counts=True)
-        if values.size <= BESIDE:
+        if values.size <= NEIGHBOURS:
             continue
-        edges = {"smallest": (0, counts[1 : BESIDE + 1]), "largest": (-1, counts[-1 - BESIDE : -1])}
-        for word, (edge, beside) in edges.items():
-            p = float(poisson.sf(counts[edge] - 1, beside.mean())) * tests
+        edges = {
+            "smallest": (0, counts[1 : NEIGHBOURS + 1]),
+            "largest": (-1, counts[-1 - NEIGHBOURS : -1]),
+        }
+        for word, (edge, neighbours) in edges.items():
+            p = float(poisson.sf(counts[edge] - 1, neighbours.mean())) * tests
             where = f"the {word} {name.replace('_', ' ')}, {values[edge]:g}"
             worst = min(worst, (p, where, values[edge], name), key=lambda entry: entry[0])
     p, where, edge, name = worst
     rows = records.valid.index[records.valid[name].round(9) == edge] if p < LEVEL else ()
     return Finding(
         by_share(len(rows), len(records.valid)),
-        "rows exactly at the smallest and largest value of a quantity, beside its 50 neighbours",
+        "rows exactly at the smallest and largest value of a quantity, compared with its 50 neighbours",
         f"{len(rows):,} rows at {where} (p = {p:.2g})" if len(rows) else "none",
         len(rows),
         "The records were cut or the sensor saturates here. Set the limit in filters to this value or inside "
-        "of it: nothing is known of what lies beyond.",
+        "of it, because nothing is known beyond this value.",
         list(rows),
     )
 
 
 @CHECKS.add("gaps")
 def gaps(records: Records) -> Finding:
-    """Check for gaps: intervals without a value between values that are dense on both sides."""
-    worst = (1.0, "no hole", 0.0, 0.0, "range")
+    """Check for gaps: intervals without a value, between values that are dense on both sides."""
+    worst = (1.0, "no gap", 0.0, 0.0, "range")
     for name in UNITS:
         values = np.unique(_of(records, name).round(9))
         for p, low, high in _widest(values):
@@ -106,11 +113,11 @@ def gaps(records: Records) -> Finding:
     hole = p < LEVEL
     return Finding(
         WARNING if hole else FINE,
-        "widest interval without a value, beside the distances of the 50 values on either side",
+        "widest interval without a value, compared with the distances of the 50 values on either side",
         f"{where} (p = {min(p, 1):.2g})",
         high - low,
-        "Find out what is missing: a lost file, a filter, a sensor that jumps. The shares of the lead speeds "
-        "go into the answer as they are recorded.",
+        "Find out what is missing: a lost file, a filter, a sensor that jumps. The answer uses the shares of "
+        "the lead speeds as they are recorded.",
         list(records.valid.index[records.valid[name].round(9).isin([low, high])]) if hole else (),
     )
 
@@ -118,15 +125,22 @@ def gaps(records: Records) -> Finding:
 def _widest(values: Array) -> Iterator[tuple[float, float, float]]:
     """Yield the p-value and the ends of the gap that is widest relative to its neighbourhood.
 
-    If the density is locally constant, the ratio of a distance to the sum of m others exceeds r with
-    probability (1 + r)^-m. The side with the lower density is used. Nothing is yielded for too few values.
+    If the density is locally constant, the ratio of a distance to the sum of m other distances exceeds r with
+    probability (1 + r)^-m. The neighbouring distances are those on the side with the lower density. The
+    p-value is multiplied by the number of gaps. Nothing is yielded if there are too few values.
+
+    Parameters
+    ----------
+    values
+        Distinct values in increasing order, shape (n,).
     """
-    if values.size < 2 * BESIDE + 2:
+    if values.size < 2 * NEIGHBOURS + 2:
         return
-    place = np.arange(BESIDE, values.size - BESIDE - 1)
-    below, above = values[place] - values[place - BESIDE], values[place + 1 + BESIDE] - values[place + 1]
+    place = np.arange(NEIGHBOURS, values.size - NEIGHBOURS - 1)
+    below = values[place] - values[place - NEIGHBOURS]
+    above = values[place + 1 + NEIGHBOURS] - values[place + 1]
     hole = values[place + 1] - values[place]
-    log_p = -BESIDE * np.log1p(hole / np.maximum(below, above))
+    log_p = -NEIGHBOURS * np.log1p(hole / np.maximum(below, above))
     first = int(np.argmin(log_p))
     p = float(np.exp(log_p[first])) * place.size
     yield p, float(values[place[first]]), float(values[place[first] + 1])
@@ -134,7 +148,11 @@ def _widest(values: Array) -> Iterator[tuple[float, float, float]]:
 
 @CHECKS.add("outliers")
 def outliers(records: Records) -> Finding:
-    """Check for values that are too large for the exponential tail of the models."""
+    """Check for values of R^-1 and TTC^-1 that are too large for the exponential tail of the models.
+
+    The scale of the tail is estimated from the median excess of the `TOP` largest values. The p-value of a
+    value is the probability that the largest of as many exponential variables exceeds it.
+    """
     found: dict[int, float] = {}
     for name in EXTREMES:
         values = records.closing[name].sort_values(ascending=False)
@@ -149,10 +167,10 @@ def outliers(records: Records) -> Finding:
     rows = sorted(found, key=found.get)
     return Finding(
         WARNING if rows else FINE,
-        "R^-1 and TTC^-1 beyond what the exponential tail of their 100 largest values reaches by chance",
+        "R^-1 and TTC^-1 larger than the exponential tail of their 100 largest values reaches by chance",
         f"{len(rows):,} rows" + (f"; smallest p = {found[rows[0]]:.2g}" if rows else ""),
         len(rows),
-        "Look at these rows one by one. List false ones under data.<source>.outlier_rows, and see in table "
-        "sensitivity what they do to the result.",
+        "Inspect these rows one by one. List false rows under data.<source>.outlier_rows; table sensitivity "
+        "then shows their influence on the result.",
         rows,
     )

@@ -1,4 +1,4 @@
-"""Checks for a sufficient number of records: by speed and range, in the tails, and within the limits."""
+"""Checks whether there are enough records: by lead speed and range, in the tails, and within the limits."""
 
 import numpy as np
 
@@ -7,15 +7,16 @@ from accelerated_evaluation.records.checks.units import FARTHEST, FASTEST_CAR
 from accelerated_evaluation.records.segments import MINIMUM_ROWS
 
 TAIL = 0.05  # share of the rows above the knot of TTC^-1
-ENOUGH, FEW = 100, 10  # rows of a tail: its rate is known within 10 % and 30 %
-CELL = (5.0, 10.0)  # [m/s], [m], of lead speed and range
+ENOUGH, FEW = 100, 10  # rows in a tail; the standard error of its rate is then 10 % and 30 %
+CELL = (5.0, 10.0)  # [m/s], [m]: size of a cell of lead speed and range
 
 
 @CHECKS.add("rows_outside_limits")
 def rows_outside_limits(records: Records) -> Finding:
     """Check how many closing rows the limits exclude, and how many of these are physically impossible.
 
-    Limits that are derived from the records exclude impossible rows without any setting of the user.
+    Impossible rows are counted because limits that are derived from the records (``auto``) exclude them
+    without the user noticing.
     """
     closing = records.valid.index[records.valid["closing_speed"] > 0]
     rows = closing.difference(records.kept.index)
@@ -29,15 +30,15 @@ def rows_outside_limits(records: Records) -> Finding:
         "closing rows outside of the limits of lead speed and range (filters)",
         f"{len(rows):,} of {len(closing):,} rows ({share:.1%}){reason if impossible else ''}",
         share,
-        "Correct the units of impossible rows. Else widen the limits in filters, or set them to auto; the "
-        "result is valid inside the limits only.",
+        "Correct the units if rows are impossible. Otherwise widen the limits in filters, or set them to "
+        "auto; the result is valid only inside the limits.",
         list(rows),
     )
 
 
 @CHECKS.add("sample_size")
 def sample_size(records: Records) -> Finding:
-    """Check the number of distinct rows in each segment, and in cells of lead speed and range."""
+    """Check the number of distinct rows in each segment, and of rows in cells of lead speed and range."""
     counts = {name: len(rows) for name, rows in records.segments.items()}
     smallest = min(counts, key=counts.get)
     kept = records.kept
@@ -66,7 +67,7 @@ def size_of_tail(records: Records) -> Finding:
     error = f", so its rate is known within {1 / np.sqrt(size):.0%}" if size else ""
     return Finding(
         STOP if size < FEW else WARNING if size < ENOUGH else FINE,
-        f"distinct rows in the uppermost {TAIL:.0%} of TTC^-1, by segment, on which its tail rests",
+        f"distinct rows in the uppermost {TAIL:.0%} of TTC^-1, to which its tail is fitted, by segment",
         f"{'; '.join(f'{name} m/s: {count:,}' for name, count in sizes.items())}; the smallest has "
         f"{size:,}{error}",
         size,

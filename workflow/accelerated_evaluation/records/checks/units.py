@@ -1,4 +1,4 @@
-"""Checks of the units, by limits of physics and of traffic."""
+"""Checks of the units of the records, by comparison with limits of physics and of traffic."""
 
 import numpy as np
 import pandas as pd
@@ -16,33 +16,34 @@ from accelerated_evaluation.records.checks import (
     by_share,
 )
 
-FASTEST_TRAFFIC = 45.0  # [m/s], 162 km/h: no road has half of its vehicles faster
-FASTEST_CAR = 70.0  # [m/s], 252 km/h: makers limit their fast cars to 250 km/h
+FASTEST_TRAFFIC = 45.0  # [m/s], 162 km/h: on no road is half of the vehicles faster
+FASTEST_CAR = 70.0  # [m/s], 252 km/h: manufacturers limit fast cars to 250 km/h
 LONGEST_GAP = 5.0  # [s]: vehicles farther apart do not follow each other (Highway Capacity Manual 1985)
-SHORTEST_GAP = 0.5  # [s]: nobody reacts faster, so half of the drivers cannot drive like this
-FARTHEST = 300.0  # [m]: no radar or camera of a car follows a target beyond
-NEAREST = 3.0  # [m]: a camera behind the windscreen does not see the road nearer to the bumper than this
-FULL_BRAKING = 9.81  # [m/s^2]: what tyres can transmit at best
-CRASHES = 1e-5  # of human drivers per lane change: one in 500,000 miles, a lane change every 5 (the paper)
+SHORTEST_GAP = 0.5  # [s]: no driver reacts faster, so half of the drivers cannot have shorter gaps
+FARTHEST = 300.0  # [m]: no radar or camera of a car follows a target that is farther away
+NEAREST = 3.0  # [m]: a camera behind the windscreen does not see the road that is nearer to the bumper
+FULL_BRAKING = 9.81  # [m/s^2]: largest deceleration that tyres can transmit
+# Crashes of human drivers per lane change: one in 500,000 miles, with a lane change every 5 miles (the paper)
+CRASHES = 1e-5
 
 
 @CHECKS.add("invalid_values")
 def invalid_values(records: Records) -> Finding:
-    """Check for rows that are not an encounter."""
+    """Check for rows that are not a valid encounter."""
     rows, size = list(records.invalid), len(records.valid) + len(records.invalid)
     return Finding(
         by_share(len(rows), size),
         "missing, negative, infinite or non-numeric values, and speeds above 300 m/s",
         f"{len(rows):,} of {size:,} rows",
         len(rows),
-        "Mend these rows, or set data.invalid_rows to drop, which leaves them out and counts them.",
+        "Correct these rows, or set data.invalid_rows to drop, which leaves them out and counts them.",
         rows,
     )
 
 
 @CHECKS.add("speed_unit")
 def speed_unit(records: Records) -> Finding:
-    """Check whether the speeds are plausible for road traffic in m/s."""
+    """Check whether the speeds are plausible as speeds of road traffic in m/s."""
     fastest = np.maximum(records.valid["lead_speed"], records.host_speed)
     median, rows = records.valid["lead_speed"].median(), fastest[fastest > FASTEST_CAR]
     verdict = STOP if median > FASTEST_TRAFFIC else by_share(len(rows), len(fastest))
@@ -58,16 +59,17 @@ def speed_unit(records: Records) -> Finding:
             ]
         ),
         float(median),
-        "State the unit of the column (km/h or mph taken for m/s?), and see that no columns are swapped.",
+        "Check the unit of the column (km/h or mph taken for m/s?), and that no columns are swapped.",
         list(rows.sort_values(ascending=False).index),
     )
 
 
 @CHECKS.add("time_gap")
 def time_gap(records: Records) -> Finding:
-    """Check whether range and speed are consistent, by the median time gap.
+    """Check whether the median time gap, the range divided by the host speed, is plausible.
 
-    The time gap is the range divided by the host speed.
+    A median outside of `SHORTEST_GAP` to `LONGEST_GAP` means that the units of range and speed do not fit
+    together.
     """
     moving = records.host_speed > 0
     median = float((records.valid["range"][moving] / records.host_speed[moving]).median())
@@ -76,15 +78,16 @@ def time_gap(records: Records) -> Finding:
         f"median time gap, range / host speed; {SHORTEST_GAP:g} to {LONGEST_GAP:g} s in traffic",
         f"median {median:.2f} s",
         median,
-        "State the units of range and lead speed (feet taken for metres, m/s for km/h?); swapped columns?",
+        "Check the units of range and lead speed (feet taken for metres, m/s for km/h?); swapped columns?",
     )
 
 
 @CHECKS.add("unavoidable_crashes")
 def unavoidable_crashes(records: Records) -> Finding:
-    """Check for records in which no brake could have avoided a crash.
+    """Check for records in which even full braking could not have avoided a crash.
 
-    Their number is compared with the crash rate of human drivers.
+    A constant deceleration of closing speed^2 / (2 range) is needed to avoid the crash. The number of rows in
+    which it exceeds `FULL_BRAKING` is compared with the crash rate of human drivers.
     """
     valid = records.valid
     needed = valid["closing_speed"].clip(lower=0) ** 2 / (2 * valid["range"])
@@ -93,20 +96,21 @@ def unavoidable_crashes(records: Records) -> Finding:
     return Finding(
         FINE if rows.empty else WARNING if is_chance else STOP,
         f"rows that need more than {FULL_BRAKING:g} m/s^2, closing^2 / (2 range): these must have crashed, "
-        f"and people crash in at most {CRASHES:g} of the lane changes",
+        f"and human drivers crash in at most {CRASHES:g} of the lane changes",
         f"{len(rows):,} of {len(needed):,} rows; largest {needed.max():.2f} m/s^2",
         float(needed.max()),
-        "State the units of closing speed and range (km/h for m/s?); see that no columns are swapped.",
+        "Check the units of closing speed and range (km/h taken for m/s?), and that no columns are swapped.",
         list(rows.index),
     )
 
 
 @CHECKS.add("sign_of_range_rate")
 def sign_of_range_rate(records: Records) -> Finding:
-    """Check the sign of the range rate, by the share of closing gaps and the rise of closing speeds.
+    """Check the sign of the range rate by the share of opening gaps and by a rank correlation.
 
-    Drivers who are slower than the car behind keep more distance, so the closing speed increases with the
-    range.
+    If the sign is wrong, most gaps open. If gaps open in only a part of the rows, the rank correlation of
+    range and closing speed decides. It is positive with the right sign, because drivers who are slower than
+    the car behind keep more distance to it.
     """
     range_, closing = records.valid["range"], records.valid["closing_speed"]
     opening = float((closing <= 0).mean())
@@ -119,11 +123,11 @@ def sign_of_range_rate(records: Records) -> Finding:
         seen += f"; rank correlation of range and closing speed {found.statistic:.2f}"
     return Finding(
         verdict,
-        "share of rows whose gap opens; whether the closing speed rises with the range, as drivers see to it",
+        "share of rows whose gap opens; whether the closing speed increases with the range, as in traffic",
         seen,
         opening,
-        "Turn the sign: a range rate is negative when the gap closes (quantity: range_rate), a closing speed "
-        "is positive.",
+        "Change the sign: a range rate is negative when the gap closes (quantity: range_rate), a closing "
+        "speed is positive.",
         list(closing.index[closing <= 0]) if verdict != FINE else (),
     )
 
@@ -137,24 +141,34 @@ def far_ranges(records: Records) -> Finding:
         len(range_),
         f"ranges above {FARTHEST:g} m, which no radar or camera of a car reaches",
         f"largest {range_.max():.1f} m",
-        "State the unit of the range, or leave these rows out with filters.range_max.",
+        "Check the unit of the range, or leave these rows out with filters.range_max.",
     )
 
 
 @CHECKS.add("short_ranges")
 def short_ranges(records: Records) -> Finding:
-    """Check for ranges that are too short for a lane change."""
+    """Check for ranges below `NEAREST`, which are too short for a lane change."""
     range_ = records.valid["range"]
     return _outside(
         range_[range_ < NEAREST].sort_values(),
         len(range_),
         f"ranges under {NEAREST:g} m, which a camera behind the windscreen cannot see",
         f"smallest {range_.min():.2f} m",
-        "Look at these rows: another lane, a false target? Table data_quality has the answer without them.",
+        "Inspect these rows: another lane, a false target? Table data_quality has the answer without them.",
     )
 
 
 def _outside(rows: pd.Series, size: int, what: str, extreme: str, advice: str) -> Finding:
-    """Return the finding about ``rows`` outside of a limit, the worst one first, of ``size`` rows in all."""
+    """Return the finding about rows outside of a limit.
+
+    Parameters
+    ----------
+    rows
+        The values outside of the limit, the worst first, indexed by row of the source.
+    size
+        Number of all rows.
+    what, extreme, advice
+        Texts of the finding: what was checked, the most extreme value, and what to do.
+    """
     seen = f"{len(rows):,} rows; {extreme}"
     return Finding(by_share(len(rows), size), what, seen, len(rows), advice, list(rows.index))

@@ -1,1 +1,1 @@
-"""Extraction of cut-ins from recordings of traffic: the parts that the sources of raw data share."""
+"""Extraction of cut-ins from recordings of traffic: the functions that several sources of raw data use."""

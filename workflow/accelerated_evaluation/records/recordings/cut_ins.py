@@ -1,4 +1,4 @@
-"""The rule for cut-ins, and the account and exposure that an extraction returns with the cut-ins."""
+"""The definition of a cut-in, and the account and exposure that an extraction returns with the cut-ins."""
 
 from collections.abc import Mapping, Sequence
 
@@ -8,7 +8,7 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.sections import number, section
 from accelerated_evaluation.records.filters import Account
 
-RULE = section(  # of each source that finds cut-ins in recordings; in seconds
+RULE = section(  # the section ``rule`` of each source that finds cut-ins in recordings
     gap=number(
         0.5,
         0,
@@ -23,12 +23,13 @@ RULE = section(  # of each source that finds cut-ins in recordings; in seconds
         0.5, 0, 60, "A vehicle that is in the lane of the host for a shorter time [s] has not cut in."
     ),
 )
-AGREEMENT = 1.25  # factor by which positions and speeds of one recording, or two speeds, may differ
-LENGTHS = 2.5, 8.0  # [m]: the median length of cars lies between them; in feet it would be about 15
-LONGEST = 30.0  # [m]: the median length of vehicles is never larger, as the longest lorries have 25 m
+AGREEMENT = 1.25  # factor by which speeds may differ from changes of position, or from other recorded speeds
+LENGTHS = 2.5, 8.0  # [m]: limits of the median length of cars; in feet the median would be about 15
+LONGEST = 30.0  # [m]: limit of the median length of vehicles, as the longest lorries have 25 m
 
 # The frames of a vehicle in a lane are joined to stays. A short absence from the lane does not end a stay. A
-# stay begins at its first frame. It is a change into the lane if the vehicle was recorded elsewhere before.
+# stay is a change into the lane if the vehicle was recorded outside of the lane before the first frame of the
+# stay.
 STAYS = """
     SELECT *, sum(begins) OVER (PARTITION BY {vehicle}, {lane} ORDER BY time) AS stay
     FROM (
@@ -42,7 +43,8 @@ STAYS = """
 def stays_sql(frames: str, *, vehicle: str, lane: str, rule: Mapping[str, float]) -> str:
     """Return the SQL query that numbers the stays of each vehicle in each lane.
 
-    A stay is a sequence of frames of a vehicle in a lane without a long gap.
+    A stay is a sequence of frames of a vehicle in a lane in which no two consecutive frames are farther apart
+    than the larger of ``absence`` and ``gap``.
 
     Parameters
     ----------
@@ -50,7 +52,7 @@ def stays_sql(frames: str, *, vehicle: str, lane: str, rule: Mapping[str, float]
         Table with a row for each frame that a vehicle spends in a lane; its column ``time`` is in whole
         milliseconds.
     vehicle, lane
-        The columns, separated by commas, that identify vehicles and lanes.
+        Names of the columns that identify vehicles and lanes, separated by commas.
     rule
         Section ``rule`` of a source: ``absence`` and ``gap`` [s].
 
@@ -72,16 +74,22 @@ def milliseconds(seconds: float) -> int:
 def drop_in_turn(
     candidates: pd.DataFrame, reasons: Mapping[tuple[str, str], str], account: Account
 ) -> pd.DataFrame:
-    """Drop the candidates that are not cut-ins, and enter the first reason that applies to each.
+    """Drop the candidates that are not cut-ins, each for the first reason that applies to it.
 
     Parameters
     ----------
     candidates
         One row for each change into the lane of the host.
     reasons
-        The boolean column that selects the rows to drop, by step and reason.
+        Mapping from step and reason to the name of the boolean column that selects the rows to drop. The
+        reasons are applied in the order of the mapping.
     account
-        The account, which so far contains only dropped frames.
+        The account, to which one line is added for each reason.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The remaining candidates, which are the cut-ins.
     """
     for (step, reason), column in reasons.items():
         candidates = account.take(candidates, candidates[column].astype(bool), step=step, reason=reason)
@@ -89,7 +97,7 @@ def drop_in_turn(
 
 
 def with_names(candidates: pd.DataFrame, name: str) -> pd.DataFrame:
-    """Convert the times of the candidates to seconds, and index the candidates by a name for the account.
+    """Convert the times of the candidates to seconds, and use names for the account as their index.
 
     Parameters
     ----------
@@ -120,9 +128,16 @@ def finished(
     account
         The account of all steps of the extraction.
     milliseconds, micrometres
-        Time and distance that the hosts drove while cut-ins could be observed.
+        Time [ms] and distance [micrometres] that the hosts drove while cut-ins could be observed.
     warnings
-        Units of the speeds that could not be checked, for the check ``speed_unit`` of the records.
+        Texts about units of the speeds that could not be checked, for the check ``speed_unit`` of the
+        records.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The cut-ins, with rows numbered from 1. The attributes (``attrs``) are ``account``; ``exposure``, with
+        ``hours`` and ``kilometres``; and ``warnings``.
     """
     result = cut_ins.set_index(pd.RangeIndex(1, len(cut_ins) + 1, name="row"))
     result.attrs["account"] = account.table().to_dict("records")
@@ -141,10 +156,10 @@ def require_agreement(
     where
         Folder or file, for the error.
     moved, reported
-        Two sums over the recording that are equal, except for noise, if the units are right. There is no
-        check if the second is not positive.
+        Two sums over the recording that are equal, except for noise, if the units are right. Nothing is
+        checked unless ``reported`` is positive.
     what, key
-        Description of what is compared, and what to correct.
+        Description of what is compared, and the name of what the user has to correct.
     factor
         Largest allowed ratio of the two sums.
 
@@ -164,7 +179,7 @@ def require_agreement(
 
 
 def require_lengths(where: str, column: str, lengths: pd.Series, is_car: pd.Series) -> None:
-    """Refuse lengths of vehicles that are not above 0, or that are in feet: ranges are measured from them.
+    """Check that lengths of vehicles are positive and in metres, because ranges are computed from them.
 
     Parameters
     ----------
@@ -173,12 +188,13 @@ def require_lengths(where: str, column: str, lengths: pd.Series, is_car: pd.Seri
     lengths
         Length of each vehicle [m].
     is_car
-        Which of them are cars; index of ``lengths``.
+        Whether each vehicle is a car; index of ``lengths``.
 
     Raises
     ------
     InputError
-        If a length is not above 0, or a median is that of no vehicles on a road.
+        If a length is not above 0, if the median length of cars is outside of `LENGTHS`, or if the median
+        length of all vehicles is above `LONGEST`.
     """
     cars = lengths[is_car]
     seen = ""

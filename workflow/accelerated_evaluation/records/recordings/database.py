@@ -1,4 +1,4 @@
-"""DuckDB queries on CSV files of any size, with bounded memory and one clear error for an unreadable file."""
+"""DuckDB queries on CSV files of any size, with limited memory and a clear error for an unreadable file."""
 
 import csv
 import re
@@ -12,18 +12,18 @@ from accelerated_evaluation.base.errors import InputError, StudyError
 from accelerated_evaluation.base.files import is_disk_full
 from accelerated_evaluation.base.tables import listed
 
-if TYPE_CHECKING:  # its import takes a moment, which studies of a finished table can do without
+if TYPE_CHECKING:  # DuckDB is imported only when recordings are read, because the import takes a moment
     from duckdb import DuckDBPyConnection, DuckDBPyRelation
 
-MEMORY = "1GB"  # of the database; the process around it takes a few hundred megabytes more
-LARGEST_WHOLE = 2**53  # a DOUBLE, as which numbers are read, does not hold all whole numbers beyond
+MEMORY = "1GB"  # limit of the database; the process needs a few hundred megabytes more
+LARGEST_WHOLE = 2**53  # numbers are read as DOUBLE, which represents all whole numbers up to this one
 NOT_WHOLE = "no whole number in the column"
-THREADS = 2  # of which each needs memory of its own
+THREADS = 2  # each thread needs memory
 
 
 @contextmanager
 def database() -> Iterator[tuple["DuckDBPyConnection", Path]]:
-    """Yield an empty database with bounded memory, and a folder for temporary files.
+    """Yield an empty database with limited memory, and a folder for temporary files.
 
     The folder is made in the folder that ``TMPDIR`` names, and removed at the end of the block.
 
@@ -56,14 +56,14 @@ def recording_files(folder: str, pattern: str, key: str) -> list[Path]:
     folder
         The folder of recordings.
     pattern
-        As in a shell, such as ``DataWsu*.csv``.
+        Pattern of file names, as in a shell, such as ``DataWsu*.csv``.
     key
         The key of the configuration that states the folder, for the error.
 
     Raises
     ------
     InputError
-        If there is no such folder, or no such file in it.
+        If the folder does not exist, or contains no file that matches the pattern.
     """
     if not Path(folder).is_dir():
         raise InputError(
@@ -82,6 +82,13 @@ def recording_files(folder: str, pattern: str, key: str) -> list[Path]:
 
 def header_of(path: Path, needed: Iterable[str]) -> list[str]:
     """Return the names of the columns of a CSV file.
+
+    Parameters
+    ----------
+    path
+        A comma-separated file.
+    needed
+        Names of the columns that must occur exactly once.
 
     Raises
     ------
@@ -112,16 +119,17 @@ def header_of(path: Path, needed: Iterable[str]) -> list[str]:
 def read_csv(
     connection: "DuckDBPyConnection", path: Path, numbers: Iterable[str], texts: Iterable[str] = ()
 ) -> "DuckDBPyRelation":
-    """Return a CSV file as a relation, whose rows are read again each time it is used.
+    """Return a CSV file as a DuckDB relation; the file is read again each time the relation is used.
 
     Parameters
     ----------
     connection
         The database.
     path
-        A comma-separated file with a header that contains the named columns.
+        A comma-separated file with a header that contains the columns ``numbers`` and ``texts``.
     numbers, texts
-        The columns of numbers, and the columns of text. All other columns are read as text.
+        Names of the columns that are read as numbers, and of further columns that must exist. All columns
+        except ``numbers`` are read as text.
 
     Raises
     ------
@@ -137,21 +145,22 @@ def read_csv(
 
 
 def literal(values: Iterable[object]) -> str:
-    """Return values as an SQL list of strings, with quotation marks escaped."""
+    """Return values as an SQL list of strings, such as ``['a', 'b']``, with quotation marks escaped."""
     return "[" + ", ".join("'" + str(value).replace("'", "''") + "'" for value in values) + "]"
 
 
 def whole(expression: str, column: str) -> str:
-    """Return an expression in SQL that turns a number into a BIGINT, or ends with an error for `readable`.
+    """Return an SQL expression that converts a whole number of type DOUBLE to a BIGINT.
 
-    A cast that rounds, or that returns NULL where a number is too large, would merge vehicles or lose rows.
+    If the number is not whole or is too large, the query ends with an error, which `readable` converts to an
+    `InputError`. A plain cast would round the number or return NULL, and thereby merge vehicles or lose rows.
 
     Parameters
     ----------
     expression
-        In SQL, of type DOUBLE. NULL, NaN and infinity become NULL, as a cell without a number.
+        SQL expression of type DOUBLE. NULL, NaN and infinity become NULL, like a cell without a number.
     column
-        The column that the user has to correct.
+        Name of the column that the user has to correct, for the error.
     """
     return (
         f"CASE WHEN isfinite({expression}) IS NOT TRUE THEN NULL "
@@ -163,7 +172,13 @@ def whole(expression: str, column: str) -> str:
 
 @contextmanager
 def readable(path: Path) -> Iterator[None]:
-    """Turn a database error about a CSV file into an `InputError`."""
+    """Convert a database error of the ``with`` block, if a CSV file is the cause, to an `InputError`.
+
+    Parameters
+    ----------
+    path
+        The file or folder that is read in the block, for the error.
+    """
     import duckdb
 
     try:

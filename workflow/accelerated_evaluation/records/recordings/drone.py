@@ -1,4 +1,4 @@
-"""Recordings from drones in the formats of the highD family, which are recognised by their columns."""
+"""Recordings from drones in the CSV formats of highD and exiD, which are recognised by their columns."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 TRACKS = "_tracks.csv"
 FILES = "Folder with files *_tracks.csv, *_tracksMeta.csv and *_recordingMeta.csv"
 HIGHD, EXID, CROSSINGS = "highD", "exiD", "inD, rounD and uniD"
-LANES = ("laneletId", "laneChange")  # of exiD; the other later formats have the rest of its columns
+LANES = ("laneletId", "laneChange")  # columns of exiD that the formats in `CROSSINGS` lack
 MARKS = {
     HIGHD: ("id", "x", "laneId"),
     EXID: ("trackId", "xCenter", *LANES),
@@ -40,30 +40,30 @@ LENGTHS_OF = """
     SELECT min(f.{length}) AS length, any_value(lower(m.class)) = 'car' AS is_car
     FROM frames AS f JOIN meta AS m USING (id) GROUP BY id
 """
-LARGEST_RATE = 1000  # frames a second, which no camera of traffic has
+LARGEST_RATE = 1000  # frames per second, more than any traffic camera has
 
 
 @dataclass(frozen=True)
 class Format:
-    """One format of the family: how its files are converted to the tables of `trajectories.changes_of_lane`.
+    """A format of recordings: how its files are converted to the tables of `trajectories.changes_of_lane`.
 
     Parameters
     ----------
     name
         `HIGHD` or `EXID`.
     numbers, texts
-        Columns of *_tracks.csv that are read.
+        Columns of *_tracks.csv that are read as numbers and as text.
     meta_numbers
-        Columns of *_tracksMeta.csv that are read, in addition to ``class``.
+        Columns of *_tracksMeta.csv that are read as numbers, in addition to the text ``class``.
     complete
         SQL condition that a row of ``tracks`` is used.
     frames, meta
         SQL statements that create the tables of these names from the views ``tracks`` and ``meta_file``, with
         the placeholders {rate} and {complete}.
     range_, same_lane
-        As `trajectories.changes_of_lane` takes them.
+        SQL expressions; see `trajectories.changes_of_lane`.
     speeds
-        What the check of the units compares, and what to correct if it fails.
+        Two texts for the check of the units: what is compared, and what the user has to correct.
     length
         The column of ``frames`` with the length of the vehicle along the road [m].
     """
@@ -82,7 +82,7 @@ class Format:
 
 
 def read_recordings(settings: Mapping[str, Any], form: Format) -> pd.DataFrame:
-    """Find the cut-ins in a folder of recordings, one recording after the other.
+    """Return the cut-ins in a folder of recordings; one recording is processed after the other.
 
     Parameters
     ----------
@@ -103,8 +103,8 @@ def read_recordings(settings: Mapping[str, Any], form: Format) -> pd.DataFrame:
     Raises
     ------
     InputError
-        If a file is missing, has another format or cannot be read, a vehicle has no row in *_tracksMeta.csv,
-        or speeds contradict positions.
+        If a file is missing, has another format or cannot be read, if a vehicle has no row in
+        *_tracksMeta.csv, if lengths of vehicles are impossible, or if speeds contradict positions.
     """
     files = recording_files(settings["path"], f"*{TRACKS}", f"data.{SOURCES_OF[form.name]}.path")
     found, counts = [], Counter()
@@ -119,14 +119,14 @@ def read_recordings(settings: Mapping[str, Any], form: Format) -> pd.DataFrame:
 def _read_recording(
     connection: "DuckDBPyConnection", file: Path, settings: Mapping[str, Any], form: Format
 ) -> tuple[pd.DataFrame, dict[str, float]]:
-    """Return the changes of lane of one recording, in order of time, and what was counted and added up."""
+    """Return the changes of lane of one recording in order of time, with counts and sums for the account."""
     name = file.name.removesuffix(TRACKS)
     meta, recording = (file.with_name(f"{name}_{kind}Meta.csv") for kind in ("tracks", "recording"))
     _require_format(file, form)
-    for beside in (meta, recording):
-        if not beside.is_file():
+    for other in (meta, recording):
+        if not other.is_file():
             raise InputError(
-                str(beside),
+                str(other),
                 seen="no such file",
                 expected=f"this file next to {file.name}",
                 change="Add or rename it.",
@@ -151,7 +151,7 @@ def _read_recording(
 
 
 def _require_format(file: Path, form: Format) -> None:
-    """Refuse a file that has another format of the family, and say what can be done with it."""
+    """Raise InputError if a file has another known format, and say what can be done with the file."""
     header = set(header_of(file, ()))
     seen = next((name for name, marks in MARKS.items() if header.issuperset(marks)), form.name)
     if seen == form.name or (seen == CROSSINGS and not header.isdisjoint(LANES)):
@@ -175,7 +175,7 @@ def _require_format(file: Path, form: Format) -> None:
 
 
 def _require_meta(connection: "DuckDBPyConnection", file: Path, meta: Path) -> None:
-    """Raise InputError for vehicles without a class, which could be neither hosts nor cut in."""
+    """Raise InputError if vehicles have no class, because they would count neither as hosts nor as leads."""
     first, count = connection.execute(WITHOUT_META).fetchone()
     if count:
         raise InputError(
@@ -187,21 +187,21 @@ def _require_meta(connection: "DuckDBPyConnection", file: Path, meta: Path) -> N
 
 
 def _require_lengths(connection: "DuckDBPyConnection", file: Path, form: Format) -> None:
-    """Refuse lengths of vehicles that are negative or not in metres."""
+    """Raise InputError if lengths of vehicles are not positive or not in metres."""
     query = LENGTHS_OF.format(length=form.length)
     lengths = connection.execute(query).df()
     require_lengths(str(file), f"column {form.length}", lengths["length"], lengths["is_car"])
 
 
 def _frame_rate(connection: "DuckDBPyConnection", file: Path) -> float:
-    """Return the frames a second of a recording."""
+    """Return the frame rate of a recording [1/s]."""
     with readable(file):
         rates = read_csv(connection, file, ["frameRate"]).project("frameRate").fetchall()
     if len(rates) != 1 or not 0 < (rates[0][0] or 0) <= LARGEST_RATE:
         raise InputError(
             f"{file}, column frameRate",
             seen=", ".join(str(rate) for (rate,) in rates) or "no row",
-            expected=f"one row with the frames a second, above 0 and at most {LARGEST_RATE:,}",
+            expected=f"one row with the frames per second, above 0 and at most {LARGEST_RATE:,}",
             change="Correct the file.",
         )
     return rates[0][0]

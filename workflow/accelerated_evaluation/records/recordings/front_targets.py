@@ -1,7 +1,8 @@
-"""From the targets of a sensor in front of the host to the changes into its path, in SQL.
+"""SQL queries that find changes into the path of the host, from the targets of a forward-looking sensor.
 
-The tables: ``targets`` and ``host`` are a part of the recordings; ``frames`` are the targets that are of use,
-each with the vehicle that it shows; ``changes`` has one row for each time that a vehicle comes into the path.
+The tables ``targets`` and ``host`` contain a part of the recordings. The table ``frames`` contains the usable
+targets, each with the vehicle to which it belongs. The table ``changes`` has one row for each time that a
+vehicle comes into the path.
 """
 
 from collections.abc import Mapping
@@ -14,7 +15,8 @@ from accelerated_evaluation.records.recordings.cut_ins import milliseconds, stay
 if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection
 
-# An obstacle number is used again for another vehicle. A track is what has one number and no gap.
+# The sensor uses an obstacle number again for another vehicle. A track is a sequence of targets with one
+# number and without a gap in time.
 TRACKS = """
     CREATE OR REPLACE TEMP TABLE tracks AS
     SELECT * EXCLUDE (before, range_before, rate_before), range - range_before AS moved,
@@ -31,9 +33,10 @@ TRACKS = """
     )
 """
 
-# A track that begins where another one was about to be, just after it ended, is the same vehicle. The two
-# must be each other's best match. Ends and beginnings are brought together by slices of time, so that the
-# work does not grow with the square of the length of a trip.
+# Two tracks belong to one vehicle if the second one begins soon after the end of the first one, near the
+# position that the last range and range rate of the first one predict. The two must be each other's best
+# match. Ends and beginnings are joined by slices of time, so that the work does not grow with the square of
+# the length of a trip.
 LINKS = """
     CREATE OR REPLACE TEMP TABLE links AS
     WITH ends AS (
@@ -57,7 +60,7 @@ LINKS = """
             ORDER BY error, a.until DESC, a.obstacle) = 1
 """
 
-# A vehicle is called after its first track.
+# The identifier of a vehicle is the obstacle number of its first track and the time at which it begins.
 FRAMES = """
     CREATE OR REPLACE TEMP TABLE frames AS
     WITH RECURSIVE chains AS (
@@ -76,7 +79,8 @@ FRAMES = """
     WHERE NOT t.repeated
 """
 
-# Each change has the vehicle that was in the path in the row before: did it uncover this one when it left?
+# Each change also has the vehicle that was in the path in the row before (``other``). If that vehicle was
+# nearer, it may have uncovered this one by leaving the path.
 CHANGES = """
     CREATE OR REPLACE TEMP TABLE changes AS
     WITH in_path AS (
@@ -125,14 +129,14 @@ COUNTS = """
     FROM targets
 """
 STEADY = (
-    "NOT repeated AND time > since AND abs(moved) < 5"  # [m]; a range that jumps says nothing about units
+    "NOT repeated AND time > since AND abs(moved) < 5"  # [m]; ranges that jump are not used to check units
 )
 
 
 def changes_into_path(
     connection: "DuckDBPyConnection", settings: Mapping[str, Any]
 ) -> tuple[pd.DataFrame, dict[str, float]]:
-    """Find the changes into the path of the host in a part of the recordings.
+    """Return the changes into the path of the host in a part of the recordings.
 
     Parameters
     ----------
@@ -143,9 +147,11 @@ def changes_into_path(
 
     Returns
     -------
-    tuple
-        One row a change, with columns of `CANDIDATES`: SI units, times in milliseconds, and a boolean column
-        for each reason not to be a cut-in. And the counts and sums of `COUNTS`.
+    candidates : pandas.DataFrame
+        One row for each change, with the columns of the query `CANDIDATES`: quantities in SI units, times in
+        milliseconds, and a boolean column for each reason why a change is not a cut-in.
+    counts : dict of str to float
+        Counts and sums for the account, as the query `COUNTS` returns them.
     """
     rule, link = settings["rule"], settings["link"]
     types = [int(type_) for type_ in settings["target_types"]]

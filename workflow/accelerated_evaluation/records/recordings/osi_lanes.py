@@ -1,6 +1,6 @@
-"""Lanes of ASAM OSI, whose pieces have different numbers and are joined here.
+"""Join the pieces of lanes in ASAM OSI traces.
 
-A lane ends where the road has a new section, and continues under another number.
+In OSI, a lane ends where a new section of the road begins, and continues under another number.
 """
 
 from collections import defaultdict
@@ -12,10 +12,11 @@ if TYPE_CHECKING:  # an optional extra
 
 
 def joined_lanes(lanes: Iterable["Lane"]) -> dict[int, int]:
-    """Return the number of the lane for each piece of a lane: the smallest number among its pieces.
+    """Return a mapping from the number of each piece to the number of its lane.
 
-    Two pieces belong to one lane if each is the only continuation of the other. Where a lane splits, or lanes
-    merge, a new lane begins, because it is undefined which of them continues.
+    Two pieces belong to one lane if each is the only continuation of the other. The number of a lane is the
+    smallest number of its pieces. If a lane splits or lanes merge, a new lane begins, because it is undefined
+    which of the lanes continues.
     """
     ends: dict[int, tuple[set[int], set[int]]] = defaultdict(lambda: (set(), set()))
     for lane in lanes:
@@ -31,7 +32,7 @@ def joined_lanes(lanes: Iterable["Lane"]) -> dict[int, int]:
 
 
 def _reached(lane: int, ends: Mapping[int, tuple[set[int], set[int]]]) -> set[int]:
-    """Return the pieces that are one lane with a piece."""
+    """Return the pieces that belong to the same lane as the piece ``lane``, including this piece."""
     found, waiting = {lane}, [lane]
     while waiting:
         here = waiting.pop()

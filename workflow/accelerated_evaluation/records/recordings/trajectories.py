@@ -1,10 +1,13 @@
-"""Cut-ins in trajectories of all vehicles on a road: the parts that the readers of several formats share.
+"""Cut-ins in trajectories of all vehicles on a road: the functions that several formats share.
 
-A reader fills two tables. ``frames`` has a row for each vehicle and frame: ``id``, ``time`` [ms], ``lane``,
-``host`` (the vehicle behind in the same lane, if any), ``velocity`` [m/s], ``x`` [m] along the road,
-``moved`` and ``reported`` (the change of x since the previous frame, measured and computed from the
-velocity), and ``seen`` (the time when the vehicle was first in view). ``meta`` has ``id`` and ``class`` of
-each vehicle. ``tracks`` contains the rows that were read.
+The reader of a format creates three tables:
+
+- ``tracks`` contains the rows that were read.
+- ``frames`` has a row for each vehicle and frame: ``id``, ``time`` [ms], ``lane``, ``host`` (the vehicle
+  behind in the same lane, if any), ``velocity`` [m/s], ``x`` [m] along the road, ``moved`` and ``reported``
+  (the change of x [m] since the previous frame, measured and computed from the velocity), and ``seen`` (the
+  time [ms] when the vehicle was first in view).
+- ``meta`` has ``id`` and ``class`` of each vehicle.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,7 +31,7 @@ if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection
 
 OUTPUT = ("lead_speed", "range", "closing_speed", "host_speed", "recording", "time", "vehicle", "host")
-# Rows of a vehicle and frame occur twice in some recordings; ``copy`` numbers them, and the first one counts.
+# In some recordings a vehicle has several rows for one frame. ``copy`` numbers them; the first one is used.
 FRAMES = """
     CREATE OR REPLACE TEMP TABLE frames AS
     SELECT * EXCLUDE (copy), x - lag(x) OVER one AS moved,
@@ -84,7 +87,8 @@ def trajectory_keys(
     lead_classes, host_classes
         Default classes of the vehicles that cut in, and of the hosts.
     of
-        Origin of the names of the classes, as words that follow "Classes".
+        Words that follow "Classes" in the description of ``lead_classes`` and say where the names of the
+        classes come from.
     """
     host = "Classes of the vehicles before which they count, and whose driving is the exposure."
     lead = f"Classes{of} of the vehicles whose cut-ins count."
@@ -111,17 +115,25 @@ def changes_of_lane(
     Parameters
     ----------
     connection
-        The database with the tables of the reader.
+        The database with the tables ``tracks``, ``frames`` and ``meta``; see the module.
     settings
-        Section of the source.
+        Section of the source in the configuration.
     range_
-        SQL expression of the range [m], from the frames ``f`` of the vehicle, ``h`` of its host, and ``m`` of
-        its meta data.
+        SQL expression of the range [m]. It may use the frame ``f`` of the vehicle, the frame ``h`` of its
+        host, and the row ``m`` of the vehicle in ``meta``.
     complete
-        SQL condition that a row of ``tracks`` was used.
+        SQL condition that a row of ``tracks`` is used.
     same_lane
-        SQL condition that the host is in the lane of the vehicle. It must be stated if the numbers in
+        SQL condition that the host is in the lane of the vehicle. It must be given if the numbers in
         ``lane`` are relative to each vehicle.
+
+    Returns
+    -------
+    candidates : pandas.DataFrame
+        One row for each first frame of a vehicle in a lane, with the columns of the query `CANDIDATES`:
+        quantities in SI units, ``time`` [ms], and a boolean column for each reason why it is not a cut-in.
+    counts : dict of str to float
+        Counts and sums for the account, as the query `COUNTS` returns them.
     """
     rule, settled = settings["rule"], milliseconds(settings["settled"])
     classes = {key: literal(settings[key]) for key in ("lead_classes", "host_classes")}
@@ -144,11 +156,16 @@ def cut_ins_of(
     Parameters
     ----------
     found
-        Changes of lane by recording, with the column ``recording``.
+        Changes of lane of each recording, as `changes_of_lane` returns them, with the column ``recording``.
     counts
-        The counts of all recordings together.
+        The counts of `changes_of_lane`, added up over all recordings.
     settings
-        Section of the source.
+        Section of the source in the configuration.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns `OUTPUT`; see `cut_ins.finished` for the attributes.
     """
     account = _account(counts)
     candidates = with_names(pd.concat(found), "recording {recording} vehicle {vehicle} at {time:g} s")
@@ -162,7 +179,7 @@ def cut_ins_of(
 
 
 def _account(counts: Mapping[str, float]) -> Account:
-    """Begin the account with what is no first frame in a lane."""
+    """Begin the account with the rows that are not the first frame of a vehicle in a lane."""
     read, incomplete, used, stays = (int(counts[name]) for name in ("read", "incomplete", "used", "stays"))
     account = Account(read)
     account.enter(incomplete, step="read", reason="a missing or infinite value")
@@ -174,7 +191,7 @@ def _account(counts: Mapping[str, float]) -> Account:
 
 
 def _reasons(settings: Mapping[str, Any]) -> dict[tuple[str, str], str]:
-    """Return why a first frame in a lane is no cut-in, in the order in which reasons are looked at."""
+    """Return the reasons why a first frame in a lane is not a cut-in, in the order of their application."""
     return {
         ("lane", "in the lane when first seen"): "first_lane",
         ("lane", f"in the lane for less than {settings['rule']['stay']:g} s"): "brief",

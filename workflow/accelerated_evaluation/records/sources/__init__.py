@@ -3,11 +3,12 @@
 A source is a function ``read(settings)`` with the decorator `source`, which states the keys of its section.
 The function takes its section of the configuration, ``data.<name>``, and returns the unfiltered records:
 three columns as `encounter_table.complete` takes them, and an index ``row`` that counts from 1. Further
-columns may locate a record in its origin; they are not used otherwise. The section has the keys
-``description``, ``path`` and ``outlier_rows``, and any other key that the source needs, such as ``exposure``.
+columns may say where in the original data a record was found; they are not used in computations. The section
+has the keys ``description``, ``path`` and ``outlier_rows``, and any other key that the source needs, such as
+``exposure``.
 
-A source that finds cut-ins in recordings also returns, as attributes, the account of dropped rows, and the
-time and distance that the hosts drove; see `recordings.cut_ins.finished`.
+A source that finds cut-ins in recordings also returns the account of dropped rows, and the time and distance
+that the hosts drove. Both are attributes of the table; see `recordings.cut_ins.finished`.
 """
 
 from collections.abc import Callable, Mapping
@@ -22,7 +23,7 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.base.sections import Check, Schema, listed, number, section, text
 
-RECORDINGS = (".csv", ".mcap", ".osi")  # endings of files that some source reads from a folder
+RECORDINGS = (".csv", ".mcap", ".osi")  # endings of the names of files that sources read from a folder
 UNKNOWN: Mapping[str, float | None] = {"kilometres": None, "hours": None}
 Reader = Callable[[Mapping[str, Any]], pd.DataFrame]
 
@@ -34,13 +35,13 @@ class Source:
     Attributes
     ----------
     read
-        Takes the section of the source and returns the records.
+        Function that takes the section of the source in the configuration and returns the records.
     files
-        What ``path`` has to name, in words.
+        Kind of file or folder that the key ``path`` names, for messages.
     section
         Schema of the section, with defaults.
     checks
-        Further conditions on the keys of the section.
+        Conditions on several keys of the section, which the schema cannot state.
     """
 
     read: Reader
@@ -53,7 +54,13 @@ SOURCES: Registry[Source] = Registry("source", __name__, __path__)
 
 
 def exposure(kilometres: float | None = None, hours: float | None = None) -> Schema:
-    """Return the schema of the distance and time in which the records were made, with the given defaults."""
+    """Return the schema of the section ``exposure``: distance [km] and time [h] in which records were made.
+
+    Parameters
+    ----------
+    kilometres, hours
+        Default values; None if they are unknown.
+    """
 
     def measure(default: float | None, what: str) -> Schema:
         description = f"{what}, null if it is not known."
@@ -86,9 +93,9 @@ def source(
     files
         Kind of file or folder that ``path`` names, such as ``"CSV file"``.
     path, outlier_rows
-        Defaults of these two keys.
+        Default values of these two keys.
     checks
-        Further conditions on the keys of the section.
+        Conditions on several keys of the section, which the schema cannot state.
     keys
         Schemas, with defaults, of the keys that the source has in addition to ``description``, ``path`` and
         ``outlier_rows``.
@@ -100,7 +107,7 @@ def source(
         "outlier_rows": listed(
             outlier_rows,
             row,
-            "Rows of the encounter table, counted from 1, that are left out for one try of the sensitivity.",
+            "Rows of the encounter table, counted from 1, that one variant of the sensitivity study omits.",
             fewest=0,
         ),
     }
@@ -120,7 +127,7 @@ def read_source(data: Mapping[str, Any], generator: np.random.Generator) -> pd.D
     data
         Section ``data`` of a valid configuration.
     generator
-        Draws the sample, if ``data.sample`` states a size.
+        Random generator for the sample, if ``data.sample`` states a size.
 
     Returns
     -------
@@ -132,7 +139,7 @@ def read_source(data: Mapping[str, Any], generator: np.random.Generator) -> pd.D
     Raises
     ------
     InputError
-        If the source has fewer records than the size of the sample, or cannot be read.
+        If the source cannot be read, or has fewer records than the size of the sample.
     """
     settings = data[data["source"]]
     raw = SOURCES[data["source"]].read(settings)
@@ -153,12 +160,15 @@ def read_source(data: Mapping[str, Any], generator: np.random.Generator) -> pd.D
 
 
 def record_files(settings: Mapping[str, Any]) -> list[str]:
-    """Return the files that a source reads: that of its path, or all recordings if it is a folder.
+    """Return the paths of the files that a source reads.
+
+    They are the file that the key ``path`` names or, if ``path`` is a folder, all files in the folder whose
+    ending is in `RECORDINGS`.
 
     Parameters
     ----------
     settings
-        Section of the source.
+        Section of the source in the configuration.
     """
     path = Path(settings["path"])
     if not path.is_dir():
@@ -167,7 +177,7 @@ def record_files(settings: Mapping[str, Any]) -> list[str]:
 
 
 def describe(data: Mapping[str, Any]) -> str:
-    """Return what outputs call the data of a study: the source's description, and whether it is a sample.
+    """Return the name of the data in outputs: the description of the source, and the size of a sample.
 
     Parameters
     ----------

@@ -1,4 +1,7 @@
-"""Trajectories at motorway entries and exits, in the CSV format of exiD: roads bend, lanes are in pieces."""
+"""Trajectories at motorway entries and exits in the CSV format of exiD.
+
+In this format roads may bend, and lanes consist of pieces (lanelets).
+"""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,7 +15,7 @@ from accelerated_evaluation.records.sources import source
 
 NUMBERS = ("trackId", "frame", "xCenter", "yCenter", "heading", "length", "lonVelocity", "laneChange")
 NEIGHBOURS = ("leadId", "rearId")  # -1, or empty, if there is none
-# Where lanelets overlap, a cell has a value for each of them, with semicolons between. The vehicle is in the
+# If lanelets overlap, a cell has a value for each of them, separated by semicolons. The vehicle is in the
 # lane whose middle is nearest.
 OFFSET = (
     "list_reduce(CAST(string_split(latLaneCenterOffset, ';') AS DOUBLE[]), "
@@ -20,12 +23,13 @@ OFFSET = (
 )
 COMPLETE = "coalesce(" + " AND ".join(f"isfinite({column})" for column in NUMBERS) + ", FALSE)"
 COMPLETE += f" AND coalesce(isfinite({OFFSET}), FALSE) AND laneletId IS NOT NULL"
-# A lane continues from lanelet to lanelet, so a change of laneletId alone is not a change of lane.
-# A flag that stays up in the same lanelet is one change.
+# A lane continues from lanelet to lanelet, so a change of laneletId alone is not a change of lane. If the
+# flag laneChange is set in several consecutive frames of one lanelet, they are one change.
 CHANGED = "laneChange = 1 AND (lag(laneChange) OVER one = 0 OR laneletId <> lag(laneletId) OVER one)"
-# `lane` counts how many lanes further to the left a vehicle is than when it was first seen. In a change to
-# the left it is left of the middle of its lane before, and right of it after. So a vehicle that comes back
-# has the number of before, as the rule of an absence needs.
+# `lane` is the number of lanes by which the vehicle is further to the left than when it was first seen. In a
+# change to the left, the vehicle is left of the middle of its lane before the change, and right of the middle
+# of its new lane after the change. A vehicle that returns to a lane has the same number again, so that short
+# absences can be recognised.
 FRAMES = f"""
     CREATE OR REPLACE TEMP TABLE frames AS
     SELECT * EXCLUDE (side), sum(side) OVER one AS lane, min(time) OVER (PARTITION BY id) AS seen,
@@ -53,9 +57,9 @@ META = """
     CREATE OR REPLACE TEMP TABLE meta AS
     SELECT DISTINCT ON (trackId) trackId AS id, class FROM meta_file ORDER BY trackId, class
 """
-# The distance of the two along the road is the length of the arc of a circle that has the heading of each
-# vehicle where it is. On a straight road that is the distance along the heading.
-HALF = "radians((f.heading - h.heading + 540) % 360 - 180) / 2"  # half of the turn from the host to the other
+# The distance of two vehicles along the road is the length of the arc of a circle that has the headings of
+# the vehicles as tangents. On a straight road this is the distance along the heading.
+HALF = "radians((f.heading - h.heading + 540) % 360 - 180) / 2"  # half of the difference of headings [rad]
 MEAN = f"(radians(h.heading) + {HALF})"
 RANGE = f"""
     ((f.xCenter - h.xCenter) * cos{MEAN} + (f.yCenter - h.yCenter) * sin{MEAN})
@@ -87,10 +91,10 @@ FORMAT = drone.Format(
     **trajectory_keys(["car", "van", "truck"], ["car"]),
 )
 def read(settings: Mapping[str, Any]) -> pd.DataFrame:
-    """Find the cut-ins in recordings in the format of exiD.
+    """Return the cut-ins in recordings in the format of exiD.
 
-    The rule is that of `highd`. The host is the vehicle that ``rearId`` names in the first frame in the new
-    lane, provided that its ``leadId`` names the vehicle that cuts in. See `recordings.drone.read_recordings`
-    for the result and the errors.
+    A cut-in is defined as in the source `highd`. The host is the vehicle that ``rearId`` names in the first
+    frame in the new lane, provided that the ``leadId`` of the host names the vehicle that cuts in. See
+    `recordings.drone.read_recordings` for parameters, result and errors.
     """
     return drone.read_recordings(settings, FORMAT)

@@ -13,8 +13,8 @@ from accelerated_evaluation.records.recordings.database import whole
 from accelerated_evaluation.records.recordings.trajectories import trajectory_keys
 from accelerated_evaluation.records.sources import source
 
-# In the format `x` is the left end of the bounding box and `width` its length along the road. Vehicles of
-# direction 1 drive to the left, so that their front is at x; those of direction 2 drive to the right.
+# In this format `x` is the left end of the bounding box and `width` is its length along the road. Vehicles of
+# direction 1 drive to the left, so their front is at x. Vehicles of direction 2 drive to the right.
 COLUMNS = ("frame", "id", "x", "width", "xVelocity", "followingId", "laneId")
 FRAMES = trajectories.FRAMES.format(
     rows=f"""
@@ -54,10 +54,10 @@ FORMAT = drone.Format(
     **trajectory_keys(["Car", "Truck"], ["Car"]),
 )
 def read(settings: Mapping[str, Any]) -> pd.DataFrame:
-    """Find the cut-ins in recordings in the format of highD.
+    """Return the cut-ins in recordings in the format of highD.
 
-    A change of lane is a cut-in in front of the host, which is the vehicle behind in the new lane. Each
-    vehicle of the host classes can be cut in on as long as it is in view, so all of this time counts as
-    exposure. See `recordings.drone.read_recordings` for the result and the errors.
+    A vehicle that changes into another lane cuts in before the vehicle behind it in the new lane, the host.
+    The exposure is the time and distance that all vehicles of the host classes drive while in view. See
+    `recordings.drone.read_recordings` for parameters, result and errors.
     """
     return drone.read_recordings(settings, FORMAT)

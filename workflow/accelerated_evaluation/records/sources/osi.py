@@ -1,4 +1,4 @@
-"""Trajectories of all vehicles in traces of ASAM OSI, for example of omega-prime.
+"""Trajectories of all vehicles in traces of ASAM OSI, for example traces that omega-prime writes.
 
 Each vehicle is treated as a host in turn.
 """
@@ -32,7 +32,7 @@ ENDINGS = (".mcap", ".osi")
 CARS = ("SMALL_CAR", "COMPACT_CAR", "CAR", "LUXURY_CAR")
 BATCH = 100_000  # rows in memory at a time
 COMPLETE = "coalesce(isfinite(x) AND isfinite(velocity), FALSE) AND lane IS NOT NULL"
-# `x` is how far the vehicle has driven in view, so that roads may bend.
+# `x` is the distance that the vehicle has driven while in view, so that roads may bend.
 TRACKS = """
     CREATE OR REPLACE TEMP TABLE tracks
     (id BIGINT, time BIGINT, lane BIGINT, x DOUBLE, velocity DOUBLE, host BIGINT, gap DOUBLE)
@@ -54,10 +54,10 @@ FRAMES = trajectories.FRAMES.format(
     ),
 )
 def read(settings: Mapping[str, Any]) -> pd.DataFrame:
-    """Find the cut-ins in traces of GroundTruth messages, one trace after the other.
+    """Return the cut-ins in OSI traces of GroundTruth messages; one trace is processed after the other.
 
-    The rule is that of `highd`. The host is the nearest vehicle behind in the same lane. The range is the
-    distance between the bounding boxes of both, along the heading of the host.
+    A cut-in is defined as in the source `highd`. The host is the nearest vehicle behind in the same lane. The
+    range is the distance between the bounding boxes of the two vehicles along the heading of the host.
 
     Parameters
     ----------
@@ -72,7 +72,8 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
     Raises
     ------
     InputError
-        If a file cannot be read, has no vehicle in a lane, or its speeds contradict its positions.
+        If there is no trace, or if a trace cannot be read, has no vehicle in a lane, or has speeds that
+        contradict the positions.
     StudyError
         If the library betterosi is not installed.
     """
@@ -103,13 +104,13 @@ def _files(folder: str) -> list[Path]:
 
 
 def _require_use(where: str, counts: Mapping[str, float]) -> None:
-    """Refuse a trace without vehicles in lanes, and one whose units are mixed up."""
+    """Raise InputError if a trace has no vehicle in a lane, or if speeds contradict positions."""
     if not counts["used"]:
         raise InputError(
             where,
             seen=f"{counts['read']:,.0f} positions of vehicles, of which none is complete",
             expected="moving objects with position, velocity, orientation and assigned_lane_id",
-            change="Let the tool that wrote the trace give all four.",
+            change="Configure the tool that wrote the trace to write all four.",
         )
     require_agreement(
         where,
@@ -121,7 +122,7 @@ def _require_use(where: str, counts: Mapping[str, float]) -> None:
 
 
 def _read_trace(connection: "DuckDBPyConnection", file: Path) -> None:
-    """Fill the table ``tracks`` with a trace, and ``meta`` with the class of each vehicle."""
+    """Fill the table ``tracks`` with the rows of a trace, and ``meta`` with the class of each vehicle."""
     connection.execute(TRACKS)
     rows: list[tuple] = []
     classes: dict[int, str] = {}
@@ -156,7 +157,7 @@ def _store(connection: "DuckDBPyConnection", rows: list[tuple]) -> None:
 
 
 def _messages(file: Path) -> Iterator["GroundTruth"]:
-    """Yield the GroundTruth messages of a trace, also those that are within SensorView messages."""
+    """Yield the GroundTruth messages of a trace, including those inside SensorView messages."""
     try:
         import betterosi
     except ImportError as error:
@@ -166,7 +167,7 @@ def _messages(file: Path) -> Iterator["GroundTruth"]:
         ) from error
     try:
         yield from betterosi.read(str(file), return_ground_truth=True)
-    except Exception as error:  # of whatever kind the libraries of both formats have for a damaged file
+    except Exception as error:  # the libraries of the two formats raise various errors for a damaged file
         raise InputError(
             str(file),
             seen=f"{type(error).__name__}: {error}",
@@ -181,16 +182,17 @@ def _rows_of(
     lanes: Mapping[int, int],
     driven: dict[int, tuple[float, float, float]],
 ) -> Iterator[tuple]:
-    """Yield the rows of one message, and bring up to date how far each vehicle has driven.
+    """Yield the rows of one message, and update the distance that each vehicle has driven.
 
     Parameters
     ----------
     message, vehicles
         The message, and its vehicles.
     lanes
-        The lane that each piece of a lane belongs to.
+        Mapping from the number of each piece of a lane to the number of the lane; see `joined_lanes`.
     driven
-        Distance [m] and last position [m] of each vehicle.
+        Mapping from the number of each vehicle to the distance driven [m] and the last position x, y [m]. It
+        is updated.
     """
     time = 1000 * message.timestamp.seconds + round(message.timestamp.nanos / 1e6)
     numbers = np.array([_numbers(one) for one in vehicles]).reshape(-1, 6).T
@@ -209,7 +211,7 @@ def _rows_of(
 
 
 def _numbers(one: "MovingObject") -> list[float]:
-    """Return x, y [m], yaw [rad], velocity in x and y [m/s], length [m]; NaN for what is left out."""
+    """Return x, y [m], yaw [rad], velocity in x and y [m/s] and length [m]; NaN for missing values."""
     base = one.base
     parts = (base.position, "x"), (base.position, "y"), (base.orientation, "yaw")
     parts += (base.velocity, "x"), (base.velocity, "y"), (base.dimension, "length")
@@ -217,7 +219,7 @@ def _numbers(one: "MovingObject") -> list[float]:
 
 
 def _lane(one: "MovingObject", lanes: Mapping[int, int]) -> int | None:
-    """Return the lane of a vehicle: the first that is assigned, in the newer field or the older one."""
+    """Return the first lane that a vehicle is assigned to, in the newer or the older field of OSI."""
     newer = one.moving_object_classification
     assigned = [*(newer.assigned_lane_id if newer else ()), *one.assigned_lane_id]
     return lanes.get(assigned[0].value, assigned[0].value) if assigned else None
@@ -226,8 +228,11 @@ def _lane(one: "MovingObject", lanes: Mapping[int, int]) -> int | None:
 def _hosts(
     x: np.ndarray, y: np.ndarray, yaw: np.ndarray, length: np.ndarray, lane: list[int | None]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the index of the vehicle behind each in its lane, -1 for none, and the range to it [m]."""
-    along = np.cos(yaw) * (x[:, None] - x) + np.sin(yaw) * (y[:, None] - y)  # of row, ahead of column
+    """Return, for each vehicle, the index of the nearest vehicle behind in its lane and the range to it [m].
+
+    The index is -1 and the range is NaN if there is no vehicle behind.
+    """
+    along = np.cos(yaw) * (x[:, None] - x) + np.sin(yaw) * (y[:, None] - y)  # row vehicle ahead of column one
     same = np.array([[a is not None and a == b for b in lane] for a in lane])
     is_behind = same & (along > 0) & (np.cos(yaw[:, None] - yaw) > 0)
     distance = np.where(is_behind, along, np.inf)

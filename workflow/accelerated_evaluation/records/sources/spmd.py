@@ -20,7 +20,7 @@ COLUMNS = ("lead_speed", "inverse_range", "inverse_ttc")
     description="Safety Pilot Model Deployment (real events)",
     files="Parquet file of the recorded lane changes, which is part of the repository",
     path="data/spmd/cut_ins.parquet",
-    outlier_rows=(26382, 114923, 117159),  # which the authors' later code leaves out
+    outlier_rows=(26382, 114923, 117159),  # the later code of the paper's authors leaves these rows out
     sha256=text(
         "d3775682fe969584c219ded2dd8967ab77dd509dcf99fbf7a4a96713dacde471",
         "Checksum of the file, 64 hexadecimal digits.",
@@ -39,8 +39,8 @@ def read(settings: Mapping[str, str]) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        ``lead_speed`` [m/s], ``inverse_range`` [1/m] and ``inverse_ttc`` [1/s] as in the file; index ``row``
-        from 1.
+        ``lead_speed`` [m/s], ``inverse_range`` [1/m] and ``inverse_ttc`` [1/s] as in the file; the index
+        ``row`` counts from 1.
 
     Raises
     ------

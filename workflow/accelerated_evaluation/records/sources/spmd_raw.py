@@ -1,4 +1,4 @@
-"""Raw recordings of the Safety Pilot Model Deployment: targets in front of the host, and the host itself."""
+"""Raw recordings of the Safety Pilot Model Deployment: targets of a forward sensor, and host speeds."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection, DuckDBPyRelation
 
 TARGETS, HOST = "DataFrontTargets*.csv", "DataWsu*.csv"
-PART = 150_000_000  # bytes of targets, about three million rows, that are worked on at a time
+PART = 150_000_000  # bytes of targets, about three million rows, that are processed at a time
 OUTPUT = ("lead_speed", "range", "closing_speed", "host_speed", "device", "trip", "time", "vehicle")
 
 KEYS = {
@@ -48,31 +48,41 @@ KEYS = {
     ),
     "rule": RULE,
     "link": section(
-        time=number(0.5, 0, 10, "Time [s] within which a lost vehicle is found again under another number."),
-        range=number(3, 0, 100, "Largest difference from where its range and range rate put it [m]."),
+        time=number(
+            0.5, 0, 10, "Longest time [s] after which a lost vehicle is recognised under another number."
+        ),
+        range=number(
+            3, 0, 100, "Largest difference [m] from the range that its last range and range rate predict."
+        ),
         transversal=number(1, 0, 100, "Largest difference of its lateral position [m]."),
     ),
     "uncovered": choice(
         "drop",
         ("drop", "keep"),
-        "What becomes of a vehicle that is the nearest in the path because a nearer one has just left it.",
+        "Whether to drop or keep a vehicle that is the nearest in the path only because a nearer one has "
+        "just left it.",
     ),
     "aside": section(
-        time=number(3, 0, 60, "Time before a change into the path [s] in which the vehicle was next to it."),
-        transversal=number(1, 0, 100, "Smallest lateral offset in that time [m]; 0 asks for nothing."),
+        time=number(
+            3, 0, 60, "Time before a change into the path [s] in which the vehicle must have been next to it."
+        ),
+        transversal=number(
+            1, 0, 100, "Largest lateral offset in that time must be at least this [m]; 0 for no condition."
+        ),
     ),
-    "host_gap": number(0.2, 0, 10, "Largest age of the host speed that a cut-in is given [s]."),
+    "host_gap": number(0.2, 0, 10, "Largest age [s] of the host speed that is used for a cut-in."),
     "turn_signal": number(
         3,
         0,
         60,
-        "A change into the path so soon after a turn signal of the host [s] is a manoeuvre of the host; null "
-        "to count it.",
+        "A change into the path within this time [s] after a turn signal of the host is a manoeuvre of the "
+        "host and no cut-in; null to count it.",
         null=True,
     ),
 }
 
-# The tables as the rule needs them. Each row goes to the part that has all of its trip.
+# Columns of the two kinds of files, and queries that convert them to the tables ``targets`` and ``host``. All
+# rows of a trip are assigned to the same part.
 TARGET_COLUMNS = (
     "Device",
     "Trip",
@@ -134,11 +144,11 @@ EXPOSURE = """
     **KEYS,
 )
 def read(settings: Mapping[str, Any]) -> pd.DataFrame:
-    """Find the cut-ins in raw recordings, which may be larger than the memory.
+    """Return the cut-ins in raw recordings, which may be larger than the memory.
 
-    The rows are first sorted into parts on the disk, so that each trip is in one part, and the parts are then
-    processed one after the other. Time and temporary files grow in proportion to the number of rows, but the
-    memory does not.
+    The rows are first sorted into parts on the disk, so that each trip is in one part. The parts are then
+    processed one after the other. Computing time and temporary files grow in proportion to the number of
+    rows, but the memory does not.
 
     Parameters
     ----------
@@ -156,7 +166,7 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
     Raises
     ------
     InputError
-        If a file is missing or cannot be read, or a unit cannot be the configured one.
+        If a file is missing or cannot be read, or if recorded quantities contradict the configured units.
     """
     folder, key = settings["path"], "data.spmd_raw.path"
     targets, hosts = (recording_files(folder, pattern, key) for pattern in (TARGETS, HOST))
@@ -195,7 +205,7 @@ def _host_query(settings: Mapping[str, Any], parts: int) -> str:
 def _sort_into_parts(
     connection: "DuckDBPyConnection", files: Sequence[Path], folder: Path, select: str, columns: Sequence[str]
 ) -> None:
-    """Write the rows of some files as Parquet, a folder for each part, below a folder for each file."""
+    """Write the rows of the files as Parquet, in a folder for each file with a subfolder for each part."""
     size = sum(file.stat().st_size for file in files)
     with tqdm(
         desc=f"sort {folder.name}", total=size, unit="B", unit_scale=True, delay=1, disable=None
@@ -220,7 +230,7 @@ def _sort_into_parts(
 def _work(
     connection: "DuckDBPyConnection", folder: Path, parts: int, settings: Mapping[str, Any]
 ) -> tuple[list[pd.DataFrame], Counter]:
-    """Find the changes into the path in each part, and add up the counts and the exposure of all."""
+    """Return the changes into the path in each part, and counts and exposure added up over all parts."""
     tables = {
         name: f"read_parquet({literal([folder / name / '*/*/*.parquet'])}, hive_partitioning = TRUE)"
         for name in ("targets", "host")
@@ -238,7 +248,7 @@ def _work(
 
 
 def _require_units(folder: str, counts: Mapping[str, float], unit: str) -> list[str]:
-    """Refuse units that contradict each other; return warnings about those that cannot be compared."""
+    """Raise InputError if units contradict each other; return warnings about units that cannot be checked."""
     require_agreement(
         folder,
         moved=counts["moved"],
@@ -262,7 +272,7 @@ def _require_units(folder: str, counts: Mapping[str, float], unit: str) -> list[
 
 
 def _account(counts: Mapping[str, float]) -> Account:
-    """Begin the account with what is no change into the path."""
+    """Begin the account with the rows that are not the first frame of a vehicle in the path."""
     account = Account(int(counts["read"]))
     used = counts["read"]
     for name, step, reason in (
@@ -282,7 +292,7 @@ def _account(counts: Mapping[str, float]) -> Account:
 
 
 def _reasons(settings: Mapping[str, Any]) -> dict[tuple[str, str], str]:
-    """Return why a change into the path is no cut-in, in the order in which they are looked at."""
+    """Return the reasons why a change into the path is not a cut-in, in the order of their application."""
     aside, stay = settings["aside"], settings["rule"]["stay"]
     uncovered = ("path", "uncovered by a nearer vehicle that left the path")
     return {

@@ -12,7 +12,7 @@ from accelerated_evaluation.base.tables import read_csv, read_parquet, require_f
 from accelerated_evaluation.base.units import INVERSE_LENGTH, INVERSE_TIME, LENGTH, SPEED, TIME
 from accelerated_evaluation.records.sources import exposure, source
 
-# By quantity, the quantities that a column may hold, each with its units.
+# For each quantity: the quantities that its column may contain (itself or its inverse), and their units.
 UNITS = {
     "lead_speed": {"lead_speed": SPEED},
     "range": {"range": LENGTH, "inverse_range": INVERSE_LENGTH},
@@ -23,7 +23,7 @@ UNITS = {
 
 
 def _column(name: str, unit: str, name_of: str, unit_of: str, quantities: Iterable[str]) -> dict[str, Schema]:
-    """Return the keys that describe a column: its name and unit, and what these mean."""
+    """Return the schemas of the keys ``name`` and ``unit`` of a column, given defaults and descriptions."""
     units = [unit for quantity in quantities for factors in UNITS[quantity].values() for unit in factors]
     return {"name": text(name, name_of), "unit": choice(unit, dict.fromkeys(units), unit_of)}
 
@@ -32,7 +32,7 @@ CLOSING = ("closing_speed", "range_rate", "ttc")
 QUANTITY = choice(
     "closing_speed",
     CLOSING,
-    "What it holds: closing speed, range rate (negative when closing) or TTC (eq. 1).",
+    "Quantity in this column: closing speed, range rate (negative when closing) or TTC (eq. 1).",
 )
 COLUMNS = section(
     lead_speed=section(
@@ -43,7 +43,7 @@ COLUMNS = section(
             "range",
             "m",
             "Column of the range R, or of its inverse.",
-            "Its unit; 1/m and 1/ft say that the column holds R^-1.",
+            "Its unit; 1/m and 1/ft mean that the column contains R^-1.",
             ["range"],
         )
     ),
@@ -51,8 +51,8 @@ COLUMNS = section(
         **_column(
             "closing_speed",
             "m/s",
-            "Column that says how fast the gap closes.",
-            "Its unit; 1/s says that the column holds TTC^-1.",
+            "Column of the closing speed, range rate or TTC.",
+            "Its unit; 1/s means that the column contains TTC^-1.",
             CLOSING,
         ),
         quantity=QUANTITY,
@@ -75,7 +75,7 @@ def _is_unit_of(quantity: str, unit: str) -> bool:
     exposure=exposure(),
     columns=COLUMNS,
     checks=(
-        Check(("columns",), _all_different, "another column for each of the three quantities"),
+        Check(("columns",), _all_different, "a different column for each of the three quantities"),
         Check(("columns.closing.quantity", "columns.closing.unit"), _is_unit_of, "a unit of that quantity"),
     ),
 )
@@ -115,7 +115,7 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
 
 
 def _factor(key: str, quantity: str, unit: str) -> tuple[str, float]:
-    """Return the SI quantity that a column holds, the inverse if its unit is inverse, and its factor."""
+    """Return the name of the quantity in a column (or its inverse), and the factor to its SI unit."""
     for name, factors in UNITS[quantity].items():
         if unit in factors:
             return name, factors[unit]
@@ -128,7 +128,7 @@ def _factor(key: str, quantity: str, unit: str) -> tuple[str, float]:
 
 
 def _read_cells(path: Path, names: Mapping[str, str]) -> pd.DataFrame:
-    """Read the named columns, cell by cell as they are in the file, under their keys."""
+    """Return the columns with the given names, with their cells as in the file, renamed to their keys."""
     readers = {".csv": read_csv, ".parquet": read_parquet}
     if path.suffix.lower() not in readers:
         raise InputError(
@@ -144,8 +144,8 @@ def _read_cells(path: Path, names: Mapping[str, str]) -> pd.DataFrame:
 
 
 def _scale(cells: pd.Series, factor: float) -> pd.Series:
-    """Multiply the numbers of a column; a cell that is none stays as it is."""
-    if cells.dtype.kind not in "iuf":  # to_numeric would take booleans and dates for numbers
+    """Multiply the numbers in a column by a factor; cells that are not numbers stay unchanged."""
+    if cells.dtype.kind not in "iuf":  # to_numeric would convert booleans and dates to numbers
         cells = cells.astype(str)
     numbers = pd.to_numeric(cells, errors="coerce").astype(float) * factor
     return numbers.where(numbers.notna() | cells.isna(), cells)
