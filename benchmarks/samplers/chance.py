@@ -1,7 +1,10 @@
 """The sampler before cars that do not repeat themselves: truth in closed form, and many seeds.
 
-    python benchmarks/samplers/chance.py run lapses_0.01 --seeds 0 40 --output lapses.csv
-    python benchmarks/samplers/chance.py table benchmarks/results/chance_runs.csv --output chance.csv
+    python benchmarks/samplers/chance.py run lapses_0.01 noise_0.3 --seeds 0 40 --output runs.csv
+    python benchmarks/samplers/chance.py table runs.csv --output benchmarks/results/chance.csv
+
+The first command writes every seed as soon as it is finished, and does not repeat the seeds that are in the
+file. The second command replaces the rows of the problems that were run, and keeps all other rows.
 
 Every problem here has a known probability. A car that drives like another one in a share of its runs crashes
 as often as the mixture of both. Noise that turns the normal scores z into rho z + sqrt(1 - rho^2) e leaves
@@ -259,32 +262,50 @@ PROBLEMS: dict[str, Callable[[], Chance]] = {
 }
 
 
-def repeated(name: str, seeds: range, limit: int = LIMIT, version: str = "present") -> pd.DataFrame:
-    """Return what the sampler gave on a problem, a row a seed."""
-    chance, rows = PROBLEMS[name](), []
-    for seed in seeds:
-        start = time.perf_counter()
-        event = chance.make(child_generator(ROOT, name, "chance of the car", seed))
-        found = Surrogate().estimate(
-            event,
-            Target(minimum_events=1, maximum_simulations=limit),
-            child_generator(ROOT, name, "chance", seed),
-        )
-        numbers = found.probability, found.low, found.high
-        rows.append(
-            {
-                "problem": name,
-                "version": version,
-                "seed": seed,
-                "exact": chance.exact,
-                **dict(zip(("probability", "low", "high"), numbers, strict=True)),
-                "simulations": found.simulations,
-                "converged": found.converged,
-                "seconds": round(time.perf_counter() - start, 2),
-            }
-        )
-        print(rows[-1], flush=True)
-    return pd.DataFrame(rows)
+def run_seeds(names: list[str], seeds: range, path: Path, limit: int, version: str) -> None:
+    """Run the sampler on some problems, and write a row for each seed that is not yet in the file.
+
+    Parameters
+    ----------
+    names, seeds
+        The problems, and the seeds of each.
+    path
+        The file.
+    limit
+        Simulations after which a seed ends.
+    version
+        How the table calls the sampler.
+    """
+    rows = pd.read_csv(path).to_dict("records") if path.exists() else []
+    known = {(row["problem"], row["version"], row["seed"]) for row in rows}
+    for name in names:
+        chance = PROBLEMS[name]()
+        for seed in seeds:
+            if (name, version, seed) in known:
+                continue
+            rows.append({"problem": name, "version": version, "seed": seed, **run(name, chance, seed, limit)})
+            write_csv(path, pd.DataFrame(rows))
+            print(rows[-1], flush=True)
+
+
+def run(name: str, chance: Chance, seed: int, limit: int) -> dict[str, float]:
+    """Return what the sampler gave on a problem with one seed."""
+    start = time.perf_counter()
+    event = chance.make(child_generator(ROOT, name, "chance of the car", seed))
+    found = Surrogate().estimate(
+        event,
+        Target(minimum_events=1, maximum_simulations=limit),
+        child_generator(ROOT, name, "chance", seed),
+    )
+    return {
+        "exact": chance.exact,
+        "probability": found.probability,
+        "low": found.low,
+        "high": found.high,
+        "simulations": found.simulations,
+        "converged": found.converged,
+        "seconds": round(time.perf_counter() - start, 2),
+    }
 
 
 def table(runs: pd.DataFrame) -> pd.DataFrame:
@@ -318,26 +339,36 @@ def table(runs: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def updated(path: Path, runs: pd.DataFrame) -> pd.DataFrame:
+    """Return the table in a file with the rows of the given runs, old rows of other problems included."""
+    new, key = table(runs), ["problem", "version"]
+    old = pd.read_csv(path, dtype={"version": str}) if path.exists() else new.iloc[:0]
+    order = {name: place for place, name in enumerate(PROBLEMS)}
+    merged = pd.concat([old, new]).drop_duplicates(key, keep="last")
+    return merged.sort_values(
+        key, key=lambda column: column.map(order) if column.name == "problem" else column
+    )
+
+
 def main() -> None:
-    """Run one problem, or sum up all runs."""
+    """Run some problems, or sum up all runs."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     steps = parser.add_subparsers(dest="step", required=True)
-    run = steps.add_parser("run", help="estimate one problem with some seeds")
-    run.add_argument("problem", choices=PROBLEMS)
-    run.add_argument("--seeds", type=int, nargs=2, metavar=("FIRST", "END"), required=True)
-    run.add_argument("--limit", type=int, default=LIMIT, help="simulations (default: %(default)s)")
-    run.add_argument("--version", default="present", help="what the table calls the sampler")
+    running = steps.add_parser("run", help="estimate problems with some seeds")
+    running.add_argument("problems", choices=PROBLEMS, nargs="+", metavar="problem")
+    running.add_argument("--seeds", type=int, nargs=2, metavar=("FIRST", "END"), required=True)
+    running.add_argument("--limit", type=int, default=LIMIT, help="simulations (default: %(default)s)")
+    running.add_argument("--version", default="present", help="what the table calls the sampler")
     summed = steps.add_parser("table", help="sum up all runs")
     summed.add_argument("runs", nargs="+")
-    for step in (run, summed):
-        step.add_argument("--output", required=True)
-    arguments = parser.parse_args()
-    if arguments.step == "run":
-        seeds = range(*arguments.seeds)
-        runs = repeated(arguments.problem, seeds, arguments.limit, arguments.version)
-        write_csv(arguments.output, runs)
+    for step in (running, summed):
+        step.add_argument("--output", type=Path, required=True)
+    asked = parser.parse_args()
+    if asked.step == "run":
+        run_seeds(asked.problems, range(*asked.seeds), asked.output, asked.limit, asked.version)
     else:
-        write_csv(arguments.output, table(pd.concat(map(pd.read_csv, arguments.runs), ignore_index=True)))
+        runs = pd.concat([pd.read_csv(path, dtype={"version": str}) for path in asked.runs])
+        write_csv(asked.output, updated(asked.output, runs))
 
 
 if __name__ == "__main__":
