@@ -5,15 +5,20 @@ from itertools import combinations
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 
-from accelerated_evaluation.publishing.figures.dot_chart import draw_intervals, finish
+from accelerated_evaluation.publishing.figures.dot_chart import INTERVAL, draw_intervals, finish
 from accelerated_evaluation.publishing.figures.method_styles import style_of
 from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, PIECES, note_source, paper_style
 from accelerated_evaluation.publishing.published import figure
-from accelerated_evaluation.scenarios.protocol import Scenario
+from accelerated_evaluation.scenarios.protocol import Scenario, Variable
 
 CRASH = "#b2182b"
+RECORD, CRASHED = "record", "crash among the runs of the surrogate"  # kinds of points
+WIDE = 10.0  # ratio of two probabilities from which their axis is logarithmic
 LEVELS = {95: 0.8, 80: 2.0, 50: 4.0}  # line width of each interval
 
 
@@ -30,30 +35,44 @@ def fig01_scenario_records(
     scenario_runs
         The runs of the surrogate, with the same columns and ``event``.
     scenario
-        The scenario, with the names and units of the variables.
+        The scenario, with the names and units of the variables. Its variable ``divided_by`` has an axis that
+        is linear up to the smallest of the values, and logarithmic beyond.
     source
         Description of the data.
 
     Returns
     -------
     figure, data
-        A panel for each pair of variables; the points, with ``kind`` (record or crash).
+        A panel for each pair of variables; the points, with ``kind``. Variables whose sign
+        does not matter have absolute values, as in the laws.
     """
     names = list(scenario.names)
-    crashes = scenario_runs.loc[scenario_runs["event"], names]
+    parts = {RECORD: scenario_encounters, CRASHED: scenario_runs[scenario_runs["event"]]}
     points = pd.concat(
-        [scenario_encounters[names].assign(kind="record"), crashes.assign(kind="crash")], ignore_index=True
+        [
+            pd.DataFrame(scenario.as_in_law(part[names].to_numpy(float)), columns=names).assign(kind=kind)
+            for kind, part in parts.items()
+        ],
+        ignore_index=True,
     )
     pairs = list(combinations(scenario.variables, 2))
-    looks = (("record", PIECES[1], 2), ("crash", CRASH, 4))
+    looks = ((RECORD, PIECES[1], "o", 3), (CRASHED, CRASH, "x", 6))
     with paper_style():
         drawn, panels = plt.subplots(len(pairs), 1, figsize=(COLUMN_WIDTH, 2.1 * len(pairs)), squeeze=False)
         for axes, (x, y) in zip(panels[:, 0], pairs, strict=True):
-            for kind, color, size in looks:
+            for kind, color, marker, size in looks:
                 own = points[points["kind"] == kind]
-                axes.scatter(own[x.name], own[y.name], s=size, color=color, linewidth=0, label=kind)
-            axes.set(xlabel=f"{x.name} [{x.unit}]", ylabel=f"{y.name} [{y.unit}]")
-        drawn.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+                width = 0.0 if marker == "o" else 0.5
+                axes.scatter(
+                    own[x.name], own[y.name], s=size, color=color, marker=marker, linewidth=width, label=kind
+                )
+            axes.set_axisbelow(True)
+            axes.set(xlabel=_label(x), ylabel=_label(y))
+            for axis, variable in ((axes.xaxis, x), (axes.yaxis, y)):
+                if scenario.divided_by is not None and variable.name == scenario.divided_by[0]:
+                    _show_small_values(axis, scenario.divided_by[1][0])
+        handles = panels[0, 0].get_legend_handles_labels()
+        drawn.legend(*handles, loc="outside upper center", ncols=2, markerscale=2)
         note_source(drawn, source)
     return drawn, points
 
@@ -84,6 +103,7 @@ def fig02_scenario_answer(scenario_answer: pd.DataFrame, source: str) -> tuple[F
         axes.plot(table["median"], y, "o", color="white", markeredgecolor=PIECES[0], label="median")
         axes.set_yticks(y, [f"{row.event}\n{row.encounters}" for row in table.itertuples()], fontsize=6)
         axes.set(xlabel="probability in an encounter", ylim=(len(table) - 0.4, -0.6))
+        _scale(axes, table[["low95", "high95"]])
         drawn.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=2)
         note_source(drawn, source)
     return drawn, table
@@ -107,17 +127,48 @@ def fig03_scenario_methods(
     Returns
     -------
     figure, data
-        A row for each replicate; law, method, replicate, probability, ci_low, ci_high, simulations.
+        A row for each replicate, with an open marker if it has not converged; law, method, replicate,
+        probability, ci_low, ci_high, simulations, converged.
     """
     together = scenario_estimates["learning"] + scenario_estimates["estimating"]
-    columns = ["law", "method", "replicate", "probability", "ci_low", "ci_high", "simulations"]
+    columns = ["law", "method", "replicate", *INTERVAL, "simulations", "converged"]
     table = scenario_estimates.assign(simulations=together)[columns]
     with paper_style():
-        drawn, axes = plt.subplots(figsize=(COLUMN_WIDTH, 0.9 + 0.1 * len(table)))
+        legend = 0.13 * (table["method"].nunique() + 1)  # [in], its height
+        drawn, axes = plt.subplots(figsize=(COLUMN_WIDTH, 0.6 + legend + 0.1 * len(table)))
         for method, rows in table.groupby("method", sort=False):
-            label = f"{method}, {rows['simulations'].mean():,.0f} simulations"
-            draw_intervals(axes, rows, rows.index, label=label, **style_of(method, "color", "marker"))
+            label = f"{method.replace('_', ' ')}, {rows['simulations'].mean():,.0f} simulations on average"
+            style = style_of(method, "color", "marker")
+            axes.plot([], [], linestyle="none", label=label, **style)
+            for converged, own in rows.groupby("converged"):
+                fill = {} if converged else {"markerfacecolor": "white"}
+                draw_intervals(axes, own, own.index, **style, **fill)
+        if not table["converged"].all():
+            axes.plot([], [], "ko", markerfacecolor="white", label="not converged")
         axes.set_yticks([])
+        _scale(axes, table[list(INTERVAL)])
         axes.set_xlabel(f"crash probability, {100 * (1 - alpha):g} % intervals")
         finish(drawn, axes, source)
     return drawn, table
+
+
+def _label(variable: Variable) -> str:
+    """Return the label of an axis; bars around the name say that the values are absolute values."""
+    name = variable.in_title if variable.sign_matters else f"|{variable.in_title}|"
+    return f"{name} [{variable.unit}]"
+
+
+def _show_small_values(axis: Axis, linear: float) -> None:
+    """Scale an axis linearly from 0 to a value, and logarithmically beyond."""
+    set_scale = axis.axes.set_xscale if axis.axis_name == "x" else axis.axes.set_yscale
+    set_scale("symlog", linthresh=linear)
+    ticks = [0, linear, *(tick for tick in (1, 10) if tick > linear)]
+    axis.set_ticks(ticks, [f"{tick:g}" for tick in ticks])
+    axis.set_minor_locator(NullLocator())
+
+
+def _scale(axes: Axes, values: pd.DataFrame) -> None:
+    """Scale x logarithmically if the positive values differ by more than a factor of `WIDE`."""
+    positive = values.to_numpy(float)[values.to_numpy(float) > 0]
+    if positive.size and positive.max() > WIDE * positive.min():
+        axes.set_xscale("log")
