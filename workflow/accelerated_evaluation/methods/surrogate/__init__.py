@@ -27,7 +27,7 @@ SETTINGS = section(
         5,
         1,
         500,
-        "Simulations that the sampler asks for at once; more keep more workers busy, but raise the total.",
+        "Simulations in one batch; large batches keep more workers busy, but need more in total.",
     ),
     maximum_calls=integer(
         1000,
@@ -38,8 +38,8 @@ SETTINGS = section(
     interval=choice(
         "usual",
         ["usual", "anytime"],
-        "usual for an interval that covers the truth as often as it says if it is computed once; anytime for "
-        "one that does so although it is checked after every batch, for about a quarter more simulations.",
+        "usual for an interval that covers the truth as often as stated if it is computed once; anytime for "
+        "one that does so although it is checked after every batch, for about a sixth more simulations.",
     ),
 )
 

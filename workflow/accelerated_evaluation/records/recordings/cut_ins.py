@@ -13,15 +13,13 @@ RULE = section(  # the section ``rule`` of each source that finds cut-ins in rec
         0.5,
         0,
         10,
-        "A vehicle that is not seen for longer [s] is another vehicle, if it is seen again.",
+        "Longest time [s] without detection after which a vehicle is still taken to be the same.",
         exclusive=True,
     ),
     absence=number(
-        1, 0, 60, "A vehicle that is out of the lane of the host for no longer [s] has not left it."
+        1, 0, 60, "Longest time [s] outside the lane of the host that does not count as leaving it."
     ),
-    stay=number(
-        0.5, 0, 60, "A vehicle that is in the lane of the host for a shorter time [s] has not cut in."
-    ),
+    stay=number(0.5, 0, 60, "Shortest time [s] in the lane of the host that counts as a cut-in."),
 )
 AGREEMENT = 1.25  # factor by which speeds may differ from changes of position, or from other recorded speeds
 LENGTHS = 2.5, 8.0  # [m]: limits of the median length of cars; in feet the median would be about 15

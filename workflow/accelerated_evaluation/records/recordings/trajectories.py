@@ -90,14 +90,14 @@ def trajectory_keys(
         Words that follow "Classes" in the description of ``lead_classes`` and say where the names of the
         classes come from.
     """
-    host = "Classes of the vehicles before which they count, and whose driving is the exposure."
+    host = "Classes of the hosts: cut-ins in front of them count, and their driving is the exposure."
     lead = f"Classes{of} of the vehicles whose cut-ins count."
     return {
         "lead_classes": listed(lead_classes, {"type": "string"}, lead),
         "host_classes": listed(host_classes, {"type": "string"}, host),
         "rule": RULE,
         "settled": number(
-            1, 0, 60, "The host has been in its lane for this time [s], or since it came into view."
+            1, 0, 60, "Time [s] for which a host must have been in its lane, unless it came into view there."
         ),
     }
 

@@ -63,12 +63,12 @@ def exposure(kilometres: float | None = None, hours: float | None = None) -> Sch
     """
 
     def measure(default: float | None, what: str) -> Schema:
-        description = f"{what}, null if it is not known."
+        description = f"{what}; null if unknown."
         return number(default, 0, 1.0e15, description, exclusive=True, null=True)
 
     return section(
-        kilometres=measure(kilometres, "Distance in which all of the records were made [km]"),
-        hours=measure(hours, "Time of driving in which all of the records were made [h]"),
+        kilometres=measure(kilometres, "Distance driven while all of the records were made [km]"),
+        hours=measure(hours, "Time driven while all of the records were made [h]"),
     )
 
 
@@ -102,7 +102,7 @@ def source(
     """
     row = {"type": "integer", "minimum": 1, "maximum": 1_000_000_000}
     shared = {
-        "description": text(description, "What outputs call the data."),
+        "description": text(description, "Name of the data in figures, tables and texts."),
         "path": text(path, f"{files}; null as long as another source is used.", type=["string", "null"]),
         "outlier_rows": listed(
             outlier_rows,

@@ -39,12 +39,12 @@ PART = 150_000_000  # bytes of targets, about three million rows, that are proce
 OUTPUT = ("lead_speed", "range", "closing_speed", "host_speed", "device", "trip", "time", "vehicle")
 
 KEYS = {
-    "time_unit": number(0.01, 0, 1, "What Time counts [s].", exclusive=True),
+    "time_unit": number(0.01, 0, 1, "Unit of the column Time [s].", exclusive=True),
     "speed_unit": choice("km/h", SPEED, "Unit of SpeedWsu."),
     "target_types": listed(
         [0],
         {"type": "integer", "minimum": 0, "maximum": 255},
-        "Values of TargetType whose cut-ins count; 0 stands for cars.",
+        "Values of TargetType whose cut-ins count; 0 means cars.",
     ),
     "rule": RULE,
     "link": section(
@@ -67,7 +67,7 @@ KEYS = {
             3, 0, 60, "Time before a change into the path [s] in which the vehicle must have been next to it."
         ),
         transversal=number(
-            1, 0, 100, "Largest lateral offset in that time must be at least this [m]; 0 for no condition."
+            1, 0, 100, "Least lateral offset [m] that it must have reached in that time; 0 for no condition."
         ),
     ),
     "host_gap": number(0.2, 0, 10, "Largest age [s] of the host speed that is used for a cut-in."),
