@@ -124,3 +124,47 @@ def test_records_outside_the_limits_are_left_out_and_unreadable_ones_refused(tmp
     table.drop(columns="driver").to_csv(tmp_path / "records.csv", index=False)
     with pytest.raises(InputError, match="column 'driver'"):
         read_scenario_records(LEFT_TURN, tmp_path / "records.csv")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda x: x.assign(sdv_speed_mps=0.0), "column sdv_speed_mps: seen one value in all records"),
+        (
+            lambda x: x.assign(turning_speed_mps=x["sdv_speed_mps"] / 2 + 1),
+            "column turning_speed_mps: seen a linear function of earlier columns",
+        ),
+        (lambda x: x.head(20), "seen 20 of 20 within the limits of the variables and not repeated"),
+        (
+            lambda x: x.assign(sdv_speed_mps=3.6 * x["sdv_speed_mps"] + 40),  # as in km/h
+            "seen 0 of 200 within the limits of the variables",
+        ),
+    ],
+)
+def test_records_to_which_no_law_can_be_fitted_are_named(tmp_path, monkeypatch, capsys, change, message):
+    monkeypatch.chdir(tmp_path)
+    generator = np.random.default_rng(1)
+    x = pd.DataFrame(generator.uniform((5, 3, 20), (20, 9, 90), (200, 3)), columns=LEFT_TURN.names)
+    change(x.assign(driver=np.arange(200) % 20)).to_csv("records.csv", index=False)
+    Path("own.yaml").write_text("study: own\nscenario: {name: left_turn, records: records.csv}\n")
+    assert cli.main(["estimate", "--config", "own.yaml", "--law", "kernel", "--method", "crude"]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_runs_that_do_not_end_are_counted_by_an_estimate(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("data").symlink_to(ROOT / "data")
+    Path("own.yaml").write_text(
+        "study: own\nscenario: {name: left_turn}\nvehicle: {parameters: {longest_run: 3}}\n"
+        "importance_sampling: {maximum_simulations: 5000}\n"
+    )
+    options = ["--config", "own.yaml", "--law", "gaussian_copula"]
+    assert cli.main(["estimate", *options, "--method", "crude"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    (warning,) = (line for line in lines if line.startswith("warning"))
+    count = int(warning.split()[1].replace(",", ""))
+    assert warning == f"warning: {count:,} runs did not end, and count as runs without a crash"
+    assert 100 < count < 5000
+    Path("own.yaml").write_text("study: own\nscenario: {name: left_turn}\n")
+    assert cli.main(["estimate", *options]) == 0
+    assert "warning" not in capsys.readouterr().out

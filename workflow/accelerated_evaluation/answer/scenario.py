@@ -25,15 +25,45 @@ from accelerated_evaluation.scenarios.protocol import CLUSTER, FITTED, Event, Sc
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 WHOLE = "all encounters"  # name of the law without a restriction
+FEWEST = 50  # records, so that the region near the event, a tenth of them, has a few
+TIED = 1e-9  # relative size of what is left of a variable that follows from others
 POINTS = 20_000  # with which the share of a restricted law is found
 
 
 def clustered_records(scenario: Scenario, records: pd.DataFrame) -> ClusteredRecords:
-    """Return the records to which laws are fitted, within the limits of the scenario."""
+    """Return the records to which laws are fitted, within the limits of the scenario.
+
+    Raises
+    ------
+    InputError
+        If a joint law cannot be fitted to them, because they are too few or their variables are tied.
+    """
     fitted = records[records[FITTED]]
+    if len(fitted) < FEWEST:
+        raise InputError(
+            f"the records of the scenario {scenario.name}",
+            seen=f"{len(fitted)} of {len(records)} within the limits of the variables and not repeated",
+            expected=f"{FEWEST} or more, to which laws can be fitted",
+            change="Check the units of the columns with the command inspect, or name more records.",
+        )
     box = Box(scenario.names, *(tuple(map(float, side)) for side in scenario.law_limits.T))
     x = scenario.as_in_law(fitted[list(scenario.names)].to_numpy(float))
+    for k, name in enumerate(scenario.names):
+        _require_variation(x[:, : k + 1], f"the records of the scenario {scenario.name}, column {name}")
     return ClusteredRecords.of(x, fitted[CLUSTER], box)
+
+
+def _require_variation(x: Array, where: str) -> None:
+    """Raise InputError if the last variable is constant or follows linearly from the others."""
+    others, last = np.column_stack([np.ones(len(x)), x[:, :-1]]), x[:, -1]
+    rest = last - others @ np.linalg.lstsq(others, last, rcond=None)[0]
+    if np.abs(rest).max() <= TIED * np.abs(last).max():
+        raise InputError(
+            where,
+            seen="one value in all records" if np.ptp(last) == 0 else "a linear function of earlier columns",
+            expected="values that vary, to which a joint distribution can be fitted",
+            change="Check how the column was made.",
+        )
 
 
 @dataclass(frozen=True)

@@ -13,15 +13,48 @@ from accelerated_evaluation.answer.chosen_law import ANSWER
 from accelerated_evaluation.answer.joint.scores import Candidate
 from accelerated_evaluation.answer.scenario import ScenarioStudy, clustered_records
 from accelerated_evaluation.answer.scenario_methods import METHODS_OF_SCORES, compare_methods
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.joint import JOINT_LAWS, JointLaw
 from accelerated_evaluation.problem import read_scenario_law
 from accelerated_evaluation.scenarios import SCENARIOS
-from accelerated_evaluation.scenarios.protocol import Scenario
+from accelerated_evaluation.scenarios.protocol import ENDED, Scenario
 from accelerated_evaluation.scenarios.record_table import read_scenario_records
 from accelerated_evaluation.vehicles.external.slow import loaded_for
 from accelerated_evaluation.vehicles.loading import load_vehicle
+from accelerated_evaluation.vehicles.protocol import Vehicle
+
+
+class CountedVehicle:
+    """A vehicle, and how many of its runs did not end.
+
+    Such runs have no verdict. An estimate counts them as runs without the event.
+
+    Attributes
+    ----------
+    vehicle
+        The vehicle, which all attributes but ``simulate`` are taken from.
+    not_ended
+        Number of runs that were stopped at their longest duration.
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.vehicle, self.not_ended = vehicle, 0
+
+    def simulate(self, *columns: Array) -> Any:  # noqa: ANN401
+        """Simulate encounters, and count the runs that did not end."""
+        outcomes = self.vehicle.simulate(*columns)
+        self.not_ended += int(np.count_nonzero(~getattr(outcomes, ENDED, np.array([], bool))))
+        return outcomes
+
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401
+        """Return an attribute of the vehicle."""
+        return getattr(self.vehicle, name)
+
+    def __repr__(self) -> str:
+        """Return the description of the vehicle, which identifies its runs."""
+        return repr(self.vehicle)
 
 
 @dataclass(frozen=True)
@@ -34,13 +67,22 @@ class ScenarioEstimate:
         ``laws``, ``answer``, ``budget`` and ``draws`` under all laws; ``estimate`` and ``runs`` under one.
     law
         The law with the largest weight, or the one that was named.
+    not_ended
+        Number of runs that did not end.
     """
 
     tables: Mapping[str, pd.DataFrame]
     law: JointLaw
+    not_ended: int
 
     def lines(self) -> list[str]:
         """Return the estimate in lines of text."""
+        if not self.not_ended:
+            return self._estimates()
+        runs = f"{self.not_ended:,} {'run' if self.not_ended == 1 else 'runs'}"
+        return [*self._estimates(), f"warning: {runs} did not end, and count as runs without a crash"]
+
+    def _estimates(self) -> list[str]:
         if "answer" in self.tables:
             row = self.tables["answer"].iloc[0].to_dict()
             runs = f"simulated: {row['simulations']:,} encounters"
@@ -99,13 +141,14 @@ def estimate_scenario(
             change="Name the law.json of the predecessor's estimate (--law), or leave --predecessor out.",
         )
     scenario, seed = SCENARIOS[config["scenario"]["name"]], config["seed"]
-    with loaded_for(config["vehicle"], config["simulations"], scenario) as vehicle:
+    with loaded_for(config["vehicle"], config["simulations"], scenario) as loaded:
+        vehicle = CountedVehicle(loaded)
         if law == ANSWER:
             records = read_scenario_records(scenario, config["scenario"]["records"])
             known = load_vehicle(scenario.default_vehicle, scenario)
             study = ScenarioStudy.of(scenario, records, known, seed, config["scenario"]["draws"])
             tables = study.answer_by_few_runs(vehicle, seed)
-            return ScenarioEstimate(tables | {"laws": study.table}, study.heaviest)
+            return ScenarioEstimate(tables | {"laws": study.table}, study.heaviest, vehicle.not_ended)
         chosen = chosen_law(scenario, law, config)
         repeated = {
             name: {**config[name], "replicates": replicates} for name in ("importance_sampling", "surrogate")
@@ -121,7 +164,7 @@ def estimate_scenario(
             expected="a law with probability where crashes happen",
             change="Name another law, check its limits, or allow more runs (surrogate.maximum_calls).",
         )
-    return ScenarioEstimate(made | {"estimate": estimate}, chosen)
+    return ScenarioEstimate(made | {"estimate": estimate}, chosen, vehicle.not_ended)
 
 
 def chosen_law(scenario: Scenario, law: str, config: Mapping[str, Any]) -> JointLaw:
