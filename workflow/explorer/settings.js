@@ -71,7 +71,7 @@ class Settings {
       <span><label for="slider-${k}">${escaped(slider.label)}</label><output for="slider-${k}" id="value-${k}"></output></span>
       <input type="range" id="slider-${k}" min="0" max="${slider.stops.length - 1}" step="1"><small id="help-${k}"></small></div>`).join("") : "";
     const reason = vehicle.striped
-      ? "Whether this driver crashes changes within millimetres of range, so no few lines can answer. The numbers are those of the study, and cut-ins can be replayed."
+      ? "A few millimetres of range decide whether this driver crashes, which this page cannot resolve. The numbers are those of the study, and cut-ins can be replayed."
       : "The page has no compiled code of this vehicle. The numbers are those of the study; sliders and replays are missing. "
         + this.mapInWords();
     element("missing").hidden = this.isExplored;
