@@ -33,10 +33,10 @@ $(ENVIRONMENT): environment.txt pyproject.toml
 study: $(ENVIRONMENT) ## run the study: make study [CONFIG=my_study.yaml] [CORES=2]
 	$(SNAKEMAKE)
 
-book: $(ENVIRONMENT) ## the book alone, and what it needs: results/<study>/book/index.html
+book: $(ENVIRONMENT) ## the book, and the results that it needs: results/<study>/book/index.html
 	$(SNAKEMAKE) -- book
 
-article: $(ENVIRONMENT) ## an article of the study, every number and figure of it made by the run: results/<study>/article.pdf
+article: $(ENVIRONMENT) ## an article about the study, with all numbers and figures from its results: results/<study>/article.pdf
 	$(SNAKEMAKE) -- article
 
 report: study ## run the study, then write its self-contained HTML report to results/report.html
@@ -48,23 +48,23 @@ smoke: ## a miniature of the whole study in under two minutes
 paper-figures: $(ENVIRONMENT) ## figures, tables and numbers of a finished study for a LaTeX paper: make paper-figures [STUDY=spmd]
 	accelerated-evaluation paper $(STUDY)
 
-crate: study ## run the study, then pack it with where it came from: results/STUDY.crate.zip
+crate: study ## run the study, then pack it with its provenance: results/STUDY.crate.zip
 	accelerated-evaluation crate $(STUDY)
 
 bench: $(ENVIRONMENT) ## encounters per second of the simulator, and ratios to NumPy and plain Python
 	python benchmarks/simulator.py
 
-benchmark-samplers: $(ENVIRONMENT) ## fewest simulations: our sampler and others; half a day, resumable
+benchmark-samplers: $(ENVIRONMENT) ## simulations that our sampler and others need; half a day, resumable
 	python -m pip install --quiet --require-hashes -r benchmarks/environment.txt
 	$(SAMPLERS)
 
 benchmark-vehicles: $(ENVIRONMENT) ## all vehicles of the study under four laws: exact, and by the sampler; about 20 minutes
 	$(VEHICLES)
 
-benchmark-recordings: $(ENVIRONMENT) ## cut-ins in 1, 10 and 100 million rows of recordings: time, memory, right or wrong; needs 12 GB of disk
+benchmark-recordings: $(ENVIRONMENT) ## extraction of cut-ins from 1, 10 and 100 million rows: time, memory, correctness; needs 12 GB of disk
 	python benchmarks/recordings/run.py
 
-worlds: $(ENVIRONMENT) ## does the interval cover? 100 synthetic worlds of 5 kinds, and 20 of 11 kinds by few runs; two hours, resumable
+worlds: $(ENVIRONMENT) ## coverage of the intervals: 100 synthetic worlds of 5 kinds, and 20 of 11 kinds by few runs; two hours, resumable
 	$(WORLDS)
 
 claims: $(ENVIRONMENT) ## repeat every claim of the README with other random numbers, see REPRODUCE.md; resumable: make claims [CLAIMS="paper worlds"]
@@ -81,7 +81,7 @@ lint: $(ENVIRONMENT) ## ruff and snakefmt
 	ruff format --check .
 	snakefmt --check $(RULES)
 
-test: lint ## lint and run the tests; says at the end what it left out
+test: lint ## lint and run the tests; lists at the end what was left out
 	pytest
 
 test-slurm: $(ENVIRONMENT) ## run the smoke study through a Slurm on this machine; skipped where it cannot be installed
@@ -91,7 +91,7 @@ test-slurm: $(ENVIRONMENT) ## run the smoke study through a Slurm on this machin
 test-studies: $(ENVIRONMENT) ## whole small studies of odd data, vehicles and settings; about an hour
 	pytest tests/corpus -m '' --dist worksteal
 
-format: $(ENVIRONMENT) ## rewrite the sources as the linters want them
+format: $(ENVIRONMENT) ## format the sources for the linters
 	ruff check --fix .
 	ruff format .
 	snakefmt $(RULES)
