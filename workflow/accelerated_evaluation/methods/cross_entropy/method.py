@@ -37,7 +37,7 @@ SETTINGS = section(
         2,
         1,
         100,
-        "A search ends when so many updates in a row have used the crash itself (section V.C.1).",
+        "A search ends when this number of updates in a row have used the crash itself (section V.C.1).",
     ),
     event_quantile=share(0.1, "Share of a sample that the next relaxed event contains (section V.C.1)."),
     range_per_ttc=number(
