@@ -156,7 +156,7 @@ class TwoKindsOfDrivers:
         return (1 - self.share) * first + self.share * speeds * self._ranges(lines, self.nearer)
 
     def _ranges(self, lines: CrashLines, nearer: float) -> Array:
-        cumulative, finite = lines.places.nearer(self.family.ranges), np.isfinite(lines.nearer)
+        cumulative, finite = lines.places.range_hazards(self.family.ranges), np.isfinite(lines.nearer)
         far = np.exp(-nearer * cumulative.at(lines.farther))
         near = np.where(finite, np.exp(-nearer * cumulative.at(np.where(finite, lines.nearer, 0.0))), 0.0)
         return np.maximum(far - near, 1e-300)[lines.row]

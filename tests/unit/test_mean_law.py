@@ -61,7 +61,7 @@ def each(law, cut_ins):
     x = np.log(SUPPORT.range_max / cut_ins.range_)
     rows = []
     for shared, speeds in zip(draws.shared, draws.laws, strict=True):
-        ranges, given = places.nearer(draws.ranges[shared]), speeds.given(places)
+        ranges, given = places.range_hazards(draws.ranges[shared]), speeds.given(places)
         density = ranges.rate(x) * np.exp(-ranges.at(x))
         survival = np.exp(-given.cumulative(cut_ins.closing_speed))
         rows.append(
@@ -154,7 +154,7 @@ def crash_probability(law, draw):
     ends = [part.ravel() for side in (x[:-1], x[1:]) for part in np.meshgrid(leads, side, indexing="ij")[1:]]
     range_ = SUPPORT.range_max * np.exp(-logarithm)
     places = Places.of(lead, range_, SUPPORT)
-    ranges = places.nearer(draws.ranges[draws.shared[draw]])
+    ranges = places.range_hazards(draws.ranges[draws.shared[draw]])
     mass = np.exp(-ranges.at(ends[0])) - np.exp(-ranges.at(ends[1]))
     speeds = np.exp(-draws.laws[draw].given(places).cumulative(0.3 * range_))
     return (mass * speeds).sum() / leads.size

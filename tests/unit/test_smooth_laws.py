@@ -97,7 +97,7 @@ def test_without_time_at_risk_the_hazard_would_be_wrong(records):
 
 
 def test_the_range_law_is_a_power_of_the_range(family):
-    near = Places.of(np.array([10.0, 30.0]), np.array([75.0, 75.0])).nearer(family.ranges)
+    near = Places.of(np.array([10.0, 30.0]), np.array([75.0, 75.0])).range_hazards(family.ranges)
     # P(R < 40 m) of the drawn law; its logarithm has a local standard error of about 0.03.
     truth = -np.log(((40 / 75) ** 2 - 0.01) / 0.99)
     np.testing.assert_allclose(near.at(np.full(2, np.log(75 / 40))), truth, rtol=0.1)

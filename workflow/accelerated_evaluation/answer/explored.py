@@ -129,7 +129,7 @@ class Cell:
 
     def probability(self, places: Places, ranges: SmoothHazard) -> Array:
         """Return the probability of lead speeds and ranges in each cell, with the law of R at a place."""
-        cumulative, touches = places.nearer(ranges), self.root[:, 1] > 0
+        cumulative, touches = places.range_hazards(ranges), self.root[:, 1] > 0
         far = cumulative.at(-2 * np.log(self.root[:, 0]))
         near = cumulative.at(-2 * np.log(np.where(touches, self.root[:, 1], 1.0)))
         inside = np.where(touches, -np.expm1(np.minimum(far - near, 0.0)), 1.0)
@@ -202,7 +202,7 @@ def _distance(lead_speed: Array, range_: Array, recorded: Array, drawn: DrawnLaw
     places, logarithm = Places.of(lead_speed, range_, support), np.log(support.range_max / range_)
     tail = np.zeros(range_.size)
     for ranges, _ in drawn.laws[: drawn.answered]:
-        tail += np.exp(-places.nearer(ranges).at(logarithm)) / drawn.answered
+        tail += np.exp(-places.range_hazards(ranges).at(logarithm)) / drawn.answered
     return ndtri(rank) ** 2 + ndtri(tail) ** 2
 
 

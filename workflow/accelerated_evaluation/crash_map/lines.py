@@ -127,7 +127,7 @@ class CrashLines(Lines):
 
     def range_probability(self, ranges: SmoothHazard) -> Array:
         """Return the probability that the range lies in the cell of each line, given its lead speed."""
-        cumulative, finite = self.places.nearer(ranges), np.isfinite(self.nearer)
+        cumulative, finite = self.places.range_hazards(ranges), np.isfinite(self.nearer)
         far, near = cumulative.at(self.farther), cumulative.at(np.where(finite, self.nearer, 0.0))
         return np.exp(-far) * np.where(finite, -np.expm1(np.minimum(far - near, 0.0)), 1.0)
 

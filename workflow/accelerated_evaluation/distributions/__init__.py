@@ -1,4 +1,4 @@
-"""Distributions of the lane-change model: bounded pieces, mixtures, and their change of measure."""
+"""Univariate distributions of the models: bounded distributions, mixtures, and their exponential tilting."""
 
 from accelerated_evaluation.distributions.bounded_exponential import BoundedExponential
 from accelerated_evaluation.distributions.bounded_normal import BoundedNormal

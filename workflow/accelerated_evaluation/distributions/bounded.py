@@ -15,10 +15,10 @@ LEAST = 1e-150  # smallest distance used as a divisor; its square is still a pos
 
 
 class Bounded(Described):
-    """A distribution on ``[lower, upper)`` with a log-concave density that is known up to its normalisation.
+    """A distribution on ``[lower, upper)`` with a log-concave density that is known up to a constant factor.
 
-    Integrals are computed relative to the largest density on their interval. They therefore neither overflow
-    nor underflow, and tail probabilities do not suffer from cancellation.
+    Integrals of the density f are computed relative to the largest value of f on their interval. They
+    therefore neither overflow nor underflow, and tail probabilities do not suffer from cancellation.
     """
 
     lower: float
@@ -38,7 +38,7 @@ class Bounded(Described):
 
     @abstractmethod
     def tilt(self, theta: float) -> Self:
-        """Change the measure exponentially."""
+        """Return the exponentially tilted distribution; see `Tiltable.tilt`."""
 
     @abstractmethod
     def ppf(self, q: ArrayLike) -> Array:
@@ -55,12 +55,12 @@ class Bounded(Described):
         return float(self._integral(self.lower, self.upper))
 
     def _clip(self, x: ArrayLike) -> Array:
-        """Return the nearest points of the support, finite ones whose sums are finite too."""
+        """Return the nearest points of the support, limited to numbers whose sums are finite."""
         largest = np.finfo(float).max / 4
         return np.clip(np.asarray(x, dtype=float), max(self.lower, -largest), min(self.upper, largest))
 
     def _share(self, low: ArrayLike, high: ArrayLike) -> tuple[Array, Array]:
-        """Share of the mass between two points, as a factor and the logarithm of another."""
+        """Return the probability between two points as a factor, and the log of another factor."""
         share = self._integral(low, high) / self._total
         return share, self._log_relative(self._peak(low, high), self._mode)
 

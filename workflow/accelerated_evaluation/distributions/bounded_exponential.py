@@ -44,8 +44,8 @@ class BoundedExponential(Bounded):
     def from_mean(cls, mean: float, lower: float = 0.0, upper: float = math.inf) -> "BoundedExponential":
         """Return the bounded exponential distribution with the given mean.
 
-        Both the maximum-likelihood equation and the Cross-Entropy update have this form. The mean decreases
-        strictly with the rate, from ``upper`` to ``lower``, so there is exactly one solution.
+        The maximum-likelihood estimate and the Cross-Entropy update are both found in this way. The mean
+        decreases strictly with the rate, from ``upper`` to ``lower``, so there is exactly one solution.
 
         Raises
         ------
@@ -58,15 +58,16 @@ class BoundedExponential(Bounded):
             return cls(1 / max(mean - lower, LEAST), lower, upper)
         below, above, width = mean - lower, upper - mean, max(upper - lower, LEAST)
         share = max(min(below, above) / width, LEAST)
-        # The mean of exp(-s y) on [0, 1] is below 1 / s. Because of rounding, the bracket is wider.
+        # The mean of the density proportional to exp(-s y) on [0, 1] is below 1 / s. The bracket is wider,
+        # because of rounding.
         scaled = brentq(lambda s: _unit_mean(s) - share, -1, 2 / share, xtol=1e-13, rtol=1e-15)
         return cls(math.copysign(scaled / width, above - below), lower, upper)
 
     @classmethod
     def fit(cls, x: Array, lower: float, upper: float) -> "BoundedExponential":
-        """Return the maximum-likelihood fit to a sample x, shape (n,).
+        """Return the maximum-likelihood fit to a sample x, shape (n,), on [lower, upper).
 
-        It is the distribution whose mean equals the sample mean.
+        The fitted distribution has the same mean as the sample.
         """
         # If all values are nearly equal, rounding may place their mean on a bound.
         mean = np.clip(np.mean(x), np.nextafter(lower, upper), np.nextafter(upper, lower))
@@ -105,14 +106,14 @@ class BoundedExponential(Bounded):
 
     @np.errstate(divide="ignore")
     def _near_dense(self, q: Array) -> Array:
-        """Distance from the denser bound within which a share ``q`` of the mass lies."""
+        """Distance from the bound with the larger density within which the probability is ``q``."""
         if self._is_flat:
             return q * self._width
         return -np.log1p(q * math.expm1(-abs(self.rate) * self._width)) / abs(self.rate)
 
     @np.errstate(divide="ignore")
     def _beyond(self, q: Array) -> Array:
-        """Distance from the denser bound beyond which a share ``q`` of the mass lies."""
+        """Distance from the bound with the larger density beyond which the probability is ``q``."""
         fall = abs(self.rate) * self._width
         if fall < 1:
             return self._near_dense(1 - q)
@@ -120,7 +121,7 @@ class BoundedExponential(Bounded):
 
     @np.errstate(divide="ignore")
     def _near_thin(self, q: Array) -> Array:
-        """Distance from the thinner bound of two within which a share ``q`` of the mass lies."""
+        """Distance from the bound with the smaller density within which the probability is ``q``."""
         if self._is_flat:
             return q * self._width
         fall = abs(self.rate) * self._width
@@ -134,7 +135,7 @@ class BoundedExponential(Bounded):
 
     @property
     def theta_limit(self) -> float:
-        """Upper limit of the tilts: the rate if the support is unbounded, and infinity otherwise."""
+        """Upper limit of theta in `tilt`: the rate if the support is unbounded, and infinity otherwise."""
         return self.rate if math.isinf(self._width) else math.inf
 
     def tilt(self, theta: float) -> "BoundedExponential":

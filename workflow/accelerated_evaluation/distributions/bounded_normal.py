@@ -157,8 +157,11 @@ class BoundedNormal(Bounded):
         return self._fall(offset, peak - low) + self._fall(offset, high - peak)
 
     def _fall(self, offset: Array, width: Array) -> Array:
-        """Integral over ``width`` of the falling side, from ``offset`` on, divided by the density there."""
-        if not np.any(width):  # as on one side of a peak that is at a bound of the support
+        """Integral of the density over [offset, offset + width], divided by the density at ``offset``.
+
+        Both are distances from the location.
+        """
+        if not np.any(width):  # for example if the peak is at a bound of the support
             return np.zeros(np.broadcast_shapes(np.shape(offset), np.shape(width)))
         exponent = width * (2 * offset + width) / (2 * self.sd**2)
         scale = self.sd * math.sqrt(2)
@@ -167,7 +170,8 @@ class BoundedNormal(Bounded):
         short = exponent < 1
         if not np.any(short):
             return far
-        # There the two terms are nearly equal, and the density hardly changes: a quadrature is exact.
+        # On short intervals the two terms are nearly equal, and the density hardly changes, so that a
+        # quadrature is accurate.
         width = np.where(short, width, 0.0)[..., None]
         t = width * (_NODES + 1) / 2
         density = np.exp(-t * (2 * offset[..., None] + t) / (2 * self.sd**2))
@@ -191,7 +195,7 @@ class BoundedNormal(Bounded):
         a, b = ((bound - self.location) / self.sd for bound in (self.lower, self.upper))
         log_cdf = np.logaddexp(log_above + log_ndtr(a), log_below + log_ndtr(b))
         log_sf = np.logaddexp(log_above + log_ndtr(-a), log_below + log_ndtr(-b))
-        # Each side is used where its probability is the smaller one, which is the more accurate one.
+        # The side with the smaller probability is inverted, because it is more accurate.
         side, smaller = np.where(log_cdf < log_sf, 1, -1), np.minimum(np.minimum(log_cdf, log_sf), 0)
         standardised = side * ndtri_exp(smaller)
         return np.clip(self.location + self.sd * standardised, self.lower, self.upper)
@@ -207,9 +211,9 @@ class BoundedNormal(Bounded):
         return float((np.square(self._mode + distance) * share).sum())
 
     def _quadrature(self) -> tuple[Array, Array]:
-        """Gauss-Legendre nodes, as distances from the mode, and their shares of the mass.
+        """Return Gauss-Legendre nodes, as distances from the mode, and their shares of the probability.
 
-        They span the support as far as the density is above exp(-40) of its largest value.
+        The nodes span the part of the support where the density is above exp(-40) of its largest value.
         """
         mode = self._mode
         offset = abs(mode - self.location)
@@ -224,13 +228,16 @@ class BoundedNormal(Bounded):
     def tilt(self, theta: float) -> "BoundedNormal":
         """Return the exponentially tilted distribution.
 
-        Its location increases by theta sd^2 (section IV.B).
+        Its location is larger by theta sd^2 (section IV.B).
         """
         return BoundedNormal(self.sd, self.lower, self.upper, self.location + theta * self.sd**2)
 
 
 def _em_step(mixture: Mixture, squares: Array) -> tuple[Mixture, float]:
-    """One E and M step on the squared sample; also the log-likelihood of the mixture it began with."""
+    """Take one EM step, given the squares of the sample, shape (n,).
+
+    Return the new mixture, and the log-likelihood of the mixture before the step.
+    """
     lower, upper = mixture.lower, mixture.upper
     joint = np.stack(
         [
@@ -241,21 +248,28 @@ def _em_step(mixture: Mixture, squares: Array) -> tuple[Mixture, float]:
     total = np.logaddexp.reduce(joint)
     responsibility = np.exp(joint - total)
     share = responsibility.sum(axis=1)
-    # Not a product of matrices, whose rounding depends on the number of threads.
+    # No matrix product is used, because its rounding depends on the number of threads.
     second_moments = (responsibility * squares).sum(axis=1) / share
     components = [BoundedNormal.from_second_moment(float(moment), lower, upper) for moment in second_moments]
     return Mixture(share / share.sum(), components), float(total.sum())
 
 
 def _em_leap(mixture: Mixture, first: Mixture, squares: Array) -> Mixture:
-    """Take the second and the third step of an iteration, the third from an extrapolated point if that helps.
+    """Take the second EM step of an iteration and, if extrapolation helps, a third one from there.
 
-    EM converges slowly where the normals overlap, because its steps then become short. Squared extrapolation
-    (Varadhan and Roland 2008) goes on along the first two steps; the point that it reaches is kept only if
-    the likelihood is not lower there.
+    EM converges slowly if the normals overlap, because its steps then become short. Squared extrapolation
+    (Varadhan and Roland 2008) continues in the direction of the first two steps. The extrapolated point is
+    used only if its likelihood is not lower than the likelihood after the first step.
+
+    Parameters
+    ----------
+    mixture, first
+        The mixture before and after the first EM step.
+    squares
+        Squares of the sample, shape (n,).
     """
     second, at_first = _em_step(first, squares)
-    # The extrapolated point may lie outside the range of the parameters: the second step is then kept.
+    # The extrapolated point may lie outside the range of the parameters; the second step is then returned.
     with suppress(ConvergenceError, ValueError):
         stabilized, at_extrapolated = _em_step(_extrapolate((mixture, first, second)), squares)
         if at_extrapolated >= at_first:
@@ -265,12 +279,12 @@ def _em_leap(mixture: Mixture, first: Mixture, squares: Array) -> Mixture:
 
 @np.errstate(over="ignore", invalid="ignore")
 def _extrapolate(path: tuple[Mixture, Mixture, Mixture]) -> Mixture:
-    """Squared extrapolation of three successive mixtures, in log shares and log standard deviations.
+    """Extrapolate three successive mixtures, in log shares and log standard deviations; see `_em_leap`.
 
     Raises
     ------
     ValueError
-        If it leads out of the range of numbers.
+        If the result is infinite or not a number.
     """
     start, first, second = (
         np.log([*mixture.weights, *(component.sd for component in mixture.components)]) for mixture in path
@@ -283,6 +297,6 @@ def _extrapolate(path: tuple[Mixture, Mixture, Mixture]) -> Mixture:
 
 
 def _by_sd(mixture: Mixture) -> Mixture:
-    """Order the components by standard deviation, so that equal fits are written equally."""
+    """Order the components by standard deviation, so that equal fits give equal files."""
     order = np.argsort([component.sd for component in mixture.components])
     return Mixture([mixture.weights[i] for i in order], [mixture.components[i] for i in order])

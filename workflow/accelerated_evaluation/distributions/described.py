@@ -1,4 +1,4 @@
-"""Description of a distribution for files, tables, figures and the configuration; registry of the kinds."""
+"""Descriptions of distributions for files, tables, figures and the configuration, and their registry."""
 
 import dataclasses
 import math
@@ -31,7 +31,7 @@ class Parameter:
 
 
 class Described(ABC):
-    """A distribution that files, tables and the configuration identify by its kind.
+    """Base class of the distributions that files, tables and the configuration identify by their kind.
 
     A subclass is a frozen dataclass of numbers, registered with the decorator `distribution`. If it can be
     fitted to a part of a sample, it has a classmethod ``fit(x, lower, upper)``, which maximizes the
@@ -41,9 +41,10 @@ class Described(ABC):
     Attributes
     ----------
     kind
-        Its name in files, tables and the configuration.
+        Name of the distribution in files, tables and the configuration.
     parameters
-        The fitted parameters by the name of their field. The bounds are given and therefore not included.
+        Descriptions of the fitted parameters by the name of their field. The bounds of the support are not
+        fitted and therefore not included.
     """
 
     kind: ClassVar[str]

@@ -27,12 +27,12 @@ class Empirical:
         return 1 - self.cdf(x)
 
     def ppf(self, q: ArrayLike) -> Array:
-        """Return the smallest recorded value such that a share of at least ``q`` is at or below it."""
+        """Return the quantile: the smallest recorded value x with P(X <= x) >= q."""
         index = np.ceil(np.asarray(q, dtype=float) * self.values.size).astype(int) - 1
         return self.values[np.clip(index, 0, self.values.size - 1)]
 
     def isf(self, q: ArrayLike) -> Array:
-        """Inverse of sf."""
+        """Inverse of sf: the value below which a share 1 - q of the recorded values lies."""
         index = self.values.size - 1 - np.floor(np.asarray(q, dtype=float) * self.values.size).astype(int)
         return self.values[np.clip(index, 0, self.values.size - 1)]
 

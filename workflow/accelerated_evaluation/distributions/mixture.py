@@ -58,7 +58,7 @@ class Mixture(Described):
         return sum(component.n_parameters for component in self.components) + len(self.weights) - 1
 
     def rebounded(self, lower: float, upper: float) -> Self:
-        """Return the mixture of the same components on other bounds, with the same weights."""
+        """Return the mixture with the same weights, whose components have other bounds of their support."""
         return type(self)(self.weights, [component.rebounded(lower, upper) for component in self.components])
 
     def to_dict(self) -> dict[str, Any]:
@@ -76,7 +76,7 @@ class Mixture(Described):
         return np.log(np.asarray(self.weights))
 
     def _log_sum(self, method: str, x: ArrayLike) -> Array:
-        """Log of the weighted sum of a function that the components give in logarithms."""
+        """Log of the weighted sum over components of exp(method(x)), for a method such as ``logpdf``."""
         terms = [
             log_weight + getattr(component, method)(x)
             for log_weight, component in zip(self._log_weights, self.components, strict=True)
@@ -107,11 +107,11 @@ class Mixture(Described):
         return sum(weight * np.asarray(value) for weight, value in zip(self.weights, values, strict=True))
 
     def ppf(self, q: ArrayLike) -> Array:
-        """Inverse of cdf; it has no closed form and is solved between the quantiles of the components."""
+        """Inverse of cdf, found numerically between the smallest and largest quantile of the components."""
         return self._invert(q, "ppf", "cdf")
 
     def isf(self, q: ArrayLike) -> Array:
-        """Inverse of sf, solved between the quantiles of the components."""
+        """Inverse of sf, found numerically like `ppf`."""
         return self._invert(q, "isf", "sf")
 
     @np.errstate(over="ignore", invalid="ignore")
@@ -119,7 +119,7 @@ class Mixture(Described):
         shape, q = np.shape(q), np.ravel(np.asarray(q, dtype=float))
         quantiles = [getattr(component, inverse)(q) for component in self.components]
         low, high = np.minimum.reduce(quantiles), np.maximum.reduce(quantiles)
-        # A relative error, so that a far tail is solved to as many digits as the middle.
+        # The error is relative, so that quantiles in a far tail have as many digits as in the middle.
         scale = np.maximum(q, np.finfo(float).tiny)
 
         def error(x: Array, index: NDArray[np.intp] | slice = slice(None)) -> Array:
@@ -127,13 +127,16 @@ class Mixture(Described):
 
         root, is_found = find_roots(error, low, high)
         if not is_found.all():
-            # Where rounding hides the change of sign, or an end is infinite, the better end is the solution.
+            # If rounding hides the change of sign, or an end is infinite, the better end is the solution.
             end = np.where(np.abs(error(low)) <= np.abs(error(high)), low, high)
             root = np.where(is_found, root, end)
         return root.reshape(shape)
 
     def rvs(self, generator: np.random.Generator, size: int) -> Array:
-        """Return independent draws, shape (size,): a component is drawn for each, then a value from it."""
+        """Return independent draws, shape (size,).
+
+        For each draw a component is chosen by the weights, and then a value is drawn from this component.
+        """
         which = generator.choice(len(self.weights), size=size, p=self.weights)
         draws = np.empty(size)
         for index, component in enumerate(self.components):
@@ -143,7 +146,7 @@ class Mixture(Described):
 
     @property
     def theta_limit(self) -> float:
-        """Upper limit of the tilts: the smallest limit of the components."""
+        """Upper limit of theta in `tilt`: the smallest limit of the components."""
         return min(component.theta_limit for component in self.components)
 
     def _cumulants(self, theta: float) -> Array:
@@ -157,10 +160,11 @@ class Mixture(Described):
         """Return the exponentially tilted mixture.
 
         Every component is tilted, and its weight is multiplied by its moment generating function at theta.
+        The weights are then divided by their sum.
         """
         cumulants = self._cumulants(theta)
         weights = np.exp(cumulants - logsumexp(cumulants))
-        # A component that the tilt has emptied keeps a weight too small to matter, but positive.
+        # Weights must be positive, so a weight that underflows becomes the smallest positive double.
         weights = np.maximum(weights, np.finfo(float).tiny)
         return type(self)(weights / weights.sum(), [component.tilt(theta) for component in self.components])
 
@@ -198,7 +202,7 @@ class PiecewiseMixture(Mixture):
         return type(self)(self.weights, [piece.rebounded(low, high) for piece, (low, high) in pieces])
 
     def piece_index(self, x: ArrayLike) -> np.ndarray:
-        """Return the index of the piece that contains each x."""
+        """Return the index of the piece that contains each x, counted from 0."""
         return np.searchsorted(self.knots, x, side="right")
 
     def ppf(self, q: ArrayLike) -> Array:
@@ -211,7 +215,19 @@ class PiecewiseMixture(Mixture):
         return self._invert_pieces(q, "isf", np.cumsum(self.weights[:0:-1]), order)
 
     def _invert_pieces(self, q: ArrayLike, inverse: str, ends: Array, order: Sequence[int]) -> Array:
-        """Invert where the pieces, taken in ``order``, end at the cumulative shares ``ends``."""
+        """Return quantiles, piece by piece.
+
+        Parameters
+        ----------
+        q
+            Probabilities.
+        inverse
+            Method of the pieces, ``"ppf"`` or ``"isf"``.
+        ends
+            Cumulative weights of the pieces in the given order, without the last one.
+        order
+            Indices of the pieces.
+        """
         q = np.asarray(q, dtype=float)
         position = np.searchsorted(ends, q, side="right")
         bounds = np.concatenate([[0.0], ends, [1.0]])
@@ -226,7 +242,15 @@ class PiecewiseMixture(Mixture):
         return x
 
     def accelerated(self, thetas: Sequence[float], weights: Sequence[float]) -> "PiecewiseMixture":
-        """Return f*: each piece is tilted by its own theta, and the weights are replaced (section V.B)."""
+        """Return the accelerated distribution f* of the paper (section V.B).
+
+        Parameters
+        ----------
+        thetas
+            Parameter of the exponential tilting of each piece.
+        weights
+            New weights of the pieces, which sum to one.
+        """
         pieces = [piece.tilt(theta) for piece, theta in zip(self.components, thetas, strict=True)]
         return PiecewiseMixture(tuple(weights), tuple(pieces))
 
@@ -235,13 +259,19 @@ def match_mean(distribution: Tiltable, mean: float) -> float:
     """Return the theta for which the exponentially tilted distribution has a given mean.
 
     The mean of the tilted distribution, kappa'(theta), increases strictly with theta, so there is one root.
-    The maximum-likelihood equation and the Cross-Entropy update of a one-parameter exponential family both
-    have this form (section V.B).
+    The Cross-Entropy update of a one-parameter exponential family has this form (section V.B).
+
+    Parameters
+    ----------
+    distribution
+        The distribution to be tilted.
+    mean
+        Mean that the tilted distribution must have.
 
     Raises
     ------
     ValueError
-        If no finite tilt gives the mean: the mean is outside the support, or the support has no lower bound.
+        If the mean is outside the support, if the support has no lower bound, or if no theta is found.
     """
     if not -math.inf < distribution.lower < mean < distribution.upper:
         bounds = f"({distribution.lower}, {distribution.upper}), bounded below"

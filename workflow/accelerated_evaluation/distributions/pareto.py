@@ -17,7 +17,7 @@ from accelerated_evaluation.distributions.described import Described, Parameter,
 class Pareto(Described):
     """The distribution P(X > x) = (lower / x)^shape for x >= lower > 0.
 
-    It has no exponential change of measure, because E exp(theta X) is infinite for every theta > 0.
+    The distribution cannot be tilted exponentially, because E exp(theta X) is infinite for every theta > 0.
     """
 
     shape: float
@@ -46,7 +46,10 @@ class Pareto(Described):
     def rebounded(self, lower: float, upper: float) -> "Pareto":
         """Return the distribution with the same shape and another lower bound.
 
-        ValueError if ``upper`` is finite.
+        Raises
+        ------
+        ValueError
+            If ``upper`` is finite.
         """
         if upper != math.inf:
             raise ValueError(f"a Pareto distribution has no upper bound, got {upper}")

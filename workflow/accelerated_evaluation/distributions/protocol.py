@@ -46,7 +46,13 @@ class Distribution(Protocol):
 
 @runtime_checkable
 class Tiltable(Distribution, Protocol):
-    """A distribution with an exponential change of measure (paper, section IV.B)."""
+    """A distribution that can be tilted exponentially (change of measure; paper, section IV.B).
+
+    Attributes
+    ----------
+    theta_limit
+        Upper limit of the parameter theta of the tilting; it may be infinite.
+    """
 
     theta_limit: float
 
@@ -54,4 +60,4 @@ class Tiltable(Distribution, Protocol):
         """Return kappa(theta) = log E exp(theta X), the log moment generating function."""
 
     def tilt(self, theta: float) -> Self:
-        """Change the measure exponentially: the density becomes exp(theta x - kappa(theta)) f(x)."""
+        """Return the exponentially tilted distribution, with density exp(theta x - kappa(theta)) f(x)."""

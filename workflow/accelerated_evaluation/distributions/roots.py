@@ -8,25 +8,24 @@ from numpy.typing import NDArray
 from accelerated_evaluation.base.arrays import Array
 
 _LIMITS = np.finfo(float)
-_MOST_STEPS = 2046  # as many bisections as doubles have powers of two
+_MOST_STEPS = 2046  # largest number of bisections: the number of different powers of two among doubles
 
 
 def find_roots(
     function: Callable[[Array, NDArray[np.intp]], Array], low: Array, high: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Find the roots between given ends by Chandrupatla's method (1997, Advances in Engineering Software 28).
+    """Find a root of each of n functions by Chandrupatla's method.
 
-    The result is identical to that of `scipy.optimize.elementwise.find_root`. That function also supports
-    other array libraries, and this support takes longer than the iterations themselves if there are only a
-    few roots.
+    The method is that of Chandrupatla (1997, Advances in Engineering Software 28).
+    The result is identical to that of `scipy.optimize.elementwise.find_root`. If there are only a few roots,
+    SciPy's support of other array libraries takes longer than the iterations; this function avoids that.
 
     Parameters
     ----------
     function
-        Function of points x, shape (k,), and indices, shape (k,), which returns the value at each point of
-        the function with that index.
+        Function that takes points x, shape (k,), and indices i, shape (k,), and returns the values f_i(x).
     low, high
-        Ends of the brackets, shape (n,).
+        Ends of the brackets: the sign of f_i should differ at the two ends, shape (n,).
 
     Returns
     -------
@@ -34,7 +33,7 @@ def find_roots(
         The roots, NaN if there is none, and whether there is one, shape (n,).
     """
     root, is_found, active = np.full(low.shape, np.nan), np.zeros(low.shape, bool), np.arange(low.size)
-    # Rows: newest point x1, other end of the bracket x2, point given up last x3, and the values there.
+    # Rows: newest point x1, other end of the bracket x2, last discarded point x3, and the values there.
     state = np.array([low, high, high, function(low, active), function(high, active), np.ones(low.size)])
     for step in range(_MOST_STEPS):
         x1, x2, _, f1, f2, _ = state
@@ -56,14 +55,16 @@ def find_roots(
 
 
 def _share(state: Array, tolerance: Array) -> Array:
-    """Return where in the bracket, from x1 on, the next point lies: by inverse interpolation if that is safe.
+    """Return the position of the next point in the bracket: 0 at x1, 1 at x2, shape (k,).
+
+    The position follows from inverse quadratic interpolation if that is safe, and is 0.5 otherwise.
 
     Parameters
     ----------
     state
         Points x1, x2, x3 and values f1, f2, f3, shape (6, k).
     tolerance
-        Width of a bracket that is narrow enough, shape (k,).
+        Width of the bracket at which the iteration ends, shape (k,).
     """
     x1, x2, x3, f1, f2, f3 = state
     position = (x1 - x2) / (x3 - x2)

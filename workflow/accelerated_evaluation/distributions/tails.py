@@ -1,4 +1,4 @@
-"""Probabilities of intervals, and quantiles of normal scores, that are accurate in far tails."""
+"""Probabilities of intervals, and quantiles at normal scores, that are accurate in far tails."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,7 +15,7 @@ def interval_probability(law: Distribution, start: ArrayLike, end: ArrayLike) ->
     Parameters
     ----------
     law
-        The distribution of X. For a mixture, the sum is over the components that overlap an interval.
+        The distribution of X. For a mixture, the weighted probabilities of the components are added up.
     start, end
         Ends of the intervals, of shapes that broadcast; the end may be infinite.
 
@@ -37,13 +37,25 @@ def interval_probability(law: Distribution, start: ArrayLike, end: ArrayLike) ->
 
 
 def normal_score_quantile(law: Distribution, z: Array) -> Array:
-    """Return the quantile x of ``law`` at the normal score z, so that F(x) = Phi(z).
+    """Return the quantiles x of a distribution at normal scores z, so that F(x) = Phi(z).
 
     Above the median the survival function is inverted, and below it the distribution function, so that
     neither tail loses accuracy by rounding near one.
+
+    Parameters
+    ----------
+    law
+        The distribution with the distribution function F.
+    z
+        Normal scores, shape (n,); Phi is the standard normal distribution function.
+
+    Returns
+    -------
+    numpy.ndarray
+        Quantiles, shape (n,).
     """
     value, above = np.empty_like(z), z > 0
-    # A side without points is skipped: the quantiles of a mixture take long even for none.
+    # A side without points is skipped, because the quantile function of a mixture takes long even then.
     if above.any():
         value[above] = law.isf(ndtr(-z[above]))
     if not above.all():

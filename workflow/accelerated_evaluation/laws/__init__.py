@@ -8,9 +8,10 @@ import pandas as pd
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.laws.protocol import CutIns, Factors, Law, Stratum
 
-# Kinds of laws, by the name that their files state.
+# Classes of laws, by the name in law files.
 LAWS: Registry[type[Law]] = Registry("law", __name__, __path__)
-# What fits a law to an encounter table by a complete configuration, by the name that a user gives (--law).
+# Functions that fit a law to an encounter table by a complete configuration, by the name that a user gives
+# to the option --law.
 FITS: Registry[Callable[[pd.DataFrame, Mapping[str, Any]], Law]] = Registry("fitted law", __name__, __path__)
 
 __all__ = ["FITS", "LAWS", "CutIns", "Factors", "Law", "Stratum"]

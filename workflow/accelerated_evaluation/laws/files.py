@@ -19,20 +19,21 @@ from accelerated_evaluation.records.encounter_table import NUMBERS
 
 FORMAT = "accelerated-evaluation law"
 VERSION = 2
-PLACES = (-4.0, 0.0, 4.0)  # normal scores at which a law that was read is checked
+PLACES = (-4.0, 0.0, 4.0)  # normal scores at which a law is checked after reading
 
 
 def write_law(path: str | os.PathLike, law: Law, encounters: pd.DataFrame | None = None) -> None:
-    """Write a law as JSON, atomically; `read_law` returns a law that is equal to it.
+    """Write a law as JSON, atomically; `read_law` returns an equal law.
 
     Parameters
     ----------
     path
-        The file.
+        File to write.
     law
         The law.
     encounters
-        The encounter table that it was fitted to, whose digest is written so that no other is read with it.
+        The encounter table to which the law was fitted. A digest of the table is written to the file, so that
+        `read_law` can refuse other tables.
     """
     cap = None if math.isinf(law.closing_speed_max) else law.closing_speed_max
     header = {"format": FORMAT, "version": VERSION, "kind": law.kind, "description": law.description}
@@ -62,7 +63,7 @@ def read_law(path: str | os.PathLike, encounters: pd.DataFrame) -> Law:
     Raises
     ------
     InputError
-        If the file is missing, is not a law of this version, or does not fit the encounters.
+        If the file is missing, is not a law file of this version, or belongs to another encounter table.
     """
     change = "Fit the law again, or name a law file that this version wrote."
     require_file(path, change)
@@ -77,7 +78,7 @@ def read_law(path: str | os.PathLike, encounters: pd.DataFrame) -> Law:
             content, encounters, content["description"], math.inf if cap is None else float(cap)
         )
         _require_cut_ins(law)
-        json.dumps(law.content(), allow_nan=False)  # a null or NaN may be in a table of numbers
+        json.dumps(law.content(), allow_nan=False)  # raises ValueError if a number is NaN or infinite
         if "encounters" in content:
             given = _described(encounters)
             _require_equal(path, _table(given), _table(content["encounters"]), given == content["encounters"])
@@ -90,7 +91,17 @@ def read_law(path: str | os.PathLike, encounters: pd.DataFrame) -> Law:
 def require_shares(path: str | os.PathLike, law: Law, encounters: pd.DataFrame) -> None:
     """Raise InputError unless a law and an encounter table have the same shares of segments.
 
-    `read_law` compares the whole table with the digest in the law file, which files of earlier versions lack.
+    This check is for law files of earlier versions. They have no digest of the encounter table, with which
+    `read_law` could compare the whole table.
+
+    Parameters
+    ----------
+    path
+        The law file, for the error.
+    law
+        The law.
+    encounters
+        The encounter table.
     """
     counts = encounters["segment"].value_counts()
     recorded = {segment: count / len(encounters) for segment, count in counts.items()}
@@ -103,7 +114,7 @@ def _require_equal(path: str | os.PathLike, seen: str, expected: str, is_equal: 
             f"{path}, the encounter table of this law",
             seen=f"another table: {seen}",
             expected=f"the table that the law was fitted to: {expected}",
-            change="Give the encounter table, or the configuration, of the study that the law is from.",
+            change="Name the encounter table, or the configuration, of the study to which the law belongs.",
         )
 
 
@@ -116,7 +127,7 @@ def _shares(shares: Mapping[str, float]) -> str:
 
 
 def _require_cut_ins(law: Law) -> None:
-    """Raise ValueError if a law has no description, no cap above 0, or cut-ins that cannot be."""
+    """Raise ValueError if a law has no description, no cap above 0, or draws impossible cut-ins."""
     if not isinstance(law.description, str):
         raise ValueError(f"the description {law.description!r}")
     if not law.closing_speed_max > 0:

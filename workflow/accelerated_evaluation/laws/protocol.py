@@ -1,12 +1,14 @@
 """Interface of a law of cut-ins, a probability distribution of lead speed, range and closing speed.
 
-A law draws cut-ins, maps normal scores to cut-ins, and gives the probability of each line of a crash map. It
-is a mixture over strata of the lead speed v_L. In each stratum, v_L follows the recorded values, and two
-further coordinates describe a cut-in. The two coordinates are independent within the stratum. For the paper's
-laws the coordinates are R^-1 and TTC^-1 themselves. If the closing speed depends on the range, the law uses
-unit-exponential coordinates, because the Rosenblatt transformation turns any pair of dependent variables into
-independent ones. Drawing, tilting, likelihood ratios, normal scores and interval probabilities then need only
-the distributions of the two coordinates and the map from coordinates to cut-ins.
+A law draws cut-ins, maps normal scores to cut-ins, and computes the probability of intervals of the closing
+speed for crash maps. It is a mixture over strata of the lead speed v_L. In each stratum, v_L follows the
+recorded values, and two further coordinates describe a cut-in. The two coordinates are independent of each
+other within the stratum.
+
+For the paper's laws the coordinates are R^-1 and TTC^-1 themselves. A law whose closing speed depends on the
+range uses coordinates with unit exponential distributions: the Rosenblatt transformation maps any pair of
+dependent variables to such independent ones. Drawing, tilting, likelihood ratios, normal scores and interval
+probabilities then need only the distributions of the two coordinates and the map from coordinates to cut-ins.
 """
 
 from abc import ABC, abstractmethod
@@ -58,7 +60,10 @@ class CutIns:
 
 @dataclass(frozen=True)
 class Factors:
-    """Independent distributions of the two coordinates of a stratum: one pair for f, and one for each f*."""
+    """The distributions of the two independent coordinates of a cut-in in a stratum.
+
+    One instance describes the law f, and further instances describe proposals f*.
+    """
 
     first: Distribution
     second: Distribution
@@ -78,9 +83,9 @@ class Stratum(ABC):
     Attributes
     ----------
     lead_speed
-        Empirical distribution of v_L [m/s]; no method changes it.
+        Empirical distribution of v_L [m/s]; importance sampling does not change it.
     factors
-        f in the two coordinates of this stratum.
+        Distributions of the two coordinates under the law.
     """
 
     lead_speed: Empirical
@@ -88,12 +93,15 @@ class Stratum(ABC):
 
     @property
     def pieces(self) -> Factors:
-        """The distributions of `factors`, divided into the pieces that the paper's methods tilt."""
+        """The distributions of `factors` as piecewise mixtures, whose pieces the paper's methods tilt.
+
+        By default they are `factors` itself.
+        """
         return self.factors
 
     @abstractmethod
     def cut_ins(self, lead_speed: Array, first: Array, second: Array) -> CutIns:
-        """Return the cut-ins with given v_L and coordinates; all arrays have shape (n,)."""
+        """Return the cut-ins with given v_L [m/s] and given two coordinates; all arrays have shape (n,)."""
 
     @abstractmethod
     def first(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
@@ -104,21 +112,36 @@ class Stratum(ABC):
         """Return the second coordinate; it increases with the closing speed [m/s] for fixed v_L and R^-1."""
 
     def second_at(self, lead_speed: Array, inverse_range: Array, closing_speeds: Array) -> Array:
-        """Return the second coordinate of several closing speeds [m/s] at each of n places, shape (n, m)."""
+        """Return the second coordinate of m closing speeds for each of n pairs of v_L and R^-1.
+
+        Parameters
+        ----------
+        lead_speed, inverse_range
+            v_L [m/s] and R^-1 [1/m], shape (n,).
+        closing_speeds
+            Closing speeds [m/s], shape (n, m).
+
+        Returns
+        -------
+        numpy.ndarray
+            The coordinates, shape (n, m).
+        """
         columns = [self.second(lead_speed, inverse_range, speed) for speed in closing_speeds.T]
         return np.column_stack(columns)
 
     def log_first_slope(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
-        """Return the log of the derivative of the first coordinate by R^-1.
+        """Return the log of the derivative of the first coordinate with respect to R^-1, for fixed v_L.
 
-        It is 0 if the coordinate is R^-1 itself.
+        The value is 0 if the first coordinate is R^-1 itself. The arguments are v_L [m/s] and R^-1 [1/m], of
+        shapes that broadcast.
         """
         return np.zeros(np.broadcast_shapes(np.shape(lead_speed), np.shape(inverse_range)))
 
     def log_second_slope(self, lead_speed: Array, inverse_range: Array, closing_speed: Array) -> Array:
-        """Return the log of the derivative of the second coordinate by the closing speed, shape (n,).
+        """Return the log of the derivative of the second coordinate with respect to the closing speed.
 
-        It is log R^-1 if the coordinate is TTC^-1 itself.
+        The value is log R^-1 if the second coordinate is TTC^-1 itself. Arguments (v_L [m/s], R^-1 [1/m] and
+        closing speed [m/s]) and result have shape (n,).
         """
         return np.log(inverse_range)
 
@@ -130,9 +153,10 @@ class Stratum(ABC):
     def closing_speed_probability(
         self, lead_speed: Array, inverse_range: Array, start: Array, end: Array
     ) -> Array:
-        """Return P(start <= closing speed < end) for given v_L and R^-1.
+        """Return P(start <= closing speed < end) given v_L and R^-1.
 
-        A crash map uses the closing speed only through these probabilities.
+        The exact crash probability of a crash map needs the distribution of the closing speed only in the
+        form of these probabilities.
 
         Parameters
         ----------
@@ -150,9 +174,9 @@ class Stratum(ABC):
         return interval_probability(self.factors.second, *ends)
 
     def cell_probability(self, lead_speed: Array, inverse_range: Array) -> Array:
-        """Return the probability of cells of v_L and R^-1.
+        """Return the probability of rectangular cells of v_L and R^-1.
 
-        If the first coordinate depends on v_L, it is evaluated at the middle of each interval of v_L.
+        If the first coordinate depends on v_L, it is evaluated at the middle of the cell's interval of v_L.
 
         Parameters
         ----------
@@ -196,11 +220,12 @@ class Law(ABC):
     description
         Description of the data to which the law was fitted.
     closing_speed_max
-        Cap on the closing speeds [m/s], applied before they are simulated; infinity means no cap.
+        Cap on the closing speed [m/s], which is applied before a cut-in is simulated; infinity means no cap.
     shares
-        Share of each stratum in the lane changes, in order of the lead speed; the shares sum to one.
+        Share of each stratum in the lane changes, by name of the stratum and in order of the lead speed; the
+        shares sum to one.
     strata
-        The distribution in each stratum, under the same names.
+        The distribution in each stratum, by the same names.
     """
 
     kind: ClassVar[str]
@@ -210,12 +235,12 @@ class Law(ABC):
     @property
     @abstractmethod
     def shares(self) -> Mapping[str, float]:
-        """Share of each stratum."""
+        """Share of each stratum, by name of the stratum."""
 
     @property
     @abstractmethod
     def strata(self) -> Mapping[str, Stratum]:
-        """The law in each stratum."""
+        """The distribution in each stratum, by name of the stratum."""
 
     @abstractmethod
     def only(self, stratum: str) -> Self:
@@ -226,12 +251,12 @@ class Law(ABC):
         return np.minimum(closing_speed, self.closing_speed_max)
 
     def draw(self, generator: np.random.Generator, size: int) -> tuple[CutIns, NDArray[np.intp]]:
-        """Draw independent cut-ins, ordered by stratum.
+        """Draw independent cut-ins from the law, ordered by stratum.
 
         Parameters
         ----------
         generator
-            Source of all randomness.
+            Random generator.
         size
             Number n of cut-ins.
 
@@ -258,9 +283,9 @@ class Law(ABC):
     def from_normal_scores(self, z: Array) -> CutIns:
         """Map normal scores to cut-ins by the Rosenblatt transformation (Rosenblatt 1952).
 
-        As the score of v_L increases, it passes through the strata one after the other. A sampler in normal
-        scores can therefore divide its simulations among the strata according to their contribution to the
-        event.
+        The first normal score determines both the stratum and v_L: the strata occupy adjacent intervals of
+        the score, in order of v_L. A sampler in normal scores can therefore choose strata according to their
+        contribution to the event.
 
         Parameters
         ----------
@@ -278,7 +303,22 @@ class Law(ABC):
         return CutIns(*columns)
 
     def in_strata(self, z: Array) -> Iterator[tuple[NDArray[np.bool_], Stratum, Array, Array, Array]]:
-        """Yield for each stratum which normal scores it has, and v_L and both coordinates of these."""
+        """Yield the strata with the normal scores that belong to them.
+
+        Parameters
+        ----------
+        z
+            Normal scores of v_L and of the two coordinates, shape (n, 3).
+
+        Yields
+        ------
+        here : numpy.ndarray
+            Which rows of z belong to the stratum, shape (n,); m rows do.
+        stratum : Stratum
+            The stratum.
+        lead_speed, first, second : numpy.ndarray
+            v_L [m/s] and the two coordinates of these rows, each of shape (m,).
+        """
         u, index = ndtr(z[:, 0]), self.stratum_of_normal_scores(z)
         share = np.array(list(self.shares.values()))
         before = np.cumsum(share) - share
@@ -290,9 +330,10 @@ class Law(ABC):
             yield here, stratum, lead_speed, first, second
 
     def encounters(self, z: Array) -> Array:
-        """Return cut-ins at normal scores as a vehicle receives them.
+        """Return the cut-ins at normal scores z, shape (n, 3), in the form in which vehicles are simulated.
 
-        Lead speed [m/s], range [m] and closing speed [m/s] with the cap of the law, shape (3, n).
+        The rows are lead speed [m/s], range [m] and closing speed [m/s] with the cap of the law, shape (3,
+        n).
         """
         cut_ins = self.from_normal_scores(z)
         return np.stack([cut_ins.lead_speed, cut_ins.range_, self.capped(cut_ins.closing_speed)])

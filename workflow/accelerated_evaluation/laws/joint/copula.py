@@ -1,7 +1,7 @@
-"""Laws with smooth margins: a Gaussian copula, and independent variables.
+"""Joint laws with smooth marginal distributions: a Gaussian copula, and independent variables.
 
-Each margin is a mixture of truncated normal distributions of one variable. The copula is that of a normal
-distribution: the normal scores of the variables, each by its own margin, have a correlation matrix.
+Each marginal distribution is a mixture of truncated normal distributions. Under the Gaussian copula, the
+normal scores of the variables, each computed from its own marginal distribution, are jointly normal.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,21 +16,21 @@ from accelerated_evaluation.laws.joint import JOINT_LAWS
 from accelerated_evaluation.laws.joint.protocol import Box, JointLaw, normalised
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 
-MARGIN_COMPONENTS = (1, 2, 3, 4)  # of which the margin with the smallest BIC is taken
-STRONGEST = 0.999  # correlation
+MARGIN_COMPONENTS = (1, 2, 3, 4)  # numbers of components that are fitted; the smallest BIC decides
+STRONGEST = 0.999  # largest absolute correlation
 
 
 @JOINT_LAWS.add("gaussian_copula")
 @dataclass(frozen=True, eq=False)
 class GaussianCopula(JointLaw):
-    """Smooth margins with a Gaussian copula.
+    """Smooth marginal distributions with a Gaussian copula.
 
     Attributes
     ----------
     box
         The variables and their limits.
     margins
-        The distribution of each variable.
+        Marginal distribution of each variable.
     correlation
         Correlation matrix of the normal scores, shape (d, d).
     """
@@ -51,7 +51,7 @@ class GaussianCopula(JointLaw):
         weights: Array | None = None,
         start: Self | None = None,
     ) -> Self:
-        """Fit the margins, and then the correlations of the normal scores; see `JointLaw.fit`."""
+        """Fit the marginal distributions, then the correlations of normal scores; see `JointLaw.fit`."""
         box.require(x, "the records")
         margins = tuple(
             _margin(values, side(box, j), generator, weights, None if start is None else start.margins[j])
@@ -81,7 +81,7 @@ class GaussianCopula(JointLaw):
         return np.linalg.cholesky(self.correlation)
 
     def log_density(self, x: Array) -> Array:
-        """Return the log density at points, shape (n, d); it is -inf outside the box."""
+        """Return the log density at points of shape (n, d), shape (n,); it is -inf outside the box."""
         logs, inside = np.full(len(x), -np.inf), self.box.contains(x)
         z = _scores(self.margins, x[inside])
         e = np.linalg.solve(self._factor, z.T)
@@ -101,7 +101,7 @@ class GaussianCopula(JointLaw):
         return np.hstack(values)
 
     def content(self) -> dict[str, Any]:
-        """Return the parameters for JSON."""
+        """Return the parameters of the law, for JSON."""
         return {
             "margins": [margin.content() for margin in self.margins],
             "correlation": self.correlation.tolist(),
@@ -109,7 +109,7 @@ class GaussianCopula(JointLaw):
 
     @classmethod
     def from_content(cls, content: Mapping[str, Any], box: Box) -> Self:
-        """Build the law that `content` described."""
+        """Build a law from the value that `content` returned, and from its box."""
         margins = tuple(
             TruncatedNormalMixture.from_content(part, side(box, j))
             for j, part in enumerate(content["margins"])
@@ -120,7 +120,7 @@ class GaussianCopula(JointLaw):
 @JOINT_LAWS.add("independent_variables")
 @dataclass(frozen=True, eq=False)
 class IndependentVariables(GaussianCopula):
-    """Smooth margins without dependence."""
+    """Independent variables with smooth marginal distributions."""
 
     kind: ClassVar[str] = "independent_variables"
 
@@ -135,7 +135,7 @@ class IndependentVariables(GaussianCopula):
 
 
 def side(box: Box, j: int) -> Box:
-    """Return the limits of one variable of a box."""
+    """Return the one-dimensional box of the variable with index j."""
     return Box((box.names[j],), (box.lower[j],), (box.upper[j],))
 
 
@@ -146,7 +146,10 @@ def _margin(
     weights: Array | None,
     start: TruncatedNormalMixture | None,
 ) -> TruncatedNormalMixture:
-    """Return the distribution of one variable, with as many components as the start or BIC say."""
+    """Return the marginal distribution of one variable.
+
+    The number of components is that of ``start`` if it is given, and otherwise the one with the smallest BIC.
+    """
     x = values[:, None]
     if start is not None:
         return TruncatedNormalMixture.fit(x, box, generator, weights=weights, start=start)
@@ -158,5 +161,5 @@ def _margin(
 
 
 def _scores(margins: Sequence[TruncatedNormalMixture], x: Array) -> Array:
-    """Return the normal score of each variable by its own margin, shape (n, d)."""
+    """Return the normal score of each variable under its marginal distribution, shape (n, d)."""
     return np.column_stack([margin.normal_scores(x[:, j]) for j, margin in enumerate(margins)])

@@ -1,13 +1,15 @@
 """Maximum likelihood of a mixture of truncated normal distributions, by the EM algorithm for truncated data.
 
-The M-step in terms of the mean o1 and the second moments o2 of the records of a component about its present
-mean, and of the moments i1 and i2 that the component itself has within the box, is
+Let o1 and o2 be the first and second moments of the records of a component about the present mean of the
+component, and i1 and i2 the moments of the component itself within the box, about the same mean. The M-step
+is
 
     mean + step (o1 - i1)   and   covariance + step (o2 - i2)   (second moments about the present mean).
 
-The step P, the probability of the box, is the M-step of the EM algorithm whose missing data are the points
-outside the box; it never lowers the likelihood. The step 1 is that of Lee and Scott (2012), which is faster
-if P is small, but may overshoot. It is tried first, and the safe step is taken if the likelihood falls.
+If the step is P, the probability of the box under the component, this is the M-step of the EM algorithm whose
+missing data are the points outside the box; it never lowers the likelihood. The step 1 is that of Lee and
+Scott (2012), which is faster if P is small, but may overshoot. The step 1 is tried first, and the step P is
+taken if the likelihood falls.
 """
 
 import math
@@ -22,32 +24,32 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.joint.protocol import Box, normalised
 from accelerated_evaluation.laws.joint.truncated import Normals
 
-STARTS = 8  # runs of k-means from which the EM algorithm begins
-SHORT = 15  # iterations by which the starts are compared
-ITERATIONS = 500
-TOLERANCE = 1e-6  # increase of the mean log likelihood of a record at which the iterations end
-NARROWEST = 0.05  # least standard deviation of a component in any direction, in those of the records
-LEAST_MASS = 0.01  # of the box under a component; less would be a tail, and would make drawing slow
+STARTS = 8  # number of runs of k-means from which the EM algorithm begins
+SHORT = 15  # number of iterations after which the starts are compared
+ITERATIONS = 500  # largest number of iterations from the best start
+TOLERANCE = 1e-6  # the iterations end if the mean log likelihood of a record increases by less
+NARROWEST = 0.05  # least standard deviation of a component in any direction, relative to that of the records
+LEAST_MASS = 0.01  # least probability of the box under a component; with less, drawing would be slow
 
 Mixture = tuple[Array, Normals]
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """How a fit ended.
+    """Summary of a fit.
 
     Attributes
     ----------
     records
         Number of records.
     log_likelihood
-        Log likelihood, with weights whose mean is 1.
+        Log likelihood of the records, with weights whose mean is 1.
     iterations
         Number of iterations from the best start.
     converged
-        Whether the log likelihood had stopped growing before the limit of iterations.
+        Whether the log likelihood stopped increasing before the limit of iterations.
     aic, bic
-        Criteria of Akaike and Schwarz, with K - 1 + K (d + d (d + 1) / 2) parameters.
+        Information criteria of Akaike and Schwarz, with K - 1 + K (d + d (d + 1) / 2) parameters.
     """
 
     records: int
@@ -61,7 +63,7 @@ class Fitted:
     def of(
         cls, log_likelihood: float, parameters: int, records: int, iterations: int, converged: bool
     ) -> Self:
-        """Return the outcome with the criteria that follow from it."""
+        """Return the summary of a fit, with the AIC and BIC for the given number of parameters."""
         aic = 2 * parameters - 2 * log_likelihood
         bic = parameters * math.log(records) - 2 * log_likelihood
         return cls(records, log_likelihood, iterations, converged, aic, bic)
@@ -69,7 +71,7 @@ class Fitted:
 
 @dataclass(frozen=True)
 class Expected:
-    """A mixture with what the next M-step needs.
+    """A mixture, and the result of the E-step that the next M-step needs.
 
     Attributes
     ----------
@@ -93,7 +95,10 @@ class Expected:
 
 
 def parameters_of_mixture(components: int, dimension: int) -> int:
-    """Return the number of free parameters of a mixture of normal distributions: 10 K - 1 for d = 3."""
+    """Return the number of free parameters of a mixture of K normal distributions in d dimensions.
+
+    It is K - 1 + K (d + d (d + 1) / 2), for example 10 K - 1 for d = 3.
+    """
     return components - 1 + components * (dimension + dimension * (dimension + 1) // 2)
 
 
@@ -116,11 +121,12 @@ def fit_mixture(
     components
         Number K of components.
     generator
-        Source of the random starts.
+        Random generator for k-means.
     weights
         Weight of each record, shape (n,); by default all are equal.
     start
-        Shares and components from which to begin; by default, the best of `STARTS` runs of k-means.
+        Shares and components from which the iterations begin; by default, the best of `STARTS` runs of
+        k-means.
 
     Returns
     -------
@@ -129,11 +135,11 @@ def fit_mixture(
     normals : Normals
         The components before the truncation.
     fitted : Fitted
-        How the fit ended.
+        Summary of the fit.
     """
     n, d = x.shape
     weight, centre, scale = normalised(weights, n), x.mean(axis=0), x.std(axis=0)
-    # The iterations run in units of the standard deviations, so that one floor serves all directions.
+    # Records are standardised, so that one least standard deviation is suitable for all directions.
     y = (x - centre) / scale
     sides = (tuple((np.array(end) - centre) / scale) for end in (box.lower, box.upper))
     own = Box(box.names, *sides)
@@ -168,13 +174,16 @@ def _clustered(y: Array, box: Box, components: int, generator: np.random.Generat
 
 
 def _climb(y: Array, weight: Array, state: Expected, limit: int) -> tuple[Expected, int, bool]:
-    """Iterate until the likelihood no longer grows; return the state, the iterations, and whether it did."""
+    """Iterate until the likelihood no longer increases.
+
+    Return the last state, the number of iterations, and whether the iterations converged before ``limit``.
+    """
     for iteration in range(limit):
         new = _maximised(y, weight, state, np.ones(len(state.shares)))
         if new.value < state.value:
             new = _maximised(y, weight, state, state.mass)
         if new.value < state.value:
-            return state, iteration + 1, True  # at the limit of a component's width, or to rounding
+            return state, iteration + 1, True  # because of the least width of a component, or of rounding
         gain, state = new.value - state.value, new
         if gain < TOLERANCE:
             return state, iteration + 1, True
@@ -182,7 +191,7 @@ def _climb(y: Array, weight: Array, state: Expected, limit: int) -> tuple[Expect
 
 
 def _maximised(y: Array, weight: Array, state: Expected, step: Array) -> Expected:
-    """Take an M-step of given length, shape (K,), and the E-step that follows."""
+    """Take an M-step with a given step for each component, shape (K,), and the E-step that follows."""
     normals, part = state.normals, state.responsibility * weight
     total = np.maximum(part.sum(axis=1), np.finfo(float).tiny)
     difference = y - normals.mean[:, None, :]
@@ -198,7 +207,11 @@ def _maximised(y: Array, weight: Array, state: Expected, step: Array) -> Expecte
 def _expect(
     y: Array, weight: Array, shares: Array, normals: Normals, before: Expected | None = None
 ) -> Expected:
-    """Take an E-step; a component that has left the box keeps the parameters that it had before."""
+    """Take an E-step.
+
+    A component under which the box has less probability than `LEAST_MASS` gets the parameters that it has in
+    ``before``.
+    """
     moments = normals.moments()
     if before is not None and (lost := ~(moments[0] >= LEAST_MASS)).any():
         mean = np.where(lost[:, None], before.normals.mean, normals.mean)

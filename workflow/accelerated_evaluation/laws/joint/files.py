@@ -15,12 +15,12 @@ CHANGE = "Fit the law again, or name a law file that this version wrote."
 
 
 def write_joint_law(path: str | os.PathLike, law: JointLaw, description: str) -> None:
-    """Write a law as JSON, atomically; `read_joint_law` returns a law with the same parameters.
+    """Write a joint law as JSON, atomically; `read_joint_law` returns a law with the same parameters.
 
     Parameters
     ----------
     path
-        The file.
+        File to write.
     law
         The law.
     description
@@ -31,14 +31,14 @@ def write_joint_law(path: str | os.PathLike, law: JointLaw, description: str) ->
 
 
 def read_joint_law(path: str | os.PathLike, box: Box | None = None) -> JointLaw:
-    """Read a file of a joint law.
+    """Read a joint law from a file.
 
     Parameters
     ----------
     path
         The file.
     box
-        The variables and limits that the law must have, those of the scenario; by default any.
+        The variables and limits that the law must have; by default they are not checked.
 
     Raises
     ------

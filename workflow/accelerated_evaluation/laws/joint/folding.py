@@ -1,4 +1,4 @@
-"""Folding of a joint law: the distribution of the absolute value of a variable whose sign does not matter."""
+"""Folding of a joint law: the distribution with one variable replaced by its absolute value."""
 
 import numpy as np
 
@@ -7,29 +7,29 @@ from accelerated_evaluation.laws.joint.protocol import Box
 from accelerated_evaluation.laws.joint.truncated import Normals
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 
-BEYOND = 1e-3  # largest probability that may be moved where the box is not symmetric
-LEAST_SHARE = 1e-9  # of a component that is kept
+BEYOND = 1e-3  # largest error of the total probability that is accepted if the box is not symmetric
+LEAST_SHARE = 1e-9  # components with a smaller share are dropped
 
 
 def folded(law: TruncatedNormalMixture, variable: int) -> TruncatedNormalMixture:
-    """Return the law of the variables with the absolute value of one of them.
+    """Return the law in which one variable is replaced by its absolute value.
 
-    Each component becomes two: its part above zero, and the mirror image of its part below zero. The sampler
-    in normal scores needs this law if encounters with values near zero matter and the sign does not: they are
-    a thin layer in the middle of the distribution of the variable, but the lower tail of its absolute value.
+    Each component becomes two: its part above zero, and the mirror image of its part below zero. Folding
+    helps the sampler in normal scores if events occur at values near zero of either sign. These values are a
+    thin layer in the middle of the distribution of the variable, but the lower tail of its absolute value.
 
     Parameters
     ----------
     law
         The law, whose box has zero inside the limits of the variable.
     variable
-        Number of the variable.
+        Index of the variable.
 
     Raises
     ------
     InputError
-        If the limits of the variable are not symmetric, and more than `BEYOND` of the probability would lie
-        between them.
+        If the limits of the variable are not symmetric, so that the total probability of the folded law
+        would differ from 1 by more than `BEYOND`.
     """
     box, mean, covariance = law.box, law.normals.mean, law.normals.covariance
     sign = np.ones(law.dimension)

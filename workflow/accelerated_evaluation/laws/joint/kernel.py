@@ -1,8 +1,8 @@
-"""Kernel law: a truncated normal distribution about each record, all with one covariance matrix.
+"""Kernel law: a mixture of truncated normal distributions, one about each record, with one covariance matrix.
 
-The covariance matrix is that of the records times the square of a bandwidth. The bandwidth is the one with
-the largest leave-one-out likelihood. Records that repeat the record that is left out are left out too,
-because a repeated row would otherwise ask for a bandwidth of zero.
+The covariance matrix is that of the records times the square of a bandwidth. The bandwidth maximizes the
+leave-one-out likelihood. If a record is left out, all records that are equal to it are left out as well,
+because the likelihood would otherwise be largest for a bandwidth of zero.
 """
 
 from collections.abc import Mapping
@@ -18,13 +18,13 @@ from accelerated_evaluation.laws.joint.protocol import Box, normalised
 from accelerated_evaluation.laws.joint.truncated import Normals
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 
-FACTORS = (0.3, 0.4, 0.5, 0.6, 0.75, 0.9, 1.1, 1.4)  # of the bandwidth of Scott, n^(-1 / (d + 4))
+FACTORS = (0.3, 0.4, 0.5, 0.6, 0.75, 0.9, 1.1, 1.4)  # multiples of Scott's bandwidth, n^(-1 / (d + 4))
 
 
 @JOINT_LAWS.add("kernel")
 @dataclass(frozen=True, eq=False)
 class KernelLaw(TruncatedNormalMixture):
-    """A truncated normal distribution about each record."""
+    """A mixture of truncated normal distributions, one about each record."""
 
     kind: ClassVar[str] = "kernel"
 
@@ -38,7 +38,10 @@ class KernelLaw(TruncatedNormalMixture):
         weights: Array | None = None,
         start: Self | None = None,
     ) -> Self:
-        """Choose the bandwidth, unless ``start`` has one for the same records; see `JointLaw.fit`."""
+        """Fit the bandwidth to the records; see `JointLaw.fit`.
+
+        If ``start`` is given, its covariance matrix is used without a fit.
+        """
         box.require(x, "the records")
         shares = normalised(weights, len(x)) / len(x)
         if start is not None and np.array_equal(start.normals.mean, x):
@@ -49,18 +52,18 @@ class KernelLaw(TruncatedNormalMixture):
 
     @property
     def n_parameters(self) -> int:
-        """The bandwidth is the only fitted parameter."""
+        """Number of fitted parameters: 1, the bandwidth."""
         return 1
 
     def content(self) -> dict[str, Any]:
-        """Return the parameters for JSON."""
+        """Return the parameters of the law, for JSON."""
         normals = self.normals
         own = {"covariance": normals.covariance[0].tolist(), "centres": normals.mean.tolist()}
         return own | {"shares": self.shares.tolist()}
 
     @classmethod
     def from_content(cls, content: Mapping[str, Any], box: Box) -> Self:
-        """Build the law that `content` described."""
+        """Build a law from the value that `content` returned, and from its box."""
         names = ("shares", "centres", "covariance")
         shares, centres, covariance = (np.array(content[name], float) for name in names)
         return cls(shares, _kernels(centres, covariance, box))

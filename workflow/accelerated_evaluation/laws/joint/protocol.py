@@ -1,4 +1,4 @@
-"""Interface of a joint law: a probability distribution of the variables of a scenario within a box."""
+"""Interface of a joint law: a probability distribution of the variables of a scenario within limits."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -14,14 +14,14 @@ from accelerated_evaluation.base.errors import InputError
 
 @dataclass(frozen=True)
 class Box:
-    """The limits of d named variables.
+    """The limits of d named variables, which together form a box.
 
     Attributes
     ----------
     names
-        Names of the variables, with their units at the end, as in column names.
+        Names of the variables, which end with their units, like names of columns.
     lower, upper
-        Limits of each variable; both belong to the box.
+        Limits of each variable; both are part of the box.
     """
 
     names: tuple[str, ...]
@@ -48,7 +48,15 @@ class Box:
         return ((x >= self.lower) & (x <= self.upper)).all(axis=1)
 
     def require(self, x: Array, where: str) -> None:
-        """Raise InputError if a point, shape (n, d), is outside the box."""
+        """Raise InputError if one of n points, shape (n, d), is outside the box.
+
+        Parameters
+        ----------
+        x
+            The points.
+        where
+            Name of the table of points, for the error.
+        """
         outside = np.flatnonzero(~self.contains(x))
         if outside.size:
             row = outside[0]
@@ -68,7 +76,7 @@ class Box:
 
     @classmethod
     def from_content(cls, content: list[Mapping[str, Any]]) -> Self:
-        """Build the box that `content` described."""
+        """Build a box from the value that `content` returned."""
         names = tuple(str(part["name"]) for part in content)
         return cls(names, *(tuple(float(part[end]) for part in content) for end in ("lower", "upper")))
 
@@ -81,7 +89,7 @@ class JointLaw(ABC):
     kind
         Name of this kind of law in the registry and in files.
     box
-        The variables and their limits. The density is 0 outside.
+        The variables and their limits. The density is 0 outside of the box.
     """
 
     kind: ClassVar[str]
@@ -113,13 +121,14 @@ class JointLaw(ABC):
         box
             The variables and their limits.
         generator
-            Source of the random starting points.
+            Random generator for starting points.
         weights
             Weight of each record, shape (n,), as in a bootstrap sample; by default all are equal.
         start
-            An earlier fit to similar records, from which the iterations begin.
+            An earlier fit to similar records, from which the iterations begin; by default they begin from
+            random starting points.
         settings
-            Settings of a kind of law, such as the number of components.
+            Further settings of the class, such as the number of components.
 
         Raises
         ------
@@ -134,7 +143,7 @@ class JointLaw(ABC):
 
     @abstractmethod
     def log_density(self, x: Array) -> Array:
-        """Return the log density at points, shape (n, d); it is -inf outside the box."""
+        """Return the log density at points of shape (n, d), shape (n,); it is -inf outside the box."""
 
     @abstractmethod
     def sample(self, n: int, generator: np.random.Generator) -> Array:
@@ -142,26 +151,27 @@ class JointLaw(ABC):
 
     @abstractmethod
     def from_normal_scores(self, z: Array) -> Array:
-        """Map independent standard normal variables to points of the law, both of shape (n, d).
+        """Map independent standard normal variables to points that follow the law, both of shape (n, d).
 
-        The map is that of Rosenblatt (1952): the first variable follows its marginal distribution, and every
-        further one its conditional distribution, given the variables before it.
+        The map is the inverse Rosenblatt transformation (Rosenblatt 1952). The first variable has its
+        marginal distribution, and every further variable has its conditional distribution given the variables
+        before.
         """
 
     def encounters(self, z: Array) -> Array:
-        """Return the variables at normal scores, shape (d, n), as a vehicle receives them."""
+        """Return the points at normal scores z, shape (n, d), as an array of d variables, shape (d, n)."""
         return self.from_normal_scores(z).T
 
     @abstractmethod
     def content(self) -> dict[str, Any]:
-        """Return the parameters for JSON."""
+        """Return the parameters of the law, for JSON."""
 
     @classmethod
     @abstractmethod
     def from_content(cls, content: Mapping[str, Any], box: Box) -> Self:
-        """Build the law that `content` described."""
+        """Build a law from the value that `content` returned, and from its box."""
 
 
 def normalised(weights: Array | None, n: int) -> Array:
-    """Return weights of n records with the sum n; they are 1 by default."""
+    """Return the weights of n records, shape (n,), scaled so that their sum is n; without weights, ones."""
     return np.ones(n) if weights is None else weights * (n / weights.sum())

@@ -1,10 +1,10 @@
-"""Integrals of normal distributions over a box: masses, moments and conditional masses.
+"""Integrals of normal distributions over a box: probabilities, moments and conditional probabilities.
 
-With the Cholesky factor L of a covariance matrix, x = mean + L e, and the variables e are independent and
-standard normal. If e_1, ..., e_(j-1) are given, the limits of x_j are limits of e_j. An integral over the
-box is therefore a sequence of one-dimensional integrals (Genz 1992). The last one is known in closed form,
-and the others are sums at Gauss-Legendre nodes. The results are deterministic, unlike those of quasi-random
-integration, and with three variables a mass costs 32^2 evaluations.
+Let L be the Cholesky factor of a covariance matrix. Then x = mean + L e, and the standardised variables e are
+independent and standard normal. If e_1, ..., e_(j-1) are given, the limits of x_j are limits of e_j. An
+integral over the box is therefore a sequence of one-dimensional integrals (Genz 1992). The last integral is
+known in closed form, and the others are sums over Gauss-Legendre nodes. Unlike quasi-random integration, the
+results are deterministic. With three variables a probability takes 32^2 evaluations.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from accelerated_evaluation.laws.joint.protocol import Box
 
 NODES, NODE_WEIGHTS = np.polynomial.legendre.leggauss(32)
 LOG_ROOT_2PI = 0.5 * np.log(2 * np.pi)
-NEGLIGIBLE = 38.0  # log of the ratio of the largest density in an interval to one that is ignored
+NEGLIGIBLE = 38.0  # log of the ratio of the largest density in an interval to a density that is ignored
 
 
 def normal_density(e: Array) -> Array:
@@ -27,15 +27,15 @@ def normal_density(e: Array) -> Array:
 
 
 def interval_mass(low: Array, high: Array) -> Array:
-    """Return P(low < e < high) of a standard normal e, without cancellation in the upper tail."""
+    """Return P(low < e < high) for a standard normal variable e, without cancellation in the upper tail."""
     flip = low > 0
     return np.maximum(ndtr(np.where(flip, -low, high)) - ndtr(np.where(flip, -high, low)), 0.0)
 
 
 def gauss_nodes(low: Array, high: Array) -> tuple[Array, Array]:
-    """Return nodes in intervals of a standard normal variable, and their weights times the density.
+    """Return Gauss-Legendre nodes in intervals, and their weights times the standard normal density.
 
-    Parts of an interval where the density is negligible compared with its largest value are left out.
+    Parts of an interval in which the density is negligible compared with its largest value are left out.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class Normals:
 
     @property
     def nothing_given(self) -> Array:
-        """One point of which no variable is given, shape (K, 1, 0)."""
+        """Standardised variables of one point of which no variable is given, shape (K, 1, 0)."""
         return np.empty((len(self.mean), 1, 0))
 
     @cached_property
@@ -92,24 +92,48 @@ class Normals:
         return self.mass_beyond(self.nothing_given)[:, 0]
 
     def standardised(self, x: Array) -> Array:
-        """Return e of points, shape (n, d) to (K, n, d)."""
+        """Return the standardised variables e of points x, shape (n, d); the result has shape (K, n, d)."""
         difference = (x - self.mean[:, None, :]).transpose(0, 2, 1)
         return np.linalg.solve(self.factor, difference).transpose(0, 2, 1)
 
     def log_densities(self, x: Array) -> Array:
-        """Return the log density of each distribution at points, shape (n, d) to (K, n)."""
+        """Return the log density of each distribution at points x, shape (n, d), as shape (K, n)."""
         e = self.standardised(x)
         scale = np.log(np.diagonal(self.factor, axis1=1, axis2=2)).sum(axis=1)
         return -0.5 * (e * e).sum(axis=2) - scale[:, None] - x.shape[1] * LOG_ROOT_2PI
 
     def next_standardised(self, e: Array, value: Array | float) -> Array:
-        """Return e of the next variable at values, shape (n,), given earlier variables; shape (K, n)."""
+        """Return the standardised next variable, given its values and the earlier variables.
+
+        Parameters
+        ----------
+        e
+            Standardised earlier variables, shape (K, n, j).
+        value
+            Values of the next variable, shape (n,).
+
+        Returns
+        -------
+        numpy.ndarray
+            e_(j+1), shape (K, n).
+        """
         j = e.shape[-1]
         shift = self.mean[:, None, j] + np.einsum("kni,ki->kn", e, self.factor[:, j, :j])
         return (value - shift) / self.factor[:, None, j, j]
 
     def mass_beyond(self, e: Array) -> Array:
-        """Return the probability that the variables not given are in the box, (K, n, j) to (K, n)."""
+        """Return the probability that the remaining variables are in the box, given the first j variables.
+
+        Parameters
+        ----------
+        e
+            Standardised first j variables, shape (K, n, j).
+
+        Returns
+        -------
+        numpy.ndarray
+            Probabilities, shape (K, n).
+        """
         if e.shape[-1] == self.box.dimension:
             return np.ones(e.shape[:2])
         nodes, weight = self._nodes(e)
@@ -117,12 +141,12 @@ class Normals:
         return mass.reshape(*e.shape[:2], -1).sum(axis=2)
 
     def between(self, e: Array, low: Array | float, high: Array | float) -> Array:
-        """Return the probability that the next variable is in an interval and the later ones in the box.
+        """Return the probability that the next variable is in an interval and all later ones are in the box.
 
         Parameters
         ----------
         e
-            The variables that are given, shape (K, n, j).
+            Standardised earlier variables, which are given, shape (K, n, j).
         low, high
             Ends of the interval of the next variable, shape (n,).
 
@@ -138,16 +162,26 @@ class Normals:
         return (weight * self.mass_beyond(_appended(e, node)).reshape(weight.shape)).sum(axis=2)
 
     def density_of_next(self, e: Array, value: Array) -> Array:
-        """Return the density of the next variable times the probability that the later ones are in the box.
+        """Return the density of the next variable times the probability that all later ones are in the box.
 
-        Parameters and the shape of the result are those of `between`, with one value for each point.
+        Parameters
+        ----------
+        e
+            Standardised earlier variables, which are given, shape (K, n, j).
+        value
+            Values of the next variable at which the density is computed, shape (n,).
+
+        Returns
+        -------
+        numpy.ndarray
+            Densities, shape (K, n).
         """
         own = self.next_standardised(e, value)
         scale = self.factor[:, None, e.shape[-1], e.shape[-1]]
         return normal_density(own) / scale * self.mass_beyond(_appended(e, own[..., None]))
 
     def moments(self) -> tuple[Array, Array, Array]:
-        """Return integrals over the box.
+        """Return the probability of the box, and the first and second moments within the box.
 
         Returns
         -------
@@ -174,12 +208,15 @@ class Normals:
         return mass, (self.factor @ m1[..., None])[..., 0], self.factor @ m2 @ self.factor.transpose(0, 2, 1)
 
     def _limits(self, e: Array) -> tuple[Array, Array]:
-        """Return the limits of e of the next variable, given earlier variables; shape (K, n)."""
+        """Return the limits of the standardised next variable, given the earlier variables; shape (K, n)."""
         j = e.shape[-1]
         return self.next_standardised(e, self.box.lower[j]), self.next_standardised(e, self.box.upper[j])
 
     def _nodes(self, e: Array) -> tuple[Array, Array]:
-        """Return nodes of all variables but the last, (K, n * m, d - 1), with weights, (K, n * m)."""
+        """Return nodes of all variables but the last one, given the first variables e, shape (K, n, j).
+
+        The nodes have the shape (K, n * m, d - 1), and their weights have the shape (K, n * m).
+        """
         weight = np.ones(e.shape[:2])
         while e.shape[-1] < self.box.dimension - 1:
             node, own = gauss_nodes(*self._limits(e))

@@ -1,4 +1,4 @@
-"""Mixture of normal distributions, each truncated to a box: the law of the left turn and of the pedestrian.
+"""Mixture of normal distributions, each truncated to a box: the law of left turns and of pedestrians.
 
 The density is sum_k share_k N(x; mean_k, covariance_k) / mass_k on the box, where mass_k is the probability
 of the box under component k.
@@ -26,11 +26,11 @@ from accelerated_evaluation.laws.joint.truncated import Normals
 from accelerated_evaluation.laws.smooth.mixture import solve
 
 COMPONENTS = 4
-TABLE_STEP = 0.25  # distance of the nodes of a table of the first variable, in its standard deviations
-TABLE_REACH = 6.0  # standard deviations within which a component needs its nodes
-FARTHEST = 8.0  # normal score
-PAIRS_AT_ONCE = 1_000_000  # points times components, which bounds the memory of densities
-MAPPED_AT_ONCE = 800  # points times components, so that the arrays stay in the processor's cache
+TABLE_STEP = 0.25  # distance of nodes in the table of the first variable, in standard deviations
+TABLE_REACH = 6.0  # number of standard deviations around a component within which nodes are dense
+FARTHEST = 8.0  # largest absolute value of a normal score
+PAIRS_AT_ONCE = 1_000_000  # number of points times components, which limits the memory for densities
+MAPPED_AT_ONCE = 800  # number of points times components, so that arrays stay in the cache of the processor
 
 
 @JOINT_LAWS.add("truncated_normals")
@@ -41,11 +41,11 @@ class TruncatedNormalMixture(JointLaw):
     Attributes
     ----------
     shares
-        Share of each component within the box, shape (K,).
+        Share of each component in the probability within the box, shape (K,).
     normals
         The components before the truncation, with the box.
     fitted
-        How the fit ended; None if the law was not fitted.
+        Summary of the fit; None if the law was not fitted.
     """
 
     kind: ClassVar[str] = "truncated_normals"
@@ -90,12 +90,12 @@ class TruncatedNormalMixture(JointLaw):
 
     @cached_property
     def log_scale(self) -> Array:
-        """Log of share over box mass of each component, shape (K,)."""
+        """Log of share_k / mass_k of each component, shape (K,)."""
         with np.errstate(divide="ignore"):
             return np.log(self.shares) - np.log(self.normals.masses)
 
     def log_density(self, x: Array) -> Array:
-        """Return the log density at points, shape (n, d); it is -inf outside the box."""
+        """Return the log density at points of shape (n, d), shape (n,); it is -inf outside the box."""
         logs, size = np.full(len(x), -np.inf), max(PAIRS_AT_ONCE // self.components, 1)
         inside = np.flatnonzero(self.box.contains(x))
         for first in range(0, inside.size, size):
@@ -104,7 +104,7 @@ class TruncatedNormalMixture(JointLaw):
         return logs
 
     def sample(self, n: int, generator: np.random.Generator) -> Array:
-        """Draw n independent points by rejection of those outside the box, shape (n, d)."""
+        """Draw n independent points, shape (n, d); points outside the box are rejected and drawn again."""
         missing = generator.multinomial(n, self.shares)
         drawn = []
         while missing.any():
@@ -119,8 +119,9 @@ class TruncatedNormalMixture(JointLaw):
     def from_normal_scores(self, z: Array) -> Array:
         """Map normal scores to points, shape (n, d); see `JointLaw.from_normal_scores`.
 
-        The distribution of the first variable is tabulated. The conditional distributions of the others are
-        inverted by Newton's method, from the nearer end of the box, so that both tails are accurate.
+        The distribution of the first variable is tabulated. The conditional distributions of the other
+        variables are inverted by Newton's method. Probabilities are measured from the nearer end of the box,
+        so that both tails are accurate.
         """
         first = self._first_quantile(z[:, 0])
         if self.dimension == 1:
@@ -131,7 +132,7 @@ class TruncatedNormalMixture(JointLaw):
         return np.concatenate([np.empty((0, self.dimension)), *mapped])
 
     def _mapped(self, first: Array, z: Array) -> Array:
-        """Return points with a given first variable, shape (n,), and normal scores of the others."""
+        """Return points given the first variable, shape (n,), and normal scores of the others."""
         x, e = first[:, None], np.empty((self.components, len(z), 0))
         log_weight = np.repeat(self.log_scale[:, None], len(z), axis=1)
         for score in z.T:
@@ -143,7 +144,17 @@ class TruncatedNormalMixture(JointLaw):
         return x
 
     def _next_quantile(self, e: Array, weight: Array, z: Array) -> Array:
-        """Return the next variable at normal scores z, shape (n,), given earlier ones, (K, n, j)."""
+        """Return the next variable at normal scores, given the earlier variables of each point.
+
+        Parameters
+        ----------
+        e
+            Standardised earlier variables, shape (K, n, j); see `Normals`.
+        weight
+            Weight of each component at each point, shape (K, n).
+        z
+            Normal scores of the next variable, shape (n,).
+        """
         low, high = self.box.lower[e.shape[-1]], self.box.upper[e.shape[-1]]
         from_top = z > 0
 
@@ -163,7 +174,7 @@ class TruncatedNormalMixture(JointLaw):
         )
 
     def _first_quantile(self, z: Array) -> Array:
-        """Return the first variable at normal scores, shape (n,), from the table of its distribution."""
+        """Return the first variable at normal scores z, shape (n,), from the table of its distribution."""
         nodes, below, above = self._table
         value = np.empty_like(z)
         for sign, side in ((z > 0, above), (z <= 0, below)):
@@ -175,9 +186,9 @@ class TruncatedNormalMixture(JointLaw):
 
     @cached_property
     def _table(self) -> tuple[Array, CubicHermiteSpline, CubicHermiteSpline]:
-        """Nodes of the first variable, and its probabilities below and above as functions of distances.
+        """Nodes of the first variable, and the probabilities below and above a value as splines.
 
-        The distances are those from the lower and from the upper limit of the variable.
+        The splines are functions of the distance from the lower and from the upper limit of the variable.
         """
         nodes, normals = self._first_nodes(), self.normals
         weight = np.exp(self.log_scale)
@@ -202,9 +213,9 @@ class TruncatedNormalMixture(JointLaw):
         return np.array(nodes)
 
     def normal_scores(self, x: Array) -> Array:
-        """Return the normal scores of values of a law of one variable, shape (n,).
+        """Return the normal scores of values x, shape (n,), for a law of one variable.
 
-        Those of the limits themselves are infinite, and are replaced by `FARTHEST`.
+        Scores are limited to `FARTHEST`, because the scores of the limits of the variable are infinite.
         """
         nothing, weight = np.empty((self.components, x.size, 0)), np.exp(self.log_scale)
         (low,), (high,) = self.box.lower, self.box.upper
@@ -215,7 +226,7 @@ class TruncatedNormalMixture(JointLaw):
         return np.clip(np.where(below < above, ndtri(below), -ndtri(above)), -FARTHEST, FARTHEST)
 
     def content(self) -> dict[str, Any]:
-        """Return the parameters for JSON."""
+        """Return the parameters of the law, for JSON."""
         numbers = zip(self.shares.tolist(), self.normals.mean, self.normals.covariance, strict=True)
         return {
             "components": [
@@ -227,7 +238,7 @@ class TruncatedNormalMixture(JointLaw):
 
     @classmethod
     def from_content(cls, content: Mapping[str, Any], box: Box) -> Self:
-        """Build the law that `content` described."""
+        """Build a law from the value that `content` returned, and from its box."""
         parts = content["components"]
         shares, mean, covariance = (
             np.array([part[name] for part in parts], float) for name in ("share", "mean", "covariance")

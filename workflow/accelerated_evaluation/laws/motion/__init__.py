@@ -1,4 +1,4 @@
-"""Laws of lead motion: how the speed of the car that cuts in changes after the lane crossing."""
+"""Laws of lead motion: probability distributions of the speed of the lead vehicle after the lane change."""
 
 import re
 from pathlib import Path
@@ -9,17 +9,17 @@ import numpy as np
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.registry import Registry
 
-STEP = 0.1  # [s], between two lead speeds
-STATES = 81  # lead speeds of an encounter: 8 s, the horizon of the study's car
-COURSE_COLUMN = re.compile(r"speed_(\d+\.?\d*)")  # column of a lead speed, and its time [s]
+STEP = 0.1  # [s], time between two lead speeds
+STATES = 81  # number of lead speeds of an encounter: 8 s, for which the car under test is simulated
+COURSE_COLUMN = re.compile(r"speed_(\d+\.?\d*)")  # name of a column of lead speeds, with the time [s]
 # Columns of a table with the lead speeds after the crossing [m/s]: speed_0.1, speed_0.2, ..., speed_8.0.
 SPEED_COLUMNS = tuple(f"speed_{STEP * state:.1f}" for state in range(1, STATES))
-RAREST = 1e-4  # distance of an input from 0 or 1 down to which `draw_wide` draws rare values often
-LARGEST_WEIGHT = 2.0  # of a draw of `draw_wide`
+RAREST = 1e-4  # smallest distance of an input from 0 or 1 that `draw_wide` samples preferentially
+LARGEST_WEIGHT = 2.0  # largest importance weight of a draw of `draw_wide`
 
 
 class LeadMotion(Protocol):
-    """A law of lead motion: a random function of a few inputs, which are uniform on 0 to 1.
+    """A law of lead motion: lead speeds over time as a function of a few uniform random inputs on [0, 1].
 
     Attributes
     ----------
@@ -30,20 +30,20 @@ class LeadMotion(Protocol):
     inputs: int
 
     def lead_speeds(self, encounters: Array, inputs: Array) -> Array:
-        """Return lead speeds over time.
+        """Return the lead speeds over time for n encounters.
 
         Parameters
         ----------
         encounters
-            Lead speed [m/s], range [m] and closing speed [m/s] at the crossing, shape (3, n).
+            Lead speed [m/s], range [m] and closing speed [m/s] at the lane change, shape (3, n).
         inputs
             Inputs between 0 and 1, shape (n, inputs).
 
         Returns
         -------
         numpy.ndarray
-            Lead speeds [m/s] at 0, 0.1, ..., 8 s, shape (n, STATES). None is negative, and the first one is
-            the lead speed.
+            Lead speeds [m/s] at 0, 0.1, ..., 8 s, shape (n, STATES). They are not negative, and the first one
+            is the lead speed of the encounter.
         """
 
 
@@ -51,22 +51,47 @@ MOTIONS: Registry[type[LeadMotion]] = Registry("lead motion", __package__, [str(
 
 
 def draw_lead_speeds(motion: LeadMotion, encounters: Array, generator: np.random.Generator) -> Array:
-    """Draw the lead speeds of n encounters; shapes as in `LeadMotion.lead_speeds`."""
+    """Draw random lead speeds over time for n encounters.
+
+    Parameters
+    ----------
+    motion
+        The law of lead motion.
+    encounters
+        Lead speed [m/s], range [m] and closing speed [m/s] at the lane change, shape (3, n).
+    generator
+        Random generator.
+
+    Returns
+    -------
+    numpy.ndarray
+        Lead speeds [m/s] at 0, 0.1, ..., 8 s, shape (n, STATES).
+    """
     return motion.lead_speeds(encounters, generator.random((encounters.shape[1], motion.inputs)))
 
 
 def draw_wide(motion: LeadMotion, size: int, generator: np.random.Generator) -> tuple[Array, Array]:
-    """Draw inputs of a law of lead motion, in which rare motions are more frequent than in the law.
+    """Draw inputs of a law of lead motion such that extreme inputs are more frequent than under the law.
 
-    Half of the draws are from the law. In the other half, the logarithm of the distance of one input, chosen
-    at random, from 0 or 1 is uniform.
+    Half of the draws are from the law. In the other half, one input is chosen at random, and the logarithm of
+    its distance from 0 or from 1 is uniform.
+
+    Parameters
+    ----------
+    motion
+        The law of lead motion.
+    size
+        Number of draws.
+    generator
+        Random generator.
 
     Returns
     -------
     inputs
         Inputs between 0 and 1, shape (size, inputs).
     weights
-        Density of the law divided by the density of these draws, shape (size,); at most `LARGEST_WEIGHT`.
+        Importance weights, which are the density of the law divided by the density of these draws, shape
+        (size,). They are at most `LARGEST_WEIGHT`.
     """
     inputs = generator.random((size, motion.inputs))
     if not motion.inputs:

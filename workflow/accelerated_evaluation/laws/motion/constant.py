@@ -1,4 +1,4 @@
-"""The lead vehicle keeps its speed, as in the paper."""
+"""Law of lead motion in which the lead vehicle keeps its speed, as in the paper."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -17,5 +17,5 @@ class Constant:
     inputs: ClassVar[int] = 0
 
     def lead_speeds(self, encounters: Array, inputs: Array) -> Array:
-        """Return the lead speed at all times; see `LeadMotion`."""
+        """Return the lead speeds over time, which are constant; see `LeadMotion.lead_speeds`."""
         return np.repeat(encounters[0][:, None], STATES, axis=1)

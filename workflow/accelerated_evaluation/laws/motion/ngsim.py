@@ -1,4 +1,4 @@
-"""Smooth random lead motion with the statistics of real speed profiles."""
+"""Law of smooth random lead motion that has the statistics of recorded speed profiles."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -9,10 +9,10 @@ from scipy.interpolate import PchipInterpolator
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.motion import MOTIONS, STATES, STEP
 
-# From 13,602 overlapping profiles of 8 s that begin above 8 m/s, of US-101 and of car-following pairs (pieces
-# of NGSIM, recorded by the US Department of Transportation): the mean change of speed [m/s] after 1, 2, ...,
-# 8 s; the first three principal components, which have 98.6 % of the variance; and the quantiles of their
-# scores at these levels, whose ends are the smallest and the largest score.
+# Statistics of 13,602 overlapping speed profiles of 8 s that begin above 8 m/s, from US-101 and from
+# car-following pairs (parts of NGSIM, recorded by the US Department of Transportation): the mean change of
+# speed [m/s] after 1, 2, ..., 8 s; the first three principal components, which explain 98.6 % of the
+# variance; and the quantiles of the scores at `LEVELS`, from the smallest to the largest score.
 MEAN = np.array([0.016, -0.036, -0.117, -0.203, -0.268, -0.313, -0.36, -0.432])
 COMPONENTS = np.array(
     [
@@ -38,15 +38,16 @@ KNOTS = np.arange(9.0)  # [s]
 @MOTIONS.add("ngsim")
 @dataclass(frozen=True)
 class Ngsim:
-    """Speed profiles of three independent inputs, one for the score of each principal component.
+    """Random speed profiles, whose three inputs determine the scores of three principal components.
 
-    The changes of speed at whole seconds are joined by monotone cubic pieces, so that the acceleration is
-    continuous. The scores are bounded by the recorded ones, and speeds end at 0.
+    The changes of speed at whole seconds are interpolated by monotone cubic polynomials, so that the
+    acceleration is continuous. The scores are within the range of the recorded scores. Negative speeds are
+    replaced by 0.
 
     Attributes
     ----------
     scale
-        Factor of the changes of speed. With 0 the lead vehicle keeps its speed.
+        Factor by which the changes of speed are multiplied. With 0 the lead vehicle keeps its speed.
     """
 
     inputs: ClassVar[int] = 3
@@ -54,7 +55,7 @@ class Ngsim:
     scale: float = 1.0
 
     def lead_speeds(self, encounters: Array, inputs: Array) -> Array:
-        """Return lead speeds over time; see `LeadMotion`."""
+        """Return the lead speeds over time; see `LeadMotion.lead_speeds`."""
         scores = np.column_stack([np.interp(inputs[:, k], LEVELS, values) for k, values in enumerate(SCORES)])
         knots = np.hstack([np.zeros((len(scores), 1)), MEAN + scores @ COMPONENTS])
         changes = PchipInterpolator(KNOTS, knots, axis=1)(STEP * np.arange(STATES))

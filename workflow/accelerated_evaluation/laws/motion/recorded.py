@@ -1,4 +1,4 @@
-"""Lead motion resampled from the recorded courses of similar cut-ins."""
+"""Law of lead motion that resamples the speed profiles of similar recorded cut-ins."""
 
 import math
 import os
@@ -16,30 +16,31 @@ from accelerated_evaluation.base.tables import read_parquet, require_file
 from accelerated_evaluation.laws.motion import COURSE_COLUMN, MOTIONS, STATES, STEP
 
 NAMES = ("lead_speed", "range", "closing_speed")
-FEWEST = 10  # courses from which others are drawn
+FEWEST = 10  # smallest number of recorded profiles
 BELOW_ONE = 1 - 1e-12
-AWAY = 100.0  # [m/s], speed of a car that has left the lane, which nobody can hit
+AWAY = 100.0  # [m/s], speed that is assigned to a car that has left the lane, so that it cannot be hit
 
 
 @MOTIONS.add("recorded")
 @dataclass(frozen=True)
 class Recorded:
-    """Courses of recorded cut-ins that were similar when the other car crossed the lane marking.
+    """Speed profiles of recorded cut-ins that are similar to the encounter at the time of the lane change.
 
-    Two cut-ins are similar if their lead speeds, logarithms of the range and closing speeds are, each divided
-    by its standard deviation. Of n recorded cut-ins the nearest n^(4/7) are used. With this order the error
-    of a nearest-neighbour mean of three variables is smallest (Mack 1981, SIAM Journal on Algebraic and
-    Discrete Methods 2, 311-323). Their tricube weights decrease to zero with the distance. The only input
-    orders them by their mean change of speed, from the hardest braking at 0 to the strongest acceleration at
-    1. The change of speed over time is that of the selected course, and speeds end at 0.
+    The distance of two cut-ins is Euclidean in lead speed, logarithm of the range and closing speed, each
+    divided by its standard deviation. One of the nearest n^(4/7) of n recorded cut-ins is selected; this
+    order minimizes the error of a nearest-neighbour mean of three variables (Mack 1981, SIAM Journal on
+    Algebraic and Discrete Methods 2, 311-323). The probabilities of the selection are proportional to tricube
+    weights, which decrease to zero with the distance. The only input selects a cut-in in the order of the
+    mean change of speed, from the hardest braking at 0 to the strongest acceleration at 1. The change of
+    speed over time is that of the selected cut-in. Negative speeds are replaced by 0.
 
     Attributes
     ----------
     encounters
         Lead speed [m/s], range [m] and closing speed [m/s] of the recorded cut-ins, shape (3, n).
     courses
-        Their lead speeds over time [m/s], shape (n, STATES); `AWAY` from the moment when a car has left the
-        lane.
+        Lead speeds over time [m/s] of the recorded cut-ins, shape (n, STATES). They are `AWAY` after the car
+        has left the lane.
     """
 
     inputs: ClassVar[int] = 1
@@ -68,23 +69,37 @@ class Recorded:
 
     @classmethod
     def of(cls, table: pd.DataFrame, where: str = "recorded courses") -> Self:
-        """Return the law of a table of cut-ins with courses; see `recorded_courses` for its columns."""
+        """Return the law of a table of cut-ins with speed profiles.
+
+        Parameters
+        ----------
+        table
+            Columns ``lead_speed`` [m/s], ``range`` [m] and ``closing_speed`` [m/s], and the columns of speeds
+            that `recorded_courses` describes.
+        where
+            Name of the table, for the error.
+
+        Raises
+        ------
+        InputError
+            If there are fewer than `FEWEST` cut-ins, or as for `recorded_courses`.
+        """
         return cls(table[list(NAMES)].to_numpy(dtype=float).T, recorded_courses(table, where))
 
     @classmethod
     def read(cls, path: str | os.PathLike) -> Self:
-        """Return the law of the cut-ins in a Parquet file; see `recorded_courses` for its columns."""
+        """Return the law of the cut-ins in a Parquet file; columns and errors are those of `of`."""
         require_file(path, "Name a Parquet file of cut-ins with courses.")
         return cls.of(read_parquet(path, {name: name for name in NAMES}), str(path))
 
     @property
     def neighbours(self) -> int:
-        """Number of recorded cut-ins of which one is drawn."""
+        """Number of nearest recorded cut-ins from which one is selected."""
         return math.ceil(len(self.courses) ** (4 / 7))
 
     def lead_speeds(self, encounters: Array, inputs: Array) -> Array:
-        """Return lead speeds over time; see `LeadMotion`."""
-        # The weight of the last one is zero, so that the law is continuous in the encounter.
+        """Return the lead speeds over time; see `LeadMotion.lead_speeds`."""
+        # The weight of the farthest neighbour is zero, so that the law is continuous in the encounter.
         distance, near = self._tree.query(_features(encounters) / self._scale, self.neighbours + 1)
         share = distance / np.maximum(distance[:, -1:], np.finfo(float).tiny)
         order = np.argsort(self._rank[near], axis=1)
@@ -102,11 +117,12 @@ def recorded_courses(table: pd.DataFrame, where: str = "recorded courses") -> Ar
     Parameters
     ----------
     table
-        ``lead_speed`` [m/s], and columns such as ``speed_0.2``: the speed of the other car [m/s] so many
-        seconds after the crossing, up to 8 s or more. Speeds in between are interpolated. After the moment
-        when the car left the lane again the cells are empty; it is then treated as if it drove away.
+        ``lead_speed`` [m/s], and columns such as ``speed_0.2``, which contains the speed of the lead vehicle
+        [m/s] 0.2 s after the lane change. The columns reach 8 s or more, and speeds in between are
+        interpolated. Cells after the time when the lead vehicle left the lane again are empty; the vehicle
+        then gets the speed `AWAY`.
     where
-        Place of the table, for the error.
+        Name of the table, for the error.
 
     Raises
     ------
@@ -136,7 +152,7 @@ def recorded_courses(table: pd.DataFrame, where: str = "recorded courses") -> Ar
 
 
 def _require_courses(courses: Array, names: list[str], where: str) -> None:
-    """Refuse speeds that are missing at the crossing, negative or infinite, or that follow an empty cell."""
+    """Raise InputError if a speed is negative, infinite or missing at 0 s, or follows an empty cell."""
     empty = np.isnan(courses)
     wrong = np.isinf(courses) | (courses < 0)
     wrong[:, 0] |= empty[:, 0]

@@ -1,1 +1,1 @@
-"""The paper's laws: candidate families, piecewise mixtures, their fits, and the independent law."""
+"""The paper's laws: candidate families of distributions, piecewise mixtures and their fits."""

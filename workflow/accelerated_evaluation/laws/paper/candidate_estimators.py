@@ -1,13 +1,14 @@
-"""Maximum likelihood estimates of the candidate families.
+"""Maximum-likelihood estimates of the parameters of the candidate families.
 
-Each function takes a sample in the coordinate of its family, shape (n,). The values lie inside the support
-and are not all equal. It returns the estimates in the order of `candidate_families`, where the densities are
-listed. If the likelihood has no maximum, it raises NoMaximumError with the reason.
+Each function takes a sample of shape (n,): y = x - lower for families on a half-line, and x itself for
+families on the whole line. The values lie inside the support and are not all equal. The function returns the
+estimates in the order of `candidate_families`, where the densities are listed. If the likelihood has no
+maximum, it raises NoMaximumError with the reason.
 
-Likelihood equations with one root are solved by bracketing. Profile likelihoods in one parameter are
-evaluated on a grid and refined. The few others are maximised by gradient methods. Three likelihoods are
-unbounded, and are maximised on a restricted set: shape >= -1 and an end of the support at a distance of at
-least 1e-12 of the data's span (generalized Pareto, generalized extreme value), and more than k / (n - k)
+A likelihood equation with one root is solved by bracketing. A profile likelihood of one parameter is
+evaluated on a grid and refined. The other likelihoods are maximized by gradient methods. Three likelihoods
+are unbounded, and are maximized on a restricted set: shape >= -1 and an end of the support at a distance of
+at least 1e-12 of the data's span (generalized Pareto, generalized extreme value), and more than k / (n - k)
 degrees of freedom, where k is the largest number of equal values (t location-scale).
 """
 
@@ -23,23 +24,36 @@ from accelerated_evaluation.base.errors import StudyError
 Estimator = Callable[[Array], tuple[float, ...]]
 Objective = Callable[[Array], tuple[float, Array]]
 
-GRADIENT_LIMIT = 1e-6  # per observation, in logarithms and standard units: an error of n 1e-12 in L
-MOST_DEGREES = 1e6  # degrees of freedom, above which the t distribution counts as normal
-TO_ONE = np.concatenate([np.linspace(0, 0.9, 10), 1 - np.logspace(-1.3, -12, 33)])
+# Largest gradient per observation at a maximum, with respect to logarithms of parameters of a standardised
+# sample. The error of the log-likelihood is then about n 1e-12.
+GRADIENT_LIMIT = 1e-6
+MOST_DEGREES = 1e6  # degrees of freedom above which the t distribution is regarded as normal
+TO_ONE = np.concatenate([np.linspace(0, 0.9, 10), 1 - np.logspace(-1.3, -12, 33)])  # from 0 to almost 1
 
 
 class NoMaximumError(StudyError):
-    """The sample has no maximum likelihood estimate in the family; the message states the reason."""
+    """Error for a family whose likelihood has no maximum for the sample; the message states the reason."""
 
 
 def _root(gradient: Callable[[float], float], low: float, high: float) -> float:
+    """Return the root of a function between two points; raise NoMaximumError without a change of sign."""
     if not gradient(low) * gradient(high) < 0:
         raise NoMaximumError("the values differ too little for double precision")
     return optimize.brentq(gradient, low, high, xtol=1e-14 * high)
 
 
 def _climb(negative: Objective, starts: list[list[float]], bounds: list[tuple] | None = None) -> Array:
-    """Return the least of the minima of `negative` (value, gradient) reached from `starts`, or a bound."""
+    """Return the best minimum of a function that is reached from several starting points.
+
+    Parameters
+    ----------
+    negative
+        Function that returns its value and gradient.
+    starts
+        Starting points.
+    bounds
+        Bounds of each variable; the minimum may be on a bound.
+    """
     options = {"ftol": 1e-16, "gtol": GRADIENT_LIMIT / 100, "maxiter": 500}
     search = {"method": "L-BFGS-B", "jac": True, "bounds": bounds, "options": options}
     best = min((optimize.minimize(negative, start, **search) for start in starts), key=lambda end: end.fun)
@@ -52,7 +66,7 @@ def _climb(negative: Objective, starts: list[list[float]], bounds: list[tuple] |
 
 
 def _scan(profile: Callable[[float], float], grid: Array) -> float:
-    """Return where `profile` is largest: on the grid, then between the neighbours of its best point."""
+    """Return the maximum point of `profile`: on a grid, and then between the neighbours of the best point."""
     values = [profile(t) for t in grid]
     i = int(np.argmax(values))
     low, high = grid[max(i - 1, 0)], grid[min(i + 1, grid.size - 1)]
@@ -63,7 +77,10 @@ def _scan(profile: Callable[[float], float], grid: Array) -> float:
 
 
 def _standardised(estimate: Estimator) -> Estimator:
-    """Fit (location, scale, ...) to (x - mean) / standard deviation, and carry it back to x."""
+    """Decorate an estimator of (location, scale, ...) so that it is applied to a standardised sample.
+
+    The sample is (x - mean) / standard deviation. The estimates are transformed back to x.
+    """
 
     @wraps(estimate)
     def fit(x: Array) -> tuple[float, ...]:
@@ -75,7 +92,10 @@ def _standardised(estimate: Estimator) -> Estimator:
 
 
 def fit_beta(y: Array) -> tuple[float, float]:
-    """Return the estimates of both shapes; the likelihood is strictly concave in them."""
+    """Return the estimates of the two shapes of the beta distribution.
+
+    The log-likelihood is strictly concave in the shapes.
+    """
     log_means = np.array([np.log(y).mean(), np.log1p(-y).mean()])
 
     def negative(log_shapes: Array) -> tuple[float, Array]:
@@ -89,9 +109,10 @@ def fit_beta(y: Array) -> tuple[float, float]:
 
 
 def fit_birnbaum_saunders(y: Array) -> tuple[float, float]:
-    """Return the estimates of shape and scale (Birnbaum and Saunders 1969).
+    """Return the estimates of shape and scale of the Birnbaum-Saunders distribution.
 
-    The likelihood equation of the scale has one root between the harmonic and the arithmetic mean.
+    The likelihood equation of the scale has one root between the harmonic and the arithmetic mean of the
+    sample (Birnbaum and Saunders 1969).
     """
     arithmetic, harmonic = y.mean(), 1 / (1 / y).mean()
 
@@ -104,15 +125,16 @@ def fit_birnbaum_saunders(y: Array) -> tuple[float, float]:
 
 
 def fit_exponential(y: Array) -> tuple[float]:
-    """Return the estimate of the rate."""
+    """Return the estimate of the rate of the exponential distribution, 1 / mean."""
     return (1 / y.mean(),)
 
 
 def _minima(x: Array, most: float = np.inf) -> tuple[float, float]:
-    """Return location and scale (at most `most`) of the law of minima.
+    """Return location and scale (at most `most`) of the extreme value distribution of minima.
 
-    The scale is the one root of (mean weighted by exp(x / scale)) - mean - scale, which falls in the scale.
-    It lies below max - mean, and above 1 / (3 log n + 1) of that, hence above 1e-3 of it.
+    The scale is the only root of (mean weighted by exp(x / scale)) - mean - scale, which decreases with the
+    scale. The root is below max - mean and above (max - mean) / (3 log n + 1), and therefore above
+    (max - mean) / 1000.
     """
     top, mean = x.max(), x.mean()
 
@@ -126,15 +148,15 @@ def _minima(x: Array, most: float = np.inf) -> tuple[float, float]:
 
 @_standardised
 def fit_extreme_value(x: Array) -> tuple[float, float]:
-    """Return the estimates of location and scale of the limit distribution of minima."""
+    """Return the estimates of location and scale of the extreme value distribution of minima."""
     return _minima(x)
 
 
 def fit_gamma(y: Array) -> tuple[float, float]:
-    """Return the estimates of shape and scale.
+    """Return the estimates of shape and scale of the gamma distribution.
 
-    The likelihood equation sets log(shape) - psi(shape) equal to a statistic of the sample. This function
-    lies between 1 / (2 shape) and 1 / shape, which gives the bracket of the root.
+    The likelihood equation is log(shape) - psi(shape) = log(mean y) - mean(log y). Its left side lies between
+    1 / (2 shape) and 1 / shape, which gives a bracket for the root.
     """
     gap = -np.log(y / y.mean()).mean()
     shape = _root(lambda k: np.log(k) - special.psi(k) - gap, 0.5 / gap, 1 / gap)
@@ -142,16 +164,17 @@ def fit_gamma(y: Array) -> tuple[float, float]:
 
 
 def _log_ratio(theta: float, x: Array) -> Array:
-    """Return log(1 + theta x) / theta."""
+    """Return log(1 + theta x) / theta, which is x for theta = 0."""
     return np.log1p(theta * x) / theta if theta else x
 
 
 def _capped(scale: float, theta: float) -> float:
-    """Return the scale that keeps shape = theta scale >= -1."""
+    """Return the scale, reduced if necessary so that shape = theta scale >= -1."""
     return min(scale, -1 / theta) if theta < 0 else scale
 
 
 def _interior(theta: float, grid: Array) -> float:
+    """Return theta; raise NoMaximumError if it is at an end of the grid."""
     if theta in (grid[0], grid[-1]):
         towards = "shape -1, below which it is unbounded" if theta == grid[0] else "infinite shapes"
         raise NoMaximumError(f"the likelihood has no interior maximum: it rises towards {towards}")
@@ -160,10 +183,10 @@ def _interior(theta: float, grid: Array) -> float:
 
 @_standardised
 def fit_generalized_extreme_value(x: Array) -> tuple[float, float, float]:
-    """Return the estimates of location, scale and shape.
+    """Return the estimates of location, scale and shape of the generalized extreme value distribution.
 
-    The profile likelihood of theta is maximised. For fixed theta, w = -log(1 + theta x) / theta follows the
-    limit distribution of minima with scale shape / theta.
+    The profile likelihood of a parameter theta is maximized. For fixed theta, w = -log(1 + theta x) / theta
+    has the extreme value distribution of minima, with the scale shape / theta.
     """
     grid = np.concatenate([-TO_ONE[::-1] / x.max(), TO_ONE[1:] / -x.min()])
 
@@ -182,10 +205,10 @@ def fit_generalized_extreme_value(x: Array) -> tuple[float, float, float]:
 
 
 def fit_generalized_pareto(y: Array) -> tuple[float, float]:
-    """Return the estimates of shape and scale.
+    """Return the estimates of shape and scale of the generalized Pareto distribution.
 
-    The profile likelihood of theta = shape / scale is maximised. For fixed theta, log(1 + theta y) / theta is
-    exponential with mean ``scale``.
+    The profile likelihood of theta = shape / scale is maximized. For fixed theta, log(1 + theta y) / theta
+    has an exponential distribution with mean ``scale``.
     """
     unit = y / y.mean()
     grid = np.concatenate([-TO_ONE[::-1] / unit.max(), np.logspace(-3, 12, 46)])
@@ -201,15 +224,15 @@ def fit_generalized_pareto(y: Array) -> tuple[float, float]:
 
 
 def fit_inverse_gaussian(y: Array) -> tuple[float, float]:
-    """Return the estimates of mean and shape."""
+    """Return the estimates of mean and shape of the inverse Gaussian distribution."""
     return y.mean(), 1 / (1 / y - 1 / y.mean()).mean()
 
 
 @_standardised
 def fit_logistic(x: Array) -> tuple[float, float]:
-    """Return the estimates of location and scale.
+    """Return the estimates of location and scale of the logistic distribution.
 
-    The likelihood is strictly concave in location / scale and 1 / scale.
+    The log-likelihood is strictly concave in location / scale and 1 / scale.
     """
 
     def negative(p: Array) -> tuple[float, Array]:
@@ -223,41 +246,46 @@ def fit_logistic(x: Array) -> tuple[float, float]:
 
 
 def fit_log_logistic(y: Array) -> tuple[float, float]:
-    """Return the estimates of shape and scale, from a logistic fit to log y."""
+    """Return the estimates of shape and scale of the log-logistic distribution.
+
+    They follow from a logistic fit to log y.
+    """
     location, scale = fit_logistic(np.log(y))
     return 1 / scale, np.exp(location)
 
 
 def fit_lognormal(y: Array) -> tuple[float, float]:
-    """Return the estimates of mean and standard deviation of log y."""
+    """Return the estimates of the lognormal distribution: mean and standard deviation of log y."""
     return fit_normal(np.log(y))
 
 
 def fit_nakagami(y: Array) -> tuple[float, float]:
-    """Return the estimates of shape and spread: y^2 has a gamma distribution with this shape and mean."""
+    """Return the estimates of shape and spread of the Nakagami distribution.
+
+    y^2 has a gamma distribution with this shape, and its mean is the spread.
+    """
     return fit_gamma(y**2)[0], (y**2).mean()
 
 
 def fit_normal(x: Array) -> tuple[float, float]:
-    """Return the estimates of mean and standard deviation."""
+    """Return the estimates of mean and standard deviation of the normal distribution."""
     return x.mean(), x.std()
 
 
 def fit_pareto(ratio: Array) -> tuple[float]:
-    """Return the estimate of the shape from x / lower."""
+    """Return the estimate of the shape of the Pareto distribution, given the ratios x / lower."""
     return (1 / np.log(ratio).mean(),)
 
 
 def fit_rayleigh(y: Array) -> tuple[float]:
-    """Return the estimate of the scale."""
+    """Return the estimate of the scale of the Rayleigh distribution, sqrt(mean(y^2) / 2)."""
     return (np.sqrt((y**2).mean() / 2),)
 
 
 def fit_rician(y: Array) -> tuple[float, float]:
-    """Return the estimates of noncentrality c >= 0 and scale s.
+    """Return the estimates of noncentrality c >= 0 and scale s of the Rician distribution.
 
-    The profile likelihood of q = c^2 / mean(y^2) is maximised, because both derivatives vanish only if c^2 +
-    2 s^2 = mean(y^2).
+    At the maximum c^2 + 2 s^2 = mean(y^2), so the profile likelihood of q = c^2 / mean(y^2) is maximized.
     """
     root = np.sqrt((y**2).mean())
     unit = y / root
@@ -275,10 +303,10 @@ def fit_rician(y: Array) -> tuple[float, float]:
 
 @_standardised
 def fit_t(x: Array) -> tuple[float, float, float]:
-    """Return the estimates of location, scale and degrees of freedom.
+    """Return the estimates of location, scale and degrees of freedom of the t distribution.
 
-    The maximum is searched by a gradient method from three starting points: two with heavy tails, and one
-    from the moments.
+    A gradient method searches for the maximum from three starting points: two with heavy tails, and one from
+    the moments of the sample.
     """
     ties = np.unique(x, return_counts=True)[1].max()
     bounds = [(None, None), (np.log(1e-8), None), (np.log(ties / (x.size - ties)), np.log(MOST_DEGREES))]
@@ -305,6 +333,9 @@ def fit_t(x: Array) -> tuple[float, float, float]:
 
 
 def fit_weibull(y: Array) -> tuple[float, float]:
-    """Return the estimates of shape and scale, from an extreme value fit to log y."""
+    """Return the estimates of shape and scale of the Weibull distribution.
+
+    They follow from an extreme value fit to log y.
+    """
     location, scale = fit_extreme_value(np.log(y))
     return 1 / scale, np.exp(location)

@@ -1,6 +1,7 @@
-"""The 18 candidate families: support, estimator and distribution of each.
+"""The 18 candidate families of distributions: support, estimator and density of each.
 
-The support is fixed, not estimated. With y = x - lower, shape k and scale s, the distributions are
+The support is fixed, not estimated. With y = x - lower, shape k and scale s, the densities (unless stated
+otherwise) are
 
 =========================  ==========================================================================
 beta                       y^(a-1) (1-y)^(b-1) / B(a, b) on (0, 1), a first_shape, b second_shape
@@ -48,12 +49,13 @@ class CandidateFamily:
     Parameters
     ----------
     name, parameters
-        Its name, and the names of its free parameters.
+        Name of the family, and names of its free parameters.
     coordinate
-        Function ``(x, lower)`` that returns the sample in the coordinate of the family. It raises
-        NoMaximumError if a value has no likelihood.
+        Function ``(x, lower)`` that returns the transformed sample for `estimate`, such as x - lower. It
+        raises NoMaximumError if a value is outside of the support.
     estimate
-        Function of that sample that returns the maximum likelihood estimates, in the order of `parameters`.
+        Function of the transformed sample that returns the maximum-likelihood estimates, in the order of
+        `parameters`.
     freeze
         Function ``(lower, *estimates)`` that returns the distribution of x.
     """
@@ -65,7 +67,20 @@ class CandidateFamily:
     freeze: Callable[..., rv_frozen]
 
     def fit(self, x: Array, lower: float) -> dict[str, float]:
-        """Return the maximum likelihood estimates by name; raise NoMaximumError with the reason."""
+        """Return the maximum-likelihood estimates of the parameters by name.
+
+        Parameters
+        ----------
+        x
+            Sample, shape (n,).
+        lower
+            Lower end of the support.
+
+        Raises
+        ------
+        NoMaximumError
+            If the likelihood has no maximum, or an estimate is not finite.
+        """
         sample = self.coordinate(x, lower)
         if len(self.parameters) > 1 and np.ptp(sample) == 0:
             raise NoMaximumError("all values are equal: the likelihood is unbounded as the scale shrinks")
@@ -77,16 +92,21 @@ class CandidateFamily:
 
 
 def _refuse(rows: NDArray[np.bool_], where: str) -> None:
+    """Raise NoMaximumError if any of the rows is selected."""
     if rows.any():
         raise NoMaximumError(f"{np.count_nonzero(rows)} of {rows.size} values lie {where}")
 
 
 def _line(x: Array, lower: float) -> Array:
+    """Return x, for a family on the whole line."""
     return x
 
 
 def _half_line(x: Array, lower: float, edge: str | None = None) -> Array:
-    """Return x - lower; `edge` says why values on the edge have no likelihood, None that they have one."""
+    """Return x - lower, for a family on a half-line.
+
+    If `edge` is given, values equal to ``lower`` raise NoMaximumError with this reason.
+    """
     y = x - lower
     _refuse(y < 0, f"below {lower:.6g}, where the support starts")
     if edge is not None:
@@ -95,12 +115,14 @@ def _half_line(x: Array, lower: float, edge: str | None = None) -> Array:
 
 
 def _unit_interval(x: Array, lower: float) -> Array:
+    """Return x - lower, for a family on (0, 1)."""
     y = _half_line(x, lower, DIVERGES)
     _refuse(y >= 1, f"at or above {lower + 1:.6g}, where the support ends")
     return y
 
 
 def _multiple_of_lower(x: Array, lower: float) -> Array:
+    """Return x / lower."""
     if lower <= 0:
         raise NoMaximumError(f"its scale is the lower bound {lower:.6g}, which must be positive")
     _half_line(x, lower)
@@ -108,7 +130,7 @@ def _multiple_of_lower(x: Array, lower: float) -> Array:
 
 
 class _Rice(type(stats.rice)):
-    """scipy's, with a log density that does not underflow far in the tail."""
+    """SciPy's Rice distribution, with a log density that does not underflow far in the tail."""
 
     def _logpdf(self, x: Array, b: Array) -> Array:
         return np.log(x) - (x - b) ** 2 / 2 + np.log(special.i0e(x * b))

@@ -19,18 +19,18 @@ from accelerated_evaluation.laws.paper.candidate_families import FAMILIES, Candi
 
 @dataclass(frozen=True)
 class CandidateFit:
-    """The fit of a model to a sample.
+    """The fit of a model to a sample of size n.
 
-    If the model cannot be fitted, `reason` says why and the numbers are nan.
+    If the model cannot be fitted, `reason` says why and the criteria are NaN.
 
     Parameters
     ----------
     family, parameters
-        Name of the model, and its estimates by name (in the units of the sample).
+        Name of the model, and its estimated parameters by name (in the units of the sample).
     n_parameters
         Number of free parameters k.
     log_likelihood, aic, bic
-        L, 2k - 2L and k log n - 2L; L in nats, of densities per unit of the sample.
+        Log-likelihood L (in nats, with densities per unit of the sample), AIC 2k - 2L, and BIC k log n - 2L.
     ks_distance
         Kolmogorov-Smirnov distance between the sample and the fit.
     reason
@@ -61,7 +61,7 @@ def assessed_fit(
     Parameters
     ----------
     name, n_parameters, parameters
-        Name, number of free parameters and, if wanted in the table, the parameters of the model.
+        Name, number of free parameters and, optionally, the estimated parameters of the model by name.
     logpdf, cdf
         Log density of the model per unit of x, and its continuous distribution function.
     x
@@ -70,12 +70,12 @@ def assessed_fit(
     Returns
     -------
     CandidateFit
-        The fit with its criteria, or with a reason if the density is not finite at some value.
+        The fit with its criteria, or with a reason if the log density is not finite at some value.
 
     Raises
     ------
     InputError
-        If x is not a column of finite numbers.
+        If x is not a one-dimensional array of finite numbers.
     """
     x = np.sort(_checked(x))
     parameters = parameters or {}
@@ -114,17 +114,18 @@ def fit_candidates(
     lower
         Lower end of the support, in units of x; it is given and not estimated.
     progress
-        Wraps the loop over families, e.g. ``tqdm.tqdm``.
+        Function that wraps the loop over families to show the progress, such as ``tqdm.tqdm``.
 
     Returns
     -------
     list of CandidateFit
-        In the order of `FAMILIES`; a family that cannot be fitted has its `reason`.
+        One fit for each family, in the order of `FAMILIES`. The attribute `reason` is set if a family cannot
+        be fitted.
 
     Raises
     ------
     InputError
-        If x is not a column of finite numbers, or lower is not finite.
+        If x is not a one-dimensional array of finite numbers, or ``lower`` is not finite.
     """
     x = np.sort(_checked(x))
     if not np.isfinite(lower):
@@ -163,13 +164,15 @@ def _checked(x: ArrayLike) -> Array:
 
 
 def compare(fits: Iterable[CandidateFit]) -> pd.DataFrame:
-    """Tabulate fits to one sample in order of AIC; models without a fit come last and have no rank.
+    """Return a table of fits to one sample, in increasing order of AIC.
+
+    Models that cannot be fitted come last and have no rank.
 
     Returns
     -------
-    DataFrame
-        Columns family, n_parameters, log_likelihood, aic, bic, ks_distance, rank (by AIC, from 1; equal
-        values share the smaller rank), parameters (JSON text), reason.
+    pandas.DataFrame
+        Columns ``family``, ``n_parameters``, ``log_likelihood``, ``aic``, ``bic``, ``ks_distance``, ``rank``
+        (by AIC, from 1; equal values share the smaller rank), ``parameters`` (JSON text) and ``reason``.
     """
     table = pd.DataFrame([vars(fit) for fit in fits])
     rank = table["aic"].rank(method="min").astype("Int64")

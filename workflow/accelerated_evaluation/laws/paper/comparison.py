@@ -17,8 +17,9 @@ def compare_with_candidates(
 ) -> pd.DataFrame:
     """Fit the candidate families to one variable, and rank them together with the piecewise models by AIC.
 
-    Knots count as parameters. Rows exactly on the edge of the support (R = 75 m) are counted, but excluded
-    from all fits, because every family whose density is zero or infinite there could not be fitted.
+    The piecewise models are fitted again to the same rows, with their knots. Knots count as parameters. Rows
+    exactly at the lower end of the support (R = 75 m in the paper) are counted, but excluded from all fits,
+    because a family whose density is zero or infinite there could not be fitted.
 
     Parameters
     ----------
@@ -29,7 +30,7 @@ def compare_with_candidates(
     variable
         ``inverse_range`` or ``inverse_ttc``.
     segment
-        Name of a segment, or ``all``.
+        Name of a segment, or ``all`` for all rows.
 
     Returns
     -------

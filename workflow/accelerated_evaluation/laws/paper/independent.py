@@ -19,13 +19,13 @@ UNITS = {"inverse_range": "1/m", "inverse_ttc": "1/s"}
 
 @dataclass(frozen=True)
 class IndependentStratum(Stratum):
-    """One segment of the paper's law; its two coordinates are R^-1 [1/m] and TTC^-1 [1/s]."""
+    """A segment of the paper's law, whose two coordinates are R^-1 [1/m] and TTC^-1 [1/s]."""
 
     lead_speed: Empirical
     factors: Factors
 
     def cut_ins(self, lead_speed: Array, first: Array, second: Array) -> CutIns:
-        """Return the cut-ins with given v_L, R^-1 and TTC^-1."""
+        """Return the cut-ins with given v_L [m/s], R^-1 [1/m] and TTC^-1 [1/s], each of shape (n,)."""
         return CutIns(lead_speed, first, second)
 
     def first(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
@@ -96,13 +96,13 @@ class IndependentLaw(Law):
 
     @property
     def shares(self) -> dict[str, float]:
-        """Share of the lane changes that fall into each segment."""
+        """Share of the lane changes in each segment, by name of the segment."""
         total = sum(self.counts.values())
         return {segment: count / total for segment, count in self.counts.items()}
 
     @property
     def strata(self) -> dict[str, IndependentStratum]:
-        """The distribution in each segment."""
+        """The distribution in each segment, by name of the segment."""
         return {
             segment: IndependentStratum(
                 self.lead_speeds[segment], Factors(self.inverse_range, self.inverse_ttc[segment])
@@ -112,7 +112,10 @@ class IndependentLaw(Law):
 
     @property
     def n_parameters(self) -> int:
-        """Number of fitted parameters without the knots (paper, table II: 18 and 4)."""
+        """Number of fitted parameters without the knots.
+
+        In table II of the paper it is 18 for the piecewise law and 4 for the single law.
+        """
         return self.inverse_range.n_parameters + sum(law.n_parameters for law in self.inverse_ttc.values())
 
     def only(self, stratum: str) -> Self:
@@ -139,7 +142,19 @@ class IndependentLaw(Law):
     def from_content(
         cls, content: Mapping[str, Any], encounters: pd.DataFrame, description: str, closing_speed_max: float
     ) -> Self:
-        """Build the law from the result of `content` and the lead speeds of an encounter table."""
+        """Build a law from the content of its file.
+
+        Parameters
+        ----------
+        content
+            Content of a law file, which includes the value that `content` returned.
+        encounters
+            Encounter table to which the law was fitted; it supplies the lead speeds.
+        description
+            Description of the data.
+        closing_speed_max
+            Cap on closing speeds [m/s].
+        """
         counts, laws = recorded_counts(content), content["inverse_ttc"]["distributions"]
         return cls(
             description=description,
@@ -152,12 +167,22 @@ class IndependentLaw(Law):
 
 
 def recorded_counts(content: Mapping[str, Any]) -> dict[str, int]:
-    """Return the number of lane changes by segment in a law file; earlier versions call it ``events``."""
+    """Return the number of lane changes in each segment from the content of a law file.
+
+    The entry is called ``counts``; in files of earlier versions it is called ``events``.
+    """
     return content["counts"] if "counts" in content else content["events"]
 
 
 def recorded_lead_speeds(encounters: pd.DataFrame, segments: Mapping[str, Any]) -> dict[str, Empirical]:
-    """Return the recorded v_L [m/s] of each segment of an encounter table.
+    """Return the recorded v_L [m/s] of each segment of an encounter table, by name of the segment.
+
+    Parameters
+    ----------
+    encounters
+        Encounter table.
+    segments
+        Mapping whose keys are the names of the segments.
 
     Raises
     ------

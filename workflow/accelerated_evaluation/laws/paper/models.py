@@ -1,4 +1,4 @@
-"""Fit the paper's models to an encounter table: piecewise (sections III, VI.A) and single (section II)."""
+"""Fit the paper's laws to an encounter table: piecewise (sections III, VI.A) and single (section II)."""
 
 import math
 import warnings
@@ -21,7 +21,7 @@ from accelerated_evaluation.laws.paper.piecewise import (
     usable_knots,
 )
 
-PIECEWISE = {"two_pieces": 2, "three_pieces": 3}  # laws by name, with the number of pieces of R^-1
+PIECEWISE = {"two_pieces": 2, "three_pieces": 3}  # piecewise laws: name, and number of pieces of R^-1
 PAPER_LAWS = (*PIECEWISE, "single")
 
 
@@ -30,9 +30,9 @@ def choose_knots(
 ) -> list[float]:
     """Choose knots by the configured method: at quantiles, at given values, or by profile likelihood.
 
-    Knots are moved if a piece would contain fewer than two different values. If the families cannot be fitted
-    for any knots of the profile's grid, the best knots for exponential pieces are used. A warning reports
-    both cases.
+    Knots are moved if a piece would contain fewer than two different values. If the profile likelihood cannot
+    be computed for any knots of its grid, the best knots for exponential pieces are used. A warning is issued
+    in both cases.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def choose_knots(
     families
         Family of each piece.
     settings
-        Section ``knots`` of the configuration, or the section of a variant of R^-1.
+        Section of the configuration with the key ``method`` and the settings of the method.
 
     Returns
     -------
@@ -74,10 +74,10 @@ def fit_paper_laws(
     description: str,
     closing_speed_max: float,
 ) -> dict[str, IndependentLaw]:
-    """Fit the laws of `PAPER_LAWS` to an encounter table.
+    """Fit the three laws of the paper, `PAPER_LAWS`, to an encounter table.
 
-    The laws ``two_pieces`` and ``three_pieces`` are piecewise, and named by the number of pieces of R^-1. The
-    law ``single`` has a Pareto distribution of R^-1 and an exponential distribution of TTC^-1.
+    The laws ``two_pieces`` and ``three_pieces`` are piecewise mixtures, and are named by the number of pieces
+    of R^-1. In the law ``single``, R^-1 has a Pareto distribution and TTC^-1 has an exponential distribution.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def fit_paper_laws(
     Returns
     -------
     dict
-        The laws by name.
+        The fitted laws by name.
     """
     lower = 1 / range_max
     inverse_range = encounters["inverse_range"].to_numpy()
@@ -128,12 +128,12 @@ def fit_paper_laws(
 
 
 def families_of_range(models: Mapping[str, Any], pieces: int) -> list[PieceFamily]:
-    """Return the configured families of the pieces of R^-1, from the section ``models``."""
+    """Return the family of each piece of R^-1, given the section ``models`` and the number of pieces."""
     return [PieceFamily(models["inverse_range"]["pieces"])] * pieces
 
 
 def families_of_ttc(models: Mapping[str, Any]) -> list[PieceFamily]:
-    """Return the configured families of body and tail of TTC^-1, from the section ``models``."""
+    """Return the families of the body and the tail of TTC^-1, given the section ``models``."""
     return [PieceFamily(**models["inverse_ttc"]["body"]), PieceFamily(models["inverse_ttc"]["tail"])]
 
 
@@ -145,7 +145,7 @@ def simpler_pieces(law: IndependentLaw, models: Mapping[str, Any]) -> list[str]:
     law
         A fitted piecewise law.
     models
-        Section ``models`` of the configuration with which it was fitted.
+        Section ``models`` of the configuration with which the law was fitted.
 
     Returns
     -------

@@ -12,7 +12,7 @@ from accelerated_evaluation.distributions import DISTRIBUTIONS, Described, Mixtu
 
 @dataclass(frozen=True)
 class PieceFamily:
-    """A kind of distribution for a piece, or a mixture of several components of that kind.
+    """The family of a piece: a kind of distribution, or mixtures of several components of that kind.
 
     Attributes
     ----------
@@ -33,7 +33,14 @@ class PieceFamily:
         return cls(piece.kind)
 
     def fit(self, x: Array, lower: float, upper: float) -> Described:
-        """Fit the family to x, shape (n,), on [lower, upper) by maximum likelihood.
+        """Fit the family to a sample by maximum likelihood.
+
+        Parameters
+        ----------
+        x
+            Sample, shape (n,), on [lower, upper).
+        lower, upper
+            Bounds of the piece.
 
         Raises
         ------
@@ -48,15 +55,15 @@ class PieceFamily:
         return member.fit_mixture(x, lower, upper, self.components)
 
     def fit_or_simpler(self, x: Array, lower: float, upper: float) -> Described:
-        """Fit the family or, if this fails, the most complex simpler family that can be fitted.
+        """Fit the family or, if this fails, a simpler family; the arguments are those of `fit`.
 
         The number of components is reduced one by one. If a single component cannot be fitted either, a
-        bounded exponential is fitted. This is always possible, because its density may also increase, as that
-        of a few observations may do by chance. `PieceFamily.of` returns the family that was fitted. The
-        arguments are those of `fit`.
+        bounded exponential distribution is fitted. This is always possible, because its density may also
+        increase, as the density of a few observations may do by chance. `PieceFamily.of` returns the family
+        that was fitted.
         """
         for components in range(self.components, 0, -1):
-            # A component that has lost all its observations divides by zero, and ends in one of these errors.
+            # If a component loses all its observations, a division by zero leads to one of these errors.
             with suppress(ConvergenceError, ValueError), np.errstate(divide="ignore", invalid="ignore"):
                 return PieceFamily(self.kind, components).fit(x, lower, upper)
         return EXPONENTIAL.fit(x, lower, upper)
@@ -70,11 +77,11 @@ EXPONENTIAL = PieceFamily("bounded exponential")
 
 
 def piece_kinds() -> list[str]:
-    """Return the kinds of distribution that can be fitted to a piece of f and tilted."""
+    """Return the names of the distributions that can be fitted to a piece and tilted exponentially."""
     needed = ("fit", "tilt")
     return [kind for kind, member in DISTRIBUTIONS.items() if all(hasattr(member, name) for name in needed)]
 
 
 def mixture_kinds() -> list[str]:
-    """Return those of the `piece_kinds` of which mixtures can be fitted."""
+    """Return the names of those distributions in `piece_kinds` of which mixtures can be fitted."""
     return [kind for kind in piece_kinds() if hasattr(DISTRIBUTIONS[kind], "fit_mixture")]

@@ -1,4 +1,4 @@
-"""Maximum likelihood for piecewise mixtures with given or selected knots (paper, section III.A)."""
+"""Maximum-likelihood fits of piecewise mixtures with given or selected knots (paper, section III.A)."""
 
 import itertools
 import math
@@ -76,7 +76,7 @@ def knots_at_quantiles(x: Array, quantiles: Sequence[float]) -> list[float]:
 
 
 def usable_knots(x: Array, knots: Sequence[float]) -> list[float]:
-    """Return the knots, moved as little as necessary so that each piece has two different values of x.
+    """Move knots as little as necessary so that each piece contains two different values of the sample x.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def usable_knots(x: Array, knots: Sequence[float]) -> list[float]:
     Raises
     ------
     InputError
-        If x has fewer than two different values for each piece.
+        If x has fewer different values than twice the number of pieces.
     """
     values, pieces = np.unique(x), len(knots) + 1
     if values.size < 2 * pieces:
@@ -118,7 +118,7 @@ def knots_by_profile_likelihood(
     *,
     minimum_share: float = 0.005,
 ) -> list[float]:
-    """Return the knots that maximize the likelihood among all increasing choices from a grid of quantiles.
+    """Return the knots with the largest likelihood among all increasing choices from a grid of quantiles.
 
     The log-likelihood is a sum over pieces (equation 7), so each interval of the grid is fitted only once.
 
@@ -133,7 +133,7 @@ def knots_by_profile_likelihood(
     quantiles
         Levels of the sample quantiles that form the grid.
     minimum_share
-        Intervals with a smaller share of the sample are excluded.
+        Pieces with a smaller share of the sample are excluded.
 
     Raises
     ------

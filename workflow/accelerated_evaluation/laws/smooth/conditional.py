@@ -7,8 +7,9 @@ lead speed. With the cumulative hazard Lambda_0 of the body, the cumulative haza
     Lambda(c) = Lambda_0(c)                            up to u,
     Lambda(c) = Lambda_0(u) + H((c - u) / scale)       above u.
 
-Body and tail have no common parameters. Therefore the likelihood is the product of their likelihoods, and
-they are independent in the posterior. The unit-exponential coordinate of a cut-in is Lambda(c).
+Here H is the cumulative hazard of the excess in units of its scale. Body and tail have no common parameters.
+Therefore the likelihood is the product of their likelihoods, and they are independent in the posterior. The
+second coordinate of a cut-in, which has a unit exponential distribution, is Lambda(c).
 """
 
 from collections.abc import Mapping
@@ -28,7 +29,7 @@ from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
 def speed_grid(
     support: Support = SUPPORT, segments: int = 9, bins: tuple[int, int] = (30, 24), step: float = 0.5
 ) -> HazardGrid:
-    """Return the bins and bases for the closing speed given lead speed and square root of the range.
+    """Return bins and spline bases for the closing speed given lead speed and square root of the range.
 
     Parameters
     ----------
@@ -52,7 +53,17 @@ def speed_grid(
 def range_grid(
     support: Support = SUPPORT, segments: int = 12, bins: tuple[int, int] = (30, 100)
 ) -> HazardGrid:
-    """Return the bins and bases for log(R_max / R) given the lead speed; see `speed_grid` for parameters."""
+    """Return bins and spline bases for log(R_max / R) given the lead speed.
+
+    Parameters
+    ----------
+    support
+        Limits of the records.
+    segments
+        Number of segments of the splines of log(R_max / R).
+    bins
+        Number of bins of lead speed and of log(R_max / R).
+    """
     top, ends = support.log_range_top, support.lead_speeds
     edges = np.linspace(*ends, bins[0] + 1), np.array([0.0, 1.0]), np.linspace(0, top, bins[1] + 1)
     return HazardGrid(edges, (support.bases[0], Constant(), Basis(0.0, top, segments)))
@@ -60,16 +71,16 @@ def range_grid(
 
 @dataclass(frozen=True)
 class Places:
-    """Pairs of lead speed and range with their spline values, which are computed once for many laws.
+    """Pairs of lead speed and range with the values of the splines, which are computed once for many laws.
 
     Attributes
     ----------
     lead_speed, range_
         Lead speeds [m/s] and ranges [m], shape (n,).
     along_speed
-        Splines of the lead speed, shape (n, p).
+        Values of the splines of the lead speed, shape (n, p).
     splines
-        Products of the splines of lead speed and root of the range, shape (n, p q).
+        Values of the products of the splines of lead speed and root of the range, shape (n, p q).
     """
 
     lead_speed: Array
@@ -79,7 +90,7 @@ class Places:
 
     @classmethod
     def of(cls, lead_speed: ArrayLike, range_: ArrayLike, support: Support = SUPPORT) -> "Places":
-        """Evaluate the splines of the support at lead speeds [m/s] and ranges [m], shape (n,)."""
+        """Return the pairs of lead speeds [m/s] and ranges [m], each of shape (n,), with their splines."""
         lead_speed, range_ = np.asarray(lead_speed, dtype=float), np.asarray(range_, dtype=float)
         along_speed, along_range = support.bases[0](lead_speed), support.bases[1](np.sqrt(range_))
         splines = (along_speed[:, :, None] * along_range[:, None, :]).reshape(
@@ -97,21 +108,21 @@ class Places:
         """Return the cumulative hazards of the closing speed under a body, one function for each pair."""
         return body.cumulative(self.splines)
 
-    def nearer(self, ranges: SmoothHazard) -> Cumulative:
-        """Return the cumulative hazards of log(R_max / R) at the lead speeds, one function for each pair."""
+    def range_hazards(self, ranges: SmoothHazard) -> Cumulative:
+        """Return the cumulative hazards of log(R_max / R) given the lead speed, one for each pair."""
         return ranges.cumulative(self.along_speed)
 
 
 @dataclass(frozen=True)
 class Threshold:
-    """The surface that the closing speed exceeds with a fixed probability, interpolated between nodes.
+    """The threshold: a quantile of the closing speed as a function of lead speed and root of the range.
 
-    The interpolation is bilinear.
+    The function is interpolated bilinearly between nodes.
 
     Attributes
     ----------
     level
-        Probability that the closing speed is below the surface, under the body from which it was computed.
+        Probability that the closing speed is below the threshold, under the body from which it was computed.
     lead_speeds, roots
         Nodes: lead speeds [m/s] and square roots of ranges, equally spaced.
     table
@@ -125,14 +136,17 @@ class Threshold:
 
     @classmethod
     def of(cls, body: SmoothHazard, level: float, support: Support = SUPPORT) -> "Threshold":
-        """Compute the surface from a body that was fitted on the support."""
+        """Compute the threshold from a body that was fitted to records within the support."""
         nodes = body.grid.edges[:2]
         speeds, roots = (x.ravel() for x in np.meshgrid(*nodes, indexing="ij"))
         table = Places.of(speeds, roots**2, support).body(body).inverse(-np.log1p(-level))
         return cls(level, *nodes, table.reshape(nodes[0].size, nodes[1].size))
 
     def __call__(self, lead_speed: ArrayLike, range_: ArrayLike) -> Array:
-        """Return the threshold [m/s] at n pairs; it is constant beyond the nodes."""
+        """Return the threshold [m/s] for lead speeds [m/s] and ranges [m], shape (n,).
+
+        It is constant beyond the nodes.
+        """
         (i, a), (j, b) = (
             _between(nodes, x)
             for nodes, x in ((self.lead_speeds, np.asarray(lead_speed)), (self.roots, np.sqrt(range_)))
@@ -147,12 +161,15 @@ class Threshold:
 
     @classmethod
     def from_content(cls, content: Mapping[str, Any], grid: HazardGrid) -> "Threshold":
-        """Build the surface from the result of `content`; the first two edges of the grid are its nodes."""
+        """Build a threshold from the value that `content` returned.
+
+        The nodes are the edges of the bins of lead speed and root of the range in the grid.
+        """
         return cls(content["level"], *grid.edges[:2], np.array(content["table"]))
 
 
 def _between(nodes: Array, x: Array) -> tuple[Array, Array]:
-    """Return the node before each value, and the share of the way to the next."""
+    """Return the index of the node below each value, and the position (0 to 1) between it and the next."""
     step = (nodes[-1] - nodes[0]) / (nodes.size - 1)
     place = np.clip((x - nodes[0]) / step, 0, nodes.size - 1)
     low = np.minimum(place.astype(int), nodes.size - 2)
@@ -161,21 +178,29 @@ def _between(nodes: Array, x: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class SpeedLaw:
-    """A distribution of the closing speed given lead speed and range: a body, optionally with a tail."""
+    """A distribution of the closing speed given lead speed and range: a body, optionally with a tail.
+
+    Attributes
+    ----------
+    body
+        Smooth hazard of the closing speed.
+    threshold, tail
+        Threshold above which the tail begins, and distribution of the excess; None without a tail.
+    """
 
     body: SmoothHazard
     threshold: Threshold | None = None
     tail: Excess | None = None
 
     def given(self, places: Places, below: Cumulative | None = None) -> "Given":
-        """Return the conditional distributions at given places.
+        """Return the distributions of the closing speed given n pairs of lead speed and range.
 
         Parameters
         ----------
         places
-            Pairs of lead speed and range.
+            The pairs.
         below
-            Cumulative hazards of the body at these places, if they are already known from another law.
+            Cumulative hazards of the body at these pairs, if they are already known from another law.
         """
         below = places.body(self.body) if below is None else below
         if self.tail is None:
@@ -191,7 +216,7 @@ class SpeedLaw:
 
 @dataclass(frozen=True)
 class Given:
-    """Conditional distributions of the closing speed at n places; see `SpeedLaw`.
+    """Distributions of the closing speed given n pairs of lead speed and range; see `SpeedLaw`.
 
     Attributes
     ----------
@@ -216,9 +241,9 @@ class Given:
         Parameters
         ----------
         closing_speed
-            One closing speed [m/s] for each place, or for each element of ``row``.
+            One closing speed [m/s] for each pair, or for each element of ``row``.
         row
-            Indices of the places; all places in order by default.
+            Indices of the pairs; by default all pairs, in order.
         """
         finite = np.isfinite(closing_speed)
         speed = closing_speed if finite.all() else np.where(finite, closing_speed, 0.0)
@@ -232,19 +257,19 @@ class Given:
         return value if speed is closing_speed else np.where(finite, value, np.inf)
 
     def cumulative_at(self, closing_speeds: Array, part: slice) -> Array:
-        """Return -log P(C > c) of some places at closing speeds [m/s] that all places share.
+        """Return -log P(C > c) for some of the pairs, at the same closing speeds c for all of them.
 
         Parameters
         ----------
         closing_speeds
-            Finite closing speeds in increasing order, shape (m,).
+            Finite closing speeds [m/s] in increasing order, shape (m,).
         part
-            The places; in small parts, all that is computed stays in the processor's cache.
+            The pairs, as a slice of k elements. With a small k the arrays stay in the cache of the processor.
 
         Returns
         -------
         numpy.ndarray
-            Shape (m, places).
+            -log P(C > c), shape (m, k).
         """
         if self.tail is None:
             return self.below.at_all(closing_speeds, part)
@@ -260,7 +285,7 @@ class Given:
         return value
 
     def log_density(self, closing_speed: Array) -> Array:
-        """Return the log density at one closing speed for each place."""
+        """Return the log density at one closing speed [m/s] for each pair, shape (n,)."""
         body = np.log(self.below.rate(closing_speed)) - self.below.at(closing_speed)
         if self.tail is None:
             return body
@@ -269,7 +294,13 @@ class Given:
         return np.where(closing_speed > self.threshold, above, body)
 
     def inverse(self, level: ArrayLike) -> Array:
-        """Return the closing speed [m/s] at which each cumulative hazard reaches a level, one per place."""
+        """Return the closing speed [m/s] at which the cumulative hazard reaches a level, for each pair.
+
+        Parameters
+        ----------
+        level
+            A level for each of the n pairs, shape (n,), or one level for all.
+        """
         level = np.broadcast_to(np.asarray(level, dtype=float), len(self.below.table))
         if self.tail is None:
             return self.below.inverse(level)

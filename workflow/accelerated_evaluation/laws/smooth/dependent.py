@@ -1,4 +1,4 @@
-"""A law in which the closing speed depends smoothly on range and lead speed, without segments or cap."""
+"""A law in which the distribution of the closing speed depends smoothly on range and lead speed."""
 
 import math
 from collections.abc import Mapping
@@ -29,12 +29,12 @@ from accelerated_evaluation.laws.smooth.segments import (
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
 
-PLACES_AT_ONCE = 50_000  # bounds the memory: about 100 MB
+PLACES_AT_ONCE = 50_000  # limits the memory to about 100 MB
 
 
 @dataclass(frozen=True)
 class DependentStratum(SmoothStratum):
-    """One segment of the lead speed under one law."""
+    """The law `DependentLaw` in one segment of the lead speed; see `Stratum`."""
 
     lead_speed: Empirical
     ranges: SmoothHazard
@@ -43,24 +43,24 @@ class DependentStratum(SmoothStratum):
     factors: Factors = COORDINATES
 
     def cut_ins(self, lead_speed: Array, first: Array, second: Array) -> CutIns:
-        """Return the cut-ins with given v_L and coordinates."""
+        """Return the cut-ins with given v_L [m/s] and given two coordinates, each of shape (n,)."""
         range_, speed = np.empty(first.size), np.empty(first.size)
         for part in parts(first.size, PLACES_AT_ONCE):
             farthest = self.support.range_max
-            beside = self.places(lead_speed[part], np.full(first[part].size, farthest))
-            range_[part] = farthest * np.exp(-beside.nearer(self.ranges).inverse(first[part]))
+            at_farthest = self.places(lead_speed[part], np.full(first[part].size, farthest))
+            range_[part] = farthest * np.exp(-at_farthest.range_hazards(self.ranges).inverse(first[part]))
             places = self.places(lead_speed[part], range_[part])
             speed[part] = self.speeds.given(places).inverse(second[part])
         return CutIns(lead_speed, 1 / range_, speed / range_)
 
     def range_coordinate(self, lead_speed: Array, inverse_range: Array) -> tuple[Array, Array]:
-        """Return the coordinate of the range at n places, and its derivative by log(R_max / R)."""
-        hazards = self.places(lead_speed, 1 / inverse_range).nearer(self.ranges)
+        """Return the first coordinate, and its derivative with respect to log(R_max / R), shape (n,)."""
+        hazards = self.places(lead_speed, 1 / inverse_range).range_hazards(self.ranges)
         logarithm = self.logarithm(inverse_range)
         return hazards.at(logarithm), hazards.rate(logarithm)
 
     def second(self, lead_speed: ArrayLike, inverse_range: ArrayLike, closing_speed: ArrayLike) -> Array:
-        """Return the coordinate of the closing speed; it is infinite if the closing speed is infinite."""
+        """Return the second coordinate; it is infinite if the closing speed is infinite."""
         arrays = np.broadcast_arrays(*floats(lead_speed, inverse_range, closing_speed))
         (coordinate,) = self._second_coordinates(*(array.ravel() for array in arrays))
         return coordinate.reshape(arrays[0].shape)
@@ -68,12 +68,12 @@ class DependentStratum(SmoothStratum):
     def closing_speed_probability(
         self, lead_speed: Array, inverse_range: Array, start: Array, end: Array
     ) -> Array:
-        """Return P(start <= closing speed < end) for given v_L and R^-1; see `Stratum`."""
+        """Return P(start <= closing speed < end) given v_L and R^-1; see `Stratum`."""
         coordinates = self._second_coordinates(lead_speed, inverse_range, start, end)
         return interval_probability(self.factors.second, *coordinates)
 
     def log_second_slope(self, lead_speed: Array, inverse_range: Array, closing_speed: Array) -> Array:
-        """Return the log hazard of the closing speed."""
+        """Return the log hazard of the closing speed, shape (n,); see `Stratum.log_second_slope`."""
         slope = np.empty(lead_speed.size)
         for part in parts(lead_speed.size, PLACES_AT_ONCE):
             given = self.speeds.given(self.places(lead_speed[part], 1 / inverse_range[part]))
@@ -81,7 +81,7 @@ class DependentStratum(SmoothStratum):
         return slope
 
     def _second_coordinates(self, lead_speed: Array, inverse_range: Array, *closing_speeds: Array) -> Array:
-        """Return the coordinates of several closing speeds at each of n places, shape (speeds, n)."""
+        """Return the second coordinate for several arrays of closing speeds, each of shape (n,)."""
         coordinates = np.empty((len(closing_speeds), lead_speed.size))
         for part in parts(lead_speed.size, PLACES_AT_ONCE):
             given = self.speeds.given(self.places(lead_speed[part], 1 / inverse_range[part]))
@@ -93,15 +93,15 @@ class DependentStratum(SmoothStratum):
 @LAWS.add("dependent")
 @dataclass(frozen=True)
 class DependentLaw(SmoothLaw):
-    """A law with dependence: v_L as recorded, the range given v_L, and the closing speed given both.
+    """A law in which v_L is as recorded, the range depends on v_L, and the closing speed on v_L and range.
 
     Attributes
     ----------
     description
         Description of the data to which the law was fitted.
     counts
-        Number of lane changes in each segment of v_L, in order of speed. Segments only serve to group
-        results: the conditional distributions are the same in all segments.
+        Number of lane changes in each segment of v_L, in order of speed. Segments only group results: the
+        conditional distributions are the same in all segments.
     ranges
         Smooth hazard of log(R_max / R) given v_L.
     speeds
@@ -132,7 +132,7 @@ class DependentLaw(SmoothLaw):
         Parameters
         ----------
         family, member
-            The fitted family, and the member of it.
+            The fitted family, and the member that identifies the law.
         encounters
             Encounter table to which the family was fitted; it supplies segments and lead speeds.
         support
@@ -143,7 +143,7 @@ class DependentLaw(SmoothLaw):
 
     @property
     def strata(self) -> dict[str, DependentStratum]:
-        """The distribution in each segment."""
+        """The distribution in each segment, by name of the segment."""
         return {
             segment: DependentStratum(self.lead_speeds[segment], self.ranges, self.speeds, self.support)
             for segment in self.counts
@@ -165,7 +165,7 @@ class DependentLaw(SmoothLaw):
     def from_content(
         cls, content: Mapping[str, Any], encounters: pd.DataFrame, description: str, closing_speed_max: float
     ) -> Self:
-        """Build the law from the result of `content` and the lead speeds of an encounter table."""
+        """Build a law from the content of its file; see `IndependentLaw.from_content` for the arguments."""
         support = Support.of(content["support"])
         grids = range_grid(support), speed_grid(support)
         ranges, body = (

@@ -1,9 +1,10 @@
-"""Draws of a law of cut-ins from its posterior, evaluated together at many cut-ins.
+"""Draws of a law of cut-ins from its posterior, which are evaluated together at many cut-ins.
 
-A draw is one law of the family with parameters of its tail, its body and its ranges. The three kinds of
-parameters are independent in the posterior. The tail decides where crashes happen, so every draw has a tail
-of its own, while a smaller number of bodies and ranges is shared: each body is combined with several tails.
-This saves time, because tables of cumulative hazards are needed for bodies and ranges alone.
+A draw is one law of the family with drawn parameters of the tail, of the body and of the distribution of the
+range. The three kinds of parameters are independent in the posterior. Crashes mostly happen in the tail, so
+every draw has a tail of its own. Bodies and distributions of the range are fewer, and each of them is
+combined with several tails. This saves time, because only bodies and distributions of the range need tables
+of cumulative hazards.
 """
 
 import hashlib
@@ -22,24 +23,24 @@ from accelerated_evaluation.laws.smooth.shapes import Shape
 from accelerated_evaluation.laws.smooth.smooth_hazard import LOG_HAZARD_MAX, SmoothHazard
 from accelerated_evaluation.laws.smooth.support import Support
 
-SHARED = 50  # most bodies and ranges
+SHARED = 50  # largest number of bodies and of distributions of the range
 
 
 @dataclass(frozen=True)
 class LawDraws:
-    """Draws of a law of cut-ins.
+    """K draws of a law of cut-ins from its posterior.
 
     Attributes
     ----------
     ranges, bodies
-        Draws of the hazard of log(R_max / R) and of the body of the closing speed; as many of one as of the
-        other, a at most `SHARED`.
+        Draws of the hazard of log(R_max / R), and of the body of the closing speed. Both have the same number
+        a of elements, which is at most `SHARED`.
     laws
-        The K laws of the closing speed, whose bodies are of ``bodies``.
+        The K laws of the closing speed. The body of each law is one of ``bodies``.
     shared
-        Index of the ranges and of the body of each draw, shape (K,).
+        Index of each draw into ``ranges`` and ``bodies``, shape (K,).
     names
-        Name of the member of the family that each draw is of.
+        Name of the member of the family of each draw.
     support
         Limits of the records.
     """
@@ -60,23 +61,23 @@ class LawDraws:
         support: Support,
         generator: np.random.Generator,
     ) -> Self:
-        """Draw laws by their weights, and parameters from the posterior of each.
+        """Draw K members of the family by their posterior weights, and parameters from the posterior of each.
 
-        The uniform numbers that choose the laws are stratified, one in each of K equal intervals, so that
-        every law is drawn nearly as often as its weight says.
+        The uniform numbers that choose the members are stratified, one in each of K equal intervals, so that
+        the share of each member is close to its weight.
 
         Parameters
         ----------
         family
-            Fit to all records.
+            Fit of the family to all records.
         members
-            Its laws.
+            Members of the family.
         weights
-            Their posterior weights, one row a draw, shape (K, members); rows add up to 1.
+            Posterior weights of the members for each draw, shape (K, members); each row sums to 1.
         support
             Limits of the records.
         generator
-            Draws everything.
+            Random generator.
         """
         size, ends = len(weights), np.cumsum(weights, axis=1)
         u = (generator.permutation(size) + generator.random(size)) / size
@@ -100,7 +101,7 @@ class LawDraws:
 
     @cached_property
     def digest(self) -> str:
-        """Digest of all parameters."""
+        """Digest of the parameters of all draws, as 16 hexadecimal digits."""
         tails = [(law.tail.coefficients, law.tail.parameters) for law in self.laws if law.tail is not None]
         arrays = [hazard.coefficients for hazard in (*self.ranges, *self.bodies)]
         content = hashlib.sha256(repr((self.names, self.shared.tolist())).encode())
@@ -109,11 +110,11 @@ class LawDraws:
         return content.hexdigest()[:16]
 
     def thinned(self, size: int) -> Self:
-        """Return ``size`` of the draws, spread evenly over all, or all where there are fewer."""
+        """Return ``size`` of the draws, at equal distances in their order; all draws if there are fewer."""
         return self.only(np.unique(np.linspace(0, self.size - 1, min(size, self.size)).round().astype(int)))
 
     def only(self, chosen: NDArray[np.intp]) -> Self:
-        """Return some of the draws, given by their numbers."""
+        """Return the draws with the given indices, shape (k,)."""
         used, shared = np.unique(self.shared[chosen], return_inverse=True)
         return replace(
             self,
@@ -125,11 +126,11 @@ class LawDraws:
         )
 
     def ranges_at(self, places: Places) -> "Hazards":
-        """Return the hazards of log(R_max / R) at n lead speeds, for each shared draw of the ranges."""
+        """Return the hazards of log(R_max / R) at n lead speeds, for each of the a draws in ``ranges``."""
         return Hazards.of(self._range_splines, self.ranges[0].grid.edges[2], places.along_speed)
 
     def speeds_at(self, places: Places) -> "SpeedsAt":
-        """Return the laws of the closing speed of all draws at n places."""
+        """Return the distributions of the closing speed of all draws, given pairs of lead speed and range."""
         body = Hazards.of(self._body_splines, self.bodies[0].grid.edges[2], places.splines)
         return SpeedsAt(self, places, body)
 
@@ -143,29 +144,29 @@ class LawDraws:
 
     @cached_property
     def groups(self) -> list["Group"]:
-        """The draws with a tail, those of one shape together."""
+        """The draws with a tail, grouped by the shape of the tail."""
         shapes = {law.tail.shape.name: law.tail.shape for law in self.laws if law.tail is not None}
         return [Group.of(self, shape) for shape in shapes.values()]
 
 
 @dataclass(frozen=True)
 class Group:
-    """The k draws whose tails have one shape.
+    """The k draws whose tails have the same shape.
 
     Attributes
     ----------
     shape
         The shape of the excess.
     index
-        Which of the draws these are, shape (k,).
+        Indices of these draws among all draws, shape (k,).
     level
-        Index of the threshold of each among ``thresholds``, shape (k,).
+        Index of the threshold of each draw in ``thresholds``, shape (k,).
     thresholds
-        The thresholds of the group.
+        The thresholds that occur in the group.
     coefficients
-        Of the splines of the log scale, shape (k, p).
+        Coefficients of the splines of the log scale, shape (k, p).
     parameters
-        Of the shape, (q, k, 1).
+        Parameters of the shape, shape (q, k, 1).
     """
 
     shape: Shape
@@ -177,7 +178,7 @@ class Group:
 
     @classmethod
     def of(cls, draws: LawDraws, shape: Shape) -> Self:
-        """Collect the draws of one shape."""
+        """Return the group of those draws whose tails have the given shape."""
         index = np.array(
             [
                 place
@@ -201,14 +202,14 @@ class Group:
 
 @dataclass(frozen=True)
 class Hazards:
-    """Piecewise constant hazards of a draws at n places of the covariates.
+    """Piecewise constant hazards of a variable for a draws, given n values of the covariates.
 
     Attributes
     ----------
     edges
-        Edges of the bins of the variable, shape (bins + 1,); the last bin has no end.
+        Edges of the bins of the variable, shape (bins + 1,); the last bin extends to infinity.
     hazard
-        In each bin, shape (a, n, bins).
+        Hazard in each bin, shape (a, n, bins).
     table
         Cumulative hazard at the edges, shape (a, n, bins + 1).
     """
@@ -219,7 +220,17 @@ class Hazards:
 
     @classmethod
     def of(cls, along: Array, edges: Array, splines: Array) -> Self:
-        """Evaluate coefficients of the covariates' splines, (a, p, bins), at splines of shape (n, p)."""
+        """Return the hazards for given values of the splines of the covariates.
+
+        Parameters
+        ----------
+        along
+            Coefficients of the log hazard in each bin, shape (a, p, bins).
+        edges
+            Edges of the bins of the variable, shape (bins + 1,).
+        splines
+            Values of the splines of the covariates, shape (n, p).
+        """
         hazard = np.exp(np.clip(splines @ along, -LOG_HAZARD_MAX, LOG_HAZARD_MAX))
         table = np.zeros((*hazard.shape[:2], hazard.shape[2] + 1))
         np.cumsum(hazard * np.diff(edges), axis=2, out=table[:, :, 1:])
@@ -231,9 +242,9 @@ class Hazards:
         Parameters
         ----------
         value
-            One value for each place, or for each element of ``row``, shape (n,).
+            One value of the variable for each set of covariates, or for each element of ``row``, shape (n,).
         row
-            Indices of the places; all places in order by default.
+            Indices of the sets of covariates; by default all of them, in order.
         """
         bin_ = np.clip(np.searchsorted(self.edges, value, side="right") - 1, 0, self.edges.size - 2)
         row = np.arange(value.size) if row is None else row
@@ -242,16 +253,16 @@ class Hazards:
 
 
 class SpeedsAt:
-    """Laws of the closing speed of K draws at n places.
+    """Distributions of the closing speed under each of K draws, given n pairs of lead speed and range.
 
     Parameters
     ----------
     draws
         The draws.
     places
-        Lead speeds and ranges.
+        The pairs of lead speed and range.
     body
-        Hazards of their bodies there.
+        Hazards of the bodies of the draws at the pairs.
     """
 
     def __init__(self, draws: LawDraws, places: Places, body: Hazards) -> None:
@@ -269,14 +280,14 @@ class SpeedsAt:
             )
 
     def at(self, closing_speed: Array, row: NDArray[np.intp] | None = None) -> tuple[Array, Array]:
-        """Return -log P(C > c) and the log density at given closing speeds; both have shape (K, n).
+        """Return -log P(C > c) and the log density at given closing speeds c; both have shape (K, n).
 
         Parameters
         ----------
         closing_speed
-            One for each place, or for each element of ``row``, shape (n,).
+            One closing speed [m/s] for each pair, or for each element of ``row``, shape (n,).
         row
-            Indices of the places; all places in order by default.
+            Indices of the pairs; by default all pairs, in order.
         """
         cumulative, rate = self.body.at(closing_speed, row)
         cumulative, log_rate = cumulative[self.draws.shared], np.log(rate)[self.draws.shared]
@@ -295,6 +306,9 @@ class SpeedsAt:
 
 
 def _along_variable(hazards: Sequence[SmoothHazard]) -> Array:
-    """Return the log hazard's coefficients of the covariates' splines in each bin, shape (a, p, bins)."""
+    """Return, for each bin of the variable, the coefficients of the log hazard, shape (a, p, bins).
+
+    They are the coefficients of the p splines of the covariates.
+    """
     parts = [np.tensordot(hazard.coefficients, hazard.grid.tensor.matrices[2], (2, 1)) for hazard in hazards]
     return np.array([part.reshape(-1, part.shape[2]) for part in parts])

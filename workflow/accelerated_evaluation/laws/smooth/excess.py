@@ -1,10 +1,10 @@
-"""Excesses over a threshold, with a smooth scale that depends on covariates, and one common shape.
+"""Distribution of excesses over a threshold, with a scale that depends smoothly on covariates.
 
-The log scale is a penalised spline function of the covariates (Davison and Smith 1990 for the regression).
-The fit maximises the penalised likelihood by Newton and Fisher scoring steps. In units of its scale, every
-excess has the same distribution. The expected information of one excess about its log scale and the shape is
-therefore one small matrix, which is computed by quadrature. The information about the spline coefficients
-follows from it.
+The log scale is a penalised spline function of the covariates, and the shape is the same for all covariates
+(Davison and Smith 1990 for the regression). The fit maximizes the penalised likelihood by Newton and Fisher
+scoring steps. In units of its scale, every excess has the same distribution. The expected information of one
+excess about its log scale and the shape is therefore the same small matrix for all excesses. It is computed
+by quadrature, and the information about the spline coefficients follows from it.
 """
 
 from collections.abc import Mapping
@@ -19,29 +19,32 @@ from accelerated_evaluation.base.errors import ConvergenceError
 from accelerated_evaluation.laws.smooth.shapes import SHAPES, Shape
 from accelerated_evaluation.laws.smooth.splines import SMOOTHING_ROUNDS, SMOOTHING_TOLERANCE, Penalty
 
-ITERATIONS = 300
-TOLERANCE = 3e-3  # least gain of a step in log likelihood: about a twentieth of a posterior deviation
-SMALLEST_STEP = 1e-5
-DIFFERENCE = 1e-4  # in log scale and parameters, to find the observed information
-NODES = 40.0 * ((np.arange(200) + 0.5) / 200) ** 2  # cumulative hazards at which the information is summed:
-# they reach far into the tail, which contains the information about the shape
+ITERATIONS = 300  # largest number of steps
+# The iterations end if a step increases the log likelihood by less than TOLERANCE. The error of the
+# parameters is then about a twentieth of their posterior standard deviation.
+TOLERANCE = 3e-3
+SMALLEST_STEP = 1e-5  # smallest factor of a step in the line search
+DIFFERENCE = 1e-4  # difference of log scale and parameters, for numerical second derivatives
+# Nodes (cumulative hazards) and weights of the quadrature for the expected information. The nodes reach far
+# into the tail, which contains the information about the shape.
+NODES = 40.0 * ((np.arange(200) + 0.5) / 200) ** 2
 MASSES = np.exp(-NODES) * 2 * np.sqrt(NODES * 40.0) / 200
 
 
 @dataclass(frozen=True)
 class Excess:
-    """A fitted distribution of excesses.
+    """A fitted distribution of excesses over a threshold.
 
     Attributes
     ----------
     shape
-        Its shape.
+        Distribution of an excess in units of its scale.
     coefficients
         Coefficients of the splines of the log scale, shape (p,).
     parameters
-        Parameters of the shape, (q,).
+        Parameters of the shape, shape (q,).
     smoothing
-        Smoothing parameters of the scale.
+        Smoothing parameters of the log scale.
     factor
         Upper Cholesky factor of the penalised information of coefficients and parameters; None if the law was
         read from a file.
@@ -54,11 +57,11 @@ class Excess:
     factor: Array | None = None
 
     def scale(self, covariates: Array) -> Array:
-        """Return the scales for covariates of shape (n, p)."""
+        """Return the scales, shape (n,), in the unit of the excess, given values of the splines, (n, p)."""
         return np.exp(covariates @ self.coefficients)
 
     def drawn(self, generator: np.random.Generator) -> "Excess":
-        """Return a draw of coefficients and parameters from the normal approximation of the posterior."""
+        """Return a draw from the posterior of coefficients and parameters, in the normal approximation."""
         noise = solve_triangular(self.factor, generator.standard_normal(len(self.factor)))
         p = self.coefficients.size
         return replace(
@@ -75,7 +78,7 @@ class Excess:
 
     @classmethod
     def from_content(cls, content: Mapping[str, Any]) -> "Excess":
-        """Build the distribution from the result of `content`."""
+        """Build the distribution from the value that `content` returned."""
         coefficients, parameters = (np.array(content[name]) for name in ("log_scale", "parameters"))
         return cls(SHAPES[content["shape"]], coefficients, parameters)
 
@@ -102,10 +105,10 @@ def fit_excess(
     shape
         Distribution of an excess of scale 1.
     start
-        An earlier fit to start from, whose smoothing parameters are kept. It is returned unchanged if there
-        are no excesses.
+        An earlier fit, which supplies starting values and the smoothing parameters. It is returned unchanged
+        if there are no excesses.
     gram
-        Product of the covariates with themselves, (p, p), if it is already known from another shape.
+        Matrix covariates' covariates, shape (p, p), if it is already known from another shape.
 
     Returns
     -------
@@ -139,7 +142,11 @@ def fit_excess(
 
 @dataclass(frozen=True)
 class _Problem:
-    """The penalised likelihood of one set of excesses; its variables are coefficients, then parameters."""
+    """The penalised likelihood of excesses.
+
+    It is a function of an array ``values`` with the coefficients of the log scale, followed by the parameters
+    of the shape.
+    """
 
     excess: Array
     covariates: Array
@@ -147,7 +154,7 @@ class _Problem:
     gram: Array  # of the covariates
 
     def maximise(self, values: Array, precision: Array) -> tuple[Array, Array]:
-        """Return the maximum, and the factor of the expected information there."""
+        """Return the maximum point, and the Cholesky factor of the expected information at it."""
         objective = self._objective(values, precision)
         for _ in range(ITERATIONS):
             gradient, expected = self._derivatives(values, precision)
@@ -163,10 +170,11 @@ class _Problem:
         raise ConvergenceError("the excesses", reached=reached, limit=f"{TOLERANCE:g}", change=change)
 
     def _step(self, values: Array, precision: Array, gradient: Array, factor: Array) -> Array:
-        """Return Newton's step with the observed information, or Fisher's where that is not positive.
+        """Return a Newton step, or a Fisher scoring step if the observed information is indefinite.
 
-        Where the likelihood is flat, as with two kinds that hardly differ, the expected information is
-        larger than the curvature, and Fisher's steps are far too short.
+        Newton steps are preferred, because Fisher scoring steps are far too short if the likelihood is flat.
+        An example are two kinds of drivers that hardly differ: the expected information is then larger than
+        the curvature.
         """
         try:
             return cho_solve(cho_factor(self._information(self._observed(values), precision)), gradient)
@@ -176,7 +184,10 @@ class _Problem:
     def _line_search(
         self, values: Array, step: Array, objective: float, precision: Array
     ) -> tuple[float, float]:
-        """Return how many steps to go, and the objective there; 0 where no part of a step gains."""
+        """Return the factor by which the step is multiplied, and the objective after the multiplied step.
+
+        The factor is 0 if no part of the step increases the objective.
+        """
         size, best = 1.0, self._objective(values + step, precision)
         while best <= objective and size > SMALLEST_STEP:
             size /= 2
@@ -211,7 +222,7 @@ class _Problem:
         return gradient, self._information(unit_information(self.shape, parameters), precision)
 
     def _information(self, each: Array, precision: Array) -> Array:
-        """Return the information of all excesses and the prior, from that of one excess."""
+        """Return the information of all excesses plus the prior precision, given that of one excess."""
         p, q = self.covariates.shape[1], len(each) - 1
         information = np.zeros((p + q, p + q))
         information[:p, :p] = each[0, 0] * self.gram + precision
@@ -222,7 +233,7 @@ class _Problem:
         return information
 
     def _observed(self, values: Array) -> Array:
-        """Return the mean observed information of one excess, by differences of gradients."""
+        """Return the mean observed information of one excess, computed from differences of gradients."""
         z, _, parameters = self._split(values)
 
         def gradient(log_scale: float, parameters: Array) -> Array:
@@ -240,7 +251,20 @@ class _Problem:
 
 
 def unit_information(shape: Shape, parameters: Array) -> Array:
-    """Return the expected information of one excess about log scale and parameters, (1 + q, 1 + q)."""
+    """Return the expected Fisher information of one excess about log scale and shape parameters.
+
+    Parameters
+    ----------
+    shape
+        Distribution of an excess of scale 1.
+    parameters
+        Parameters of the shape, shape (q,).
+
+    Returns
+    -------
+    numpy.ndarray
+        Information matrix, shape (1 + q, 1 + q), with the log scale first.
+    """
     z = shape.inverse(NODES, parameters)
     by_z, by_parameters = shape.derivatives(z, parameters)
     gradients = np.column_stack([-1 - z * by_z, by_parameters])

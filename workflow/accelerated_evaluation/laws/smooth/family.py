@@ -1,6 +1,7 @@
-"""The family of laws that are weighted in the answer: tails of several shapes above several thresholds.
+"""The family of laws that the answer combines by posterior weights.
 
-All laws have the same body.
+All laws have the same body. They differ in the shape of the tail of the closing speed and in the threshold
+above which the tail begins.
 """
 
 from collections.abc import Sequence
@@ -23,15 +24,21 @@ from accelerated_evaluation.laws.smooth.shapes import SHAPES
 from accelerated_evaluation.laws.smooth.smooth_hazard import Binned, HazardGrid, SmoothHazard, fit_hazard
 from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
 
-LEVELS = (0.9, 0.925, 0.95, 0.97, 0.98, 0.99, 0.995)  # of the thresholds
+LEVELS = (0.9, 0.925, 0.95, 0.97, 0.98, 0.99, 0.995)  # probabilities of closing speeds below the thresholds
 FEWEST = 10  # least number of records above a threshold for which tails are fitted
 
 
 @dataclass(frozen=True)
 class Member:
-    """One law of the family, given by the level of its threshold and the shape of its excess.
+    """Identifier of one law of the family.
 
-    The law without a tail, which consists of the body alone, has neither.
+    Attributes
+    ----------
+    level
+        Level of the threshold, which is the probability of closing speeds below it; None for the law that
+        consists of the body alone.
+    shape
+        Name of the shape of the excess over the threshold; empty for the law that consists of the body alone.
     """
 
     level: float | None = None
@@ -39,12 +46,12 @@ class Member:
 
     @property
     def name(self) -> str:
-        """The name of the law in tables."""
+        """The name of the law in tables, such as ``exponential 0.95``; ``hazard`` for the body alone."""
         return "hazard" if self.level is None else f"{self.shape} {self.level:g}"
 
 
 def members_at(levels: Sequence[float]) -> tuple[Member, ...]:
-    """Return the body alone, and every shape above every threshold of the given levels."""
+    """Return the members of a family: the body alone, and each shape above the threshold of each level."""
     return (Member(), *(Member(level, shape) for shape in SHAPES for level in levels))
 
 
@@ -53,9 +60,14 @@ MEMBERS = members_at(LEVELS)
 
 @dataclass(frozen=True)
 class DistinctRecords:
-    """Distinct cut-ins: lead speed [m/s], range [m] and closing speed [m/s], each of shape (n,).
+    """Distinct recorded cut-ins.
 
-    ``support`` contains the limits within which the records were kept.
+    Attributes
+    ----------
+    lead_speed, range_, closing_speed
+        Lead speed [m/s], range [m] and closing speed [m/s], each of shape (n,).
+    support
+        Limits within which records were kept.
     """
 
     lead_speed: Array
@@ -65,7 +77,7 @@ class DistinctRecords:
 
     @classmethod
     def of(cls, encounters: pd.DataFrame, support: Support = SUPPORT) -> "DistinctRecords":
-        """Return the distinct cut-ins of an encounter table, without rows that repeat the row before."""
+        """Return the cut-ins of an encounter table, without rows that are equal to the row before."""
         rows = encounters[["lead_speed", "range", "closing_speed"]]
         distinct = rows[(rows != rows.shift()).any(axis=1)]
         return cls(*(distinct[name].to_numpy(dtype=float) for name in rows), support)
@@ -88,7 +100,17 @@ class DistinctRecords:
 
 @dataclass(frozen=True)
 class Exceedances:
-    """Records above a threshold: their indices in the record, their excesses [m/s] and their splines."""
+    """The m records above a threshold.
+
+    Attributes
+    ----------
+    index
+        Indices of the records, shape (m,).
+    excess
+        Closing speed minus threshold [m/s], shape (m,).
+    splines
+        Values of the splines at the lead speeds and ranges of the records, shape (m, p).
+    """
 
     index: NDArray[np.intp]
     excess: Array
@@ -104,7 +126,19 @@ class Exceedances:
 
 @dataclass(frozen=True)
 class LawFamily:
-    """Laws with the same body, fitted to the same records, and the distribution of the range."""
+    """Laws of the closing speed with the same body, and the distribution of the range, fitted to records.
+
+    Attributes
+    ----------
+    ranges
+        Smooth hazard of log(R_max / R) given the lead speed.
+    body
+        Smooth hazard of the closing speed given lead speed and range.
+    thresholds, exceedances
+        Thresholds and the records above them, by level.
+    tails
+        Distribution of the excess, by member of the family.
+    """
 
     ranges: SmoothHazard
     body: SmoothHazard
@@ -113,7 +147,7 @@ class LawFamily:
     tails: dict[Member, Excess]
 
     def law(self, member: Member) -> SpeedLaw:
-        """Return the distribution of the closing speed of one member."""
+        """Return the distribution of the closing speed of one member of the family."""
         if member.level is None:
             return SpeedLaw(self.body)
         return SpeedLaw(self.body, self.thresholds[member.level], self.tails[member])
@@ -121,7 +155,7 @@ class LawFamily:
 
 @dataclass(frozen=True)
 class Fitter:
-    """Fits the family of laws to distinct records, with the data that all fits need.
+    """Fits the family of laws to distinct records, and keeps the data that several fits need.
 
     Attributes
     ----------
@@ -130,9 +164,9 @@ class Fitter:
     members
         Laws to fit.
     grids
-        Grids of range and closing speed.
+        Grids of the range and of the closing speed.
     binned
-        The records in the bins of both grids.
+        The records in the bins of the two grids.
     """
 
     records: DistinctRecords
@@ -150,12 +184,13 @@ class Fitter:
     def fit(self, start: LawFamily | None = None) -> LawFamily:
         """Fit all laws to all records.
 
-        No tails are fitted above thresholds that fewer than ten records exceed.
+        No tails are fitted above a threshold that fewer than `FEWEST` records exceed.
 
         Parameters
         ----------
         start
-            A fit to similar records, from which the fits start and whose smoothing parameters are kept.
+            A fit to similar records, whose parameters are the starting values. Its smoothing parameters are
+            used without a new estimate.
         """
         before = (start.ranges, start.body) if start else (None, None)
         ranges, body = (
@@ -170,9 +205,9 @@ class Fitter:
         return LawFamily(ranges, body, thresholds, above, tails)
 
     def refit(self, family: LawFamily, left_out: Array) -> LawFamily:
-        """Fit the laws of the closing speed without some records.
+        """Fit the laws of the closing speed again without some of the records.
 
-        Thresholds and smoothing parameters are not changed.
+        Thresholds and smoothing parameters are those of the fit to all records.
 
         Parameters
         ----------
@@ -188,7 +223,7 @@ class Fitter:
         return replace(family, body=body, tails=self._tails(family.exceedances, kept, family))
 
     def count_speeds(self, records: DistinctRecords) -> Binned:
-        """Bin closing speeds with their lead speeds and ranges."""
+        """Count records in the bins of lead speed, square root of the range, and closing speed."""
         return self.grids[1].count(records.lead_speed, np.sqrt(records.range_), records.closing_speed)
 
     def _tails(

@@ -1,14 +1,14 @@
-"""The mean law: the mixture, with equal weights, of draws of a law from its posterior.
+"""The mean law: the mixture, with equal weights, of K draws of a law from its posterior.
 
-A vehicle that is slow to simulate is simulated once, under this law, and the outcomes are reweighted for each
-draw k by f_k / f_mean. The law that is sampled contains every draw with the share 1 / K, so no such weight
-exceeds K.
+A vehicle that is slow to simulate is simulated once, under this law. The outcomes are then reweighted for
+each draw k by the ratio of the densities f_k / f_mean. The mean law contains every draw with the share 1 / K,
+so these weights never exceed K.
 
-With x = log(R_max / R), g_k the density of x given the lead speed v_L, and f_k that of the closing speed c
-given both, the density of a cut-in is the mean of g_k(x) f_k(c) over the draws. So the range has the density
-mean g_k(x), and the closing speed given the range is a mixture with weights in proportion to g_k(x). Both are
-mapped to unit-exponential scores (Rosenblatt 1952), as the laws of the family are, and the inverse of the
-map is found by Newton's method.
+Let x = log(R_max / R), let g_k be the density of x given the lead speed v_L, and let f_k be the density of
+the closing speed c given v_L and x. The density of a cut-in is the mean of g_k(x) f_k(c) over the draws. The
+range therefore has the density mean g_k(x), and the closing speed given the range is a mixture with weights
+proportional to g_k(x). Both are mapped to coordinates with unit exponential distributions (Rosenblatt 1952),
+as for the other smooth laws. The inverse of the map is computed by Newton's method.
 """
 
 import math
@@ -41,12 +41,12 @@ from accelerated_evaluation.laws.smooth.segments import (
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 from accelerated_evaluation.laws.smooth.support import Support
 
-PLACES_AT_ONCE = 400  # bounds the memory: some 100 MB with 500 draws
+PLACES_AT_ONCE = 400  # limits the memory to about 100 MB with 500 draws
 
 
 @dataclass(frozen=True)
 class MeanStratum(SmoothStratum):
-    """One segment of the lead speed under the mixture of the draws."""
+    """The mean law in one segment of the lead speed; see `Stratum`."""
 
     lead_speed: Empirical
     draws: LawDraws
@@ -58,7 +58,7 @@ class MeanStratum(SmoothStratum):
         return self.draws.support
 
     def cut_ins(self, lead_speed: Array, first: Array, second: Array) -> CutIns:
-        """Return the cut-ins of given scores."""
+        """Return the cut-ins with given v_L [m/s] and given two coordinates, each of shape (n,)."""
         range_, speed = np.empty(first.size), np.empty(first.size)
         farthest = self.support.range_max
         for part in parts(first.size, PLACES_AT_ONCE):
@@ -76,7 +76,7 @@ class MeanStratum(SmoothStratum):
         return CutIns(lead_speed, 1 / range_, speed / range_)
 
     def range_coordinate(self, lead_speed: Array, inverse_range: Array) -> tuple[Array, Array]:
-        """Return the score of the range at n places, and its derivative by log(R_max / R)."""
+        """Return the first coordinate, and its derivative with respect to log(R_max / R), shape (n,)."""
         scores = np.empty((2, lead_speed.size))
         for part in parts(lead_speed.size, PLACES_AT_ONCE):
             places = self.places(lead_speed[part], 1 / inverse_range[part])
@@ -84,13 +84,16 @@ class MeanStratum(SmoothStratum):
         return scores[0], scores[1]
 
     def second(self, lead_speed: ArrayLike, inverse_range: ArrayLike, closing_speed: ArrayLike) -> Array:
-        """Return the score of the closing speed; infinite where that is."""
+        """Return the second coordinate; it is infinite if the closing speed is infinite."""
         arrays = np.broadcast_arrays(*floats(lead_speed, inverse_range, closing_speed))
         lead, inverse_range, closing = (array.ravel() for array in arrays)
         return self.second_at(lead, inverse_range, closing[:, None]).reshape(arrays[0].shape)
 
     def second_at(self, lead_speed: Array, inverse_range: Array, closing_speeds: Array) -> Array:
-        """Return the scores of several closing speeds at each of n places, shape (n, m)."""
+        """Return the second coordinate of m closing speeds for each of n pairs of v_L and R^-1.
+
+        See `Stratum.second_at`.
+        """
         score = np.full(closing_speeds.shape, math.inf)
         for part in parts(lead_speed.size, PLACES_AT_ONCE):
             lead, range_, closing = lead_speed[part], 1 / inverse_range[part], closing_speeds[part]
@@ -103,7 +106,7 @@ class MeanStratum(SmoothStratum):
         return score
 
     def log_second_slope(self, lead_speed: Array, inverse_range: Array, closing_speed: Array) -> Array:
-        """Return the log hazard of the closing speed."""
+        """Return the log hazard of the closing speed, shape (n,); see `Stratum.log_second_slope`."""
         slope = np.empty(lead_speed.size)
         for part in parts(lead_speed.size, PLACES_AT_ONCE):
             lead, range_, value = (
@@ -116,7 +119,18 @@ class MeanStratum(SmoothStratum):
         return slope
 
     def log_densities(self, lead_speed: Array, range_: Array, closing_speed: Array) -> Array:
-        """Return the log density of log(R_max / R) and closing speed under each draw, shape (K, n)."""
+        """Return the joint log density of log(R_max / R) and closing speed under each draw, given v_L.
+
+        Parameters
+        ----------
+        lead_speed, range_, closing_speed
+            n cut-ins: v_L [m/s], R [m] and closing speed [m/s], each of shape (n,).
+
+        Returns
+        -------
+        numpy.ndarray
+            Log densities, shape (K, n).
+        """
         density = np.empty((self.draws.size, lead_speed.size))
         for part in parts(lead_speed.size, PLACES_AT_ONCE):
             places = self.places(lead_speed[part], range_[part])
@@ -132,7 +146,17 @@ class MeanStratum(SmoothStratum):
     def _speeds(
         self, lead: Array, range_: Array, ranges: RangeMixture, value: Array
     ) -> tuple[SpeedsAt, Array]:
-        """Return the laws of the closing speed at places, and the log weights of the draws there, (K, n)."""
+        """Return the laws of the closing speed at n places, and the log weights of the draws, shape (K, n).
+
+        Parameters
+        ----------
+        lead, range_
+            Lead speeds [m/s] and ranges [m] of the places, shape (n,).
+        ranges
+            The distributions of the range at these lead speeds.
+        value
+            log(R_max / R), shape (n,).
+        """
         log_weight = ranges.log_density(value)[self.draws.shared]
         return (
             self.draws.speeds_at(self.places(lead, range_)),
@@ -143,22 +167,23 @@ class MeanStratum(SmoothStratum):
 @LAWS.add("mean")
 @dataclass(frozen=True, repr=False)
 class MeanLaw(SmoothLaw):
-    """v_L as recorded, and the mean of draws of range and closing speed given v_L.
+    """The law in which v_L is as recorded, and range and closing speed follow the mean of K draws given v_L.
 
     Attributes
     ----------
     description
-        The data that it was fitted to, in words.
+        Description of the data to which the law was fitted.
     counts
-        Number of lane changes by segment of v_L, by rising speed; the law is the same in all.
+        Number of lane changes in each segment of v_L, in order of speed. The conditional distributions are
+        the same in all segments.
     draws
-        The draws that it is the mean of.
+        The K draws.
     lead_speeds
-        The recorded v_L [m/s] by segment; they are the encounter table's, not the law file's.
+        The recorded v_L [m/s] by segment. They are read from the encounter table and not stored in the law
+        file.
     closing_speed_max
-        Closing speed [m/s] from which nothing changes for any vehicle, and at which faster cut-ins are
-        simulated: a few draws have so heavy a tail where there are no records that the mean law has no sharp
-        end.
+        Cap on closing speeds [m/s], above which the outcome of no vehicle changes. The cap is needed because
+        a few draws have very heavy tails at lead speeds and ranges without records.
     """
 
     kind: ClassVar[str] = "mean"
@@ -173,47 +198,68 @@ class MeanLaw(SmoothLaw):
     def fitted(
         cls, draws: LawDraws, encounters: pd.DataFrame, description: str, closing_speed_max: float = math.inf
     ) -> Self:
-        """Return the mean of draws, with segments and lead speeds of the encounter table of their fit."""
+        """Return the mean law of draws that were fitted to an encounter table.
+
+        Parameters
+        ----------
+        draws
+            The draws.
+        encounters
+            Encounter table, which supplies segments and lead speeds.
+        description
+            Description of the data.
+        closing_speed_max
+            Cap on closing speeds [m/s].
+        """
         counts, lead_speeds = recorded_segments(encounters)
         return cls(description, counts, draws, lead_speeds, closing_speed_max)
 
     def __repr__(self) -> str:
-        """Return a text that identifies the law: description, counts, and a digest of its draws."""
+        """Return a text that identifies the law: description, counts, digest of the draws, and cap."""
         parts = self.description, dict(self.counts), self.draws.digest, self.closing_speed_max
         return f"{type(self).__name__}{parts}"
 
     @property
     def strata(self) -> dict[str, MeanStratum]:
-        """The law in each segment."""
+        """The distribution in each segment, by name of the segment."""
         return {segment: MeanStratum(self.lead_speeds[segment], self.draws) for segment in self.counts}
 
     def thinned(self, size: int) -> Self:
-        """Return the mean of fewer draws."""
+        """Return the mean law of at most ``size`` of the draws; see `LawDraws.thinned`."""
         return replace(self, draws=self.draws.thinned(size))
 
     def only_draws(self, chosen: NDArray[np.intp]) -> Self:
-        """Return the mean of some of the draws, given by their numbers."""
+        """Return the mean law of some of the draws, given by their indices."""
         return replace(self, draws=self.draws.only(chosen))
 
     def from_normal_scores(self, z: Array) -> CutIns:
-        """Map normal scores to cut-ins, those of all strata at once: the law is the same in all."""
+        """Map normal scores to cut-ins; see `Law.from_normal_scores`.
+
+        The cut-ins of all strata are computed together, because the conditional distributions are the same.
+        """
         scores = np.empty((3, len(z)))
         for here, _, *coordinates in self.in_strata(z):
             scores[:, here] = coordinates
         return next(iter(self.strata.values())).cut_ins(*scores)
 
     def log_densities(self, cut_ins: CutIns) -> Array:
-        """Return the log density of log R and closing speed of n cut-ins under each draw, shape (K, n)."""
-        stratum = next(iter(self.strata.values()))  # the law is the same in all
+        """Return the joint log density of log R and closing speed of n cut-ins under each draw, given v_L.
+
+        The result has shape (K, n).
+        """
+        stratum = next(iter(self.strata.values()))  # the conditional distributions are the same in all
         return stratum.log_densities(cut_ins.lead_speed, cut_ins.range_, cut_ins.closing_speed)
 
     def log_ratios(self, cut_ins: CutIns) -> Array:
-        """Return log(f_k / f_mean) of n cut-ins for each draw k, shape (K, n); none exceeds log K."""
+        """Return the log importance weights log(f_k / f_mean) of n cut-ins for each draw k, shape (K, n).
+
+        They are at most log K.
+        """
         densities = self.log_densities(cut_ins)
         return densities - (logsumexp(densities, axis=0) - math.log(self.draws.size))
 
     def content(self) -> dict[str, Any]:
-        """Return what a law file holds of it: the parameters of all draws."""
+        """Return the content of the law file: the parameters of all draws."""
         draws = self.draws
         surfaces = {law.threshold.level: law.threshold for law in draws.laws if law.threshold is not None}
         return {
@@ -232,7 +278,7 @@ class MeanLaw(SmoothLaw):
     def from_content(
         cls, content: Mapping[str, Any], encounters: pd.DataFrame, description: str, closing_speed_max: float
     ) -> Self:
-        """Build the law that `content` described, with the lead speeds of an encounter table."""
+        """Build a law from the content of its file; see `IndependentLaw.from_content` for the arguments."""
         support = Support.of(content["support"])
         grids = range_grid(support), speed_grid(support)
         ranges, bodies = (

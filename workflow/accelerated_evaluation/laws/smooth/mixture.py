@@ -1,4 +1,4 @@
-"""Mixtures of smooth laws at given places, and the inverse of their Rosenblatt map."""
+"""Mixtures of conditional distributions of smooth laws, and inverses of their cumulative hazards."""
 
 import math
 from collections.abc import Callable
@@ -10,46 +10,46 @@ from numpy.typing import NDArray
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.smooth.draws import Hazards
 
-STEPS = 100  # most steps of Newton's method, or of bisection where a step leaves its bracket
-TOLERANCE = 1e-12  # relative, of the closing speed and of log(R_max / R)
+STEPS = 100  # largest number of Newton or bisection steps
+TOLERANCE = 1e-12  # relative error of the closing speed and of log(R_max / R)
 
 
 @dataclass(frozen=True)
 class RangeMixture:
-    """The mixture of the distributions of the range at n lead speeds.
+    """Mixture of a distributions of the range, given n lead speeds.
 
     Attributes
     ----------
     ranges
-        Hazards of log(R_max / R) of the shared ranges.
+        Hazards of log(R_max / R) of the a components.
     share
-        Share of the draws that have each of the ranges, shape (a, 1).
+        Weights of the components, which are their shares in the draws, shape (a, 1).
     """
 
     ranges: Hazards
     share: Array
 
     def score(self, value: Array, row: NDArray[np.intp] | None = None) -> tuple[Array, Array]:
-        """Return -log P(X > x) of the mixture at x = log(R_max / R), and its derivative by x.
+        """Return -log P(X > x) under the mixture at x = log(R_max / R), and its derivative with respect to x.
 
         Parameters
         ----------
         value
-            x for each lead speed, or for each element of ``row``.
+            One x for each lead speed, or for each element of ``row``, shape (n,).
         row
-            Indices of the lead speeds; all in order by default.
+            Indices of the lead speeds; by default all of them, in order.
         """
         cumulative, rate = self.ranges.at(value, row)
         return mixed(cumulative, np.log(rate) - cumulative, np.log(self.share))
 
     def log_density(self, value: Array) -> Array:
-        """Return the log density of x = log(R_max / R) of each of the shared ranges, shape (a, n)."""
+        """Return the log density of x = log(R_max / R) under each component, shape (a, n)."""
         cumulative, rate = self.ranges.at(value)
         return np.log(rate) - cumulative
 
 
 def mixed(cumulative: Array, log_density: Array, log_weight: Array) -> tuple[Array, Array]:
-    """Return -log of the mean survival function of a mixture, and the hazard of the mixture, shape (n,).
+    """Return the cumulative hazard -log P(X > x) and the hazard of a mixture, both of shape (n,).
 
     Parameters
     ----------
@@ -63,7 +63,8 @@ def mixed(cumulative: Array, log_density: Array, log_weight: Array) -> tuple[Arr
     left = np.exp(survival - largest).sum(axis=0)
     hazard = np.exp(log_weight + log_density - largest).sum(axis=0) / left
     lost = -(np.exp(log_weight) * np.expm1(-cumulative)).sum(axis=0)
-    # Near 0 the score keeps its digits if it is found from what is lost, and otherwise from what is left.
+    # For accuracy the cumulative hazard is computed from P(X <= x) (`lost`) if that is small, and otherwise
+    # from P(X > x) (`left`).
     is_near = lost < 0.5
     score = np.where(is_near, -np.log1p(-np.where(is_near, lost, 0.0)), -largest - np.log(left))
     return score, hazard
@@ -75,21 +76,23 @@ def solve(
     start: Array,
     largest: float = math.inf,
 ) -> Array:
-    """Return where an increasing function of n values, 0 at 0, reaches a level.
+    """Return the points at which n increasing functions, which are 0 at 0, reach given levels, shape (n,).
 
-    Newton's method, with bisection where a step leaves the bracket that is known so far. The function is not
-    evaluated any more for a value that has settled, so that no value depends on the others.
+    The equations are solved by Newton's method. If a step leaves the bracket of a root, it is replaced by a
+    bisection. A function is not evaluated any more after its root has been found, so that no root depends on
+    the others.
 
     Parameters
     ----------
     score
-        Returns the function and its derivative at some of the n values, which are given with their indices.
+        Function that takes points and the indices of the functions, and returns the values and the
+        derivatives of these functions.
     level
-        Not negative, shape (n,).
+        Levels, not negative, shape (n,).
     start
-        Where to begin, above 0, shape (n,).
+        Starting points, above 0, shape (n,).
     largest
-        Value at which the function is known to have reached every level.
+        Point at which all functions have reached their levels; infinity if it is unknown.
     """
     low, high, value = np.zeros(level.size), np.full(level.size, largest), np.array(start, dtype=float)
     row = np.arange(level.size)

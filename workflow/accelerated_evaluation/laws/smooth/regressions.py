@@ -1,10 +1,10 @@
-"""Regressions of the complete closing speed: gamma, Weibull, lognormal, and two kinds of drivers.
+"""Regressions for the whole distribution of the closing speed: gamma, Weibull, lognormal and two kinds.
 
-Scale and shape are smooth functions of lead speed and range, with the splines that are also used for the
+The log scale and the log shape are spline functions of lead speed and range, with the same splines as the
 scale of the excess. The regressions are alternatives to the laws with a threshold. Their parameters are
 determined by the bulk of the records, so a comparison shows how much accuracy this costs in the tail.
-Covariates are evaluated at the middles of cells, so that one iteration takes little more than one pass over
-the records.
+Covariates are rounded to the middles of cells, so that one iteration takes little more than one pass over the
+records.
 """
 
 from collections.abc import Callable
@@ -20,19 +20,21 @@ from accelerated_evaluation.base.errors import ConvergenceError
 from accelerated_evaluation.laws.smooth.conditional import Places, speed_grid
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 
-SMOOTHING = (1.0, 1.0)  # of scale and shape, along lead speed and range
-SLOWEST = 1e-4  # [m/s]; smaller closing speeds are replaced by it, because log(0) is not finite
-SMALLEST = 1e-300
-ITERATIONS = 100
-TOLERANCE = 1e-6  # of what a Newton step gains in log likelihood; what is left after it is far smaller
-SMALLEST_STEP = 1e-6
-ROUNDING = 1e-12  # relative, of the log likelihood
-FIRST_DAMPING = 1e-3  # relative to the diagonal of the information
+SMOOTHING = (1.0, 1.0)  # smoothing parameters of log scale and log shape, along lead speed and range
+SLOWEST = 1e-4  # [m/s]; smaller closing speeds are replaced by this one, because log(0) is not finite
+SMALLEST = 1e-300  # smallest survival probability, because log(0) is not finite
+ITERATIONS = 100  # largest number of Newton steps
+TOLERANCE = 1e-6  # the iterations end if a Newton step is expected to gain less in log likelihood
+SMALLEST_STEP = 1e-6  # smallest factor of a Newton step
+ROUNDING = 1e-12  # relative rounding error of the log likelihood
+FIRST_DAMPING = 1e-3  # first damping of Newton steps, relative to the diagonal of the information
 
 
 @dataclass(frozen=True)
 class Terms:
-    """The log density of n records, and its derivatives by log scale, log shape and the shared numbers.
+    """The log density of n records, and its derivatives.
+
+    The derivatives are with respect to log scale, log shape and the constant parameters (``shared``).
 
     Attributes
     ----------
@@ -73,7 +75,17 @@ class Regression:
 
 
 def _two_numbers(value: Array, first: tuple[Array, Array], second: tuple[Array, Array, Array]) -> Terms:
-    """Return terms of log scale and log shape alone; ``second`` has scale-scale, scale-shape, shape-shape."""
+    """Return the terms of a family without constant parameters.
+
+    Parameters
+    ----------
+    value
+        Log density, shape (n,).
+    first
+        First derivatives with respect to log scale and log shape.
+    second
+        Second derivatives: scale-scale, scale-shape and shape-shape.
+    """
     gradient, hessian = np.empty((2, value.size)), np.empty((2, 2, value.size))
     gradient[0], gradient[1] = first
     hessian[0, 0], hessian[0, 1], hessian[1, 1] = second
@@ -120,12 +132,13 @@ def _lognormal_survival(c: Array, log_scale: Array, log_shape: Array, shared: Ar
 
 
 def _two_kinds(c: Array, log_scale: Array, log_shape: Array, shared: Array) -> Terms:
-    """Return the terms of a mixture of two Weibull laws.
+    """Return the terms of a mixture of two Weibull distributions.
 
-    The shared numbers are the logit of the share of the second law, and the log ratios of the two scales and
-    of the two shapes. Let r be the probability that a record is of the second law, and let g and H be the
-    derivatives of the logarithms of the two parts. Then the mixture has the derivatives g_1 + r d and
-    (1 - r) H_1 + r H_2 + r (1 - r) d d', where d = g_2 - g_1.
+    The constant parameters are the logit of the share of the second component, and the log ratios of the two
+    scales and of the two shapes. Let r be the probability that a record belongs to the second component. Let
+    g_i and H_i be the gradient and the Hessian of the log of the weighted density of component i, and let
+    d = g_2 - g_1. Then the log density of the mixture has the gradient g_1 + r d and the Hessian
+    (1 - r) H_1 + r H_2 + r (1 - r) d d'.
     """
     logit_, ratio, step = shared
     share = expit(logit_)
@@ -167,14 +180,24 @@ REGRESSIONS = (
 
 @dataclass(frozen=True)
 class FittedRegression:
-    """Coefficients of log scale and log shape, shape (2, p), and the constant parameters."""
+    """A fitted regression.
+
+    Attributes
+    ----------
+    regression
+        The family of distributions.
+    coefficients
+        Coefficients of the splines of log scale and log shape, shape (2, p).
+    shared
+        Constant parameters.
+    """
 
     regression: Regression
     coefficients: Array
     shared: Array
 
     def given(self, places: Places) -> "GivenRegression":
-        """Return the conditional distributions at given places."""
+        """Return the distributions of the closing speed given n pairs of lead speed and range."""
         return GivenRegression(
             self.regression, *(places.splines @ part for part in self.coefficients), self.shared
         )
@@ -182,7 +205,17 @@ class FittedRegression:
 
 @dataclass(frozen=True)
 class GivenRegression:
-    """Distributions of the closing speed at n places, with log scales and log shapes of shape (n,)."""
+    """Distributions of the closing speed given n pairs of lead speed and range, under a regression.
+
+    Attributes
+    ----------
+    regression
+        The family of distributions.
+    log_scale, log_shape
+        Log scale and log shape for each pair, shape (n,).
+    shared
+        Constant parameters.
+    """
 
     regression: Regression
     log_scale: Array
@@ -190,12 +223,12 @@ class GivenRegression:
     shared: Array
 
     def log_density(self, closing_speed: Array) -> Array:
-        """Return the log density at one closing speed for each place."""
+        """Return the log density at one closing speed [m/s] for each pair, shape (n,)."""
         c = np.maximum(closing_speed, SLOWEST)
         return self.regression.terms(c, self.log_scale, self.log_shape, self.shared).value
 
     def cumulative(self, closing_speed: Array) -> Array:
-        """Return -log P(C > c) at one closing speed for each place."""
+        """Return -log P(C > c) at one closing speed c [m/s] for each pair, shape (n,)."""
         c = np.maximum(closing_speed, SLOWEST)
         return -self.regression.log_survival(c, self.log_scale, self.log_shape, self.shared)
 
@@ -208,16 +241,16 @@ def fit_regression(
     Parameters
     ----------
     regression
-        The family.
+        The family of distributions.
     records
         Distinct cut-ins.
     start
-        An earlier fit to start from.
+        An earlier fit, which supplies starting values.
 
     Raises
     ------
     ConvergenceError
-        If the Newton steps do not end.
+        If the Newton steps do not converge.
     """
     cell, splines = _cells(records)
     closing_speed = np.maximum(records.closing_speed, SLOWEST)
@@ -226,14 +259,14 @@ def fit_regression(
     values = np.concatenate([np.full(p, np.log(closing_speed.mean())), np.zeros(p), regression.shared])
     if start is not None:
         values = np.concatenate([*start.coefficients, start.shared])
-    with np.errstate(over="ignore", invalid="ignore"):  # a trial step may overflow, and is then halved
+    with np.errstate(over="ignore", invalid="ignore"):  # a trial step that overflows is halved
         values = problem.newton(values)
     return FittedRegression(regression, values[: 2 * p].reshape(2, p), values[2 * p :])
 
 
 @dataclass(frozen=True)
 class _Problem:
-    """The penalised likelihood of one set of records, as a function of coefficients and shared numbers."""
+    """The penalised likelihood of records, as a function of coefficients and constant parameters."""
 
     regression: Regression
     closing_speed: Array
@@ -242,12 +275,12 @@ class _Problem:
     precision: Array
 
     def newton(self, values: Array) -> Array:
-        """Return the maximum."""
+        """Return the maximum point, from starting values."""
         objective, score, information = self._at(values)
         gain = np.inf
         for _ in range(ITERATIONS):
             if not (np.isfinite(objective) and np.isfinite(score).all() and np.isfinite(information).all()):
-                break  # the parameters overflow, where the records do not determine them
+                break  # parameters that the records do not determine may overflow
             step = _ascent(information, score)
             gain, size = float(step @ score), 1.0
             trial = self._at(values + step)
@@ -257,7 +290,7 @@ class _Problem:
             values, (objective, score, information) = values + size * step, trial
             if gain < TOLERANCE:
                 return values
-        change = "Add records, or leave this rival out."
+        change = "Add records, or leave this regression out."
         reached = f"a gain of {gain:.2g} in log likelihood"
         what = f"the regression {self.regression.name}"
         raise ConvergenceError(what, reached=reached, limit=f"{TOLERANCE:g}", change=change)
@@ -280,12 +313,12 @@ class _Problem:
         return objective, np.concatenate(score) - penalty @ values, np.block(blocks) + penalty
 
     def _by_cell(self, of_records: Array) -> Array:
-        """Return sums over the records of each cell."""
+        """Return the sum of a quantity over the records of each cell."""
         return np.bincount(self.cell, of_records, len(self.splines))
 
 
 def _ascent(information: Array, score: Array) -> Array:
-    """Return Newton's step, damped as far as the information is not positive definite."""
+    """Return the Newton step; the information matrix is damped until it is positive definite."""
     damping, scale = 0.0, np.abs(np.diag(information))
     while True:
         try:
@@ -295,7 +328,7 @@ def _ascent(information: Array, score: Array) -> Array:
 
 
 def _cells(records: DistinctRecords) -> tuple[NDArray[np.intp], Array]:
-    """Return the cell of each event, and the splines at the middles of the cells."""
+    """Return the index of the cell of each record, and the splines at the middles of the cells."""
     edges = speed_grid(records.support).edges[:2]
     values = records.lead_speed, np.sqrt(records.range_)
     places = [

@@ -1,7 +1,8 @@
-"""Alternative laws with a threshold: the independent law with two kinds of tails, and conditional extremes.
+"""Alternative laws of the closing speed: TTC^-1 independent of the range, and conditional extremes.
 
-Each class has a method ``fit``, which takes records, and a method ``given(places)``, which returns the
-distribution of the closing speed at given lead speeds and ranges.
+The family of smooth laws is compared with these laws. Each class has a method ``fit``, which takes records,
+and a method ``given(places)``, which returns the distribution of the closing speed at given lead speeds and
+ranges.
 """
 
 from dataclasses import dataclass
@@ -20,14 +21,14 @@ from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 from accelerated_evaluation.laws.smooth.splines import Constant, Penalty
 from accelerated_evaluation.records.segments import MINIMUM_ROWS
 
-BODY_BINS = 200
-LATTICE = np.linspace(0, 30, 121)  # [m/s], grid of excesses for sums over the conditional extremes
+BODY_BINS = 200  # number of bins of the histogram of TTC^-1 below the knot
+LATTICE = np.linspace(0, 30, 121)  # [m/s], grid of excesses on which conditional extremes are tabulated
 PLACES_AT_ONCE = 20_000
 
 
 @dataclass(frozen=True)
 class IndependentTail:
-    """A law in which TTC^-1 is independent of the range: in each segment a histogram and a tail.
+    """A law in which TTC^-1 is independent of the range; in each segment it has a histogram and a tail.
 
     Attributes
     ----------
@@ -38,7 +39,7 @@ class IndependentTail:
     tails
         Distribution of the excess of TTC^-1 over the knot, by segment.
     between
-        Lead speeds between the segments [m/s].
+        Lead speeds at which the segments meet [m/s].
     """
 
     edges: list[Array]
@@ -49,10 +50,19 @@ class IndependentTail:
 
     @classmethod
     def fit(cls, records: DistinctRecords, level: float, shape: Shape) -> "IndependentTail":
-        """Fit each segment of the lead speed separately, with its knot at a quantile.
+        """Fit the histogram and the tail of TTC^-1 separately in each segment of the lead speed.
 
-        For a segment with few records, the distribution of all records is used. A knot that no record exceeds
-        is moved down.
+        A segment with fewer than `MINIMUM_ROWS` records gets the distribution of all records. A knot that too
+        few records exceed is moved; see `usable_knots`.
+
+        Parameters
+        ----------
+        records
+            Distinct cut-ins.
+        level
+            Level of the quantile at which the knot is placed.
+        shape
+            Shape of the excess over the knot.
         """
         inverse_ttc, between = records.closing_speed / records.range_, records.support.segment_edges
         segment = np.digitize(records.lead_speed, between)
@@ -70,24 +80,32 @@ class IndependentTail:
         return cls(edges, densities, level, tails, between)
 
     def given(self, places: Places) -> "GivenIndependent":
-        """Return the conditional distributions at given places."""
+        """Return the distributions of the closing speed given n pairs of lead speed and range."""
         return GivenIndependent(self, np.digitize(places.lead_speed, self.between), places.range_)
 
 
 @dataclass(frozen=True)
 class GivenIndependent:
-    """Distributions of the closing speed at n places under the independent law."""
+    """Distributions of the closing speed given n pairs of lead speed and range, under `IndependentTail`.
+
+    Attributes
+    ----------
+    law
+        The law.
+    segment, range_
+        Index of the segment, and range [m], of each pair, shape (n,).
+    """
 
     law: IndependentTail
     segment: Array
     range_: Array
 
     def cumulative(self, closing_speed: Array) -> Array:
-        """Return -log P(C > c) at one closing speed for each place."""
+        """Return -log P(C > c) at one closing speed c [m/s] for each pair, shape (n,)."""
         return self._each(closing_speed)[0]
 
     def log_density(self, closing_speed: Array) -> Array:
-        """Return the log density at one closing speed for each place."""
+        """Return the log density at one closing speed [m/s] for each pair, shape (n,)."""
         return self._each(closing_speed)[1] - np.log(self.range_)
 
     def _each(self, closing_speed: Array) -> tuple[Array, Array]:
@@ -117,28 +135,53 @@ class GivenIndependent:
 class ConditionalExtremes:
     """Conditional extremes (Heffernan and Tawn 2004): range and speed given an extreme closing speed.
 
-    Above one common threshold, the excess of the closing speed is exponential or generalised Pareto. Given
-    the excess, the lead speed and the root of the range are normal, with means that are linear in the excess
-    and its square root. Bayes' rule gives the distribution of the closing speed given lead speed and range. A
-    smooth body describes closing speeds below the threshold, and the probability of exceeding it.
+    Above one common threshold, the excess of the closing speed has one of the distributions in `SHAPES`.
+    Given the excess, the lead speed and the square root of the range are jointly normal, with means that are
+    linear in the excess and its square root. Bayes' rule gives the distribution of the closing speed given
+    lead speed and range. A smooth body describes closing speeds below the threshold, and the probability of
+    exceeding the threshold.
+
+    Attributes
+    ----------
+    body
+        Smooth hazard of the closing speed.
+    threshold
+        Threshold of the closing speed [m/s].
+    tail
+        Distribution of the excess [m/s].
+    slopes
+        Coefficients of the regression of lead speed and root of the range on the excess, shape (3, 2).
+    precision
+        Inverse of the covariance matrix of the residuals, shape (2, 2).
     """
 
     body: SmoothHazard
     threshold: float
     tail: Excess
     slopes: Array
-    precision: Array  # inverse of the residuals' covariance
+    precision: Array
 
     @classmethod
     def fit(
         cls, records: DistinctRecords, body: SmoothHazard, level: float, shape: Shape
     ) -> "ConditionalExtremes":
-        """Fit to the records above a quantile of all closing speeds.
+        """Fit the law to the records whose closing speed is above a quantile.
+
+        Parameters
+        ----------
+        records
+            Distinct cut-ins.
+        body
+            Smooth hazard of the closing speed, fitted to the same records.
+        level
+            Level of the quantile of all closing speeds that is the threshold.
+        shape
+            Shape of the excess over the threshold.
 
         Raises
         ------
         ConvergenceError
-            If fewer than ten records exceed the quantile.
+            If fewer than `FEWEST` records exceed the threshold.
         """
         threshold = float(np.quantile(records.closing_speed, level))
         above = records.closing_speed > threshold
@@ -151,40 +194,49 @@ class ConditionalExtremes:
             )
         excess = records.closing_speed[above] - threshold
         tail = fit_excess(excess, np.ones((excess.size, 1)), Penalty.of([Constant()]), shape)
-        beside = np.column_stack([records.lead_speed, np.sqrt(records.range_)])[above]
-        slopes = np.linalg.lstsq(_regressors(excess), beside)[0]
-        residuals = beside - _regressors(excess) @ slopes
+        covariates = np.column_stack([records.lead_speed, np.sqrt(records.range_)])[above]
+        slopes = np.linalg.lstsq(_regressors(excess), covariates)[0]
+        residuals = covariates - _regressors(excess) @ slopes
         return cls(body, threshold, tail, slopes, np.linalg.inv(np.cov(residuals.T)))
 
     def given(self, places: Places) -> "GivenExtremes":
-        """Return the conditional distributions at given places.
+        """Return the distributions of the closing speed given n pairs of lead speed and range.
 
-        P(C > c) is proportional to a sum over a grid of excesses beyond c.
+        Above the threshold, the density of the closing speed is computed on a grid of excesses by Bayes'
+        rule.
         """
         scale = float(np.exp(self.tail.coefficients[0]))
         prior = self.tail.shape.log_density(LATTICE / scale, self.tail.parameters)
         means = _regressors(LATTICE) @ self.slopes
-        beside = np.column_stack([places.lead_speed, np.sqrt(places.range_)])
-        table = np.empty((len(beside), LATTICE.size))
-        for first in range(0, len(beside), PLACES_AT_ONCE):
+        covariates = np.column_stack([places.lead_speed, np.sqrt(places.range_)])
+        table = np.empty((len(covariates), LATTICE.size))
+        for first in range(0, len(covariates), PLACES_AT_ONCE):
             part = slice(first, first + PLACES_AT_ONCE)
-            away = beside[part, None, :] - means
+            away = covariates[part, None, :] - means
             table[part] = prior - np.einsum("nki,ij,nkj->nk", away, self.precision, away) / 2
         table -= logsumexp(table, axis=1, keepdims=True) + np.log(LATTICE[1])
         body = SpeedLaw(self.body).given(places)
-        threshold = np.full(len(beside), self.threshold)
+        threshold = np.full(len(covariates), self.threshold)
         return GivenExtremes(body, threshold, body.cumulative(threshold), table)
 
 
 def _regressors(excess: Array) -> Array:
+    """Return the design matrix of the regression on the excess, shape (n, 3)."""
     return np.column_stack([np.ones(excess.size), excess, np.sqrt(excess)])
 
 
 @dataclass(frozen=True)
 class GivenExtremes:
-    """Distributions of the closing speed at n places under conditional extremes.
+    """Distributions of the closing speed given n pairs of lead speed and range, under `ConditionalExtremes`.
 
-    They consist of a body, and of log densities of the excess on a grid, shape (n, grid points).
+    Attributes
+    ----------
+    body
+        Conditional distributions below the threshold.
+    threshold, at_threshold
+        Threshold [m/s], and cumulative hazard of the body at the threshold, each of shape (n,).
+    table
+        Log density of the excess at the nodes of `LATTICE`, shape (n, nodes).
     """
 
     body: Given
@@ -193,7 +245,7 @@ class GivenExtremes:
     table: Array
 
     def cumulative(self, closing_speed: Array) -> Array:
-        """Return -log P(C > c) at one closing speed for each place."""
+        """Return -log P(C > c) at one closing speed c [m/s] for each pair, shape (n,)."""
         low, share = self._place(closing_speed)
         beyond = np.cumsum(np.exp(self.table[:, ::-1]), axis=1)[:, ::-1] * LATTICE[1]
         row = np.arange(low.size)
@@ -202,7 +254,7 @@ class GivenExtremes:
         return np.where(closing_speed > self.threshold, above, self.body.cumulative(closing_speed))
 
     def log_density(self, closing_speed: Array) -> Array:
-        """Return the log density at one closing speed for each place."""
+        """Return the log density at one closing speed [m/s] for each pair, shape (n,)."""
         low, share = self._place(closing_speed)
         row = np.arange(low.size)
         above = (1 - share) * self.table[row, low] + share * self.table[row, low + 1] - self.at_threshold

@@ -1,8 +1,8 @@
 """The common part of all smooth laws: unit-exponential coordinates, and segments that only group results.
 
-The first coordinate of a cut-in is -log P(R^-1 > r | v_L), and the second is -log P(C > c | v_L, R) for the
-closing speed C. Each of them increases with its variable. They are independent of each other and of v_L
-(Rosenblatt 1952).
+The first coordinate of a cut-in with inverse range r is -log P(R^-1 > r | v_L). The second coordinate of a
+cut-in with closing speed c is -log P(C > c | v_L, R). Each coordinate increases with its variable. Both have
+a unit exponential distribution, and they are independent of each other and of v_L (Rosenblatt 1952).
 """
 
 import math
@@ -23,9 +23,10 @@ from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.support import Support
 
 COORDINATES = Factors(BoundedExponential(1.0), BoundedExponential(1.0))
-TAIL = 0.05  # share of the upper piece of a coordinate: the paper's for the tail of TTC^-1
+TAIL = 0.05  # probability of the upper piece of a coordinate, as for the tail of TTC^-1 in the paper
 KNOT = -math.log(TAIL)
-# The exponential distribution is memoryless: both pieces have the same rate, wherever it is divided.
+# The unit exponential distribution as a piecewise mixture of two pieces. Both pieces have the rate 1, because
+# the exponential distribution is memoryless.
 CUT = PiecewiseMixture((1 - TAIL, TAIL), (BoundedExponential(1.0, 0.0, KNOT), BoundedExponential(1.0, KNOT)))
 
 
@@ -42,7 +43,10 @@ class SmoothStratum(Stratum):
 
     @property
     def pieces(self) -> Factors:
-        """The unit-exponential distributions of the coordinates, each divided at its 95 % quantile."""
+        """The unit exponential distributions of the coordinates, each divided into two pieces.
+
+        The knot between the pieces is the 95 % quantile.
+        """
         return Factors(CUT, CUT)
 
     @property
@@ -51,7 +55,7 @@ class SmoothStratum(Stratum):
         return 1 / self.support.range_max
 
     def first(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
-        """Return the coordinate of the range; it is infinite if R^-1 is infinite."""
+        """Return the first coordinate; it is infinite if R^-1 is infinite."""
         speed, inverse_range = np.broadcast_arrays(*floats(lead_speed, inverse_range))
         coordinate = np.full(speed.shape, math.inf)
         near = np.isfinite(inverse_range)
@@ -59,16 +63,27 @@ class SmoothStratum(Stratum):
         return coordinate
 
     def log_first_slope(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
-        """Return the log of the derivative of the first coordinate by R^-1."""
+        """Return the log of the derivative of the first coordinate with respect to R^-1, for fixed v_L."""
         speed, inverse_range = np.broadcast_arrays(*floats(lead_speed, inverse_range))
         return np.log(self.range_coordinate(speed, inverse_range)[1]) - np.log(inverse_range)
 
     @abstractmethod
     def range_coordinate(self, lead_speed: Array, inverse_range: Array) -> tuple[Array, Array]:
-        """Return the first coordinate at n places, and its derivative by log(R_max / R), shape (n,)."""
+        """Return the first coordinate, and its derivative with respect to log(R_max / R).
+
+        Parameters
+        ----------
+        lead_speed, inverse_range
+            v_L [m/s] and R^-1 [1/m], shape (n,).
+
+        Returns
+        -------
+        coordinate, derivative : numpy.ndarray
+            Each of shape (n,).
+        """
 
     def logarithm(self, inverse_range: Array) -> Array:
-        """Return log(R_max / R), which is 0 if a range is larger than the largest recorded one."""
+        """Return log(R_max / R) for R^-1 [1/m], or 0 if the range R is larger than R_max."""
         return np.maximum(np.log(self.support.range_max * inverse_range), 0.0)
 
     def places(self, lead_speed: Array, range_: Array) -> Places:
@@ -77,7 +92,7 @@ class SmoothStratum(Stratum):
 
 
 class SmoothLaw(Law):
-    """A law without segments of its own: the conditional distributions are the same in all segments of v_L.
+    """Base class of laws whose conditional distributions given v_L are the same in all segments of v_L.
 
     Attributes
     ----------
@@ -92,7 +107,7 @@ class SmoothLaw(Law):
 
     @property
     def shares(self) -> dict[str, float]:
-        """Share of the lane changes that fall into each segment."""
+        """Share of the lane changes in each segment, by name of the segment."""
         total = sum(self.counts.values())
         return {segment: count / total for segment, count in self.counts.items()}
 
@@ -103,17 +118,20 @@ class SmoothLaw(Law):
 
 
 def recorded_segments(encounters: pd.DataFrame) -> tuple[dict[str, int], dict[str, Empirical]]:
-    """Return counts and recorded lead speeds [m/s] of the segments of an encounter table, by rising speed."""
+    """Return the number of rows and the recorded lead speeds [m/s] of each segment of an encounter table.
+
+    Both are mappings by name of the segment, in order of lead speed.
+    """
     segments = encounters.groupby("segment")["lead_speed"].agg(["min", "size"]).sort_values("min")
     counts = {segment: int(size) for segment, size in segments["size"].items()}
     return counts, recorded_lead_speeds(encounters, counts)
 
 
 def floats(*arrays: ArrayLike) -> list[Array]:
-    """Return arrays of floats with at least one dimension."""
+    """Return the arguments as arrays of floats with at least one dimension."""
     return [np.atleast_1d(np.asarray(array, dtype=float)) for array in arrays]
 
 
 def parts(size: int, at_once: int) -> list[slice]:
-    """Return slices of at most ``at_once`` elements, which together are ``size`` elements."""
+    """Return slices of at most ``at_once`` elements that together cover ``size`` elements."""
     return [slice(start, start + at_once) for start in range(0, size, at_once)]

@@ -1,8 +1,8 @@
-"""Shapes of the distribution of an excess in units of its scale: exponential, generalised, two kinds.
+"""Shapes of the distribution of an excess: exponential, generalised Pareto, and two kinds of drivers.
 
-With the cumulative hazard H, an excess Z of scale 1 satisfies P(Z > z) = exp(-H(z)). Each shape provides
-H(z), the inverse of H, and the log density log H'(z) - H(z) with its derivatives by z and by the parameters
-of the shape. The parameters have independent normal priors.
+An excess Z in units of its scale satisfies P(Z > z) = exp(-H(z)), where H is the cumulative hazard. Each
+shape provides H(z), the inverse of H, and the log density log H'(z) - H(z) with its derivatives with respect
+to z and to the parameters of the shape. The parameters have independent normal priors.
 """
 
 from typing import ClassVar, Protocol
@@ -11,15 +11,22 @@ import numpy as np
 
 from accelerated_evaluation.base.arrays import Array
 
-SMALL = 1e-4  # absolute shape below which the derivative is computed from its series
+SMALL = 1e-4  # absolute value of the shape parameter below which the derivative is computed from a series
 HALVINGS = 40  # number of bisections of an interval that contains the inverse
 
 
 class Shape(Protocol):
-    """The law of an excess of scale 1.
+    """Interface of the distribution of an excess Z of scale 1.
 
-    ``parameters`` have shape (q,). `cumulative` and `log_density` also take one set of parameters for each of
-    k rows of excesses of shape (k, n): parameters of shape (q, k, 1).
+    The array ``parameters`` has the shape (q,). The methods `cumulative` and `log_density` also accept
+    excesses of shape (k, n) with different parameters for each of the k rows, in an array of shape (q, k, 1).
+
+    Attributes
+    ----------
+    name
+        Name of the shape in files and tables.
+    prior_mean, prior_deviation
+        Means and standard deviations of the normal priors of the q parameters.
     """
 
     name: ClassVar[str]
@@ -36,7 +43,20 @@ class Shape(Protocol):
         """Return the log density log H'(z) - H(z)."""
 
     def derivatives(self, z: Array, parameters: Array) -> tuple[Array, Array]:
-        """Return the derivatives of the log density by z, shape (n,), and by the parameters, (n, q)."""
+        """Return the derivatives of the log density with respect to z and to the parameters.
+
+        Parameters
+        ----------
+        z
+            Excesses of scale 1, shape (n,).
+        parameters
+            Parameters of the shape, shape (q,).
+
+        Returns
+        -------
+        by_z, by_parameters : numpy.ndarray
+            Derivatives, of shapes (n,) and (n, q).
+        """
 
 
 class Exponential:
@@ -53,26 +73,29 @@ class Exponential:
     inverse = cumulative
 
     def log_density(self, z: Array, parameters: Array) -> Array:
-        """Return the log density -z."""
+        """Return the log density, which is -z."""
         return -np.asarray(z, dtype=float)
 
     def derivatives(self, z: Array, parameters: Array) -> tuple[Array, Array]:
-        """Return the derivative -1 of the log density by z, and an empty array for the parameters."""
+        """Return the derivatives of the log density; see `Shape.derivatives`.
+
+        The derivative with respect to z is -1. There are no parameters, so the other array is empty.
+        """
         return np.full_like(z, -1.0), np.empty((z.size, 0))
 
 
 class Generalised:
-    """Generalised Pareto excesses (Davison and Smith 1990); for negative shapes a Gompertz distribution.
+    """Generalised Pareto excesses (Davison and Smith 1990), or Gompertz excesses for negative shapes.
 
-    A generalised Pareto distribution with a negative shape has a finite upper end, and a single later record
-    beyond this end would be impossible. For negative shapes it is therefore replaced by a Gompertz
-    distribution, whose hazard increases exponentially and which has no upper end:
+    A generalised Pareto distribution with a negative shape has a finite upper end, so that larger values are
+    impossible, although they may be recorded later. For negative shapes it is therefore replaced by a
+    Gompertz distribution, whose hazard increases exponentially and which has no upper end:
 
         H(z) = log(1 + shape z) / shape         for shape > 0,
         H(z) = (1 - exp(-shape z)) / shape      for shape < 0.
 
-    Each function is the inverse of the other one with the opposite sign of the shape. Both agree with z -
-    shape z^2 / 2 to second order, so the likelihood is smooth in the shape.
+    Each of the two functions is the inverse of the other one with the opposite sign of the shape. Both agree
+    with z - shape z^2 / 2 to second order, so the likelihood is smooth in the shape.
     """
 
     name = "generalised"
@@ -88,17 +111,20 @@ class Generalised:
         return np.where(shape == 0, z, curved)
 
     def inverse(self, level: Array, parameters: Array) -> Array:
-        """Return the inverse of H, which is H with the opposite sign of the shape."""
+        """Return the excess z with H(z) = level: the inverse of H is H with the opposite shape."""
         return self.cumulative(level, -np.asarray(parameters))
 
     def log_density(self, z: Array, parameters: Array) -> Array:
-        """Return log H'(z) - H(z)."""
+        """Return the log density log H'(z) - H(z)."""
         z, shape = np.asarray(z, dtype=float), np.asarray(parameters[0], dtype=float)
         log_hazard = np.where(shape > 0, -np.log1p(np.abs(shape) * z), -shape * z)
         return log_hazard - self.cumulative(z, parameters)
 
     def derivatives(self, z: Array, parameters: Array) -> tuple[Array, Array]:
-        """Return the derivatives of the log density by z and by the shape."""
+        """Return the derivatives of the log density with respect to z and to the shape parameter.
+
+        See `Shape.derivatives`.
+        """
         shape = float(parameters[0])
         if shape > 0:
             inner = 1 + shape * z
@@ -118,7 +144,7 @@ class TwoKinds:
     """Excesses of two kinds of drivers: P(Z > z) = (1 - share) exp(-z) + share exp(-z / ratio).
 
     The first parameter is the logit of the share of the second kind among the excesses. The second parameter
-    is the logarithm of the ratio of the two scales.
+    is the logarithm of the ratio of the scale of the second kind to the scale of the first kind.
     """
 
     name = "two kinds"
@@ -132,7 +158,7 @@ class TwoKinds:
         return np.maximum(-log_survival, 0)  # rounding could make it negative at z = 0
 
     def inverse(self, level: Array, parameters: Array) -> Array:
-        """Return the inverse of H by bisection."""
+        """Return the excess z with H(z) = level, by bisection."""
         ratio = np.maximum(self._natural(parameters)[1], 1.0)
         level = np.asarray(level, dtype=float)
         low, high = np.zeros_like(level), level * ratio
@@ -143,12 +169,15 @@ class TwoKinds:
         return (low + high) / 2
 
     def log_density(self, z: Array, parameters: Array) -> Array:
-        """Return the log density."""
+        """Return the log density log H'(z) - H(z)."""
         first, second = self._parts(z, parameters)
         return np.logaddexp(first, second)
 
     def derivatives(self, z: Array, parameters: Array) -> tuple[Array, Array]:
-        """Return the derivatives of the log density by z and by the two parameters."""
+        """Return the derivatives of the log density with respect to z and to the two parameters.
+
+        See `Shape.derivatives`.
+        """
         share, ratio = self._natural(parameters)
         first, second = self._parts(z, parameters)
         second_kind = np.exp(second - np.logaddexp(first, second))
@@ -157,9 +186,11 @@ class TwoKinds:
 
     @staticmethod
     def _natural(parameters: Array) -> tuple[Array, Array]:
+        """Return share and ratio."""
         return 1 / (1 + np.exp(-parameters[0])), np.exp(parameters[1])
 
     def _parts(self, z: Array, parameters: Array) -> tuple[Array, Array]:
+        """Return the logs of the weighted densities of the two kinds."""
         share, ratio = self._natural(parameters)
         z = np.asarray(z, dtype=float)
         return np.log1p(-share) - z, np.log(share / ratio) - z / ratio

@@ -2,8 +2,10 @@
 
 The log hazard is a tensor product of penalised splines of the two covariates and of the variable itself. The
 data are binned, and the hazard is constant within a bin of the variable. The number of records in a bin is
-then Poisson given the time at risk in the bin (Holford 1980), so the fit is a Poisson regression on arrays.
-The smoothing parameters of the three directions maximise the marginal likelihood (Wood and Fasiolo 2017).
+then Poisson distributed given the time at risk in the bin (Holford 1980), so the fit is a Poisson regression
+on arrays. "Time" is the term of survival analysis for the variable, which is a closing speed or a logarithm
+of a range here. The smoothing parameters of the three directions maximize the marginal likelihood (Wood and
+Fasiolo 2017).
 """
 
 from dataclasses import dataclass, replace
@@ -25,10 +27,10 @@ from accelerated_evaluation.laws.smooth.splines import (
     Tensor,
 )
 
-ITERATIONS = 100
-TOLERANCE = 1e-5  # least gain of a Newton step in log likelihood
-SMALLEST_STEP = 1e-4
-ROUNDING = 1e-12  # relative, of the log likelihood
+ITERATIONS = 100  # largest number of Newton steps
+TOLERANCE = 1e-5  # the iterations end if a Newton step is expected to gain less in log likelihood
+SMALLEST_STEP = 1e-4  # smallest factor of a Newton step
+ROUNDING = 1e-12  # relative rounding error of the log likelihood
 SHORTEST = 1e-15  # least time at risk in a bin with records; with none the hazard would be infinite
 LOG_HAZARD_MAX = 50.0  # prevents overflow in trial steps and in extrapolations from few records
 
@@ -41,9 +43,9 @@ class HazardGrid:
     ----------
     edges
         Edges of the bins of the two covariates and of the variable. The bins of the variable begin at 0 and
-        are equally wide, and the hazard beyond the last bin equals that of the last bin.
+        are equally wide. Beyond the last bin, the hazard is that of the last bin.
     bases
-        Spline bases of the three.
+        Spline bases of the two covariates and of the variable.
     """
 
     edges: tuple[Array, Array, Array]
@@ -51,12 +53,12 @@ class HazardGrid:
 
     @cached_property
     def tensor(self) -> Tensor:
-        """Return the tensor product of the bases, evaluated at the middles of the bins."""
+        """The tensor product of the bases, evaluated at the middles of the bins."""
         middles = [(edges[1:] + edges[:-1]) / 2 for edges in self.edges]
         return Tensor(tuple(basis(middle) for basis, middle in zip(self.bases, middles, strict=True)))
 
     def count(self, first: Array, second: Array, value: Array, weight: Array | None = None) -> "Binned":
-        """Count n values with their covariates in the bins, and sum their time at risk.
+        """Return the number of values in each bin, and the total time at risk in each bin.
 
         Parameters
         ----------
@@ -82,8 +84,13 @@ class HazardGrid:
 class Binned:
     """Counts of records and time at risk in each bin of a grid.
 
-    A value on the lower edge of its bin, which is common for rounded records, has spent no time in the bin. A
-    small positive time is used instead, so that the hazard remains finite.
+    A value on the lower edge of its bin, which is common for rounded records, has no time at risk in the bin.
+    A small positive time is used instead, so that the hazard remains finite.
+
+    Attributes
+    ----------
+    counts, exposure
+        Number of records, and time at risk, in each bin; both have the shape of the grid.
     """
 
     counts: Array
@@ -104,9 +111,9 @@ class SmoothHazard:
     Attributes
     ----------
     grid
-        Bins and bases.
+        Bins and spline bases.
     coefficients
-        Coefficients of the log hazard, with the shape of the tensor product.
+        Coefficients of the log hazard, in an array with the shape of the tensor product.
     smoothing
         Smoothing parameters of the three directions.
     factor
@@ -120,15 +127,15 @@ class SmoothHazard:
     factor: Array | None = None
 
     def cumulative(self, splines: Array) -> "Cumulative":
-        """Return the cumulative hazards at n covariate values.
+        """Return the cumulative hazards given n values of the covariates.
 
         Parameters
         ----------
         splines
-            Products of the splines of the covariates, shape (n, p).
+            Values of the products of the splines of the covariates, shape (n, p).
         """
         along = np.tensordot(self.coefficients, self.grid.tensor.matrices[2], (2, 1))
-        # Bins come first in memory: sums along the places are several times faster than along the bins.
+        # Bins are the first axis in memory, because sums over them are then several times faster.
         hazard = along.reshape(-1, along.shape[2]).T @ splines.T
         np.exp(np.clip(hazard, -LOG_HAZARD_MAX, LOG_HAZARD_MAX, out=hazard), out=hazard)
         table = np.zeros((len(hazard) + 1, len(splines)))
@@ -138,14 +145,14 @@ class SmoothHazard:
         return Cumulative(self.grid.edges[2], hazard.T, table.T)
 
     def drawn(self, generator: np.random.Generator) -> "SmoothHazard":
-        """Return a draw from the normal approximation of the posterior, in which the penalty is the prior."""
+        """Return a draw from the posterior, in the normal approximation; the penalty acts as the prior."""
         noise = solve_triangular(self.factor, generator.standard_normal(self.coefficients.size))
         return replace(self, coefficients=self.coefficients + noise.reshape(self.coefficients.shape))
 
 
 @dataclass(frozen=True)
 class Cumulative:
-    """Cumulative hazards as functions of the variable, at n covariate values.
+    """Cumulative hazards as functions of the variable, given n values of the covariates.
 
     Attributes
     ----------
@@ -162,23 +169,36 @@ class Cumulative:
     table: Array
 
     def at(self, value: Array, row: Array | None = None) -> Array:
-        """Return the cumulative hazard at given values.
+        """Return the cumulative hazard at given values of the variable, one for each function.
 
         Parameters
         ----------
         value
             One value for each function, or for each element of ``row``.
         row
-            Indices of the functions; all functions in order by default.
+            Indices of the functions; by default all functions, in order.
         """
         bin_ = self.bin_of(value)
-        # One index into all numbers: in memory, bins come first.
+        # One index into the flat arrays, in which bins are the first axis.
         place = bin_ * len(self.table) + (np.arange(value.size) if row is None else row)
         table, hazard = self.table.T.ravel(), self.hazard.T.ravel()
         return table[place] + hazard[place] * (value - self.edges[bin_])
 
     def at_all(self, values: Array, part: slice) -> Array:
-        """Return cumulative hazards of some functions at values that all functions share, (values, part)."""
+        """Return the cumulative hazards of some functions at the same values of the variable.
+
+        Parameters
+        ----------
+        values
+            Values of the variable, shape (m,).
+        part
+            The functions, as a slice of k elements.
+
+        Returns
+        -------
+        numpy.ndarray
+            Cumulative hazards, shape (m, k).
+        """
         bin_ = self.bin_of(values)
         table, hazard = (numbers.T[bin_, part] for numbers in (self.table, self.hazard))
         return table + hazard * (values - self.edges[bin_])[:, None]
@@ -190,8 +210,9 @@ class Cumulative:
     def bin_of(self, value: Array) -> Array:
         """Return the index of the bin of each value; values beyond the last edge belong to the last bin.
 
-        All bins are equally wide, so a division is five times as fast as a search. It may put a value next to
-        an edge into the wrong bin, which the edges correct.
+        All bins are equally wide, so a division replaces the search for the bin, which is five times as fast.
+        Because of rounding, it may put a value near an edge into the wrong bin. A comparison with the edges
+        corrects this.
         """
         last = self.edges.size - 2
         bin_ = np.fmax(np.fmin(value / self.edges[1], last), 0).astype(int)
@@ -200,7 +221,18 @@ class Cumulative:
         return np.clip(bin_, 0, last)
 
     def inverse(self, level: ArrayLike) -> Array:
-        """Return the value at which each cumulative hazard reaches a level, one for each function."""
+        """Return the value of the variable at which each cumulative hazard reaches a level.
+
+        Parameters
+        ----------
+        level
+            A level for each of the n functions, shape (n,), or one level for all.
+
+        Returns
+        -------
+        numpy.ndarray
+            Values, shape (n,).
+        """
         level = np.broadcast_to(np.asarray(level, dtype=float), len(self.table))
         bin_ = np.clip((self.table <= level[:, None]).sum(axis=1) - 1, 0, self.edges.size - 2)
         row = np.arange(len(self.table))
@@ -220,8 +252,8 @@ def fit_hazard(
     grid, data
         Bins and bases, and the counts and times at risk in the bins.
     start
-        An earlier fit to start from, whose smoothing parameters are kept; otherwise they are estimated from
-        the data.
+        An earlier fit, which supplies starting values and the smoothing parameters. Without it, the smoothing
+        parameters are estimated from the data.
 
     Raises
     ------
@@ -252,7 +284,7 @@ class _Problem:
     data: Binned
 
     def newton(self, coefficients: Array, precision: Array) -> tuple[Array, Array]:
-        """Maximise the penalised likelihood; return coefficients and factor of the information."""
+        """Maximize the penalised likelihood; return coefficients and Cholesky factor of the information."""
         objective = self._objective(coefficients, precision)
         for _ in range(ITERATIONS):
             expected = self.data.exposure * self._hazard(coefficients)

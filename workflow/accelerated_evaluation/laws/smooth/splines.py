@@ -17,8 +17,8 @@ from scipy.interpolate import BSpline
 from accelerated_evaluation.base.arrays import Array
 
 DEGREE = 3
-ORDER = 2  # of the differences that are penalised: linear functions have no penalty
-RIDGE = 1e-6  # keeps the coefficients of regions without data finite
+ORDER = 2  # order of the differences that are penalised, so that linear functions have no penalty
+RIDGE = 1e-6  # added to the diagonal, so that coefficients of regions without data stay finite
 SMOOTHING_BOUNDS = (1e-3, 1e5)
 SMOOTHING_TOLERANCE = 0.05  # relative change at which the search for smoothing parameters ends
 SMOOTHING_ROUNDS = 30
@@ -26,7 +26,7 @@ SMOOTHING_ROUNDS = 30
 
 @dataclass(frozen=True)
 class Basis:
-    """B-splines of third degree with equally spaced knots on an interval; constant beyond its ends.
+    """Cubic B-splines with equally spaced knots on an interval; beyond its ends they are constant.
 
     Attributes
     ----------
@@ -53,14 +53,17 @@ class Basis:
         return BSpline.design_matrix(inside, knots, DEGREE, extrapolate=True).toarray()
 
     def penalty(self) -> Array:
-        """Return the matrix of the sum of squared second differences of the coefficients, (size, size)."""
+        """Return the matrix P, shape (size, size), of the roughness penalty b' P b of coefficients b.
+
+        The penalty is the sum of squared second differences of the coefficients.
+        """
         differences = np.diff(np.eye(self.size), n=min(ORDER, self.size - 1), axis=0)
         return differences.T @ differences
 
 
 @dataclass(frozen=True)
 class Constant:
-    """The basis for a function that does not depend on a variable: one function, which is 1."""
+    """The basis for a variable on which the function does not depend: one function, which is 1."""
 
     size: int = 1
 
@@ -69,7 +72,7 @@ class Constant:
         return np.ones((np.size(x), 1))
 
     def penalty(self) -> Array:
-        """Return a zero penalty, shape (1, 1)."""
+        """Return the matrix of the penalty, which is 0, shape (1, 1)."""
         return np.zeros((1, 1))
 
 
@@ -82,7 +85,7 @@ class Penalty:
     matrices
         One matrix for each axis, for all coefficients in C order, shape (axes, coefficients, coefficients).
     roots
-        Their eigenvalues for common eigenvectors, shape (axes, coefficients).
+        Eigenvalues of the matrices, which have common eigenvectors, shape (axes, coefficients).
     """
 
     matrices: Array
@@ -104,9 +107,15 @@ class Penalty:
         return cls(np.array(matrices), np.array(roots))
 
     def total(self, smoothing: ArrayLike) -> Array:
-        """Return the precision of the prior for given smoothing parameters, with a small ridge.
+        """Return the precision matrix of the normal prior of the coefficients.
 
-        The ridge keeps the coefficients of regions without data finite.
+        It is the sum of the penalty matrices, each multiplied by its smoothing parameter, and of a small
+        ridge, so that the coefficients of regions without data stay finite.
+
+        Parameters
+        ----------
+        smoothing
+            Smoothing parameter of each axis.
         """
         whole = np.tensordot(np.asarray(smoothing, dtype=float), self.matrices, 1)
         whole[np.diag_indices_from(whole)] += RIDGE
@@ -126,14 +135,20 @@ class Penalty:
         inverse = np.divide(1.0, total, out=np.zeros_like(total), where=total > 0)
         free = self.roots @ inverse - np.einsum("kij,ij->k", self.matrices, covariance)
         rough = np.einsum("i,kij,j->k", coefficients, self.matrices, coefficients)
-        # For a constant basis there is no penalty, and the parameter is not changed.
+        # A constant basis has no penalty, and its parameter is not changed.
         new = smoothing * np.maximum(free, 1e-6) / np.maximum(rough, 1e-12)
         return np.where(self.roots.any(axis=1), np.clip(new, *SMOOTHING_BOUNDS), smoothing)
 
 
 @dataclass(frozen=True)
 class Tensor:
-    """Tensor product of three bases, each given by its values on a grid, shape (places, size)."""
+    """Tensor product of three bases on a grid.
+
+    Attributes
+    ----------
+    matrices
+        For each axis, the values of its basis functions at the nodes of the grid, shape (nodes, size).
+    """
 
     matrices: tuple[Array, Array, Array]
 
@@ -143,15 +158,15 @@ class Tensor:
         return tuple(matrix.shape[1] for matrix in self.matrices)
 
     def values(self, coefficients: Array) -> Array:
-        """Return the values of the function on the grid, from its coefficient array."""
+        """Return the values on the grid of the function with the given coefficient array."""
         return _along(coefficients, self.matrices)
 
     def transposed(self, grid: Array) -> Array:
-        """Return the transposed design matrix times values on the grid, as a coefficient array."""
+        """Return X' y for the design matrix X and values y on the grid, as a coefficient array."""
         return _along(grid, tuple(matrix.T for matrix in self.matrices))
 
     def gram(self, weights: Array) -> Array:
-        """Return X' W X for weights on the grid, shape (coefficients, coefficients)."""
+        """Return X' W X for the design matrix X and weights W on the grid, (coefficients, coefficients)."""
         squares = tuple(
             (matrix[:, :, None] * matrix[:, None, :]).reshape(len(matrix), -1).T for matrix in self.matrices
         )
@@ -163,6 +178,7 @@ class Tensor:
 def _along(array: Array, matrices: Sequence[Array]) -> Array:
     """Multiply an array with a matrix along each of its axes."""
     for matrix in matrices:
-        # Each step contracts the first axis and appends the result as last axis, which restores the order.
+        # Each step contracts the first axis and appends the result as the last axis. After all steps the axes
+        # are in the original order.
         array = np.tensordot(array, matrix, (0, 1))
     return array

@@ -1,4 +1,4 @@
-"""Limits of the records, which determine the splines and bins of the smooth laws."""
+"""Limits of the records, which determine the knots of the splines and the bins of the smooth laws."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -11,7 +11,7 @@ import numpy as np
 from accelerated_evaluation.laws.smooth.splines import Basis, Penalty
 
 ROOT_MIN = 0.5  # root of the range [m^0.5] below which the splines are constant
-RANGE_BOTTOM = 2.5  # [m], range below which its distribution function is a power of the range
+RANGE_BOTTOM = 2.5  # [m]; below this range, P(range < r) is proportional to a power of r
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Support:
     closing_top
         Closing speed above which the hazard of the body is constant [m/s].
     segment_edges
-        Lead speeds between the segments [m/s]; only the paper's law uses them.
+        Lead speeds at which segments meet [m/s]; only laws with segments use them.
     """
 
     lead_speeds: tuple[float, float] = (5.0, 35.0)
@@ -37,13 +37,13 @@ class Support:
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> "Support":
-        """Return the support that is described by the dictionary that `content` returned."""
+        """Build the support from the dictionary that `content` returned."""
         tuples = {name: tuple(value) for name, value in content.items() if isinstance(value, list)}
         return cls(**content | tuples)
 
     @classmethod
     def configured(cls, config: Mapping[str, Any]) -> "Support":
-        """Return the limits within which a complete configuration keeps records."""
+        """Return the limits within which records are kept, from a complete configuration."""
         filters = config["filters"]
         return cls(
             (float(filters["lead_speed_min"]), float(filters["lead_speed_max"])),
@@ -65,14 +65,14 @@ class Support:
 
     @cached_property
     def penalty(self) -> Penalty:
-        """The roughness penalty of the coefficients of the products of both bases."""
+        """The roughness penalty of the coefficients of the tensor product of the two bases."""
         return Penalty.of(self.bases)
 
     @property
     def log_range_top(self) -> float:
-        """The value of log(R_max / R) above which its hazard is constant.
+        """The value of log(R_max / R) above which the hazard of log(R_max / R) is constant.
 
-        It belongs to the range `RANGE_BOTTOM`, or to R_max / 2 if that is smaller.
+        It is the value at the range R = `RANGE_BOTTOM`, or at R = R_max / 2 if that is smaller.
         """
         return float(np.log(self.range_max / min(RANGE_BOTTOM, self.range_max / 2)))
 
