@@ -14,10 +14,10 @@ _MOST_STEPS = 2046  # largest number of bisections: the number of different powe
 def find_roots(
     function: Callable[[Array, NDArray[np.intp]], Array], low: Array, high: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Find a root of each of n functions by Chandrupatla's method.
+    """Find a root of each of n functions by the method of Chandrupatla.
 
-    The method is that of Chandrupatla (1997, Advances in Engineering Software 28).
-    The result is identical to that of `scipy.optimize.elementwise.find_root`. If there are only a few roots,
+    For the method see Chandrupatla (1997, Advances in Engineering Software 28). The result is identical to
+    that of `scipy.optimize.elementwise.find_root`. If there are only a few roots,
     SciPy's support of other array libraries takes longer than the iterations; this function avoids that.
 
     Parameters

@@ -1,4 +1,4 @@
-"""Problems: the probability of an event, for a law of encounters and a vehicle, or for any system."""
+"""Problems for estimators: the probability of an event for a law and a vehicle, or for any system."""
 
 from accelerated_evaluation.problem.cut_in import Problem, Sample, loaded_problem
 from accelerated_evaluation.problem.protocol import Response, ScoreProblem, SystemProblem

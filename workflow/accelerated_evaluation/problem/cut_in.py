@@ -1,4 +1,4 @@
-"""The problem of cut-ins: the probability of an event, for a law of cut-ins and a vehicle."""
+"""The problem of cut-ins: the probability of an event, given a law of cut-ins and a vehicle."""
 
 import os
 from collections.abc import Iterator, Mapping
@@ -22,14 +22,14 @@ from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle, repeats_
 
 @dataclass(frozen=True)
 class Sample:
-    """Simulated cut-ins of one stratum in its coordinates; every array has shape (n,).
+    """Simulated cut-ins of one stratum, drawn from a proposal f*; every array has shape (n,).
 
     Attributes
     ----------
     first, second
-        Coordinates of the cut-ins.
+        Coordinates of the cut-ins in the stratum; see `Stratum`.
     log_ratio
-        Logarithm of the likelihood ratio f / f*.
+        Log importance weight log(f / f*).
     happened
         Whether the event happened.
     outcomes
@@ -43,7 +43,7 @@ class Sample:
     outcomes: Outcomes
 
     def join(self, other: "Sample") -> "Sample":
-        """Return the cut-ins of both samples."""
+        """Return a sample with the cut-ins of this sample, followed by those of another sample."""
 
         def joined(one: Outcomes | Sample, two: Outcomes | Sample, skip: str = "") -> dict[str, Array]:
             names = [field.name for field in fields(one) if field.name != skip]
@@ -54,13 +54,16 @@ class Sample:
 
     @property
     def weight(self) -> Array:
-        """I(x) f(x) / f*(x), whose mean estimates the probability of the event (paper, section IV.A)."""
+        """I(x) f(x) / f*(x) of each cut-in x, shape (n,), where I(x) is 1 if the event happened, otherwise 0.
+
+        The mean estimates the probability of the event (paper, section IV.A).
+        """
         return np.where(self.happened, np.exp(self.log_ratio), 0.0)
 
 
 @dataclass(frozen=True)
 class Problem:
-    """The question how often an event happens to a vehicle if cut-ins follow a law.
+    """The problem to estimate the probability of an event for a vehicle, if cut-ins follow a law.
 
     Attributes
     ----------
@@ -71,7 +74,7 @@ class Problem:
     event
         The event, a crash by default.
     graded
-        Whether a sampler receives the score of an encounter, or only whether the event happened.
+        Whether a sampler receives the score of each encounter in addition to whether the event happened.
     """
 
     law: Law
@@ -83,15 +86,19 @@ class Problem:
 
     @property
     def fingerprint(self) -> str:
-        """A text that describes all parts.
+        """A text that identifies law, vehicle, event and ``graded``; see `ScoreProblem`.
 
-        An object without a description of its own is represented by its class.
+        An object without a ``repr`` of its own is represented by the name of its class.
         """
         return without_addresses(repr(self))
 
     @property
     def deterministic(self) -> bool | None:
-        """Whether the outcomes look deterministic to a sampler; None if this is unknown."""
+        """Whether a sampler can treat the outcomes as deterministic; None if this is unknown.
+
+        It is false for a vehicle with the attribute ``striped``, whose outcomes change between encounters
+        that are almost equal.
+        """
         return False if getattr(self.vehicle, "striped", False) else repeats_itself(self.vehicle)
 
     def only(self, stratum: str) -> Self:
@@ -99,7 +106,7 @@ class Problem:
         return replace(self, law=self.law.only(stratum))
 
     def simulate(self, cut_ins: CutIns) -> Outcomes:
-        """Simulate cut-ins, with closing speeds capped by the law."""
+        """Simulate n cut-ins, with closing speeds capped by the law; return the outcomes, shape (n,)."""
         return self.vehicle.simulate(
             cut_ins.lead_speed, cut_ins.range_, self.law.capped(cut_ins.closing_speed)
         )
@@ -116,23 +123,23 @@ class Problem:
         return self._response(again(cut_ins.lead_speed, cut_ins.range_, closing_speed))
 
     def coordinates(self, z: Array) -> dict[str, Array]:
-        """Return the coordinates of the law at normal scores by name, each of shape (n,)."""
+        """Return v_L, R^-1 and TTC^-1 at normal scores z, shape (n, 3), by name, each of shape (n,)."""
         return vars(self.law.from_normal_scores(z))
 
     def _response(self, outcomes: Outcomes) -> Response:
         return self.event.happens(outcomes), self.event.score(outcomes) if self.graded else None
 
     def sample(self, stratum: str, proposal: Factors, generator: np.random.Generator, size: int) -> Sample:
-        """Draw cut-ins of one stratum from f*, simulate them, and weight them by f / f*.
+        """Draw cut-ins of one stratum from a proposal f*, simulate them, and weight them by f / f*.
 
         Parameters
         ----------
         stratum
             Name of the stratum.
         proposal
-            f* in the coordinates of the stratum.
+            f* in the coordinates of the stratum; the lead speed is drawn from the law.
         generator
-            Source of all randomness.
+            Random generator.
         size
             Number of cut-ins.
         """
@@ -152,14 +159,16 @@ def loaded_problem(
     vehicle: Mapping[str, Any],
     simulations: Mapping[str, Any],
 ) -> Iterator[Problem]:
-    """Yield the problem of a law and a vehicle; outcomes of a slow vehicle are stored.
+    """Yield the problem of a crash for a law and a vehicle; the outcomes of a slow vehicle are stored.
+
+    The vehicle is closed at the end of the ``with`` block.
 
     Parameters
     ----------
     law, encounters
-        Law file, and the encounter table to which it was fitted.
+        Paths of a law file, and of the encounter table to which the law was fitted.
     vehicle, simulations
-        Sections of these names of the configuration.
+        The sections ``vehicle`` and ``simulations`` of the configuration.
     """
     with loaded_for(vehicle, simulations) as car:
         yield Problem(read_law(law, read_encounters(encounters)), car)

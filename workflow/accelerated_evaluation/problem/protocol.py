@@ -1,4 +1,4 @@
-"""The interface of a problem for samplers, and a problem of any system."""
+"""The interface of a problem for samplers, and a problem for any system with independent inputs."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -23,7 +23,7 @@ class ScoreProblem(Protocol):
     dimension
         Number d of normal scores.
     fingerprint
-        A text that identifies the problem, so that a saved state is resumed only for the same problem.
+        A text that identifies the problem, so that a sampler resumes a saved state only for the same problem.
     deterministic
         Whether the same normal scores always give the same outcome; None if this is unknown.
     """
@@ -33,7 +33,7 @@ class ScoreProblem(Protocol):
     deterministic: bool | None
 
     def evaluate(self, z: Array) -> Response:
-        """Run the system at normal scores z.
+        """Run the system at normal scores, and return whether the event happened.
 
         Parameters
         ----------
@@ -45,8 +45,7 @@ class ScoreProblem(Protocol):
         happened : numpy.ndarray
             Whether the event happened, shape (n,).
         score : numpy.ndarray or None
-            A number that becomes smaller the closer the run came to the event, shape (n,); None if it is
-            unknown.
+            A number that is smaller the closer the run came to the event, shape (n,); None if it is unknown.
         """
 
 
@@ -57,7 +56,8 @@ class SystemProblem:
     Attributes
     ----------
     respond
-        Function that runs the system on inputs, shape (n, d); it returns the same as `ScoreProblem.evaluate`.
+        Function that runs the system on inputs, shape (n, d), and returns a pair (happened, score) as
+        `ScoreProblem.evaluate` does.
     dimension
         Number d of inputs.
     marginals
@@ -65,8 +65,8 @@ class SystemProblem:
     fingerprint
         A text that identifies the problem.
     deterministic
-        Whether the system gives the same response to the same inputs. By default, a handful of repeated runs
-        are used to find out. They detect noise, but not a system that fails once in a hundred runs.
+        Whether the system always gives the same response to the same inputs. If it is None, a sampler repeats
+        a few runs to find out. They detect noise, but not a system that fails once in a hundred runs.
     """
 
     respond: Callable[[Array], Response]
@@ -76,17 +76,17 @@ class SystemProblem:
     deterministic: bool | None = None
 
     def inputs(self, z: Array) -> Array:
-        """Map normal scores to inputs, both of shape (n, d)."""
+        """Map normal scores z to inputs with the distributions `marginals`, both of shape (n, d)."""
         if self.marginals is None:
             return z
         columns = (normal_score_quantile(law, z[:, k]) for k, law in enumerate(self.marginals))
         return np.column_stack(list(columns))
 
     def evaluate(self, z: Array) -> Response:
-        """Run the system at normal scores, shape (n, d)."""
+        """Run the system at normal scores z, shape (n, d); see `ScoreProblem.evaluate`."""
         return self.respond(self.inputs(z))
 
 
 def without_addresses(text: str) -> str:
-    """Return a representation of objects without their memory addresses, which differ in every process."""
+    """Return the ``repr`` of an object without memory addresses, which differ in every process."""
     return re.sub(r"<\S*?(\w+) object at 0x\w+>", r"\1", text)

@@ -1,4 +1,4 @@
-"""The problem of a scenario: the probability of an event, for a joint law of the variables and a vehicle."""
+"""The problem of a scenario: the probability of an event, given a joint law and a vehicle."""
 
 import os
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ from accelerated_evaluation.vehicles.protocol import Vehicle, repeats_itself
 
 @dataclass(frozen=True)
 class ScenarioProblem:
-    """The question how often an event happens to a vehicle if encounters follow a joint law.
+    """The problem to estimate the probability of an event for a vehicle, if encounters follow a joint law.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class ScenarioProblem:
     event
         The event.
     graded
-        Whether a sampler receives the score of an encounter, or only whether the event happened.
+        Whether a sampler receives the score of each encounter in addition to whether the event happened.
 
     Raises
     ------
@@ -58,18 +58,18 @@ class ScenarioProblem:
 
     @property
     def fingerprint(self) -> str:
-        """A text that describes all parts; the law is represented by a digest of its parameters."""
+        """A text that identifies the problem; the law is represented by a digest of its parameters."""
         law = value_digest([self.law.kind, self.law.box.content(), self.law.content()])
         parts = (self.scenario.name, law, self.vehicle, self.event, self.graded)
         return without_addresses(repr(parts))
 
     @property
     def deterministic(self) -> bool | None:
-        """Whether the outcomes look deterministic to a sampler; None if this is unknown."""
+        """Whether a sampler can treat the outcomes as deterministic; see `Problem.deterministic`."""
         return False if getattr(self.vehicle, "striped", False) else repeats_itself(self.vehicle)
 
     def simulate(self, x: Array) -> Any:  # noqa: ANN401
-        """Simulate points of the law, shape (n, d); return the outcomes of the scenario."""
+        """Simulate the encounters at points of the law, shape (n, d); return their outcomes, shape (n,)."""
         return self.vehicle.simulate(*self.scenario.to_inputs(x).T)
 
     def evaluate(self, z: Array) -> Response:
@@ -82,16 +82,19 @@ class ScenarioProblem:
         return self.response(again(*self.scenario.to_inputs(self.law.from_normal_scores(z)).T))
 
     def coordinates(self, z: Array) -> dict[str, Array]:
-        """Return the variables at normal scores by name, each of shape (n,)."""
+        """Return the variables at normal scores z, shape (n, d), by name, each of shape (n,)."""
         return dict(zip(self.scenario.names, self.law.from_normal_scores(z).T, strict=True))
 
     def response(self, outcomes: Any) -> Response:  # noqa: ANN401
-        """Return whether the event happened, and the score unless it is hidden from the sampler."""
+        """Return whether the event happened in n simulated encounters, and their scores, each of shape (n,).
+
+        The scores are None if ``graded`` is false.
+        """
         return self.event.happens(outcomes), self.event.score(outcomes) if self.graded else None
 
 
 def require_law(scenario: Scenario, law: JointLaw) -> None:
-    """Raise InputError if a law has other variables than a scenario, or exceeds its limits."""
+    """Raise InputError if a law has other variables than a scenario, or exceeds the scenario's limits."""
     own = np.column_stack([law.box.lower, law.box.upper])
     if law.box.names != scenario.names or not _within(own, scenario.limits):
         raise InputError(
@@ -103,7 +106,10 @@ def require_law(scenario: Scenario, law: JointLaw) -> None:
 
 
 def read_scenario_law(scenario: Scenario, path: str | os.PathLike) -> JointLaw:
-    """Read a joint law for a scenario, with absolute values of the variables whose sign does not matter.
+    """Read a joint law for a scenario from a file.
+
+    A law that allows negative values of a variable whose sign does not matter is folded: the variable is
+    replaced by its absolute value.
 
     Raises
     ------

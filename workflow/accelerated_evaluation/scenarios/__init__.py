@@ -1,4 +1,4 @@
-"""Scenarios: what varies in an encounter, its limits, its records, its events and its vehicles."""
+"""Scenarios: kinds of encounters, each with its variables, limits, outcomes, events, records and vehicles."""
 
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.scenarios.protocol import Event, Outcome, Scenario, Variable, outcome

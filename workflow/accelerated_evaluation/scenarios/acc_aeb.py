@@ -1,4 +1,4 @@
-"""The parameters that the authors' cars share, in the cut-in and where something crosses their path."""
+"""Parameters that the paper's car has in all scenarios: in the cut-in, the left turn and the crossing."""
 
 import math
 from dataclasses import dataclass, fields
@@ -22,28 +22,28 @@ class AccAebParameters:
     aeb_deceleration
         Largest deceleration that the AEB commands [m/s^2].
     aeb_jerk
-        Rate at which its command grows [m/s^3].
+        Rate at which the deceleration that the AEB commands increases [m/s^3].
     aeb_ttc
-        TTC at which it switches on [s]; None for the published threshold, which depends on the speed.
+        TTC at which the AEB switches on [s]; None for the published threshold, which depends on the speed.
     aeb_release_ttc
-        TTC above which it switches off again [s].
+        TTC above which the AEB switches off again [s].
     headway
         Time headway that the ACC keeps [s].
     kp, ki
-        Gains of the ACC on the headway error, [m/s^3] and [m/s^4].
+        Proportional and integral gain of the ACC on the error of the time headway, [m/s^3] and [m/s^4].
     acc_limit
         Largest acceleration and deceleration that the ACC commands [m/s^2].
     acc_top_speed
-        Speed from which the ACC does not accelerate [m/s].
+        Speed at and above which the ACC does not accelerate [m/s].
     friction_limit
-        Largest acceleration and deceleration on the road [m/s^2].
+        Largest acceleration and deceleration that the friction of the road permits [m/s^2].
     actuator_jerk
         Rate at which the acceleration follows the command [m/s^3].
 
     Raises
     ------
     InputError
-        If a parameter is not a finite number in its range. The first such parameter is named.
+        If a parameter is not a finite number in its range. The message names the first such parameter.
     """
 
     deterministic: ClassVar[bool] = True

@@ -1,4 +1,4 @@
-"""Compiled simulations: how a function is compiled, and how a batch is divided among threads."""
+"""Compiled simulations: compile functions with numba, and divide a batch of encounters among threads."""
 
 import os
 from collections.abc import Callable
@@ -13,15 +13,17 @@ from numba import njit
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.scenarios.protocol import Scenario
 
-SLICE_FOR_A_THREAD = 16_384  # encounters, some 5 ms: below that a second thread costs more than it gains
+# Smallest number of encounters for a thread, which take about 5 ms. For smaller slices, starting a further
+# thread takes longer than it saves.
+SLICE_FOR_A_THREAD = 16_384
 
 
 def compiled(function: Callable) -> Callable:
-    """Compile ``function``, and keep the result on disk where numba finds a place that can be written."""
+    """Compile a function with numba; the result is cached on disk if numba finds a writable folder."""
     options = {"error_model": "numpy", "nogil": True}
     try:
         return njit(cache=True, **options)(function)
-    except RuntimeError:  # no such place
+    except RuntimeError:  # no writable folder
         return njit(**options)(function)
 
 
@@ -33,17 +35,18 @@ def simulate_in_slices(
     *,
     threads: int,
 ) -> Any:  # noqa: ANN401
-    """Simulate a batch in equal slices, one for each thread; a small batch takes fewer threads.
+    """Simulate a batch of encounters in equal slices, one for each thread; small batches use fewer threads.
 
     Parameters
     ----------
     scenario
-        The scenario, which names the outcomes.
+        The scenario, which determines the type of the outcomes.
     simulate_slice
-        Compiled function of (encounters, begin, end, numbers, outcomes) that releases Python's global lock
-        and writes the outcomes of the encounters from ``begin`` to ``end`` to the columns of outcomes.
+        Compiled function ``(encounters, begin, end, numbers, outcomes)``. It writes the outcomes of the
+        encounters from ``begin`` to ``end`` to the same columns of ``outcomes``, and releases Python's global
+        interpreter lock.
     numbers
-        What it needs to know of the vehicle.
+        Parameters of the vehicle, which are passed to ``simulate_slice``.
     encounters
         Checked encounters, shape (d, n).
     threads
@@ -52,7 +55,7 @@ def simulate_in_slices(
     Returns
     -------
     object
-        The outcomes, of the scenario's type.
+        The outcomes, an instance of ``scenario.outcome_type``.
     """
     n = encounters.shape[1]
     outcomes = np.empty((len(scenario.outcomes), n))
@@ -69,7 +72,8 @@ def simulate_in_slices(
 def available_threads() -> int:
     """Return the number of threads for a large batch.
 
-    It is OMP_NUM_THREADS, which Snakemake sets to the threads of a rule, or the number of cores.
+    It is the environment variable OMP_NUM_THREADS, which Snakemake sets to the number of threads of a rule.
+    Without the variable it is the number of cores.
     """
     limit = os.environ.get("OMP_NUM_THREADS", "")
     return int(limit) if limit.isdigit() and int(limit) > 0 else numba.config.NUMBA_NUM_THREADS

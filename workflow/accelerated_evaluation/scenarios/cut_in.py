@@ -1,7 +1,7 @@
 """The scenario cut-in: another vehicle changes into the lane of the vehicle under test, ahead of it.
 
-Only this module, the paper's laws, the records of lane changes and the vehicles themselves know the variables
-lead speed, range and closing speed.
+The variables lead speed, range and closing speed are specific to this module, the laws of cut-ins, the
+records of lane changes and the vehicles. All other parts of the library work with any scenario.
 """
 
 import math
@@ -27,29 +27,29 @@ from accelerated_evaluation.scenarios.protocol import (
     outcome,
 )
 
-# The speed of light. Nothing drives as fast, so a larger number is an overflow or another quantity. The limit
-# is no lower, because laws of cut-ins without a cap on the closing speed do draw absurd speeds at very long
-# ranges, which are harmless; below this limit no square of a speed overflows in a vehicle's arithmetic.
+# The speed of light. A larger number is an overflow or another quantity. The limit is not lower, because laws
+# of cut-ins without a cap on the closing speed draw extremely large speeds at very long ranges, which do no
+# harm. Below this limit no square of a speed overflows in the calculations of a vehicle.
 SPEED_LIMIT = 299_792_458.0  # [m/s]
-ROUNDED = 0.01  # [m], by which a range may exceed that of the run after rounding in a spreadsheet
+ROUNDED = 0.01  # [m]; a reported range may exceed the initial range by this, because of rounding
 ROOM = Path(__file__).parents[1] / "vehicles"
 
 
 @dataclass(frozen=True)
 class Outcomes:
-    """What a batch of n simulated encounters ended in; every array has shape (n,).
+    """Outcomes of n simulated cut-ins; every array has shape (n,).
 
     Attributes
     ----------
     crash
         Whether the range reached zero.
     min_range
-        Smallest range [m], the start included; not positive where it crashed.
+        Smallest range [m], including the initial range; 0 or negative after a crash.
     min_ttc
-        Smallest positive time to collision seen [s]; +inf if it never closed in.
+        Smallest positive time to collision [s]; infinity if the host never closed in on the lead vehicle.
     impact_speed
-        Closing speed at the crash [m/s]; 0 where there was none. It is negative only where lateral motion
-        is simulated and the other car moves sideways into a slower host; see `driver.ReferenceDriver`.
+        Closing speed at the crash [m/s]; 0 without a crash. It can be negative only if lateral motion is
+        simulated, and the other car moves sideways into a slower host; see `driver.ReferenceDriver`.
     """
 
     crash: NDArray[np.bool_] = outcome(FLAG, "1 if the range reached 0, else 0")

@@ -1,4 +1,4 @@
-"""Checks of the parameters of built-in vehicles."""
+"""Names and checks of the parameters of built-in vehicles."""
 
 from dataclasses import MISSING, field, fields
 from typing import Any
@@ -9,33 +9,30 @@ from accelerated_evaluation.base.errors import InputError
 
 
 def parameter_names(vehicle_class: type) -> list[str]:
-    """Return the names of the parameters of a built-in vehicle.
-
-    The fields of its dataclass that are not fixed.
-    """
+    """Return the names of the parameters of a built-in vehicle, which are init fields of its dataclass."""
     return [each.name for each in fields(vehicle_class) if each.init]
 
 
 def required_names(vehicle_class: type) -> list[str]:
-    """Return those parameters of a built-in vehicle that have no default."""
+    """Return the names of the parameters of a built-in vehicle that have no default."""
     required = (each for each in fields(vehicle_class) if each.init and each.default is MISSING)
     return [each.name for each in required if each.default_factory is MISSING]
 
 
 def zero_or_more(default: float) -> Any:  # noqa: ANN401
-    """Return a dataclass field for a number that may be 0; other numbers must be positive."""
+    """Return a dataclass field for a parameter that may be 0; without this field it must be positive."""
     return field(default=default, metadata={"least": 0.0})
 
 
 def check_number(name: str, value: object, *, least: float | None = None) -> None:
-    """Raise InputError if a parameter is not a finite number, or is too small.
+    """Raise InputError if the value of a parameter is not a finite number, or is too small.
 
     Parameters
     ----------
     name, value
-        The parameter.
+        Name and value of the parameter.
     least
-        Its smallest value; minus infinity for any sign, None for any number above 0.
+        Smallest permitted value; minus infinity to permit any sign, None to require a number above 0.
 
     Raises
     ------
@@ -51,7 +48,15 @@ def check_number(name: str, value: object, *, least: float | None = None) -> Non
 
 
 def parameter_error(name: str, value: object, expected: str) -> InputError:
-    """Return the error for an invalid parameter of a built-in vehicle."""
+    """Return the error for an invalid parameter of a built-in vehicle.
+
+    Parameters
+    ----------
+    name, value
+        Name and value of the parameter.
+    expected
+        Description of the values that are permitted.
+    """
     return InputError(
         f"vehicle parameter {name}",
         seen=repr(value),

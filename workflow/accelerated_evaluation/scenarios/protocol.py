@@ -1,8 +1,8 @@
-"""The noun scenario: variables with limits, outcomes, events, records and vehicles of one kind of encounter.
+"""Interface of a scenario: variables, limits, outcomes, events, records and vehicles of a kind of encounter.
 
-A scenario is one file that defines one `Scenario`. Its records are read by a second file, and each of its
-vehicles is a further file. Problems, methods, stores, commands and figures ask the scenario for the names,
-the units and the limits, and therefore work for every scenario.
+One module defines a `Scenario`, a second module reads its records, and each of its vehicles has a further
+module. Problems, methods, stores, commands and figures take the names, units and limits from the scenario,
+and therefore work for every scenario.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -19,14 +19,14 @@ from accelerated_evaluation.base.errors import InputError
 
 FLAG = "0 or 1"  # unit of an outcome that is true or false
 ENDED = "ended"  # name of the flag that is false for a run that was stopped at its longest duration
-UNLIMITED = 1e6  # limits this large are not worth mentioning
-CLUSTER, FITTED = "cluster", "fitted"  # columns of every table of records, next to those of the variables
+UNLIMITED = 1e6  # limits this large are not mentioned in texts
+CLUSTER, FITTED = "cluster", "fitted"  # columns of every table of records, in addition to the variables
 
 Fault = tuple[NDArray[np.bool_], str, str]
-"""Rows that break a rule, the column to name in the message, and what was expected there."""
+"""Flags of the rows that break a rule, name of the column for the message, and what was expected."""
 
 ReportedRule = tuple[Callable[[float], bool], str]
-"""Whether a reported outcome is possible, and what was expected."""
+"""Function that returns whether a reported outcome is possible, and a text that says what was expected."""
 
 
 @dataclass(frozen=True)
@@ -38,17 +38,18 @@ class Variable:
     name
         Name of its column in tables, such as ``sdv_speed_mps``.
     unit
-        Its unit.
+        Unit of the variable.
     low, high
-        Smallest and largest value that can be simulated, in this unit. Both are possible.
+        Smallest and largest value that can be simulated (both included), in this unit.
     role
-        ``covariate`` if its law is the empirical distribution of the records, ``modelled`` if a law is
-        fitted.
+        ``covariate`` if the variable has the empirical distribution of the records, ``modelled`` if a
+        distribution is fitted.
     description
-        What it is, in words.
+        Description of the variable.
     sign_matters
-        Whether the sign matters to the vehicle. If it does not, laws are fitted to the absolute value: values
-        near zero are then a tail of the law, where a sampler in normal scores looks for events.
+        Whether the outcome depends on the sign of the variable. If it does not, laws are fitted to the
+        absolute value. Values near zero are then in a tail of the law, where a sampler in normal scores finds
+        events more easily.
     """
 
     name: str
@@ -81,9 +82,9 @@ class Outcome:
     name
         Name of its column in tables, and of the attribute of the outcomes.
     unit
-        Its unit, or `FLAG` if it is true or false.
+        Unit of the outcome, or `FLAG` if it is true or false.
     description
-        What it is, in words.
+        Description of the outcome.
     """
 
     name: str
@@ -97,7 +98,7 @@ class Outcome:
 
 
 def outcome(unit: str, description: str) -> Any:  # noqa: ANN401
-    """Return a dataclass field for one outcome; the class with these fields is a scenario's outcome type."""
+    """Return a dataclass field for an outcome with a unit and a description; see `Scenario.outcome_type`."""
     return field(metadata={"unit": unit, "description": description})
 
 
@@ -110,9 +111,9 @@ class Panel:
     label
         Label of the vertical axis, with the unit.
     lines
-        Columns of the trace that are drawn, and what they are called in the legend.
+        Mapping from the columns of the trace that are drawn to their names in the legend.
     zero
-        Whether a line is drawn at 0.
+        Whether a horizontal line is drawn at 0.
     limits
         Limits of the vertical axis; None to show all values.
     """
@@ -134,9 +135,9 @@ class Event:
     threshold
         Threshold in the unit of the outcome.
     scored_by
-        Name of the outcome that becomes smaller the closer an encounter came to the event.
+        Name of the outcome that is smaller the closer an encounter came to the event.
     is_above
-        Whether the event is a value above the threshold; otherwise it is a value at or below the threshold.
+        True if the event is a value above the threshold, False if it is a value at or below the threshold.
     """
 
     quantity: str
@@ -151,17 +152,20 @@ class Event:
         return self.quantity + ("" if self.quantity == "crash" else limit)
 
     def happens(self, outcomes: Any) -> NDArray[np.bool_]:  # noqa: ANN401
-        """Return whether the event happened in each simulated encounter."""
+        """Return whether the event happened in each of n simulated encounters, shape (n,).
+
+        ``outcomes`` is an instance of `Scenario.outcome_type`.
+        """
         values = getattr(outcomes, self.quantity)
         if values.dtype == bool:
             return values
         return values > self.threshold if self.is_above else values <= self.threshold
 
     def score(self, outcomes: Any) -> Array:  # noqa: ANN401
-        """Return a score, shape (n,), that becomes smaller the closer an encounter came to the event.
+        """Return a score, shape (n,), that is smaller the closer an encounter came to the event.
 
-        If the event is a value above a threshold, such as an impact speed, crashes get smaller scores than
-        all other encounters, ordered by this value.
+        If the event is a value above a threshold, such as an impact speed, the score of a crash is minus this
+        value. Crashes then have smaller scores than all other encounters.
         """
         nearness = getattr(outcomes, self.scored_by)
         return (
@@ -185,61 +189,63 @@ def _no_reported_rules(crash: bool, encounter: Mapping[str, float]) -> dict[str,
 
 @dataclass(frozen=True)
 class Scenario:
-    """One kind of encounter: what varies in it, and what its records, outcomes, events and vehicles are.
+    """A kind of encounter, with its variables, outcomes, events, records and vehicles.
 
     Attributes
     ----------
     name
         Name in the registry, in configurations and on the command line.
     description
-        What happens in the encounter, in a sentence.
+        A sentence that says what happens in the encounter.
     variables
         The variables, in the order in which a vehicle receives them: ``vehicle.simulate(*columns)``.
     outcome_type
-        Frozen dataclass of the outcomes, one array of shape (n,) for each; its fields are made by `outcome`.
-        The first is ``crash``. If it has the flag `ENDED`, a run that was stopped at its longest duration has
-        neither crashed nor ended.
+        Frozen dataclass of the outcomes, whose fields are made by `outcome`, each an array of shape (n,). The
+        first field is ``crash``. If there is a flag `ENDED`, it is false for a run without a crash that was
+        stopped at its longest duration.
     events
-        The events, the crash first.
+        The events; the first one is the crash.
     vehicles
         Registry of the built-in vehicles.
     default_vehicle
-        Name of the vehicle that is simulated if none is named.
+        Name of the vehicle that is simulated if the user names no vehicle.
     read_records
         Function that reads a table of records and checks it. The result has the columns of the variables,
         `CLUSTER` (driver or device, as text) and `FITTED` (whether laws are fitted to the row).
     records, verdicts
-        File of the records that come with the project, and of published verdicts on a vehicle, relative to
-        the root of the project; None if there are none. Verdicts have the columns of the variables, ``crash``
-        and ``fragile`` (1 where rounding decides).
+        File of the records that come with the project, and file of published outcomes of a vehicle, relative
+        to the root of the project; None if there are none. The file of outcomes has the columns of the
+        variables, ``crash`` and ``fragile`` (1 if rounding errors decide whether there is a crash).
     experiments
-        File of the estimates of stored experiments by importance sampling, whose rows are among the verdicts;
+        File of published estimates by importance sampling, whose simulated encounters are in ``verdicts``;
         see `answer.stored_experiments`. None if there are none.
     restrictions
-        Parts of the encounters for which the answer is also given, by name. Each is a function that returns
-        whether points of a law, shape (n, d), are in the part.
+        Subsets of the encounters for which results are also given, by name. Each is a function that takes
+        points of a law, shape (n, d), and returns whether each point is in the subset, shape (n,).
     divided_by
-        Variable and values of its size by which crashes are divided; see `answer.crash_shares`. None if the
-        size of no variable says which crashes are artefacts.
+        Name of a variable, and limits of its absolute value by which crashes are divided into groups; see
+        `answer.crash_shares`. It is used if crashes at small values are artefacts of the simulation;
+        otherwise None.
     to_inputs
-        Function that maps points in the space of the law, shape (n, d), to what a vehicle receives, in the
-        order of the variables, shape (n, d).
+        Function that maps points of a law, shape (n, d), to the inputs of a vehicle, in the order of the
+        variables, shape (n, d).
     input_rules
-        Function that returns rules for encounters beyond the limits of the variables; it receives the columns
-        by name.
+        Function that takes the columns of encounters by name, and returns the faults that the limits of the
+        variables do not cover.
     outcome_rules
-        Function that returns rules for the outcomes of a user's vehicle; it receives the columns of the
-        encounters and of the outcomes by name.
+        Function that takes the columns of encounters and outcomes by name, and returns the faults of the
+        outcomes of a user's vehicle.
     reported_rules
-        Function that returns, by name, rules for the outcomes of a run on a proving ground, of which any may
-        be missing; it receives whether there was a crash, and the variables of the run by name.
+        Function that takes whether there was a crash, and the variables of a run on a proving ground by name.
+        It returns rules for the outcomes that are reported for this run, by name of the outcome. Any outcome
+        may be missing in the report.
     noun
-        What one encounter is called in texts.
+        Word for an encounter in texts.
     derived
-        Quantities that follow from the variables and help those who run an encounter, by name. Each is a
-        function of the variables by name.
+        Quantities that follow from the variables and help to run an encounter, by name. Each is a function
+        of the mapping from names of variables to values.
     panels
-        What the figure of one simulated encounter shows; by default every column of the trace.
+        Panels of the figure of one simulated encounter; by default one for every column of the trace.
     """
 
     name: str
@@ -280,7 +286,11 @@ class Scenario:
 
     @property
     def law_limits(self) -> Array:
-        """Limits of each variable of a law, shape (d, 2): from 0 up for variables without a sign."""
+        """Limits of each variable in a law, shape (d, 2).
+
+        They differ from `limits` for a variable whose sign does not matter: its lower limit is 0, and the
+        upper limit is the largest absolute value.
+        """
         limits = self.limits
         for k, each in enumerate(self.variables):
             if not each.sign_matters:
@@ -288,13 +298,13 @@ class Scenario:
         return limits
 
     def as_in_law(self, x: Array) -> Array:
-        """Return encounters, shape (n, d), with absolute values where the sign does not matter."""
+        """Return encounters x, shape (n, d), with absolute values of variables whose sign does not matter."""
         unsigned = [not each.sign_matters for each in self.variables]
         return np.where(unsigned, np.abs(x), x)
 
     @property
     def outcomes(self) -> tuple[Outcome, ...]:
-        """The outcomes, in the order of the outcome type."""
+        """Descriptions of the outcomes, in the order of the fields of `outcome_type`."""
         return tuple(Outcome(each.name, **each.metadata) for each in fields(self.outcome_type))
 
     @property
@@ -308,11 +318,24 @@ class Scenario:
         return tuple(each.name for each in self.outcomes if not each.is_flag)
 
     def with_derived(self, encounter: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the variables of an encounter by name, and after them the derived quantities."""
+        """Return the variables of an encounter by name, followed by the derived quantities."""
         return {**encounter, **{name: quantity(encounter) for name, quantity in self.derived.items()}}
 
     def event(self, quantity: str, threshold: float = 0.0) -> Event:
-        """Return the event that refers to an outcome, with another threshold; KeyError if there is none."""
+        """Return the event that refers to an outcome, with the given threshold.
+
+        Parameters
+        ----------
+        quantity
+            Name of the outcome.
+        threshold
+            Threshold in the unit of the outcome.
+
+        Raises
+        ------
+        KeyError
+            If no event of the scenario refers to this outcome.
+        """
         return replace({each.quantity: each for each in self.events}[quantity], threshold=threshold)
 
     def event_in_words(self, event: Event) -> str:
@@ -321,7 +344,13 @@ class Scenario:
         return event.in_words.replace("_", " ") + units[event.quantity]
 
     def outcomes_of(self, columns: Sequence[ArrayLike]) -> Any:  # noqa: ANN401
-        """Return outcomes from their columns, in order, as numbers; flags become booleans."""
+        """Return an instance of `outcome_type` from columns of numbers.
+
+        Parameters
+        ----------
+        columns
+            One column of shape (n,) for each outcome, in order. A flag is true if its number is above 0.
+        """
         return self.outcome_type(
             *(
                 np.asarray(column) > 0 if each.is_flag else np.ascontiguousarray(column, dtype=np.float64)
@@ -332,15 +361,14 @@ class Scenario:
     def checked(
         self, *columns: ArrayLike, source: str = "encounters", rows: Sequence[int] | None = None
     ) -> Array:
-        """Return the inputs of a simulation as one new array of shape (d, n), after checking them.
+        """Check encounters, and return them as one new array of shape (d, n).
 
         Parameters
         ----------
         *columns
             The variables, in order, each of shape (n,).
         source, rows
-            Name of the inputs, and number of each of their rows, for messages; by default rows are counted
-            from 0.
+            Name of the encounters, and their row numbers, for messages. By default rows are counted from 0.
 
         Raises
         ------
@@ -380,7 +408,7 @@ class Scenario:
             raise InputError(source, seen=str(error), expected="numbers", change=change) from error
 
     def _faults(self, encounters: Array) -> list[Fault]:
-        """Return the rows that are not finite, break a rule, or are outside the limits of a variable."""
+        """Return the faults: values that are not finite or outside the limits, and broken rules."""
         pairs = list(zip(self.variables, encounters, strict=True))
         return [
             *((~np.isfinite(values), each.name, "a finite number") for each, values in pairs),
@@ -392,12 +420,12 @@ class Scenario:
         ]
 
     def described(self, encounter: ArrayLike) -> str:
-        """Return a description of one encounter for messages."""
+        """Return a description of one encounter, shape (d,), for messages."""
         numbers = (f"{name} {value:g}" for name, value in zip(self.names, encounter, strict=True))
         return f"the encounter {', '.join(numbers)}"
 
     def described_batch(self, encounters: Array) -> str:
-        """Return a description of the encounters of a batch, shape (d, n); at most three are named."""
+        """Return a description of a batch, shape (d, n), for messages; it names at most three encounters."""
         count = encounters.shape[1]
         if count == 1:
             return self.described(encounters[:, 0])

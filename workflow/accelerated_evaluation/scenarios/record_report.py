@@ -1,4 +1,4 @@
-"""Report on the records of a scenario before any study: each check says fine, warning or stop."""
+"""Report on the records of a scenario: each check has the verdict ``fine``, ``warning`` or ``stop``."""
 
 from collections.abc import Callable
 
@@ -9,9 +9,11 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.records.checks import FINE, STOP, WARNING, Finding, by_share, report_of
 from accelerated_evaluation.scenarios.protocol import CLUSTER, FITTED, Scenario
 
-FEW_CLUSTERS = 20  # effective number, below which intervals by a bootstrap over clusters are too short
-MANY_EQUAL = 0.05  # of the records with one value of a variable, which no smooth law has
-MANY_CRASHES = 0.1  # of the records: the recorded drivers did not crash, so the vehicle or a unit is wrong
+FEW_CLUSTERS = 20  # effective number of clusters below which bootstrap intervals over clusters are too short
+MANY_EQUAL = 0.05  # share of records with the same value of a variable, which no smooth law can describe
+# Share of records that crash when replayed. The recorded drivers did not crash, so with a larger share the
+# vehicle or a unit is wrong.
+MANY_CRASHES = 0.1
 Simulate = Callable[..., object]
 
 
@@ -23,15 +25,15 @@ def inspect_scenario_records(scenario: Scenario, records: pd.DataFrame, simulate
     scenario
         The scenario.
     records
-        Its records, as ``scenario.read_records`` returns them.
+        Records of the scenario, as ``scenario.read_records`` returns them.
     simulate
-        Function that simulates encounters with the vehicle under test.
+        Function that simulates encounters with the vehicle under test, and returns the outcomes.
 
     Returns
     -------
     pandas.DataFrame
-        A row for each check, as `records.checks.inspect_records` returns it. Rows of the source are counted
-        from 1.
+        One row for each check, with the columns of `records.checks.inspect_records`. Rows of the source are
+        counted from 1.
     """
     numbered = records.set_axis(range(1, len(records) + 1))
     return report_of(
@@ -52,7 +54,7 @@ def _repeated(scenario: Scenario, records: pd.DataFrame) -> Finding:
         "rows whose variables and cluster are those of an earlier row",
         f"{len(rows):,} of {len(records):,} rows",
         len(rows),
-        "Find out whether one encounter was written twice. Laws are fitted to the first of them only.",
+        "Find out whether one encounter was written twice. Laws are fitted only to the first of equal rows.",
         list(rows),
     )
 
@@ -85,8 +87,8 @@ def _equal(scenario: Scenario, records: pd.DataFrame) -> Finding:
         "largest share of the fitted records that have the same value of a variable",
         f"{share:.1%} have {name} {value:g}" if name else "no fitted records",
         share,
-        "Take the values as they were measured. Laws are smooth, and fit neither a constant nor a heap of "
-        "rounded or missing values.",
+        "Use the values as they were measured. Laws are smooth, and cannot describe a constant or many equal "
+        "values that were rounded or stand for missing values.",
         list(fitted.index[fitted[name] == value]) if share > MANY_EQUAL else (),
     )
 
@@ -97,10 +99,10 @@ def _clusters(records: pd.DataFrame) -> Finding:
     return Finding(
         WARNING if effective < FEW_CLUSTERS else FINE,
         "clusters, such as drivers or devices, that share the fitted records",
-        f"{sizes.size:,} clusters, worth {effective:.1f} of equal size",
+        f"{sizes.size:,} clusters, equivalent to {effective:.1f} of equal size",
         effective,
-        "The records of one cluster are alike, so a few clusters say little about others. Expect wide "
-        "intervals, and records of more clusters to reduce them most.",
+        "The records of one cluster are similar, so a few clusters contain little information about other "
+        "clusters. Expect wide intervals. Records of more clusters reduce them most.",
     )
 
 
@@ -114,7 +116,7 @@ def _replayed(scenario: Scenario, records: pd.DataFrame, simulate: Simulate) -> 
         "records that crash when the vehicle under test replays them",
         f"{len(rows):,} of {len(fitted):,} rows",
         len(rows),
-        "Look at these rows with the command accelerated-evaluation replay: an error of the record, or the "
-        "vehicle's?",
+        "Inspect these rows with the command accelerated-evaluation replay: an error of the record, or of "
+        "the vehicle?",
         list(rows),
     )

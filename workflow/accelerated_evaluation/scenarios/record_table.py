@@ -1,4 +1,4 @@
-"""Tables of records of a scenario: read, checked, and with a verdict on every row."""
+"""Tables of records of a scenario: reading, checks, and flags for the rows to which laws are fitted."""
 
 import os
 from pathlib import Path
@@ -10,7 +10,7 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.tables import read_csv, read_parquet, require_file
 from accelerated_evaluation.scenarios.protocol import CLUSTER, FITTED, Scenario
 
-REPEATED, OUTSIDE = "repeated", "outside"  # columns that say why a row is left out
+REPEATED, OUTSIDE = "repeated", "outside"  # columns of flags for the two reasons why a row is left out
 
 
 def read_record_table(scenario: Scenario, path: str | os.PathLike, cluster: str) -> pd.DataFrame:
@@ -23,7 +23,7 @@ def read_record_table(scenario: Scenario, path: str | os.PathLike, cluster: str)
     path
         Parquet file, or otherwise a CSV file, with the variables of the scenario and the column ``cluster``.
     cluster
-        Column that says which records belong together, such as those of one driver.
+        Name of the column that identifies clusters of records, such as the records of one driver.
 
     Returns
     -------
@@ -52,19 +52,24 @@ def read_record_table(scenario: Scenario, path: str | os.PathLike, cluster: str)
 
 
 def read_scenario_records(scenario: Scenario, path: str | os.PathLike | None = None) -> pd.DataFrame:
-    """Read the records of a scenario, and check that the rows for the fit are within its limits.
+    """Read the records of a scenario, and check the rows to which laws are fitted.
 
     Parameters
     ----------
     scenario
         The scenario.
     path
-        The file; by default the records that come with the project.
+        File of the records; by default the records that come with the project.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The table that ``scenario.read_records`` returns; see `read_record_table`.
 
     Raises
     ------
     InputError
-        If there is no file, or a row cannot be used.
+        If there is no file, or if a row to which laws are fitted cannot be simulated.
     """
     source = path or scenario.records
     if source is None:
@@ -81,7 +86,7 @@ def read_scenario_records(scenario: Scenario, path: str | os.PathLike | None = N
 
 
 def account(table: pd.DataFrame) -> pd.Series:
-    """Return how many records there are, and how many of them are fitted, or left out for each reason.
+    """Return the number of records, of records to which laws are fitted, and of records left out.
 
     Parameters
     ----------
@@ -91,8 +96,8 @@ def account(table: pd.DataFrame) -> pd.Series:
     Returns
     -------
     pandas.Series
-        ``records``, and its parts `FITTED`, `REPEATED` and `OUTSIDE`. A repeated row counts as such, even if
-        it is outside.
+        Numbers of rows: ``records`` (all), `FITTED`, `REPEATED` and `OUTSIDE`; the last three add up to the
+        first. A repeated row that is also outside the limits counts as repeated.
     """
     outside = table[OUTSIDE] & ~table[REPEATED]
     parts = {FITTED: table[FITTED], REPEATED: table[REPEATED], OUTSIDE: outside}
@@ -100,7 +105,7 @@ def account(table: pd.DataFrame) -> pd.Series:
 
 
 def _numbers(column: pd.Series, path: str) -> pd.Series:
-    """Return a column as finite numbers; text keeps all its digits."""
+    """Return a column as finite numbers; numbers that are given as text keep all their digits."""
     numbers = pd.to_numeric(column, errors="coerce")
     wrong = ~np.isfinite(numbers.to_numpy(float))
     if wrong.any():

@@ -1,8 +1,9 @@
-"""What the scenarios share in which something crosses the path of the vehicle under test: car and outcomes.
+"""Car and outcomes for the scenarios in which a target crosses the path of the vehicle under test (the host).
 
-The authors of the paper published both scenarios with the model of the car
-(https://github.com/zhao-lab/accelerated-evaluation, folder joint-dist, MIT licence). `car` has the parameters
-of the car, `kernel` the simulation. A scenario adds where host and target start, and when they touch.
+The scenarios are the left turn, whose target is a turning car, and the pedestrian crossing. The authors of
+the paper published both with the model of the car (https://github.com/zhao-lab/accelerated-evaluation, folder
+joint-dist, MIT licence). The module `car` defines the parameters of the car, and `kernel` the simulation.
+Each scenario defines the initial positions of host and target, and the distance at which they touch.
 """
 
 import math
@@ -20,8 +21,9 @@ from accelerated_evaluation.scenarios.protocol import FLAG, Panel, ReportedRule,
 class CrossingOutcomes:
     """Outcomes of n simulated encounters with a target that crosses; every array has shape (n,).
 
-    A run continues after a crash as if the two could pass through each other, so that ``min_distance`` and
-    ``clearance`` say how deep the crash was. A run that neither crashed nor ended has no verdict.
+    A run continues after a crash as if host and target could pass through each other, so that
+    ``min_distance`` and ``clearance`` measure the depth of the crash. For a run that neither crashed nor
+    ended, it is unknown whether it would have crashed.
     """
 
     crash: NDArray[np.bool_] = outcome(FLAG, "1 if host and target touched, else 0")
@@ -40,7 +42,21 @@ PANELS = (
 
 
 def reported_rules(crash: bool, encounter: Mapping[str, float]) -> dict[str, ReportedRule]:
-    """Return rules for the outcomes of a run on a proving ground; see `Scenario`."""
+    """Return rules for the reported outcomes of a run on a proving ground; see `Scenario.reported_rules`.
+
+    Parameters
+    ----------
+    crash
+        Whether the run ended in a crash.
+    encounter
+        Variables of the run by name; they are not used.
+
+    Returns
+    -------
+    dict
+        For each outcome, a function that returns whether a number is possible, and a text that says which
+        numbers are expected.
+    """
     kind = "with a crash" if crash else "without a crash"
     touched = (lambda x: -math.inf < x <= 0, f"0 or less {kind}")
     apart = (lambda x: x >= 0, f"0 or more {kind}")

@@ -1,4 +1,4 @@
-"""The car under test in the left turn and the pedestrian crossing: ACC with AEB, and how it is simulated."""
+"""The car under test in the left turn and the pedestrian crossing: parameters of ACC and AEB, simulation."""
 
 import math
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ from accelerated_evaluation.scenarios.parameters import parameter_error
 from accelerated_evaluation.scenarios.protocol import Scenario
 
 KMH = 0.2777777777778  # [m/s], rounded as in the authors' model
-# Time to collision at which the AEB brakes: linear in the speed, but constant from 40 km/h up.
+# Time to collision at which the AEB brakes: a linear function of the speed below 40 km/h, and then constant.
 THRESHOLD_SPEED, THRESHOLD_BASE, THRESHOLD_SLOPE = 4.16667, 0.49, 0.03456  # [m/s], [s], [s^2/m]
 TOP_SPEED, TOP_THRESHOLD = 40 * KMH, 0.955  # [m/s], [s]
 TRACE = ("time_s", "ahead_m", "aside_m", "host_speed_m_per_s", "host_acceleration_m_per_s2", "emergency")
@@ -33,20 +33,21 @@ TRACE = ("time_s", "ahead_m", "aside_m", "host_speed_m_per_s", "host_acceleratio
 class CrossingCar(AccAebParameters):
     """A car with ACC, and with AEB unless ``aeb`` is false; the defaults are the authors' published car.
 
-    A proportional-integral ACC on the time headway, an AEB triggered by the time to collision (TTC), and an
-    actuator limited in friction and jerk, all at the ticks of a clock of 0.1 s. The structure is that of the
-    car in the cut-in, the numbers are others. Subclasses add where an encounter starts.
+    The car has a proportional-integral ACC on the time headway, an AEB triggered by the time to collision
+    (TTC), and an actuator limited in friction and jerk. All of them act at the ticks of a clock of 0.1 s. The
+    structure is that of the car in the cut-in, but the numbers differ. Subclasses define the start of an
+    encounter.
 
     Attributes
     ----------
     *
-        Those of `AccAebParameters`, with other defaults. If ``aeb_ttc`` is None, the AEB has the published
-        threshold, 0.955 s from 40 km/h up.
+        The attributes of `AccAebParameters`, with other defaults. If ``aeb_ttc`` is None, the AEB has the
+        published threshold, which is 0.955 s at 40 km/h and above.
     solver
-        ``exact`` if every contact is a crash, also between ticks. ``ode45`` if a contact counts only if the
-        solver of the authors' simulation sees it; short contacts between its stages are missed.
+        ``exact`` if every contact is a crash, even between ticks. ``ode45`` if a contact is a crash only if
+        the solver of the authors' simulation detects it; short contacts between its stages are missed.
     longest_run
-        Time after which a run is stopped that has not ended [s].
+        Time after which a run that has not ended is stopped [s].
 
     Raises
     ------
@@ -56,7 +57,7 @@ class CrossingCar(AccAebParameters):
 
     scenario: ClassVar[Scenario]
     contact: ClassVar[float]  # [m], distance of the centres at contact
-    side_contact: ClassVar[float] = 0.0  # [m], the same in a sector to the side; 0 without a sector
+    side_contact: ClassVar[float] = 0.0  # [m], distance at contact in a sector to the side; 0 without one
     aeb_deceleration: float = 5.8
     aeb_jerk: float = 12.0
     headway: float = 1.0
@@ -71,7 +72,7 @@ class CrossingCar(AccAebParameters):
             raise parameter_error("solver", self.solver, "exact or ode45")
 
     def start(self, encounters: Array) -> Array:
-        """Return where each encounter starts, shape (7, n), as listed in `kernel`.
+        """Return the initial state of each encounter, shape (7, n), with the rows that `kernel` lists.
 
         Parameters
         ----------
@@ -91,19 +92,21 @@ class CrossingCar(AccAebParameters):
         Returns
         -------
         CrossingOutcomes
-            Of shape (n,). Each depends on its own encounter alone, to the bit, in any batch, on any threads.
+            The outcomes, of shape (n,). They do not depend on the batch or on the number of threads, not even
+            in the last bit.
 
         Raises
         ------
         InputError
-            If shapes differ or a value is out of its limits; names the first such row, counted from 0.
+            If shapes differ or a value is outside its limits. The message names the first such row, counted
+            from 0.
         """
         starts = self.start(self.scenario.checked(*columns))
         threads = available_threads()
         return simulate_in_slices(self.scenario, simulate_slice, self.compiled(), starts, threads=threads)
 
     def trace(self, *encounter: float) -> pd.DataFrame:
-        """Return every state of one encounter.
+        """Simulate one encounter, and return its states over time.
 
         Parameters
         ----------
@@ -113,9 +116,10 @@ class CrossingCar(AccAebParameters):
         Returns
         -------
         pandas.DataFrame
-            One row for each tick and the end of the run, columns as in TRACE. ``ahead_m`` and ``aside_m`` are
-            the position of the target relative to the host, along the path of the host and across it. The
-            acceleration is that until the next row. ``emergency`` is 1 while the AEB is on.
+            One row for each tick and one for the end of the run, with the columns `TRACE`. ``ahead_m`` and
+            ``aside_m`` are the position of the target relative to the host, along the path of the host and
+            across it. The acceleration is constant until the next row. ``emergency`` is 1 while the AEB is
+            on.
         """
         start = self.start(self.scenario.checked(*([value] for value in encounter)))
         run_time = self.simulate(*([value] for value in encounter)).run_time[0]
@@ -124,9 +128,9 @@ class CrossingCar(AccAebParameters):
         return pd.DataFrame(states, columns=TRACE).astype({"emergency": int})
 
     def compiled(self) -> Car:
-        """Return the numbers that the compiled code needs."""
+        """Return the parameters in the form that the compiled code takes."""
         scaled = self.aeb and self.aeb_ttc is None
-        constant = (self.aeb_ttc or 0.0) if self.aeb else 0.0  # no positive TTC is below 0
+        constant = (self.aeb_ttc or 0.0) if self.aeb else 0.0  # with 0 the AEB never switches on
         numbers = Car(
             headway=self.headway,
             kp=self.kp,

@@ -1,19 +1,20 @@
-"""The compiled ACC + AEB car that meets something which crosses its path: a turning car, or a pedestrian.
+"""Compiled simulation of an ACC + AEB car (the host) whose path a target crosses: a car or a pedestrian.
 
-The host drives straight ahead. The target first turns, or not, and then crosses the path of the host at a
-right angle, at constant speed throughout. Positions of the target are relative to the host: ``ahead`` along
-the path of the host, and ``aside``, which falls while the target crosses.
+The host drives straight ahead. The target may first turn, and then crosses the path of the host at a right
+angle. Its speed is constant. Positions of the target are relative to the host: ``ahead`` along the path of
+the host, and ``aside`` across it, which decreases while the target crosses.
 
-Controller and actuator act at the ticks of a clock, every 0.1 s. In between, the acceleration of the host is
-constant and the velocity of the target is linear in time. Both coordinates are then polynomials of the second
-degree, and the squared distance is one of the fourth degree, whose minimum is found exactly.
+Controller and actuator act at the ticks of a clock, every 0.1 s. Between two ticks, the acceleration of the
+host is constant and the velocity of the target is linear in time. Both coordinates are then polynomials of
+the second degree, and the squared distance is a polynomial of the fourth degree, whose minimum is found
+exactly.
 
-Behind a very slow target, the host creeps for minutes, and rounding errors decide whether it stops in time.
-Speed and range are therefore summed in the steps and in the order of the authors' solver, ode45. If ode45 is
-emulated, its error control sets the steps as well, and a contact counts only if a stage of the solver sees
-it, so that short contacts between two stages are missed.
+If the target is very slow, the host creeps for minutes, and rounding errors decide whether it stops in time.
+Speed and range are therefore integrated with the steps of the authors' solver, ode45, and in its order of
+summation. If ode45 is emulated, its error control determines the steps as well, and a contact is a crash only
+if a stage of the solver detects it, so that short contacts between two stages are missed.
 
-Every function of the compiled code is in this file, because numba's cache on disk only notices an edit of the
+All functions of the compiled code are in this file, because numba's cache on disk only notices changes of the
 file itself.
 """
 
@@ -24,7 +25,7 @@ from numpy.typing import NDArray
 
 from accelerated_evaluation.scenarios.compiled import compiled
 
-TICK = 0.1  # [s], the clock of the controller, and the distance of the points of the target's velocity
+TICK = 0.1  # [s], period of the controller's clock, and time between the points of the target's velocity
 
 # Rows of the encounters: speed of the host, position of the target at the start, speed of the target, first
 # point of its velocity, number of points in which it turns, number of ticks of a run.
@@ -32,10 +33,11 @@ SPEED, AHEAD, ASIDE, TARGET, FIRST, TURNING, TICKS = range(7)
 # Rows of the outcomes, in the order of `CrossingOutcomes`.
 CRASH, ENDED, MIN_DISTANCE, CLEARANCE, IMPACT_SPEED, RUN_TIME = range(6)
 TRACED = 6  # columns of a trace: time, ahead, aside, speed, acceleration, whether the AEB is on
-# What the solver integrates: speed, the controller's range, whether the two touch; its step and its longest.
+# Elements of the state of the solver: speed of the host, range that the controller measures, integral of the
+# indicator of contact, step, and longest step.
 V, RANGE, CONTACT, STEP, LONGEST = range(5)
 
-# The formulas of Dormand and Prince, as in ode45: nodes, stages, and weights of the error.
+# The Runge-Kutta formulas of Dormand and Prince, as in ode45: nodes, stages, and weights of the error.
 NODES = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
 STAGES = np.array(
     [
@@ -49,11 +51,11 @@ STAGES = np.array(
     ]
 )
 ERRORS = np.array([71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
-TOLERANCE, SMALL = 1e-3, 1e-3  # relative tolerance, and the size below which a state counts as this large
+TOLERANCE, SMALL = 1e-3, 1e-3  # relative tolerance, and smallest size of a state in a relative error
 
 
 class Car(NamedTuple):
-    """The numbers of controller and actuator, and the rule of contact: floats, in SI units."""
+    """Parameters of controller, actuator, contact and solver, as floats in SI units."""
 
     headway: float
     kp: float
@@ -70,16 +72,20 @@ class Car(NamedTuple):
     aeb_jerk: float
     friction_limit: float
     acceleration_step: float
-    contact: float  # distance of the centres below which the two touch, in any direction
-    side_contact: float  # the same in a sector to the side that the target walks to; 0 without a sector
+    contact: float  # distance of the centres below which host and target touch, in any direction
+    side_contact: float  # this distance in a sector to the side to which the target moves; 0 without a sector
     side_slope: float  # tangent of half the sector's angle
-    most_ticks: float
+    most_ticks: float  # largest number of ticks of a run
     emulates: float  # 1 if ode45 is emulated, otherwise 0
-    least_steps: float  # of ode45 in a run
+    least_steps: float  # least number of steps of ode45 in a run
 
 
 class Path(NamedTuple):
-    """Position of the target relative to the host over a tick: ahead + ahead_1 t + ahead_2 t^2, and aside."""
+    """Position of the target relative to the host between two ticks, as polynomials of time.
+
+    The coordinate along the path of the host is ahead + ahead_1 t + ahead_2 t^2; the one across it is
+    similar.
+    """
 
     ahead: float
     ahead_1: float
@@ -91,9 +97,24 @@ class Path(NamedTuple):
 
 @compiled
 def control(car: Car, range_: float, rate: float, speed: float, memory: tuple) -> tuple:
-    """Return command, headway error, AEB timer and command at the AEB's onset after a tick.
+    """Return the state of the controller after a tick.
 
-    ``memory`` has the same four of the last tick. A timer above 0 says that the AEB is on.
+    Parameters
+    ----------
+    car
+        Parameters.
+    range_, rate
+        Range [m] and range rate [m/s] that the controller measures.
+    speed
+        Speed of the host [m/s].
+    memory
+        State of the controller at the last tick.
+
+    Returns
+    -------
+    tuple
+        Commanded acceleration [m/s^2], error of the time headway [s], time since the AEB switched on [s] (0
+        if the AEB is off), and command when the AEB switched on [m/s^2].
     """
     command, error, timer, onset = memory
     ttc = -range_ / rate
@@ -113,14 +134,14 @@ def control(car: Car, range_: float, rate: float, speed: float, memory: tuple) -
 
 @compiled
 def actuate(car: Car, command: float, acceleration: float) -> float:
-    """Return the acceleration that follows the command within the limits of friction and rate."""
+    """Return the new acceleration, which follows the command within the limits of friction and jerk."""
     wanted = min(max(command, -car.friction_limit), car.friction_limit)
     return min(max(wanted, acceleration - car.acceleration_step), acceleration + car.acceleration_step)
 
 
 @compiled
 def velocity(encounter: NDArray, tick: float) -> tuple[float, float]:
-    """Return the speeds of the target towards the host and across its path at a tick."""
+    """Return the velocity of the target at a tick [m/s]: towards the host, and across the host's path."""
     point, turning, speed = encounter[FIRST] + tick, encounter[TURNING], encounter[TARGET]
     if point >= turning:
         return 0.0, speed
@@ -130,28 +151,28 @@ def velocity(encounter: NDArray, tick: float) -> tuple[float, float]:
 
 @compiled
 def position(path: Path, t: float) -> tuple[float, float]:
-    """Return ahead and aside at time t of the tick."""
+    """Return the coordinates ahead and aside [m] at time t [s] after the tick."""
     ahead = path.ahead + t * (path.ahead_1 + t * path.ahead_2)
     return ahead, path.aside + t * (path.aside_1 + t * path.aside_2)
 
 
 @compiled
 def squared(path: Path, t: float) -> float:
-    """Return the squared distance at time t."""
+    """Return the squared distance of host and target [m^2] at time t [s] after the tick."""
     ahead, aside = position(path, t)
     return ahead * ahead + aside * aside
 
 
 @compiled
 def parting(path: Path, t: float) -> float:
-    """Return half the derivative of the squared distance at time t."""
+    """Return half the derivative of the squared distance at time t [s] after the tick."""
     ahead, aside = position(path, t)
     return ahead * (path.ahead_1 + 2.0 * t * path.ahead_2) + aside * (path.aside_1 + 2.0 * t * path.aside_2)
 
 
 @compiled
 def curvature(path: Path) -> tuple[float, float, float]:
-    """Return the coefficients of the derivative of `parting`: square t^2 + 2 half t + constant."""
+    """Return the coefficients of the derivative of `parting`, which is square t^2 + 2 half t + constant."""
     _, b, c, _, e, f = path
     constant = b * b + e * e + 2.0 * (path.ahead * c + path.aside * f)
     return 6.0 * (c * c + f * f), 3.0 * (b * c + e * f), constant
@@ -159,9 +180,9 @@ def curvature(path: Path) -> tuple[float, float, float]:
 
 @compiled
 def roots(square: float, half: float, constant: float, begin: float, end: float) -> tuple[float, float]:
-    """Return the roots of square t^2 + 2 half t + constant in order, each moved into [begin, end].
+    """Return the two roots of square t^2 + 2 half t + constant in increasing order, clipped to [begin, end].
 
-    Both are ``end`` if there is no change of sign. The formula does not subtract nearly equal numbers.
+    Both are ``end`` if there are no two real roots. The formula does not subtract nearly equal numbers.
     """
     discriminant = half * half - square * constant
     if discriminant <= 0.0:
@@ -174,7 +195,7 @@ def roots(square: float, half: float, constant: float, begin: float, end: float)
 
 @compiled
 def closest(path: Path, begin: float, end: float) -> float:
-    """Return the time of the smallest distance between ``begin`` and ``end``.
+    """Return the time at which the distance of host and target is smallest, between ``begin`` and ``end``.
 
     The derivative of the squared distance is a cubic. It is monotone between the roots of its own derivative,
     a quadratic. Each monotone piece in which the cubic changes from negative to positive has one local
@@ -195,9 +216,10 @@ def closest(path: Path, begin: float, end: float) -> float:
 
 @compiled
 def minimum(path: Path, left: float, right: float) -> float:
-    """Return the time between two times at which the distance stops to fall.
+    """Return the time between ``left`` and ``right`` at which the distance stops decreasing.
 
-    After 30 bisections, the error of the time is below 1e-10 s; that of the distance is its square.
+    After 30 bisections, the error of the time is below 1e-10 s. The error of the distance is of the order of
+    its square.
     """
     for _ in range(30):
         middle = (left + right) / 2
@@ -208,9 +230,10 @@ def minimum(path: Path, left: float, right: float) -> float:
 
 @compiled
 def adds_nothing(path: Path, end: float, reach: float, nearest: float) -> bool:
-    """Return whether a tick can be skipped: the two stay out of reach, and come nearest before or after it.
+    """Return whether the time between two ticks cannot change the outcomes, so that it can be skipped.
 
-    The squared distance is convex, and falls until the end, or rises from a distance above ``nearest``.
+    This is so if the squared distance is convex, stays above ``reach``^2 at both ends, and either decreases
+    until the end, or increases from a distance of at least ``nearest``.
     """
     _, half, constant = curvature(path)
     first = squared(path, 0.0)
@@ -221,7 +244,7 @@ def adds_nothing(path: Path, end: float, reach: float, nearest: float) -> bool:
 
 @compiled
 def in_sector(car: Car, path: Path, t: float) -> bool:
-    """Return whether the target is in the sector to the side at time t."""
+    """Return whether the target is in the sector to the side of the host at time t."""
     ahead, aside = position(path, t)
     return abs(ahead) < -car.side_slope * aside
 
@@ -236,7 +259,9 @@ def touches(car: Car, path: Path, t: float) -> bool:
 
 @compiled
 def closest_to_the_side(car: Car, path: Path, end: float) -> float:
-    """Return the time of the smallest distance within the sector to the side; -1 if it is never there.
+    """Return the time until ``end`` at which the distance within the sector to the side is smallest.
+
+    The result is -1 if the target is not in the sector at any of these times.
 
     The target enters and leaves the sector across one of its two edges, at roots of quadratics.
     """
@@ -256,7 +281,7 @@ def closest_to_the_side(car: Car, path: Path, end: float) -> float:
 
 @compiled
 def observe(car: Car, path: Path, end: float, outcome: NDArray) -> None:
-    """Update the smallest distances over a tick, and the impact speed at the first contact."""
+    """Update the smallest distance, the clearance and the impact speed over the time between two ticks."""
     reach = max(car.contact, car.side_contact)
     if adds_nothing(path, end, reach, outcome[MIN_DISTANCE]):
         return
@@ -280,7 +305,7 @@ def observe(car: Car, path: Path, end: float, outcome: NDArray) -> None:
 
 @compiled
 def first_contact(car: Car, path: Path, within: float) -> float:
-    """Return the time at which the contact at time ``within`` began, at the earliest 0."""
+    """Return the time, not before 0, at which the contact began that exists at time ``within``."""
     before = 0.0
     for _ in range(40):
         middle = (before + within) / 2
@@ -291,9 +316,17 @@ def first_contact(car: Car, path: Path, within: float) -> float:
 
 @compiled
 def summed(speed: float, acceleration: float, rate: float, growth: float, h: float) -> tuple[float, float]:
-    """Return the increments of speed and range over a step, in the order in which ode45 sums its stages.
+    """Return the increments of speed and range over a step, in the order of summation of ode45.
 
-    ``rate`` is the speed of the target in the controller's range at the start, ``growth`` its increase.
+    Parameters
+    ----------
+    speed, acceleration
+        Speed [m/s] and acceleration [m/s^2] of the host.
+    rate, growth
+        Speed of the target in the range that the controller measures [m/s] at the start of the step, and its
+        increase over the step [m/s].
+    h
+        Length of the step [s].
     """
     gain, change = 0.0, 0.0
     for stage in range(7):
@@ -307,7 +340,11 @@ def summed(speed: float, acceleration: float, rate: float, growth: float, h: flo
 
 @compiled
 def first_step(car: Car, path: Path, speed: float, acceleration: float, rate: float) -> float:
-    """Return the first step that ode45 tries: at rest are the paths of both, and the integral of contact."""
+    """Return the first step [s] that ode45 tries.
+
+    It follows from the relative derivatives of the states of the authors' simulation: speed, range, and the
+    distances driven and the integral of the indicator of contact, which begin at 0.
+    """
     fastest = max(speed, abs(rate), abs(path.aside_1), 1.0 if touches(car, path, 0.0) else 0.0) / SMALL
     fastest = max(fastest, abs(acceleration) / max(speed, SMALL), abs(rate - speed) / max(path.ahead, SMALL))
     return 1.0 / (fastest * (1.25 / TOLERANCE**0.2))
@@ -315,7 +352,10 @@ def first_step(car: Car, path: Path, speed: float, acceleration: float, rate: fl
 
 @compiled
 def seen(car: Car, path: Path, t: float, h: float, integral: float) -> tuple[float, float]:
-    """Return the increment of the integral of contact over a step of ode45, and its relative error."""
+    """Return the increment of the integral of contact over a step h of ode45, and its relative error.
+
+    The integral is positive as soon as a stage of the solver detects a contact.
+    """
     gain, error = 0.0, 0.0
     for stage in range(7):
         if stage != 1 and touches(car, path, t + h * NODES[stage]):  # the weights of stage 1 are 0
@@ -328,10 +368,11 @@ def seen(car: Car, path: Path, t: float, h: float, integral: float) -> tuple[flo
 def integrate(
     car: Car, path: Path, acceleration: float, rate: float, growth: float, tick: float, state: NDArray
 ) -> float:
-    """Integrate the state over a tick, and return the time until its end, or until the host stops.
+    """Integrate the state from a tick to the next one, or until the host stops; return the duration [s].
 
-    ``rate`` is the speed of the target in the controller's range at the start of the tick, ``growth`` its
-    increase. A step of ode45 never passes a tick, and its length is kept across ticks.
+    ``rate`` is the speed of the target in the range that the controller measures at the start, and ``growth``
+    is its increase until the next tick. A step of ode45 ends at a tick at the latest, and its length is kept
+    for the time after the tick.
     """
     begin, end = tick * TICK, (tick + 1.0) * TICK
     t, stops = begin, False
@@ -364,9 +405,23 @@ def integrate(
 
 @compiled
 def run(encounter: NDArray, car: Car, state: NDArray, outcome: NDArray, trace: NDArray) -> None:
-    """Simulate one encounter, and write its outcomes, and as many states as ``trace`` has rows.
+    """Simulate one encounter; write the outcomes, and the first states if ``trace`` has rows for them.
 
-    A run ends when the host stops, when its time is over, or when the two can come no closer.
+    A run ends when the host stops, when the time of the run is over, or when host and target cannot come
+    closer any more.
+
+    Parameters
+    ----------
+    encounter
+        Initial state, shape (7,).
+    car
+        Parameters of the car.
+    state
+        Working memory of the solver, shape (5,).
+    outcome
+        Receives the outcomes, shape (6,).
+    trace
+        Receives the states at the first n ticks, shape (n, 6).
     """
     memory, acceleration, tick, end, passed = (0.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0, False
     ahead, aside, ticks = encounter[AHEAD], encounter[ASIDE], encounter[TICKS]
@@ -409,7 +464,7 @@ def run(encounter: NDArray, car: Car, state: NDArray, outcome: NDArray, trace: N
 def simulate_slice(encounters: NDArray, begin: int, end: int, car: Car, outcomes: NDArray) -> None:
     """Simulate the columns ``begin`` to ``end`` of ``encounters``, shape (7, n), independently of each other.
 
-    ``outcomes``, shape (6, n), receives the outcomes. The module lists the rows of both.
+    The outcomes are written to ``outcomes``, shape (6, n). The rows of both arrays are listed in the module.
     """
     state, outcome, trace = np.empty(5), np.empty(6), np.empty((0, TRACED))
     for i in range(begin, end):

@@ -13,7 +13,7 @@ from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.crossing import PANELS, CrossingOutcomes, reported_rules
 from accelerated_evaluation.scenarios.protocol import Event, Scenario, Variable
 
-SLOWEST = 0.2  # [m/s], of the turning car; below it the host waits, and rounding decides the outcome
+SLOWEST = 0.2  # [m/s]; for a slower turning car the host waits, and rounding decides the outcome
 
 
 def _read_records(path: Path) -> pd.DataFrame:

@@ -9,9 +9,10 @@ from accelerated_evaluation.scenarios.record_table import read_record_table
 
 
 def read_records(path: Path) -> pd.DataFrame:
-    """Read records of left turns; they belong together if the same driver drove the instrumented vehicle.
+    """Read records of left turns from a file; the drivers of the instrumented vehicles are the clusters.
 
-    See `read_record_table` for the result. Some passes are in the authors' file twice, with other times, and
-    count once. The column ``in_fit`` of that file marks the rows to which the authors fitted their law.
+    See `read_record_table` for the result. Some left turns are in the authors' file twice, with different
+    times, and are counted once. The column ``in_fit`` of this file marks the rows to which the authors fitted
+    their law.
     """
     return read_record_table(LEFT_TURN, path, "driver")

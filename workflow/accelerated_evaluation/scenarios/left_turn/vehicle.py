@@ -11,26 +11,26 @@ from accelerated_evaluation.scenarios.crossing.kernel import TICK
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
 from accelerated_evaluation.scenarios.protocol import Scenario
 
-RADIUS = 6.0  # [m], of the turn
+RADIUS = 6.0  # [m], radius of the turn
 LANE = 3.9  # [m], width of a lane
-CONFLICT_ANGLE = np.arccos((RADIUS - LANE) / RADIUS)  # turned when the car reaches the path of the host
-LEAD_TIME = 1.0  # [s], from the start to the conflict point, if the car has not begun to turn later than that
+CONFLICT_ANGLE = np.arccos((RADIUS - LANE) / RADIUS)  # angle turned when the car reaches the path of the host
+LEAD_TIME = 1.0  # [s], longest time from the start to the conflict point
 
 
 @LEFT_TURN.vehicles.add("acc_aeb")
 @dataclass(frozen=True)
 class LeftTurnCar(CrossingCar):
-    """The authors' car, which meets a car that turns left across its path."""
+    """The authors' car (the host) in an encounter with a car that turns left across its path."""
 
     scenario: ClassVar[Scenario] = LEFT_TURN
     contact: ClassVar[float] = 2.1
 
     def start(self, encounters: Array) -> Array:
-        """Return where each encounter starts, as `CrossingCar.start`.
+        """Return the initial state of each encounter; see `CrossingCar.start`.
 
-        The turning car starts one second before the conflict point, or where its turn begins if that is
-        later. Its velocity is given at points that are 0.1 s apart, through a quarter turn and then straight
-        ahead until it has left the second lane. Points before the start are skipped.
+        The turning car starts one second before it reaches the conflict point, or at the beginning of its
+        turn if that is later. Its velocity is given every 0.1 s, for a quarter turn and then straight ahead
+        until it has left the second lane. Points before the start are skipped.
         """
         speed, turning_speed, distance = encounters
         to_conflict = np.minimum(CONFLICT_ANGLE, LEAD_TIME * turning_speed / RADIUS)  # angle still to turn
@@ -42,6 +42,6 @@ class LeftTurnCar(CrossingCar):
             ticks = np.floor((RADIUS * np.pi / 2 + 2 * LANE) / turning_speed / TICK) - first
         ahead = distance * np.sin(CONFLICT_ANGLE) + speed * lead_time + RADIUS * (1 - np.sin(turned))
         aside = LANE - RADIUS * (1 - np.cos(turned))
-        endless = ~np.isfinite(ticks)  # the car stands, nearly
+        endless = ~np.isfinite(ticks)  # the turning car stands still, or almost so
         first, ticks = np.where(endless, 0, first), np.where(endless, np.inf, ticks)
         return np.stack([speed, ahead, aside, turning_speed, first, turning, ticks])

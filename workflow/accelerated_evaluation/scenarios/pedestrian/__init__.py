@@ -15,7 +15,7 @@ from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.crossing import PANELS, CrossingOutcomes, reported_rules
 from accelerated_evaluation.scenarios.protocol import Event, Scenario, Variable
 
-SLOWEST = 0.3  # [m/s], of a pedestrian who walks; nearly all crashes with slower ones are artefacts
+SLOWEST = 0.3  # [m/s]; almost all crashes with slower pedestrians are artefacts of the simulation
 
 
 def _read_records(path: Path) -> pd.DataFrame:

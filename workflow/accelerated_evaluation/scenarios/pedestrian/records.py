@@ -1,4 +1,4 @@
-"""Records of pedestrians: the moment in which an instrumented vehicle was nearest to a pedestrian."""
+"""Records of pedestrians: the moment at which an instrumented vehicle was nearest to a pedestrian."""
 
 from pathlib import Path
 
@@ -8,11 +8,11 @@ import pandas as pd
 from accelerated_evaluation.scenarios.pedestrian import PEDESTRIAN
 from accelerated_evaluation.scenarios.record_table import read_record_table
 
-RATE = 10.0  # [1/s], of the samples
+RATE = 10.0  # [1/s], sampling rate
 
 
 def read_records(path: Path) -> pd.DataFrame:
-    """Read records of pedestrians; they belong together if the same device recorded them.
+    """Read records of pedestrians from a file; the recording devices are the clusters.
 
     See `read_record_table` for the result.
     """
@@ -20,21 +20,23 @@ def read_records(path: Path) -> pd.DataFrame:
 
 
 def records_of_series(series: pd.DataFrame) -> pd.DataFrame:
-    """Compute the records of time series, as the authors did.
+    """Compute one record from each time series, in the same way as the authors of the paper.
 
     Parameters
     ----------
     series
-        Samples in order of time, 10 a second: ``record``, ``range_m`` and ``transversal_m`` (position of the
-        pedestrian along and across the path of the vehicle) and ``vehicle_speed_mps``.
+        Samples in order of time, 10 per second: ``record`` (identifier of the time series), ``range_m`` and
+        ``transversal_m`` (position of the pedestrian along and across the path of the vehicle), and
+        ``vehicle_speed_mps``.
 
     Returns
     -------
     pandas.DataFrame
-        A row for each record: the three variables of the scenario at the sample with the smallest distance,
-        and ``is_last``, whether this is the last sample. The pedestrian speed is the central difference of
-        the transversal position, and one-sided at the ends. In most records the smallest distance is that of
-        the last sample, where the sensor loses the pedestrian, and not that of a passage.
+        One row for each time series: ``record``, the three variables of the scenario at the sample with the
+        smallest distance, and ``is_last``, which says whether this is the last sample. The pedestrian speed
+        is the central difference of the transversal position, and a one-sided difference at the ends. In most
+        records the smallest distance is that of the last sample, where the sensor loses the pedestrian, so
+        the vehicle has not yet passed the pedestrian.
     """
     samples = series.assign(distance_m=np.hypot(series["range_m"], series["transversal_m"]))
     groups = samples.groupby("record", sort=False)

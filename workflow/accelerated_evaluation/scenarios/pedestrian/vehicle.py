@@ -1,4 +1,4 @@
-"""The car under test in the pedestrian crossing, and where car and pedestrian start."""
+"""The car under test in the pedestrian crossing, and the initial positions of car and pedestrian."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -17,10 +17,11 @@ LANE = 3.9  # [m], width of the lane that the pedestrian crosses
 @PEDESTRIAN.vehicles.add("acc_aeb")
 @dataclass(frozen=True)
 class PedestrianCar(CrossingCar):
-    """The authors' car, which meets a pedestrian who crosses its lane.
+    """The authors' car (the host) in an encounter with a pedestrian who crosses its lane.
 
-    The authors' test of contact measures an angle from the wrong axis: the sector in which 2 m count as
-    contact is to the side that the pedestrian walks to, and not ahead of the car.
+    The contact of car and pedestrian is tested as in the authors' code, which measures an angle from the
+    wrong axis. The sector in which a distance below 2 m is a contact is therefore at the side to which the
+    pedestrian walks, and not ahead of the car.
     """
 
     scenario: ClassVar[Scenario] = PEDESTRIAN
@@ -28,11 +29,11 @@ class PedestrianCar(CrossingCar):
     side_contact: ClassVar[float] = 2.0
 
     def start(self, encounters: Array) -> Array:
-        """Return where each encounter starts, as `CrossingCar.start`.
+        """Return the initial state of each encounter; see `CrossingCar.start`.
 
         The pedestrian walks from one edge of the lane to the other; the direction makes no difference. The
-        car starts where it would be at the given distance when the pedestrian is in the middle of the lane,
-        if it kept its speed.
+        car starts at such a position that, at constant speed, it would have the given distance when the
+        pedestrian is in the middle of the lane.
         """
         speed, walking_speed, distance = np.abs(encounters)
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
