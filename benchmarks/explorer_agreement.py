@@ -120,7 +120,7 @@ def _compared(opened, drawn, records, grid, support, generator):
     return {
         "vehicle": kind,
         "sliders": " ".join(values),
-        "event": event.in_words,
+        "event": CUT_IN.event_in_words(event),
         "python": probabilities.mean(),
         "page": found.mean(),
         "ratio_first": first.mean() / probabilities.mean(),

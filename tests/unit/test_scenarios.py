@@ -54,3 +54,17 @@ def test_a_scenario_that_does_not_exist_is_named():
         InputError, match=r"scenario: seen 'left_trun'; expected one of .*Did you mean left_turn"
     ):
         SCENARIOS["left_trun"]
+
+
+@pytest.mark.parametrize(
+    ("scenario", "quantity", "words"),
+    [
+        ("cut_in", "crash", "crash"),
+        ("cut_in", "impact_speed", "impact speed above 2 m/s"),
+        ("cut_in", "min_ttc", "min ttc at most 2 s"),
+        ("left_turn", "impact_speed", "impact speed above 2 m/s"),
+    ],
+)
+def test_events_are_named_with_their_units(scenario, quantity, words):
+    known = SCENARIOS[scenario]
+    assert known.event_in_words(known.event(quantity, 2.0)) == words

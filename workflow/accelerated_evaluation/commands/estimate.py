@@ -184,7 +184,7 @@ class EstimateAlone:
             _refuse("method", f"the scenario {CUT_IN}", "another scenario")
         event = CRASH if arguments.event is None else event_named(arguments.event)
         if event != CRASH and arguments.reference:
-            _refuse("reference", f"the event {arguments.event}", CRASH.in_words)
+            _refuse("reference", f"the event {arguments.event}", CRASH.quantity)
         found = estimate_alone(
             config,
             arguments.replicates,
@@ -262,6 +262,7 @@ def _compared(
 
 def _in_words(found: "Alone", level: float) -> str:
     """Return the estimates, what they took and what they may have missed, in lines of text."""
+    from accelerated_evaluation.answer.study import event_name
     from accelerated_evaluation.methods.surrogate.certificate import unseen_in_words
     from accelerated_evaluation.methods.surrogate.lapses import chance_in_words
 
@@ -270,7 +271,8 @@ def _in_words(found: "Alone", level: float) -> str:
         lines.insert(0, f"warning: {found.warning}")
     what, ended = "crash probability", "crashes"
     if found.event.quantity != "crash":
-        what, ended = f"probability of {found.event.in_words}", f"with {found.event.in_words}"
+        named = event_name(found.event)
+        what, ended = f"probability of {named}", f"with {named}"
     for row in found.tables["estimate"].to_dict("records"):
         verdict = "converged" if row["converged"] else "not converged"
         probability = "not known yet" if math.isnan(row["probability"]) else f"{row['probability']:.3g}"

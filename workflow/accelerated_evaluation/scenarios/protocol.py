@@ -145,12 +145,6 @@ class Event:
     scored_by: str = field(kw_only=True, repr=False)
     is_above: bool = field(default=False, kw_only=True, repr=False)
 
-    @property
-    def in_words(self) -> str:
-        """Return the event as text, such as ``impact_speed above 5``."""
-        limit = f" {'above' if self.is_above else 'at most'} {self.threshold:g}"
-        return self.quantity + ("" if self.quantity == "crash" else limit)
-
     def happens(self, outcomes: Any) -> NDArray[np.bool_]:  # noqa: ANN401
         """Return whether the event happened in each of n simulated encounters, shape (n,).
 
@@ -340,8 +334,11 @@ class Scenario:
 
     def event_in_words(self, event: Event) -> str:
         """Return an event as text with its unit, such as ``impact speed above 5 m/s``."""
-        units = {each.name: "" if each.is_flag else f" {each.unit}" for each in self.outcomes}
-        return event.in_words.replace("_", " ") + units[event.quantity]
+        (outcome,) = (each for each in self.outcomes if each.name == event.quantity)
+        name = outcome.name.replace("_", " ")
+        if outcome.is_flag:
+            return name
+        return f"{name} {'above' if event.is_above else 'at most'} {event.threshold:g} {outcome.unit}"
 
     def outcomes_of(self, columns: Sequence[ArrayLike]) -> Any:  # noqa: ANN401
         """Return an instance of `outcome_type` from columns of numbers.

@@ -260,7 +260,10 @@ class Campaign:
     def as_predecessor(self, law: Source, event: Event) -> Predecessor:
         """Return the runs of complete batches, for the campaign of a similar vehicle."""
         change = "Name a campaign with the same law and event, or leave --predecessor out."
-        own, other = (self.law.sha256, law.sha256), (self.event.in_words, event.in_words)
+        own, other = (
+            (self.law.sha256, law.sha256),
+            (self.scenario.event_in_words(self.event), self.scenario.event_in_words(event)),
+        )
         for what, (seen, expected) in (("law", own), ("event", other)):
             if seen != expected:
                 where = f"--predecessor, its {what}"

@@ -102,8 +102,9 @@ def forecast(found: Estimate, batch_size: int, goal: Stopping) -> int | None:
 def in_words(campaign: Campaign, status: Status) -> str:
     """Return the status as text of some lines."""
     found, goal = status.estimate, campaign.goal
+    event = campaign.scenario.event_in_words(campaign.event)
     lines = [
-        f"event       {campaign.event.in_words}, under the law {campaign.description!r}",
+        f"event       {event}, under the law {campaign.description!r}",
         f"runs        {status.asked} asked for, {status.reported} reported, "
         f"{status.asked - status.reported} outstanding; "
         f"{found.events} with the event in the {status.used} runs of whole batches",

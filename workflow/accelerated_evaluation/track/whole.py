@@ -7,6 +7,7 @@ import numpy as np
 from accelerated_evaluation.answer.averaged import Course, answer_in_words, answer_row, budget_in_words
 from accelerated_evaluation.answer.posterior import budget
 from accelerated_evaluation.answer.reweighting import LEVEL, Reweighting
+from accelerated_evaluation.answer.study import event_name
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws import Law
@@ -73,7 +74,7 @@ def whole_in_words(campaign: Campaign, law: Law | JointLaw, draws: MeanLaw | Non
     posterior = course.refined()
     if posterior is None:
         return ["laws        nothing is known yet under the draws of the law"]
-    row = {"event": campaign.event.in_words, "per_km": float("nan")} | answer_row(
+    row = {"event": event_name(campaign.event), "per_km": float("nan")} | answer_row(
         posterior, course.unseen_lapses()
     )
     gain = 1 - 1 / (1 + max(posterior.share_of_sampling, 0.0))

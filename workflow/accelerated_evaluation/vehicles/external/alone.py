@@ -58,7 +58,8 @@ def difference_when_alone(
     for row in chosen:
         again = bool(event.happens(copy.simulate(*encounters[:, [row]]))[0])
         if again != crashed[row]:
-            words = f"no {event.in_words}", event.in_words
+            named = scenario.event_in_words(event)
+            words = f"no {named}", named
             first, second = words[int(crashed[row])], words[int(again)]
             where = f"vehicle {copy.name}, {scenario.described(encounters[:, row])}"
             return (
