@@ -1,8 +1,10 @@
-"""The distribution of the points of a pool: around important points, and by wide distributions.
+"""Pools: large samples of points that need no simulation, from which the runs of a batch are chosen.
 
-With few normal scores, a pool is drawn in their space. With many normal scores, it is drawn in the space of a
-few coordinates, with random components across them. A part of it is drawn from the wide distribution of all
-normal scores, because a part of the event may depend on directions that were not learnt.
+The points of a pool are drawn around the important points of the previous pool, and in part from the wide
+distribution (`wide_laws.draw_wide`). With few normal scores, they are drawn in the space of these scores.
+With many normal scores, they are drawn in the space of a few coordinates, with random components across them.
+A part of such a pool is drawn from the wide distribution of all normal scores, because the event may depend
+on directions that were not learnt.
 """
 
 import math
@@ -32,20 +34,20 @@ from accelerated_evaluation.methods.surrogate.wide_laws import (
 
 @dataclass(frozen=True)
 class Pool:
-    """Points of the first phase, which need no simulation; arrays of shape (m,).
+    """The m points of a pool, drawn from a density h; arrays of shape (m,).
 
     Attributes
     ----------
     z
         The points, shape (m, d).
     weight
-        phi / h, where h is the density from which the points were drawn.
+        Importance weights phi / h, where phi is the standard normal density.
     probability
         Predicted probability of the event.
     wide
         Density of the wide distribution divided by h.
     rarity
-        -log P(|Z| > |z|) of the points.
+        -log P(|Z| > |z|) for a standard normal Z.
     """
 
     z: Array
@@ -55,17 +57,28 @@ class Pool:
     rarity: Array
 
     def within(self, begin: float, end: float) -> Array:
-        """Return the density of the wide distribution between two rarities, divided by h, shape (m,)."""
+        """Return the density of the wide distribution truncated to given rarities, divided by h, shape (m,).
+
+        The truncated distribution is uniform in rarity from ``begin`` to ``end``.
+        """
         there = (begin < self.rarity) & (self.rarity <= end)
         return np.where(there, self.wide * REACH / (end - begin), 0.0)
 
     def guard(self, reach: float, defence: "Defence") -> Array:
-        """Return the distribution of the defensive share over the pool, shape (m,).
+        """Return how the defensive runs are distributed over the pool: a value for each point, shape (m,).
 
-        A share `EVEN` is spread evenly, and the rest follows the wide distribution up to the rarity
-        ``reach``. Points with weight 0 get nothing, because their scores may not correspond to any cut-in.
-        While the certificate is not sufficient, defensive runs beyond the default share follow the wide
-        distribution beyond the nearest point of the part that must be excluded.
+        A share `EVEN` of the runs is spread evenly over the points. The other runs follow the wide
+        distribution up to the rarity ``reach``. Points with weight 0 get none of the evenly spread runs,
+        because they may not correspond to any encounter. If ``defence.beyond`` is between 0 and ``reach``,
+        the evenly spread runs are only the share `EVEN` of the default share `DEFENCE`, and all other
+        defensive runs follow the wide distribution beyond this rarity.
+
+        Parameters
+        ----------
+        reach
+            Rarity beyond which almost none of the probability of the event can be.
+        defence
+            Defensive share of the runs.
         """
         evenly = np.where(self.weight > 0, EVEN, 0.0)
         if not 0 < defence.beyond < reach:
@@ -75,21 +88,22 @@ class Pool:
 
 @dataclass(frozen=True)
 class Defence:
-    """The defensive share: runs that are distributed independently of the surrogate.
+    """The defensive runs, which are distributed independently of the surrogate.
 
     Attributes
     ----------
     share
-        Share of the runs.
+        Their share of the runs of a batch.
     beyond
-        Rarity of the nearest point of a part that must be excluded; 0 if there is none.
+        Rarity beyond which the defensive runs search for an unmet part of the event that must be excluded; 0
+        if there is none.
     """
 
     share: float = DEFENCE
     beyond: float = 0.0
 
     def zones(self, reach: float) -> list[tuple[float, float]]:
-        """Return the ranges of rarities among which this share is divided equally."""
+        """Return the intervals of rarity in each of which the defensive runs have a uniform density."""
         return [(0.0, self.beyond), (self.beyond, reach)] if 0 < self.beyond < reach else [(0.0, reach)]
 
 
@@ -106,10 +120,10 @@ class SubspacePool(Pool):
     along: Pool
 
     def guard(self, reach: float, defence: Defence) -> Array:
-        """Return the distribution of the defensive share over the pool, shape (m,).
+        """Return how the defensive runs are distributed over the pool: a value for each point, shape (m,).
 
-        The part `ALONG` of it follows the wide distribution of the few coordinates on which the event
-        depends, and the rest that of all normal scores, as in `Pool.guard`.
+        A share `ALONG` of the default defensive runs follows the wide distribution of the few coordinates on
+        which the event depends. The others are distributed as in `Pool.guard`.
         """
         share, mean = ALONG * DEFENCE / defence.share, defence.share if 0 < defence.beyond < reach else 1.0
         return (1 - share) * super().guard(reach, defence) + share * mean * self.along.within(0.0, reach)
@@ -124,6 +138,9 @@ def draw_pool(
 ) -> Pool:
     """Draw the points of a pool, with their weights and predicted probabilities.
 
+    The points are drawn from kernels around the centres, with the share `WIDE_SHARE` from the wide
+    distribution. If there are no centres, all points are drawn from the wide distribution.
+
     Parameters
     ----------
     space
@@ -131,9 +148,9 @@ def draw_pool(
     centres
         Centres of the kernels, shape (k, d); None if there are none yet.
     size
-        Number of points.
+        Number m of points.
     believed
-        Function that returns the predicted probability of the event at points, shape (n, d).
+        Function that returns the predicted probability of the event at points of shape (m, d), shape (m,).
     generator
         Source of all randomness.
     """

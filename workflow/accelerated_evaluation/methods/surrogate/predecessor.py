@@ -9,12 +9,12 @@ from accelerated_evaluation.base.tables import read_csv, require_file
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.problem import Problem, ScenarioProblem
 
-ROUNDING = 1e-6  # relative; laws that were fitted on two kinds of processor differ by less
+ROUNDING = 1e-6  # relative tolerance; laws that were fitted on two kinds of processor differ by less
 FLAGS = {"True": True, "False": False}
 
 
 def read_predecessor(path: str | os.PathLike, problem: Problem | ScenarioProblem) -> Predecessor:
-    """Read a table of simulations, as the command ``estimate`` writes it to ``runs.csv``.
+    """Read the simulations of a similar vehicle from the table ``runs.csv`` of the command ``estimate``.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def read_predecessor(path: str | os.PathLike, problem: Problem | ScenarioProblem
         If the table is missing or is not a table of simulations, belongs to another law, or contains no
         event.
     """
-    change = "Name the runs.csv that `estimate` wrote for a like vehicle, under the same law and records."
+    change = "Name the runs.csv that `estimate` wrote for a similar vehicle, with the same law and records."
     require_file(path, change)
     names = [*problem.coordinates(np.zeros((1, problem.dimension)))]
     scores = [f"z_{name}" for name in names]

@@ -14,14 +14,14 @@ from accelerated_evaluation.methods.surrogate.two_phase import Flags, TwoPhaseBa
 
 @dataclass(frozen=True)
 class WideBatch:
-    """A batch drawn from the wide distribution, independently of earlier runs; ``z`` has shape (n, d)."""
+    """A batch of n runs drawn from the wide distribution; ``z`` are their normal scores, shape (n, d)."""
 
     z: Array
 
 
 @dataclass(frozen=True)
 class ApproachBatch:
-    """A batch of the search, drawn where the scores predict an event; ``z`` has shape (n, d)."""
+    """A batch of n runs of the search for the event; ``z`` are their normal scores, shape (n, d)."""
 
     z: Array
 
@@ -38,35 +38,35 @@ class Progress:
     z, happened, score
         Normal scores of all runs, shape (n, d), whether the event happened, and their scores, shape (n,).
     wide_draws
-        Draws from the wide distribution to which the runs are equivalent: their number, and the rarities
-        between which they are, shape (k, 3).
+        Draws from the wide distribution to which the runs are equivalent, in k groups: number of draws,
+        smallest and largest rarity, shape (k, 3).
     estimates
         The estimates of all batches of the second phase.
     batches
-        The batches of the second phase whose outcomes are known, with which their estimates can be reweighted
-        for another law. They belong to the last of the ``estimates``; estimates of an earlier version of the
-        sampler have none.
+        The batches of the second phase whose outcomes are known. They are kept so that their estimates can
+        be reweighted for another law. The last batch belongs to the last of the ``estimates``; there may be
+        fewer batches than estimates, because earlier versions of the sampler did not keep them.
     foreseen
-        Probabilities that the two surrogates predicted for all runs of the second phase, which are the last
-        m, before they were made, shape (m, 2).
+        Uncalibrated predictions of the two surrogates for the last m runs, which are all runs of the second
+        phase, before they were made, shape (m, 2).
     repeats
         Repetitions of runs, which are not counted among the runs.
     chance, chance_since
-        Whether an outcome may be random, and the number of estimates when it was found that most outcomes
-        are. These estimates assumed deterministic outcomes and are no longer used.
+        Whether an outcome may be random; and how many estimates there were when the verdict whether most
+        outcomes are random last changed. These first estimates are no longer used.
     pending
         The batch that was requested and whose outcomes have not been received.
     centres
         Centres of the next pool, shape (k, d); None before the first pool.
     searched
-        Number of runs of the search per unit of rarity, up to slightly beyond ``rarest``.
+        Number of runs of the search per unit of rarity, up to the rarity ``rarest`` + `BEYOND`.
     rarest
-        Rarity of the most probable event found by the search.
+        Rarity of the event with the smallest rarity that the search has found.
     directions
         Directions on which the event depends, divided by their lengths, shape (d, k), if there are many
         normal scores.
     learnt_at
-        Number of runs when the lengths and the amplitude were last learnt.
+        Number of runs when the parameters of the surrogates were last learnt.
     """
 
     z: Array

@@ -1,8 +1,9 @@
 """Repetitions of runs, which show whether the outcomes of a vehicle are deterministic.
 
-If a vehicle behaves differently in one run out of a hundred, it appears deterministic in a few hundred runs,
-although most of its crashes may happen in these rare runs. Repetitions can show this. If n repetitions agree
-with their runs, the share of repetitions that differ is below log(1 / alpha) / n with confidence 1 - alpha.
+If a vehicle behaves differently in one run out of a hundred, a few hundred runs of different encounters do
+not reveal this, although most of its crashes may happen in these rare runs. Repetitions of the same
+encounters can. If n repetitions agree with their runs, the share of all repetitions that differ is below
+log(1 / alpha) / n with confidence 1 - alpha.
 """
 
 from dataclasses import dataclass
@@ -52,7 +53,7 @@ class Repeats:
 
     @classmethod
     def none(cls) -> "Repeats":
-        """Return the repetitions of a sampler that has made none."""
+        """Return an empty record, for a sampler that has not repeated any run."""
         return cls(np.empty(0, np.int64), np.empty(0, bool), np.empty(0, bool))
 
     def __len__(self) -> int:
@@ -60,7 +61,15 @@ class Repeats:
         return len(self.repeated)
 
     def extended(self, batch: RepeatBatch, happened: Flags, differed: Flags) -> "Repeats":
-        """Return these repeats and those of a batch."""
+        """Return the record with the repetitions of a batch added.
+
+        Parameters
+        ----------
+        batch
+            The repeated runs.
+        happened, differed
+            Whether the event happened in each repetition, and whether its outcome differed, shape (n,).
+        """
         return Repeats(
             np.append(self.repeated, batch.repeated),
             np.append(self.happened, happened),
@@ -69,16 +78,16 @@ class Repeats:
 
     @property
     def vary_often(self) -> bool:
-        """Whether so many repetitions differ that the outcomes of most runs are random, as with noise.
+        """Whether the share of repetitions that differ is at least `OFTEN`, as for a vehicle with noise.
 
-        Otherwise only few runs may be random; such lapses are rarely observed.
+        Otherwise the outcomes of only a few runs may be random.
         """
         return len(self) > 0 and bool(self.differed.mean() >= OFTEN)
 
     def largest_share(self, alpha: float) -> float:
         """Return an upper bound, with confidence 1 - alpha, on the share of repetitions that differ.
 
-        This is the upper limit of Clopper and Pearson; it is 1 without any repetition.
+        This is the upper limit of Clopper and Pearson. It is 1 if there is no repetition.
         """
         differed = int(np.count_nonzero(self.differed))
         if differed == len(self):
@@ -87,7 +96,15 @@ class Repeats:
 
 
 def end_differently(happened: Flags, score: Array, again: Flags, score_again: Array) -> Flags:
-    """Return which repetitions have other outcomes than their runs; all arrays have shape (n,)."""
+    """Return which repetitions ended differently from their runs, in the flag or in the score, shape (n,).
+
+    Parameters
+    ----------
+    happened, score
+        Whether the event happened in each run, and its score, shape (n,).
+    again, score_again
+        Whether the event happened in each repetition, and its score, shape (n,).
+    """
     return (happened != again) | ~np.isclose(score, score_again, rtol=SAME_SCORE, atol=SAME_SCORE)
 
 
@@ -99,26 +116,28 @@ def choose_repeats(
     count: int,
     generator: np.random.Generator,
 ) -> RepeatBatch:
-    """Choose runs to repeat, in a random order: half of them events, half others, those repeated least first.
+    """Choose the runs to repeat next: half of them with the event, half without it.
 
-    Of the runs without the event those come first that came nearest to it. Runs without any score, such as
-    those in which the host never closed in, are repeated only if there are no others.
+    In each half, the runs that were repeated least often are chosen first. Among these, the runs nearest to
+    the boundary of the event are chosen first, judged by their scores. Runs with an infinite score, such as
+    those in which the host never approached the other vehicle, are repeated only if all runs without the
+    event are of this kind. If there are no runs of one half, all repeated runs are of the other.
 
     Parameters
     ----------
     z, happened, score
         Normal scores, shape (n, d), flags and scores, shape (n,), of all runs.
     known
-        Repeats so far.
+        The repetitions so far.
     count
-        Number of repeats.
+        Number of runs to choose; a run may be chosen more than once if there are too few.
     generator
-        Source of the order.
+        Source of randomness for the order of the chosen runs.
     """
     times = np.bincount(known.repeated, minlength=len(z))
     safe = ~happened & (score < LARGEST_SCORE)
     kinds = [np.flatnonzero(happened), np.flatnonzero(safe if safe.any() else ~happened)]
-    nearness = np.where(happened, -score, score)  # the nearest to the boundary come first
+    nearness = np.where(happened, -score, score)  # smallest for the runs nearest to the boundary
     ordered = [kind[np.lexsort((nearness[kind], times[kind]))] for kind in kinds]
     events = min(count // 2, len(ordered[0])) if len(ordered[1]) else count
     chosen = np.concatenate([np.resize(ordered[0], events), np.resize(ordered[1], count - events)])

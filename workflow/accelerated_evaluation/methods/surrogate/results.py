@@ -22,16 +22,16 @@ from accelerated_evaluation.methods.surrogate.progress import Progress
 from accelerated_evaluation.methods.surrogate.two_phase import reach_of
 from accelerated_evaluation.methods.surrogate.wide_laws import bound_without_event
 
-ROUNDING = 1e-12  # relative
+ROUNDING = 1e-12  # relative tolerance
 
 
 def estimate(progress: Progress, batch_size: int, stopping: Stopping, certificate: Certificate) -> Estimate:
-    """Estimate P(event) from the batches since the surrogate became usable.
+    """Estimate the probability of the event from the batches since the surrogate became usable.
 
-    Without an event the estimate is 0, and the upper end of the interval is the bound for an event that no
-    run has met. If every simulation was an event, the estimate is 1, and the lower end of the interval
-    follows from the same bound for the complement. As long as the surrogate is not good enough for a reliable
-    estimate, the estimate is NaN and the interval is [0, 1].
+    If no simulation was an event, the estimate is 0, and the upper end of the interval is
+    `wide_laws.bound_without_event`. If every simulation was an event, the estimate is 1, and the lower end of
+    the interval follows from the same bound for the complement. As long as there are not two batches on which
+    an estimate can be based, the estimate is NaN and the interval is [0, 1].
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def estimate(progress: Progress, batch_size: int, stopping: Stopping, certificat
     """
     events, (combined, ends) = int(np.count_nonzero(progress.happened)), combined_estimate(progress, stopping)
     if combined is not None:
-        # The mean of unbiased estimates of a probability may lie above 1.
+        # The mean of unbiased estimates of a probability may exceed 1.
         probability = min(combined.probability, 1.0)
         interval = min(ends[0], 1.0), min(ends[1], 1.0)
     elif 0 < events < progress.happened.size:
@@ -75,10 +75,20 @@ def estimate(progress: Progress, batch_size: int, stopping: Stopping, certificat
 def with_lapses(found: Estimate, progress: Progress, stopping: Stopping) -> Estimate:
     """Extend the interval of an estimate by the probability that unobserved lapses can add.
 
-    A lapse is a failure of the vehicle in few of its runs; `lapses` derives the bounds. The upper end of the
-    interval is raised by the first bound, or ends there if there is no estimate. The diagnostics get both
-    bounds, ``unseen_lapses`` and ``unseen_lapses_monotone``, and ``settling_runs``, the number of draws from
-    the law itself after which lapses could add less than half of the width of the interval.
+    A lapse is a failure of the vehicle in a few of its runs; the module `lapses` derives the bounds. The
+    bound `LapseBounds.like_hardness` is added to the upper end of the interval, or is the upper end if there
+    is no estimate. The diagnostics get the two bounds, ``unseen_lapses`` and ``unseen_lapses_monotone``, and
+    ``settling_runs``, the number of draws from the law itself after which lapses could add at most
+    ``stopping.beta`` times the estimate.
+
+    Parameters
+    ----------
+    found
+        The estimate.
+    progress
+        The runs of the sampler.
+    stopping
+        The stopping rule.
     """
     bounds = LapseBounds.after(progress.z, progress.happened, found.probability, stopping.beta)
     own = {
@@ -92,7 +102,7 @@ def with_lapses(found: Estimate, progress: Progress, stopping: Stopping) -> Esti
 
 
 def is_narrow(progress: Progress, stopping: Stopping) -> bool:
-    """Whether the interval is as narrow as the stopping rule requires, and enough events were observed."""
+    """Return whether the interval is as narrow as the rule requires, and enough events were observed."""
     combined, (low, high) = combined_estimate(progress, stopping)
     if combined is None or np.count_nonzero(progress.happened) < stopping.minimum_events:
         return False
@@ -100,13 +110,16 @@ def is_narrow(progress: Progress, stopping: Stopping) -> bool:
 
 
 def is_certified(progress: Progress, certificate: Certificate) -> bool:
-    """Whether the bound on an unmet mode is at most the certificate's share of the estimate."""
+    """Return whether the bound on an unmet mode is at most ``certificate.share`` times the estimate."""
     probability = _mean(progress)
     return _unseen(progress, probability, certificate).mode <= certificate.share * probability
 
 
 def where_to_search(progress: Progress, certificate: Certificate) -> float:
-    """Return the rarity beyond which runs for the certificate are placed; 0 means everywhere."""
+    """Return the rarity beyond which the defensive runs are placed to meet the certificate.
+
+    The result is 0 if there is no estimate, or if the certificate excludes no mode.
+    """
     probability = _mean(progress)
     if not 0 < (share := certificate.share * probability / certificate.filled) < 0.5:
         return 0.0
@@ -116,13 +129,13 @@ def where_to_search(progress: Progress, certificate: Certificate) -> float:
 
 
 def _mean(progress: Progress) -> float:
-    """Return the mean of the batches that count; 0 while none does."""
+    """Return the estimate from the batches on which it is based; 0 if there are none."""
     batches = _that_count(progress)
     return combine(batches).probability if batches else 0.0
 
 
 def _that_count(progress: Progress) -> Sequence[BatchEstimate]:
-    """Return the batches of which the estimate is made; none from before noise was noticed."""
+    """Return the batches on which the estimate is based, without those before noise was noticed."""
     usable = NOISY_USABLE if progress.repeats.vary_often else USABLE
     return that_count(progress.estimates[progress.chance_since :], usable)
 
@@ -135,9 +148,16 @@ def _unseen(progress: Progress, probability: float, certificate: Certificate) ->
 
 
 def combined_estimate(progress: Progress, stopping: Stopping) -> tuple[Combined | None, tuple[float, float]]:
-    """Return the estimate of the batches that count, and its interval.
+    """Return the estimate from the batches of `combining.that_count`, and its interval.
 
-    If there is no reliable estimate yet, the estimate is None and the interval is from 0 to 1.
+    If there is no event yet, or fewer than two such batches, the estimate is None and the interval is [0, 1].
+
+    Parameters
+    ----------
+    progress
+        The runs of the sampler.
+    stopping
+        The stopping rule, which also selects the kind of interval (``anytime``).
     """
     batches = _that_count(progress)
     if not progress.happened.any() or len(batches) < 2:
@@ -154,13 +174,20 @@ def combined_estimate(progress: Progress, stopping: Stopping) -> tuple[Combined 
 def tabulate_runs(progress: Progress, batch_size: int) -> pd.DataFrame:
     """Tabulate all simulations, with the phase to which each belongs.
 
+    Parameters
+    ----------
+    progress
+        The runs of the sampler.
+    batch_size
+        Number of simulations in a batch.
+
     Returns
     -------
     pandas.DataFrame
-        run and batch, counted from 1; phase; the normal scores z_1, ..., z_d; event. The phase is ``search``
-        until the search has ended, then ``learn`` until the first batch that counts, and then ``estimate``
-        for the simulations on which the estimate is based. Repetitions of runs come last, with the phase
-        ``repeat`` and the batch 0.
+        One row for each simulation. Columns: ``run`` and ``batch``, counted from 1; ``phase``; the normal
+        scores ``z_1``, ``z_2`` and so on; ``event``. The phase is ``search`` until the search has ended,
+        ``estimate`` for the simulations on which the estimate is based, and ``learn`` for those in between.
+        Repetitions of runs are the last rows, with the phase ``repeat`` and the batch 0.
     """
     run = np.arange(len(progress.z)) + 1
     batch = (run - 1) // batch_size + 1
@@ -183,7 +210,7 @@ def tabulate_runs(progress: Progress, batch_size: int) -> pd.DataFrame:
 
 
 def _diagnostics(progress: Progress, combined: Combined | None, certificate: Certificate) -> dict[str, float]:
-    """Return relative standard errors, NaN where there is no estimate, and bounds of what is unseen."""
+    """Return relative standard errors (NaN without an estimate), and bounds on unobserved parts."""
     errors, probability = (math.nan, math.nan), 0.0
     if combined is not None:
         probability = combined.probability

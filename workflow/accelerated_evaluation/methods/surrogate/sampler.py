@@ -4,11 +4,13 @@ The event is a set in the space of normal scores, z ~ N(0, I). Every batch takes
 
 1. Surrogates. The flags and the scores of all runs so far give p(z), the predicted probability of the event
    at z, which is calibrated by the outcomes of earlier predictions; see `belief`.
-2. First phase, without simulations. A pool of points z_j ~ h has the weights w_j = phi(z_j) / h(z_j), where h
-   is centred at the important points of the last pool, and is in part the wide distribution.
-3. Second phase. From the pool n runs are chosen, most of them where w_j times the error of the surrogate is
-   large, and a defensive share everywhere. With p as control variate they give an estimate Y whose mean,
-   given all earlier batches, is P(event); see `two_phase`.
+2. First phase, without simulations. A pool of points z_j is drawn from a density h. It is a mixture of
+kernels
+   around the important points of the previous pool, and of the wide distribution. The points have the weights
+   w_j = phi(z_j) / h(z_j).
+3. Second phase. From the pool, n runs are chosen. Most of them are points where w_j times the expected error
+   of the surrogate is large; a defensive share is spread over the whole pool. With p as control variate, the
+   runs give an estimate Y whose mean, given all earlier batches, is P(event); see `two_phase`.
 
 The estimate is a weighted mean of Y over the last batches with consistent predictions. The weights follow
 from variances that were predicted before each batch was drawn; see `combining`. The probability of parts that
@@ -57,7 +59,7 @@ from accelerated_evaluation.methods.surrogate.subspace import WholeSpace, space_
 from accelerated_evaluation.methods.surrogate.two_phase import Flags, TwoPhaseBatch
 from accelerated_evaluation.methods.surrogate.wide_laws import RARE, Begin, rarity
 
-# The matrices are small, so that several threads do not pay, and bytes must not depend on the number of
+# Linear algebra uses one thread. The matrices are small, and the results must not depend on the number of
 # cores.
 BLAS = ThreadpoolController()
 
@@ -74,21 +76,22 @@ class Sampler:
     generator
         Source of all randomness.
     batch_size
-        Number n of simulations asked for at once, up to a quarter of the pool.
+        Number n of simulations in a batch, at most a quarter of the pool.
     fingerprint
         Text that identifies the problem, so that a saved state is not resumed for another one.
     certificate
-        What must be excluded before an estimate has converged.
+        Bound on unobserved parts of the event that is required for convergence.
     predecessor
-        Runs of another vehicle that is like the one under test, with events among them. The sampler then
-        begins where these events are, and does without a search.
+        Runs of another vehicle that is similar to the one under test, with events among them. The sampler
+        then begins near these events, without a search.
     deterministic
-        Whether the vehicle always does the same at the same normal scores. None lets repeats find it out.
+        Whether the vehicle always has the same outcome for the same normal scores. If this is not known
+        (None), some runs are repeated to find out.
     enough_repeats
-        Repeats without a difference that have to be made, where it is not known, before the vehicle counts as
-        one that repeats itself and the estimate can have converged.
+        If ``deterministic`` is None: number of repetitions without a difference that are required for
+        convergence, because the vehicle is then treated as deterministic.
     begin
-        The first runs.
+        Number and distribution of the first runs.
     """
 
     def __init__(
@@ -123,13 +126,13 @@ class Sampler:
     def ask(self, *, certify: bool = False) -> Array:
         """Return the normal scores to simulate next, shape (n, d).
 
-        Repeated calls return the same until `tell`.
+        Further calls return the same points until `tell` has received their outcomes.
 
         Parameters
         ----------
         certify
-            Whether to place most of the runs where they exclude unmet parts of the event. Use it when the
-            interval is narrow but the certificate is not yet sufficient.
+            Whether to place most of the runs where they exclude unmet parts of the event. It is meant for the
+            time when the interval is narrow, but the certificate is not yet met.
         """
         return self._pending_batch(certify=certify).z
 
@@ -141,8 +144,8 @@ class Sampler:
         happened
             Whether the event happened, shape (n,).
         score
-            A number that becomes smaller the closer a run came to the event, shape (n,); None if it is
-            unknown.
+            A number for each run that is smaller the closer the run came to the event, shape (n,); None if
+            there are no scores.
 
         Raises
         ------
@@ -181,7 +184,7 @@ class Sampler:
         progress.rarest = rarest
 
     def _take_repeats(self, batch: RepeatBatch, happened: Flags, score: Array) -> None:
-        """Compare repeats with their runs; one that ends differently shows that chance has a part."""
+        """Compare repetitions with their runs; a difference shows that outcomes may be random."""
         progress, first = self.progress, batch.repeated
         differed = end_differently(progress.happened[first], progress.score[first], happened, score)
         was_noisy = progress.repeats.vary_often
@@ -189,7 +192,7 @@ class Sampler:
         progress.pending = None
         progress.chance |= bool(differed.any())
         if (is_noisy := progress.repeats.vary_often) != was_noisy:
-            # Predictions and estimates so far assumed another kind of outcome. Rare lapses change neither.
+            # Earlier predictions and estimates assumed another kind of outcome, so they are not used.
             progress.chance_since = len(progress.estimates)
             progress.foreseen, progress.learnt_at = np.empty((0, 2)), 0
             self._belief = Belief(self._belief.space, self.predecessor, noisy=is_noisy)
@@ -205,18 +208,23 @@ class Sampler:
         return isinstance(self.progress.pending, RepeatBatch)
 
     def has_converged(self, stopping: Stopping) -> bool:
-        """Whether the interval is narrow, enough events were observed, and nothing is left to exclude."""
+        """Return whether the estimate has converged.
+
+        The interval has to be narrow, with enough observed events, and `is_settled` has to be true.
+        """
         return self.is_narrow(stopping) and self.is_settled()
 
     def is_settled(self) -> bool:
-        """Whether nothing is left to exclude: the certificate is met, and the vehicle repeats itself."""
+        """Return whether the certificate is met, all repetitions are made, and the vehicle does not lapse."""
         return self._has_excluded_all_else() and not self.may_lapse
 
     def has_ended(self, *, is_narrow: bool) -> bool:
-        """Whether more runs settle nothing: the estimate has converged, or only rare lapses are in doubt.
+        """Return whether the runs should end, because more runs would not improve the result.
 
-        No practicable number of runs excludes rare lapses; see `lapses`. If a vehicle may lapse and several
-        events were unexpected, the estimate will not become narrow either.
+        This is the case if the estimate has converged, or if it has not converged only because the vehicle
+        may lapse: no practicable number of runs excludes rare lapses (see `lapses`). The runs also end if the
+        vehicle may lapse and `ENOUGH_UNEXPECTED` events were unexpected, because the interval will then not
+        become narrow.
 
         Parameters
         ----------
@@ -229,19 +237,29 @@ class Sampler:
         return is_narrow and self._has_excluded_all_else()
 
     def _has_excluded_all_else(self) -> bool:
-        """Whether the certificate is met and all repeats are made, so that only rare lapses may remain."""
+        """Return whether the certificate is met and all repetitions are made; only lapses may then remain."""
         certified = results.is_certified(self.progress, self.certificate)
         return certified and not self.repeats_wanted(certify=True)
 
     def repeats_wanted(self, *, certify: bool) -> int:
-        """Return how many repeats are still wanted: some to notice noise, and many before convergence."""
+        """Return how many repetitions of runs are still required.
+
+        It is 0 if the vehicle is stated to be deterministic, or if a repetition has already shown that it is
+        not. Otherwise at least `FIRST_REPEATS` repetitions are required, to notice noise. For convergence
+        ``enough_repeats`` are required, unless the vehicle is stated to be random.
+
+        Parameters
+        ----------
+        certify
+            Whether the repetitions for convergence are included.
+        """
         if self.deterministic is True or (self.progress.chance and self.deterministic is None):
             return 0
         wanted = self.enough_repeats if certify and not self.progress.chance else FIRST_REPEATS
         return max(wanted - len(self.progress.repeats), 0)
 
     def is_narrow(self, stopping: Stopping) -> bool:
-        """Whether the interval is as narrow as the stopping rule requires, with enough observed events."""
+        """Return whether the interval is as narrow as the rule requires, and enough events were observed."""
         return results.is_narrow(self.progress, stopping)
 
     def estimate(self, stopping: Stopping) -> Estimate:
@@ -252,15 +270,18 @@ class Sampler:
 
     @property
     def may_lapse(self) -> bool:
-        """Whether chance has a part in few runs, as far as is known: noise that is in most runs is met."""
+        """Whether the vehicle may fail at random in a few of its runs, which the runs may have missed.
+
+        If the outcomes of most runs are random, the runs show this, and the estimate includes it.
+        """
         return self.progress.chance and not self.progress.repeats.vary_often
 
     # ---- saved state
 
     def state(self) -> State:
-        """Return everything that is needed to resume the sampler; `resume` uses it.
+        """Return everything that `resume` needs to continue with this sampler.
 
-        Later outcomes do not change the returned state.
+        Outcomes that are received later do not change the returned state.
         """
         return State(
             fingerprint=self.fingerprint,
@@ -283,7 +304,15 @@ class Sampler:
 
     @classmethod
     def resume(cls, state: State, certificate: Certificate = BY_DEFAULT, begin: Begin = RARE) -> Self:
-        """Return the sampler of a saved state; it continues exactly as if it had not been interrupted."""
+        """Return the sampler of a saved state, which continues as if it had not been interrupted.
+
+        Parameters
+        ----------
+        state
+            State that the method `state` returned.
+        certificate, begin
+            As for a new sampler; they are not saved in the state.
+        """
         sampler = cls(
             state.dimension,
             generator_in(state.generator),
@@ -314,7 +343,7 @@ class Sampler:
         return self.progress.pending
 
     def _repeats(self, *, certify: bool) -> RepeatBatch | None:
-        """Choose runs to repeat; None while there are none, or no more are wanted."""
+        """Choose runs to repeat; return None if no repetition is required now."""
         progress = self.progress
         if not (count := min(self.repeats_wanted(certify=certify), self.batch_size)):
             return None
@@ -324,13 +353,13 @@ class Sampler:
         return choose_repeats(*known, count, self._generator)
 
     def _design(self, defence: Defence) -> Batch:
-        """Choose the next batch, by what is known so far."""
+        """Choose the next batch: wide draws at first, then the search, then the second phase."""
         progress = self.progress
         if self.predecessor is None:
             happened, score = progress.happened, progress.score
             start = self.begin.runs
             few = self.simulations < (start if self.dimension <= FEW else max(start, self.dimension))
-            if few or happened.all() or not (happened.any() or np.ptp(score) > 0):  # nothing to learn from
+            if few or happened.all() or not (happened.any() or np.ptp(score) > 0):  # all outcomes are equal
                 return WideBatch(self.begin.draw(self.batch_size, self.dimension, self._generator))
             self._learn_directions()
             if self._is_searching():
@@ -344,7 +373,7 @@ class Sampler:
         return phase.batch()
 
     def _learn_directions(self) -> None:
-        """Learn now and then, where there are many normal scores, along which directions the event lies."""
+        """If there are many normal scores and enough new runs, learn the directions of the event again."""
         progress, runs = self.progress, self.simulations
         known = progress.directions
         if self.dimension <= FEW or (known is not None and runs < RELEARN * progress.learnt_at):
@@ -352,16 +381,16 @@ class Sampler:
         progress.directions = learn_directions(progress.z, progress.happened, progress.score, known)
         space = space_along(progress.directions, self.dimension)
         self._belief = Belief(space, None, noisy=progress.repeats.vary_often)
-        progress.learnt_at = runs if self._is_searching() else 0  # 0: the surrogates learn again
+        progress.learnt_at = runs if self._is_searching() else 0  # with 0, the surrogates learn again
         events = progress.z[progress.happened]
         progress.rarest = rarity(self._belief.space.coordinates(events)).min(initial=REACH)
 
     def _is_searching(self) -> bool:
-        """Whether the search goes on: until it has looked long enough for an event more probable than all."""
+        """Return whether the search continues: it needs an event and one run in every `STEP` of rarity."""
         progress = self.progress
         return not progress.happened.any() or (not progress.estimates and progress.searched < 1 / STEP)
 
     @property
     def _search_reach(self) -> float:
-        """Rarity up to which the search goes: a little beyond the most probable event that it knows."""
+        """Rarity up to which the search extends: that of the most probable known event plus `BEYOND`."""
         return min(self.progress.rarest + BEYOND, REACH)

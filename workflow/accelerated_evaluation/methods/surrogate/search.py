@@ -1,11 +1,12 @@
 """The search for the event and for its most probable part, with runs at every rarity.
 
-The rarity of a point is -log P(|Z| > |z|). The score becomes smaller the closer a run comes to the event, but
-it may be smallest far out, where hardly any of the probability is. The search therefore divides the rarities
-into steps, and places a run in every step at a point where a regression of the scores predicts a high
-probability of the event. Scores may also be misleading: if there is no event after one run for every unit of
-rarity, half of the runs are placed far from all others instead. Once an event is known, the search continues
-among points that are more probable, or only slightly less probable, until it has covered them densely enough.
+The rarity of a point z is -log P(|Z| > |z|) for a standard normal Z. The score of a run is smaller the closer
+the run came to the event, but the smallest scores may be at large rarities, which have almost no probability.
+The search therefore divides the rarities into steps, and places a run in every step at a point where a
+regression of the scores predicts a high probability of the event. Scores may also be misleading. If there is
+no event after one run for every unit of rarity, half of the runs follow the surrogate of the flags instead,
+which also predicts events far from all runs. Once an event is known, the search continues among points with a
+smaller or slightly larger rarity, until it has covered them densely enough.
 """
 
 import numpy as np
@@ -19,18 +20,18 @@ from accelerated_evaluation.methods.surrogate.wide_laws import draw_at, rarity
 
 
 def to_beat(rarity: Array, outcome: Array, happened: Flags, at: Array) -> Array:
-    """Return the graded outcome that a run at a given rarity should fall below, shape (m,).
+    """Return the value below which the graded outcome of a new run should be, at given rarities, shape (m,).
 
     If an event is known, this is the value that separates events from other runs. Otherwise it is the
-    smallest outcome of the runs that are not rarer than the point, or the outcome of the least rare run if
-    there are none.
+    smallest outcome of all runs whose rarity is at most the given one. If there is no such run, it is the
+    outcome of the run with the smallest rarity.
 
     Parameters
     ----------
     rarity, outcome, happened
         Rarities, graded outcomes and flags of all runs, shape (n,).
     at
-        Rarity of the points, shape (m,).
+        Rarities of new runs, shape (m,).
     """
     if happened.any():
         return np.full(len(at), end_of_events(outcome, happened))
@@ -51,17 +52,16 @@ def draw_approach(
 ) -> Array:
     """Draw the points of a batch of the search: one in each of n steps of rarity, shape (n, d).
 
-    The rarity of a point z is -log P(|Z| > |z|).
-
-    The steps become finer as the rarity increases, because a part of the event that begins at some rarity can
-    also be met at larger ones. Runs far out can therefore find all parts, but runs near the origin only the
-    nearest ones. In each step, the point is drawn from several candidates of the wide distribution, with
-    probability proportional to the square of the predicted probability of the event.
+    The rarity of a point z is -log P(|Z| > |z|). The steps become narrower as the rarity increases, because a
+    part of the event that begins at some rarity usually extends to larger ones. Runs far out can therefore
+    find all parts, but runs near the origin only the nearest ones. In each step, the point is drawn from
+    several candidates in uniform directions, with a probability proportional to the square of the predicted
+    probability of the event.
 
     Parameters
     ----------
     runs
-        Number of points.
+        Number n of points.
     rarest
         Upper end of the last step.
     z, happened, score

@@ -1,4 +1,4 @@
-"""How a batch of the second phase is designed: a prediction from one pool, and runs chosen from another."""
+"""The design of a batch of the second phase: a prediction from one pool, and runs chosen from another."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -31,21 +31,22 @@ from accelerated_evaluation.methods.surrogate.wide_laws import truncated
 
 @dataclass(frozen=True)
 class SecondPhase:
-    """The second phase of a sampler, as its module describes it in steps 2 and 3.
+    """The second phase of a sampler, which is described in steps 2 and 3 of the module `sampler`.
 
     Attributes
     ----------
     belief
         The surrogates, fitted to all runs so far.
     progress
-        The runs so far. `batch` moves the centres of its pools.
+        The runs so far. The method `batch` replaces its attribute ``centres``.
     runs
         Number n of runs of a batch.
     defence
         Defensive share of the runs.
     emphasis
-        Factor of the inclusion probabilities at points, shape (n,); None if the probability under the sampled
-        law alone is wanted.
+        Function that returns a factor for the inclusion probabilities at points of shape (n, d), shape (n,),
+        so that the batch is efficient for other laws, too. None if the estimate is only for the law that
+        defines the normal scores.
     generator
         Source of all randomness.
     """
@@ -58,7 +59,7 @@ class SecondPhase:
     generator: np.random.Generator
 
     def batch(self) -> TwoPhaseBatch:
-        """Choose the runs of a batch from a pool."""
+        """Draw a pool, and choose the runs of a batch from it."""
         prediction, fringe_limit = self._look_ahead()
         pool = self._pool(self._pool_size)
         expected = expect(pool, fringe_limit, self._fringe, self.emphasis)
@@ -66,14 +67,15 @@ class SecondPhase:
         return draw_batch(pool, expected, prediction, self.runs, self.defence, foresee, self.generator)
 
     def _look_ahead(self) -> tuple[Prediction, float]:
-        """Return what the next batch will be worth, and the largest weight of a point of the fringe.
+        """Return the prediction for the next batch, and the largest weight of a point of the fringe.
 
-        Also moves the centres of the next pool to where w sqrt(p) is large. All this comes from a pool of its
-        own: nothing of the batch's own pool may decide where that is drawn or how much the batch counts.
+        The centres of the next pool are moved to points where w sqrt(p) is large. All of this is computed
+        from a separate pool. The pool of the batch must not determine its own distribution or the weight of
+        the batch, because the estimate would then be biased.
         """
         progress, fringe_limit = self.progress, 0.0
-        # The first pool of all is drawn from the wide law and finds few points that matter; a second one,
-        # drawn about these, finds more.
+        # The very first pool is drawn from the wide distribution and has few important points. A second pool,
+        # drawn around these points, has more.
         for _ in range(1 if progress.centres is not None else 2):
             pool = self._pool(self._pool_size // 2)
             core = np.where(pool.probability >= CORE, pool.probability, 0.0)
@@ -89,18 +91,18 @@ class SecondPhase:
         return predict(pool, expected, self.runs, self._pool_size, self.defence), fringe_limit
 
     def _pool(self, size: int) -> Pool:
-        """Return points of the first phase with their weights, the surrogate there, and the defensive law."""
+        """Draw a pool with the surrogate's predicted probabilities."""
         belief = self.belief
         return draw_pool(belief.space, self.progress.centres, size, belief.probability, self.generator)
 
     @property
     def _fringe(self) -> float:
-        """Least probability of the fringe."""
+        """Smallest predicted probability of a point of the fringe."""
         return NOISY_FRINGE if self._is_noisy else FRINGE
 
     @property
     def _is_noisy(self) -> bool:
-        """Whether an outcome is one draw of a probability in most runs."""
+        """Whether the outcomes of most runs are random."""
         return self.progress.repeats.vary_often
 
     @property

@@ -7,21 +7,23 @@ from accelerated_evaluation.base.arrays import Array
 
 
 def inclusion_probabilities(size: Array, guard: Array, n: float, defence: float) -> Array:
-    """Return inclusion probabilities that sum to n and, below 1, are proportional to a given size.
+    """Return inclusion probabilities that sum to n and are proportional to a mixture of two measures.
 
-    A point whose probability would exceed 1 is included with certainty, and the remaining probability is
-    divided among the others. This may raise further points above 1, so the step is repeated.
+    The mixture consists of the normalised ``size`` with the share 1 - ``defence`` and of the normalised
+    ``guard`` with the share ``defence``. A point whose probability would exceed 1 is included with certainty,
+    and the remaining probability is divided among the others. This may raise further points above 1, so the
+    step is repeated.
 
     Parameters
     ----------
     size
-        Values to which the probabilities should be proportional, shape (m,).
+        Importance of each of the m points, shape (m,). If all values are 0, only ``guard`` is used.
     guard
-        Distribution of the defensive share, shape (m,), positive wherever the event is possible.
+        Distribution of the defensive runs, shape (m,), positive wherever the event is possible.
     n
-        Sum of the probabilities.
+        Sum of the inclusion probabilities.
     defence
-        Defensive share, which is mixed with the size first, so that the probabilities are positive.
+        Share of the defensive runs.
     """
     size = size if size.any() else guard
     size = (1 - defence) * size / size.sum() + defence * guard / guard.sum()
@@ -36,11 +38,18 @@ def inclusion_probabilities(size: Array, guard: Array, n: float, defence: float)
 def draws_of_the_wide_law(wide: Array, inclusion: Array) -> float:
     """Return the number of draws from a wide distribution to which a sample of the pool is equivalent.
 
-    N draws would include a point with probability N (wide / h) / m. The result is the largest N for which no
-    inclusion probability is smaller. ``wide`` is the density of the wide distribution, shape (m,).
+    In N draws from the wide distribution, a point of a pool of m points would be expected N wide / m times.
+    The result is the largest N for which no inclusion probability is smaller than this.
+
+    Parameters
+    ----------
+    wide
+        Density of the wide distribution divided by the density of the pool, shape (m,).
+    inclusion
+        Inclusion probabilities, shape (m,).
     """
     within = wide > 0
-    with np.errstate(over="ignore"):  # where the wide density underflows; such points are never the least
+    with np.errstate(over="ignore"):  # where the wide density underflows; such points are not the minimum
         draws = inclusion[within] / wide[within]
     return float(draws.min() * len(inclusion)) if within.any() else 0.0
 
@@ -52,8 +61,8 @@ def draw_systematically(
 
     The points are ordered along the principal axis of the important points, and the inclusion probabilities
     are cumulated in this order. A point is selected wherever the cumulated sum passes u, u + 1, u + 2, ...
-    for one uniform random number u. This keeps every inclusion probability and spreads the runs along the
-    axis, like one stratum for each run.
+    for one uniform random number u. Every point then has its inclusion probability, and the runs are spread
+    along the axis, like a stratified sample with one run in each stratum.
 
     Parameters
     ----------
@@ -68,12 +77,18 @@ def draw_systematically(
     """
     order = along_principal_axis(z, importance)
     marks, n = np.cumsum(inclusion[order]), round(inclusion.sum())
-    # The marks are scaled because rounding may leave their last one a little below n.
+    # The marks are scaled, because the last one may be slightly below n by rounding.
     return order[np.searchsorted(marks / marks[-1] * n, generator.random() + np.arange(n))]
 
 
 def along_principal_axis(z: Array, importance: Array) -> NDArray[np.intp]:
-    """Return the order of points, shape (m, d), along their principal axis, weighted by importance."""
+    """Return the indices that sort points along the first principal axis of the weighted points, shape (m,).
+
+    Parameters
+    ----------
+    z, importance
+        Points, shape (m, d), and their weights, shape (m,).
+    """
     share = importance / importance.sum() if importance.any() else np.full(len(z), 1 / len(z))
     centred = z - share @ z
     return np.argsort(centred @ np.linalg.eigh((centred.T * share) @ centred)[1][:, -1])

@@ -1,7 +1,7 @@
 """The state of a sampler, from which it can be resumed, and its file.
 
-A state file is JSON with the name of the format, its version, a checksum and the state itself. It is refused
-with one message if it is damaged, of another version, of another problem or of another batch size.
+A state file is JSON with the name of the format, its version, a checksum and the state itself. It is rejected
+with one error message if it is damaged, or belongs to another version, problem or batch size.
 """
 
 import hashlib
@@ -36,7 +36,7 @@ class State:
     fingerprint
         Text that identifies the problem.
     dimension, batch_size
-        Number of normal scores, and of simulations per batch.
+        Number of normal scores, and number of simulations in a batch.
     progress
         The runs so far, and the quantities derived from them.
     axes, theta, sites
@@ -48,8 +48,8 @@ class State:
     predecessor
         Runs of a similar vehicle.
     deterministic, enough_repeats
-        Whether the outcomes are stated to be deterministic, and the number of repeats that shows it; see
-        `Sampler`.
+        Whether the outcomes are stated to be deterministic, and the number of repetitions that are required
+        otherwise; see `Sampler`.
     """
 
     fingerprint: str
@@ -66,20 +66,27 @@ class State:
     enough_repeats: int = ENOUGH_REPEATS
 
     def to_json(self) -> dict[str, Any]:
-        """Return the content of a state file: plain lists and numbers, with a version and a checksum."""
+        """Return the contents of a state file: lists and numbers, with a version and a checksum."""
         state = encode(self)
         return {"format": FORMAT, "version": VERSION, "checksum": _checksum(state), "state": state}
 
     @classmethod
     def from_json(cls, content: Mapping[str, Any], where: str) -> "State":
-        """Return the state that a state file contains.
+        """Return the state from the contents of a state file.
+
+        Parameters
+        ----------
+        content
+            The contents, as `to_json` returned them.
+        where
+            Path of the file, for error messages.
 
         Raises
         ------
         InputError
             If the content is not the state of a sampler, is of another version, or is damaged.
         """
-        restart = "Name a path where there is no file yet, and the sampler starts from the beginning."
+        restart = "Name a path where there is no file yet; the sampler then starts from the beginning."
         if not isinstance(content, Mapping) or content.get("format") != FORMAT:
             raise InputError(
                 where, seen="no state of a sampler", expected=f"format {FORMAT!r}", change=restart
@@ -100,14 +107,19 @@ class State:
         )
 
     def check(self, *, fingerprint: str, dimension: int, batch_size: int, where: str) -> None:
-        """Raise InputError if the state belongs to another problem or batch size.
+        """Check that the state belongs to a given problem and batch size.
 
         Parameters
         ----------
         fingerprint, dimension, batch_size
-            What the state should have.
+            The values of the present problem.
         where
-            The file, for the message.
+            Path of the file, for error messages.
+
+        Raises
+        ------
+        InputError
+            If a value of the state differs.
         """
         own = {"dimension": dimension, "fingerprint": fingerprint, "batch_size": batch_size}
         for name, expected in own.items():
@@ -122,27 +134,33 @@ class State:
 
 
 def read_state(path: str | os.PathLike) -> State:
-    """Read a state file; raise InputError if it cannot be used, as in `State.from_json`."""
+    """Read a state file.
+
+    Raises
+    ------
+    InputError
+        If the file is not the state of a sampler, is of another version, or is damaged.
+    """
     try:
         content = read_json(path)
-    except ValueError:  # The file is no JSON, or no text at all; `from_json` says so.
+    except ValueError:  # The file is not JSON, or not even text; `from_json` then raises the error.
         content = {}
     return State.from_json(content, str(path))
 
 
 def write_state(path: str | os.PathLike, state: State) -> None:
-    """Write a state file, atomically."""
+    """Write a state file atomically, so that an interruption cannot leave an incomplete file."""
     write_json(path, state.to_json())
 
 
 def _checksum(state: Any) -> str:  # noqa: ANN401
-    """Return a digest that does not depend on how the file is laid out."""
+    """Return a digest that does not depend on the layout of the file."""
     text = json.dumps(state, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _whole(state: State) -> State:
-    """Return a state that was read; raise ValueError if its arrays do not fit together."""
+    """Return a state that was read from a file; raise ValueError if its arrays do not agree."""
     progress, d = state.progress, state.dimension
     runs, others = len(progress.happened), 0
     if state.predecessor is not None:
@@ -184,7 +202,7 @@ def _whole(state: State) -> State:
 
 
 def _require_whole_batch(batch: Batch, d: int) -> None:
-    """Raise ValueError if the arrays of a batch of points in d dimensions do not fit together."""
+    """Raise ValueError if the arrays of a batch of points in d dimensions do not agree."""
     columns = {"z": [d], "foreseen": [2], "kept": [d]}
     if isinstance(batch, TwoPhaseBatch) and batch.kept.size == 0:  # an empty list has lost its dimensions
         columns["kept"] = list(batch.kept.shape[1:])
@@ -200,7 +218,7 @@ def _require_whole_batch(batch: Batch, d: int) -> None:
 
 
 def _require_zones(wide_draws: Array) -> None:
-    """Raise ValueError if the draws of the wide distribution are not in zones of rarity that have a width."""
+    """Raise ValueError if an interval of rarity of the wide draws does not have a positive width."""
     _require_shape("wide_draws", wide_draws, len(wide_draws), 3)
     if not (wide_draws[:, 1] < wide_draws[:, 2]).all():
         raise ValueError("a zone of rarity that does not end above its beginning")

@@ -1,4 +1,4 @@
-"""Parts of a state as JSON, and back: dataclasses, arrays and numbers, with checks of types and ranges."""
+"""Conversion of a state to JSON and back, with checks of the types and ranges of all values."""
 
 from dataclasses import fields, is_dataclass
 from types import UnionType
@@ -9,10 +9,10 @@ import numpy as np
 from accelerated_evaluation.methods.surrogate.constants import POOL, REACH
 from accelerated_evaluation.methods.surrogate.progress import Batch
 
-# What is raised where a content does not fit together.
+# Errors that are raised if the contents of a file are not a valid state.
 MISFIT = (KeyError, TypeError, ValueError, OverflowError, AttributeError, StopIteration)
 
-# Between which numbers a field can be, where that is known; other numbers would fail only when they are used.
+# Smallest and largest number of some fields. Numbers outside would cause an error only later, in use.
 LARGEST = float(np.finfo(float).max)
 RANGES = {
     **dict.fromkeys(("wide_draws", "searched", "learnt_at"), (0, 1e12)),
@@ -30,7 +30,7 @@ RANGES = {
 
 
 def encode(value: Any) -> Any:  # noqa: ANN401
-    """Return a value in the types that JSON has; a batch also gets the name of its class."""
+    """Return a value as dictionaries, lists and numbers; the dictionary of a batch also names its class."""
     if is_dataclass(value):
         plain = {item.name: encode(getattr(value, item.name)) for item in fields(value)}
         return {"kind": type(value).__name__} | plain if isinstance(value, Batch) else plain
@@ -42,7 +42,21 @@ def encode(value: Any) -> Any:  # noqa: ANN401
 
 
 def decode(annotation: Any, value: Any) -> Any:  # noqa: ANN401
-    """Return a value of the annotated type from what `encode` made of it; raise ValueError for any other."""
+    """Return the value that `encode` converted.
+
+    Parameters
+    ----------
+    annotation
+        Type of the value: a dataclass, an array type, a list type, or the type of a number or text.
+    value
+        The result of `encode`.
+
+    Raises
+    ------
+    ValueError
+        If the value does not have this type, or a number is outside of `RANGES`. Other errors of `MISFIT` may
+        be raised for contents that `encode` cannot have written.
+    """
     if isinstance(annotation, UnionType):  # a batch, or something that may be None
         if value is None and type(None) in get_args(annotation):
             return None
@@ -71,9 +85,9 @@ def _array(value: Any, kind: type) -> np.ndarray:  # noqa: ANN401
 
 
 def _within(name: str, value: Any) -> Any:  # noqa: ANN401
-    """Return a value of a field; raise ValueError if it is none that a sampler can have written."""
+    """Return the value of a field; raise ValueError if it is outside of the range of this field."""
     if isinstance(value, int | float | np.ndarray):
         low, high = RANGES.get(name, (-LARGEST, LARGEST))
-        if not np.all((np.asarray(value) >= low) & (np.asarray(value) <= high)):  # nor if it is NaN
+        if not np.all((np.asarray(value) >= low) & (np.asarray(value) <= high)):  # true for NaN as well
             raise ValueError(f"{name} outside of {low:g} to {high:g}")
     return value

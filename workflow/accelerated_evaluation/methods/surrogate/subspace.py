@@ -2,10 +2,11 @@
 
 In high dimensions, an event usually depends on few directions only (active subspaces, Constantine 2015). A
 point z is described by its components along a few orthogonal directions, and by its distance from the
-subspace that they span. This distance is included because many small effects may act through their sum. All
-these coordinates are transformed to be standard normal. They are independent of each other and of the
-direction across the subspace, which is uniform. A distribution of the coordinates therefore defines a
-distribution of z, and the ratio of the normal density to it is the same in both spaces.
+subspace that they span. The distance is included because many small effects may act through their sum. All
+these coordinates are transformed such that they are standard normal. They are independent of each other, and
+of the direction of z perpendicular to the subspace, which is uniform. A distribution of the coordinates
+therefore defines a distribution of z, and the ratio of the normal density to its density is the same in both
+spaces.
 """
 
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from scipy.special import chdtr, chdtrc, chdtri, gammaincinv, ndtr, ndtri_exp
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.methods.surrogate.constants import LEAST_SINGULAR
 
-OUTERMOST = 37.0  # normal score beyond which a probability is rounded to 0
+OUTERMOST = 37.0  # largest normal score; tail probabilities beyond it underflow
 
 
 @dataclass(frozen=True)
@@ -32,11 +33,11 @@ class WholeSpace:
     dimension: int
 
     def coordinates(self, z: Array) -> Array:
-        """Return the coordinates of points z, shape (n, d)."""
+        """Return the coordinates of points z, shape (n, d), which are the points themselves."""
         return z
 
     def draw(self, coordinates: Array, generator: np.random.Generator) -> Array:
-        """Return the points with given coordinates, shape (n, d)."""
+        """Return the points with given coordinates, shape (n, d), which are the coordinates themselves."""
         return coordinates
 
 
@@ -47,7 +48,7 @@ class Subspace:
     Attributes
     ----------
     axes
-        The directions, orthogonal, as columns, shape (d, k) with k < d.
+        Orthonormal directions as columns, shape (d, k) with k < d.
     """
 
     axes: Array
@@ -62,13 +63,29 @@ class Subspace:
         return self.axes.shape[0] - self.axes.shape[1]
 
     def coordinates(self, z: Array) -> Array:
-        """Return coordinates of points z, shape (n, k + 1): along the axes, and the distance across them."""
+        """Return the coordinates of points z, shape (n, k + 1).
+
+        They are the components along the k axes, and the normal score of the distance from their span.
+        """
         along = z @ self.axes
         square = np.maximum((z * z).sum(1) - (along * along).sum(1), 0.0)
         return np.column_stack([along, outward(square, self._across)])
 
     def draw(self, coordinates: Array, generator: np.random.Generator) -> Array:
-        """Draw points with given coordinates, shape (n, k + 1), and uniform directions across the axes."""
+        """Draw points with given coordinates, and with uniform directions perpendicular to the axes.
+
+        Parameters
+        ----------
+        coordinates
+            Coordinates of n points, shape (n, k + 1).
+        generator
+            Source of the directions.
+
+        Returns
+        -------
+        numpy.ndarray
+            Points, shape (n, d).
+        """
         across = generator.normal(size=(len(coordinates), len(self.axes)))
         across -= (across @ self.axes) @ self.axes.T
         radius = np.sqrt(square_of_distance(coordinates[:, -1], self._across))
@@ -80,7 +97,16 @@ Space = WholeSpace | Subspace
 
 
 def space_along(directions: Array | None, dimension: int) -> Space:
-    """Return the space spanned by some directions, as columns, shape (d, k); all of it if there are none."""
+    """Return the space in which the event is learnt.
+
+    Parameters
+    ----------
+    directions
+        Directions on which the event depends, as columns, shape (d, k). Directions with a negligible singular
+        value are left out. None stands for the space of all normal scores.
+    dimension
+        Number d of normal scores.
+    """
     if directions is None:
         return WholeSpace(dimension)
     axes, length, _ = np.linalg.svd(directions, full_matrices=False)
@@ -88,9 +114,16 @@ def space_along(directions: Array | None, dimension: int) -> Space:
 
 
 def outward(square: Array, dimension: int) -> Array:
-    """Return the normal scores of squared distances from the origin, shape (n,), of normal vectors.
+    """Return the normal scores Phi^-1(F(square)), where F is the chi-squared distribution function.
 
     The smaller of the two tail probabilities is used, because it is the more accurate one.
+
+    Parameters
+    ----------
+    square
+        Squared distances of standard normal vectors from the origin, shape (n,).
+    dimension
+        Number of components of the vectors, the degrees of freedom of F.
     """
     outer = square > 2 * gammaincinv(dimension / 2, 0.5)
     with np.errstate(divide="ignore"):  # where the smaller probability underflows
@@ -99,6 +132,6 @@ def outward(square: Array, dimension: int) -> Array:
 
 
 def square_of_distance(score: Array, dimension: int) -> Array:
-    """Return the squared distances that have given normal scores, shape (n,); inverse of `outward`."""
+    """Return the squared distances that have given normal scores, shape (n,); the inverse of `outward`."""
     smaller = ndtr(-np.minimum(np.abs(score), OUTERMOST))
     return np.where(score > 0, chdtri(dimension, smaller), 2 * gammaincinv(dimension / 2, smaller))

@@ -1,12 +1,13 @@
-"""Two-phase sampling: simulations are chosen from a large weighted pool of points that itself costs none.
+"""Two-phase sampling: runs are chosen from a large weighted pool of points, and only the runs are simulated.
 
-A pool of M points z_j ~ h has the weights w_j = phi(z_j) / h(z_j). The runs are a sample of the pool in which
-point j is included with probability pi_j. With a control variate g, the difference estimator
+The M points z_j of a pool are drawn from a density h, and have the weights w_j = phi(z_j) / h(z_j), where phi
+is the standard normal density. The runs are a sample of the pool in which point j is included with
+probability pi_j. With a control variate g, the difference estimator
 
     Y = 1/M [ sum over the pool of w_j g_j  +  sum over the runs of w_i (1{event}_i - g_i) / pi_i ]
 
 has the mean P(event) (Sarndal, Swensson and Wretman 1992, chapter 6). Its variance is smallest for pi_j
-proportional to w_j sqrt(E (1{event}_j - g_j)^2). Notebook 10 derives both.
+proportional to w_j sqrt(E (1{event}_j - g_j)^2). Notebook 10 derives both results.
 """
 
 import math
@@ -51,8 +52,8 @@ class Expectation:
     error
         The mean squared error E (1{event} - g)^2.
     emphasis
-        Factor of the runs' inclusion probabilities where the event is held possible; 1 if the probability
-        under the sampled law alone is wanted.
+        Factor of the inclusion probabilities at points of the core and the fringe; 1 if the estimate is only
+        for the law that defines the normal scores.
     """
 
     probability: Array
@@ -62,9 +63,9 @@ class Expectation:
 
     @property
     def spread(self) -> Array:
-        """Square root of the error times the emphasis.
+        """Emphasis times the square root of the mean squared error plus `FLOOR` times the probability.
 
-        The error is slightly increased where the surrogate predicts almost none.
+        The added term protects against a surrogate that wrongly predicts almost no error.
         """
         return self.emphasis * np.sqrt(self.error + FLOOR * self.probability)
 
@@ -86,39 +87,39 @@ class Prediction:
 
     @property
     def reach(self) -> float:
-        """Rarity beyond which almost none of the probability of the event can be."""
+        """Rarity beyond which at most 5 % of the probability of the event can be; see `reach_of`."""
         return reach_of(self.probability)
 
 
 @dataclass(frozen=True)
 class TwoPhaseBatch:
-    """A batch of the second phase: its runs, and what is needed to make an estimate of their outcomes.
+    """A batch of the second phase: its n runs, and what is needed to compute an estimate from their outcomes.
 
     Attributes
     ----------
     z
         Normal scores to simulate, shape (n, d).
     weight
-        The runs' phi / h, divided by the number of points of the pool, shape (n,).
+        Weights phi / h of the runs, divided by the number of points of the pool, shape (n,).
     control, inclusion
-        The runs' control variates g and inclusion probabilities pi, shape (n,).
+        Control variates g and inclusion probabilities pi of the runs, shape (n,).
     controlled, controlled_square
         Sums over the whole pool of w g and of w^2 g, with w as in ``weight``.
     aimed
         Whether a run was sampled preferentially because the surrogates predicted that the event is possible
         there, shape (n,).
     wide_draws
-        Draws of the wide law that the defence stands for: their number, and the rarities between which they
-        are, shape (1 or 2, 3).
+        Draws from the wide distribution to which the batch is equivalent: number of draws, smallest and
+        largest rarity, for one or two intervals of rarity, shape (1 or 2, 3).
     prediction
-        What was expected of the batch before it was drawn.
+        The surrogate's prediction for the batch before it was drawn.
     foreseen
-        Probabilities that the two surrogates give to the runs, before calibration, shape (n, 2).
+        Probabilities that the two surrogates predict for the runs, before calibration, shape (n, 2).
     kept, kept_weight, kept_control
-        Points of the pool, shape (k, d), each of which stands for an equal part of ``controlled``; their
-        phi / h, divided by the number of points of the pool; and their control variates, both of shape (k,).
-        With them the control variate can be integrated under another law. They are empty where the control
-        variate is 0 everywhere.
+        Points of the pool, shape (k, d), each of which represents an equal part of ``controlled``; their
+        weights phi / h, divided by the number of points of the pool, shape (k,); and their control variates,
+        shape (k,). With them, the control variate can be integrated under another law. They are empty if the
+        control variate is 0 at all points.
     """
 
     z: Array
@@ -137,7 +138,10 @@ class TwoPhaseBatch:
 
 
 def reach_of(probability: float) -> float:
-    """Return the rarity beyond which almost none of an event with a given probability can be."""
+    """Return the rarity -log P(event) + `BEYOND`, but at most `REACH`.
+
+    All points beyond this rarity together have at most exp(-`BEYOND`) = 5 % of the probability of the event.
+    """
     return min(BEYOND - math.log(probability), REACH) if probability > 0 else REACH
 
 
@@ -153,6 +157,16 @@ def expect(
     from the fringe, where it is at least ``fringe`` and the weight is at most ``fringe_limit``. At all other
     points the probability is set to 0. The reason is that a predicted probability is never far below one over
     the number of runs, so the bulk of phi would otherwise outweigh the event.
+
+    Parameters
+    ----------
+    pool
+        Points with their weights and predicted probabilities.
+    fringe_limit, fringe
+        Largest weight, and smallest predicted probability, of a point of the fringe.
+    emphasis
+        Function that returns a factor for the inclusion probabilities at points of shape (n, d), shape (n,);
+        None for a factor of 1.
     """
     p = pool.probability
     aimed = (p >= CORE) | ((pool.weight <= fringe_limit) & (p >= fringe))
@@ -185,7 +199,7 @@ def predict(pool: Pool, expected: Expectation, runs: int, pool_size: int, defenc
     probability = float((weight * expected.probability).mean())
     if probability == 0:
         return Prediction(0.0, WORTHLESS)
-    runs_here = runs * size / pool_size  # as many of this pool as of the batch's own, in proportion
+    runs_here = runs * size / pool_size  # the same share of this pool as of the pool of the batch
     guard = pool.guard(reach_of(probability), defence)
     inclusion = inclusion_probabilities(weight * expected.spread, guard, runs_here, defence.share)
     square = weight * weight * expected.error

@@ -29,7 +29,7 @@ def draw_wide(n: int, dimension: int, generator: np.random.Generator) -> Array:
 
 @dataclass(frozen=True)
 class Begin:
-    """The first runs of a sampler, before anything is known: draws of the wide distribution, cut at a rarity.
+    """The first runs of a sampler: draws from the wide distribution up to a given rarity.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Begin:
     reach: float
 
     def draw(self, n: int, dimension: int, generator: np.random.Generator) -> Array:
-        """Draw n points, shape (n, d)."""
+        """Draw n points with rarities that are uniform from 0 to ``reach``, shape (n, d)."""
         return draw_at(generator.uniform(0, self.reach, n), dimension, generator)
 
 
@@ -68,6 +68,8 @@ def rarity(z: Array) -> Array:
 def log_normal_to_wide(z: Array) -> Array:
     """Return the log ratio of the standard normal density to that of the wide distribution, shape (n,).
 
+    ``z`` are points, shape (n, d).
+
     Both densities depend only on the radius, and u = -log P(|Z| > radius) has the density exp(-u) under the
     standard normal and 1 / REACH under the wide distribution. The ratio is therefore REACH P(|Z| > radius).
     It is infinite beyond the largest rarity of the wide distribution.
@@ -77,7 +79,7 @@ def log_normal_to_wide(z: Array) -> Array:
 
 
 def _log_tail(square: Array, dimension: int) -> Array:
-    """Log of P(|Z|^2 > square), Z standard normal, in each half of the law by the smaller probability."""
+    """Return log P(|Z|^2 > square) for a standard normal Z, computed from the smaller tail probability."""
     tail = square > 2 * gammaincinv(dimension / 2, 0.5)  # beyond the median
     log_tail = np.empty_like(square)
     with np.errstate(divide="ignore"):  # where the tail underflows
@@ -88,7 +90,7 @@ def _log_tail(square: Array, dimension: int) -> Array:
 
 @dataclass(frozen=True)
 class WideLaw:
-    """The wide distribution in a given dimension, for drawing the points of a pool."""
+    """The wide distribution in a given number of dimensions, from which the points of a pool are drawn."""
 
     dimension: int
 
@@ -102,24 +104,26 @@ class WideLaw:
 
 
 def bound_without_event(runs: float, alpha: float) -> float:
-    """Return an upper bound on P(A), with confidence 1 - alpha, for an event A that no run has met.
+    """Return an upper bound on the probability of an event that no run has met, with confidence 1 - alpha.
 
-    The runs are draws from the wide distribution, so A has at most the probability m = 1 - alpha^(1/runs)
-    under it. Among all such sets, the ball about the origin has the largest probability 1 - exp(-REACH m)
-    under the standard normal, because phi / h decreases with the radius.
+    The runs are draws from the wide distribution. Under it, the event has at most the probability
+    m = 1 - alpha^(1/runs). Among all sets of probability m, the ball about the origin has the largest
+    probability under the standard normal, 1 - exp(-REACH m), because the ratio of the normal to the wide
+    density decreases with the radius.
     """
     return -math.expm1(-REACH * (1 - alpha ** (1 / max(runs, 1))))
 
 
 def log_normal(z: Array) -> Array:
-    """Log density of the standard normal, shape (n,)."""
+    """Return the log density of the standard normal distribution at points z, shape (n, d); shape (n,)."""
     return -0.5 * (z * z).sum(1) - z.shape[1] / 2 * math.log(2 * math.pi)
 
 
 def truncated(weight: Array) -> Array:
-    """Return weights truncated at their mean times the root of their number (Ionides 2008); shape (n,).
+    """Return importance weights truncated at their mean times the square root of their number, shape (n,).
 
-    In many dimensions a single point may otherwise outweigh all others and become the centre of every kernel.
+    This is the truncation of Ionides (2008). Without it, a single point may outweigh all others in many
+    dimensions, and become the centre of every kernel.
     """
     return np.minimum(weight, weight.mean() * math.sqrt(len(weight)))
 
@@ -144,23 +148,34 @@ class KernelMixture:
 
     @classmethod
     def about(cls, points: Array, wide_share: float) -> Self:
-        """Return kernels about a sample of points, shape (k, d), with widths by Silverman's rule."""
+        """Return the mixture with a kernel around each point of a sample, and widths by Silverman's rule.
+
+        Parameters
+        ----------
+        points
+            Centres of the kernels, shape (k, d).
+        wide_share
+            Share of the wide distribution.
+        """
         k, d = points.shape
         return cls(points, np.maximum(points.std(0), SMALLEST_SPREAD) * k ** (-1 / (d + 4)), wide_share)
 
     def draw(self, n: int, generator: np.random.Generator) -> Array:
-        """Draw n points, shape (n, d); exactly the share of the wide distribution comes first."""
+        """Draw n points, shape (n, d).
+
+        The first ``wide_share`` n points, rounded down, are drawn from the wide distribution.
+        """
         wide, d = int(self.wide_share * n), self.centres.shape[1]
         step = generator.normal(size=(n - wide, d)) / np.sqrt(generator.chisquare(d, (n - wide, 1)) / d)
         centre = self.centres[generator.integers(len(self.centres), size=n - wide)]
         return np.vstack([draw_wide(wide, d, generator), centre + self.width * step])
 
     def log_normal_ratio(self, z: Array) -> Array:
-        """Log ratio of the standard normal density to the mixture's, shape (n,)."""
+        """Return the log ratio of the standard normal density to the density of the mixture, shape (n,)."""
         d = z.shape[1]
         scale = self.width * math.sqrt(d)
-        # The density of a kernel is exp(constant) (1 + |z - centre|^2 / scale^2)^-d: with d degrees of
-        # freedom the exponent (degrees + d) / 2 of Student's density is a whole number.
+        # The density of a kernel is exp(constant) (1 + |z - centre|^2 / scale^2)^-d. With d degrees of
+        # freedom, the exponent (degrees + d) / 2 of Student's density is the integer d.
         constant = gammaln(d) - gammaln(d / 2) - d / 2 * math.log(d * math.pi) - np.log(self.width).sum()
         normal = log_normal(z)
         wide = math.log(self.wide_share) + normal - log_normal_to_wide(z)
@@ -172,7 +187,7 @@ class KernelMixture:
 
 @njit(cache=True)
 def _mean_kernel(a: Array, b: Array) -> Array:
-    """Mean over the rows of b of (1 + |a - b|^2)^-d, shape (len(a),)."""
+    """Return the mean over the rows of b of (1 + |a - b|^2)^-d, for each row of a, shape (len(a),)."""
     n, d = a.shape
     mean = np.empty(n)
     for i in range(n):
