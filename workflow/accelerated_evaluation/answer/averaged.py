@@ -1,8 +1,9 @@
-"""The whole answer from few simulations: runs sampled under the mean law, reweighted for every draw.
+"""The answer from few simulations: runs sampled under a mean law, and reweighted for every draw of the law.
 
-The surrogate-guided sampler asks for runs under the mean of K draws of the law of cut-ins. Its estimate is
-then found for each draw, so that the answer contains the uncertainty in the data, in the choice of law and in
-the sampling, as the answer of a crash map does. More runs make only the last of the three smaller.
+The posterior of the law of cut-ins is represented by K draws. The surrogate-guided sampler chooses runs under
+the mean of these draws. The runs are then reweighted, which gives a crash probability under each draw. The
+answer therefore includes the uncertainty in the data, in the choice of law and in the sampling, as an answer
+from a crash map does. More runs reduce only the last of the three.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -30,9 +31,9 @@ from accelerated_evaluation.scenarios.protocol import Event
 from accelerated_evaluation.vehicles.events import CRASH
 from accelerated_evaluation.vehicles.protocol import Outcomes
 
-SHARE = 0.05  # of the width of the interval that the sampling may add
+SHARE = 0.05  # allowed relative increase of the width of the interval by the sampling
 NAMES = ("crash", "min_range", "min_ttc", "impact_speed")
-# Columns of tables that have no row where no crash has been observed.
+# Columns of the tables that have no rows if no crash has been observed.
 EMPTY = {
     "budget": ("source", "factor", "variance_share"),
     "draws": ("draw", "law", "probability", "error", "shared_error", "own_error", "batches"),
@@ -44,18 +45,20 @@ Shown = Callable[[Estimate, SampledPosterior | None], None]
 
 @dataclass(frozen=True)
 class AveragedSurrogate(Surrogate):
-    """The surrogate-guided method under a mean law, whose runs are reweighted for every draw.
+    """The surrogate-guided method under a mean law, whose runs are reweighted for every draw of the law.
 
     Attributes
     ----------
     events
-        Events whose probabilities are found from the same runs, besides the one that is sampled.
+        Events whose probabilities are estimated from the same runs, in addition to the event of the problem.
     cut_ins_per_km
-        Distinct closing cut-ins per kilometre [1/km]; None where the distance is not known.
+        Distinct closing cut-ins per kilometre [1/km]; None if the distance is not known.
     share
-        The sampling may add this share to the width of the 80 % interval; 0 for the paper's rule alone.
+        Allowed relative increase of the width of the 80 % interval by the sampling; with 0, only the paper's
+        stopping rule is used.
     on_answer
-        Called after every batch with the estimate and the posterior, which is None until there is one.
+        Function that is called after every batch with the estimate and the posterior, which is None until an
+        estimate is possible.
     """
 
     tables: ClassVar[tuple[str, ...]] = ("runs", "answer", "budget", "draws", "crashes")
@@ -66,10 +69,19 @@ class AveragedSurrogate(Surrogate):
     on_answer: Shown | None = None
 
     def estimate(self, problem: Problem, stopping: Stopping, generator: np.random.Generator) -> Estimate:
-        """Estimate the probability of the event under the mean law, and under every draw.
+        """Estimate the probability of the event under the mean law, and under every draw of the law.
 
-        The runs end when `has_enough` and nothing else is left to exclude; see `Sampler.has_ended`. The
-        tables of the estimate are ``runs`` and those of `Course.tables`.
+        The runs end when `has_enough` is true and the certificate of the sampler is met; see
+        `Sampler.has_ended`. The tables of the estimate are ``runs`` and those of `Course.tables`.
+
+        Parameters
+        ----------
+        problem
+            The vehicle, the event, and a law that is a `MeanLaw`.
+        stopping
+            The stopping rule.
+        generator
+            Source of all randomness.
         """
         sampler = self._sampler(problem, generator)
         course = Course.of(problem.law, sampler)
@@ -90,7 +102,11 @@ class AveragedSurrogate(Surrogate):
         )
 
     def has_enough(self, course: "Course", stopping: Stopping) -> bool:
-        """Whether more runs would not help: see `share`, or the paper's rule for the sampling alone."""
+        """Return whether the sampling is precise enough.
+
+        This is the case if the interval of the sampling alone satisfies the stopping rule, or if the sampling
+        increases the width of the 80 % interval of the answer by at most ``share``.
+        """
         if course.sampler.is_narrow(stopping):
             return True
         posterior = course.posterior() if self.share else None
@@ -99,18 +115,18 @@ class AveragedSurrogate(Surrogate):
 
 @dataclass
 class Course:
-    """Runs of a sampler under a mean law, with their outcomes and their ratios of densities.
+    """The course of an estimate under a mean law: its runs, their outcomes and their density ratios.
 
     Attributes
     ----------
     law
         The mean law.
     sampler
-        Chooses the runs.
+        The sampler that chooses the runs.
     reweighting
-        Of its batches.
+        The density ratios of the batches of the sampler, for every draw of the law.
     outcomes
-        Of all batches.
+        The outcomes of all batches, in their order.
     """
 
     law: MeanLaw
@@ -120,12 +136,20 @@ class Course:
 
     @classmethod
     def of(cls, law: MeanLaw, sampler: Sampler) -> "Course":
-        """Begin without a run."""
+        """Return the course of an estimate that has no runs yet."""
         member = np.unique(law.draws.names, return_inverse=True)[1]
         return cls(law, sampler, Reweighting(law.log_ratios, law.from_normal_scores, member))
 
     def run(self, problem: Problem, z: Array) -> None:
-        """Simulate the batch that the sampler has asked for, and report its outcomes to the sampler."""
+        """Simulate the batch that the sampler has requested, and pass the outcomes to the sampler.
+
+        Parameters
+        ----------
+        problem
+            The law, the vehicle and the event.
+        z
+            Normal scores of the requested runs, shape (n, d).
+        """
         if self.sampler.repeats_next:
             self.sampler.tell(*problem.repeat(z))
             return
@@ -134,12 +158,15 @@ class Course:
         self.outcomes.append(outcomes)
 
     def posterior(self) -> SampledPosterior | None:
-        """Return the probability of the sampled event under each draw; None while there is no estimate."""
+        """Return the probability of the sampled event under each draw; None if there is no estimate yet."""
         progress = self.sampler.progress
         return self.reweighting.estimate(progress) if progress.happened.any() else None
 
     def refined(self) -> SampledPosterior | None:
-        """Return the posterior of the sampled event with cross-fitted control variates."""
+        """Return the posterior of the sampled event with cross-fitted control variates (`crossfit`).
+
+        It is more precise than `posterior`, but takes longer. It is None if there is no estimate yet.
+        """
         controls = self._controls()
         if controls is None or not self.sampler.progress.happened.any():
             return None
@@ -148,17 +175,26 @@ class Course:
     def tables(
         self, sampled: Event, events: Sequence[Event], cut_ins_per_km: float | None
     ) -> dict[str, pd.DataFrame]:
-        """Return what the runs say.
+        """Return the results of the runs as tables.
+
+        Parameters
+        ----------
+        sampled
+            The event for which the runs were chosen.
+        events
+            Further events, whose probabilities are estimated from the same runs.
+        cut_ins_per_km
+            Distinct closing cut-ins per kilometre [1/km]; None if the distance is not known.
 
         Returns
         -------
         dict
-            ``answer``: the columns of the study's table of that name and ``simulations``, one row an event.
-            If the vehicle may lapse, the upper ends contain `unseen_lapses`.
-            ``budget``: see `posterior.budget`, for the sampled event. ``draws``: number of the ``draw``, its
-            ``law``, ``probability`` of the sampled event, its relative ``error``, the parts ``shared_error``
-            and ``own_error`` of it, and the number of ``batches`` of which it is made. ``crashes``: see
-            `crashes`.
+            ``answer``: one row for each event, with the columns of `summary.answer_table` and
+            ``simulations``; if the vehicle may lapse, the upper ends include `unseen_lapses`. ``budget``: the
+            table `posterior.budget` for the sampled event. ``draws``: one row for each draw of the law, with
+            its number ``draw``, ``law``, ``probability`` of the sampled event, relative ``error``, the parts
+            of this error ``shared_error`` and ``own_error`` (see `SampledPosterior`), and number of
+            ``batches``. ``crashes``: the table `crashes`.
         """
         controls = self._controls()
         posteriors = {event: self._of(event, sampled, controls) for event in (sampled, *events)}
@@ -185,7 +221,10 @@ class Course:
         return {"answer": answer, "crashes": self.crashes(sampled)} | of_draws
 
     def unseen_lapses(self) -> float:
-        """Return a bound on what lapses that no run has shown add to a probability; 0 if there are none."""
+        """Return a bound on the probability that unobserved lapses add to the mean of the posterior.
+
+        It is 0 if the vehicle does not lapse, or if there is no posterior yet.
+        """
         posterior, progress = self.posterior(), self.sampler.progress
         if posterior is None or not self.sampler.may_lapse:
             return 0.0
@@ -193,12 +232,12 @@ class Course:
         return LapseBounds.after(progress.z, progress.happened, probability, SHARE).like_hardness
 
     def crashes(self, sampled: Event) -> pd.DataFrame:
-        """Return the runs that ended in the sampled event: where, how, and for which part of the event.
+        """Return a table of the runs that ended in the sampled event.
 
         The columns are the normal scores ``z_1`` to ``z_3``; ``lead_speed`` [m/s], ``range`` [m],
         ``closing_speed`` [m/s]; the outcomes, as in `Outcomes`; and ``share``. The share of a run is its
-        weight in the estimate under the mean law. It is 0 for runs by which the sampler only learnt, and all
-        shares add up to 1. The control variate has no part in it.
+        weight in the estimate under the mean law without control variate, divided by the sum of all weights.
+        It is 0 for runs that were only used for learning.
         """
         progress, outcomes = self.sampler.progress, joined(self.outcomes)
         counted = self.reweighting.counted(progress)
@@ -217,15 +256,16 @@ class Course:
         return pd.DataFrame(scores | place | ended | {"share": share[happened] / share[happened].sum()})
 
     def _controls(self) -> list[Control] | None:
-        """Return the cross-fitted control variates of the batches that count; None where there is none."""
+        """Return the cross-fitted control variates of the batches of the estimate; None if there are < 2."""
         counted = len(self.reweighting.counted(self.sampler.progress))
         return cross_fitted(self.sampler, counted) if counted >= 2 else None
 
     def _of(self, event: Event, sampled: Event, controls: list[Control] | None) -> SampledPosterior | None:
-        """Return the probability of an event; None where the runs have not met it, or cannot have.
+        """Return the probability of an event under each draw; None if it cannot be estimated.
 
-        Only a part of the sampled event is found from its runs: the sampler looks for no other, so that an
-        estimate of a near miss from runs that are made for crashes is too low by factors.
+        It can be estimated if the event happened in a run and is a part of the sampled event. The sampler
+        does not search for other events. For example, an estimate of the probability of near misses from runs
+        that were chosen for crashes would be several times too low.
         """
         if controls is None or not self.outcomes or not is_part(event, sampled):
             return None
@@ -244,7 +284,7 @@ class Course:
 
 
 def is_part(event: Event, sampled: Event) -> bool:
-    """Whether every encounter that ends in an event also ends in the sampled one."""
+    """Return whether every encounter that ends in an event also ends in the sampled event."""
     if event == sampled:
         return True
     if event.quantity == sampled.quantity:
@@ -254,9 +294,17 @@ def is_part(event: Event, sampled: Event) -> bool:
 
 
 def answer_row(posterior: SampledPosterior | None, unseen_lapses: float = 0.0) -> dict[str, float]:
-    """Return the columns of `summary.summarise`, the upper ends raised by a bound on unseen lapses.
+    """Summarise a posterior by the columns of `summary.summarise`.
 
-    The probability is that under the mean law. Without a posterior, all values are NaN.
+    The sampling error is included in the median and the intervals; ``probability`` is the mean of the
+    estimates, which is the probability under the mean law.
+
+    Parameters
+    ----------
+    posterior
+        The posterior; None if there is none, in which case all values are NaN.
+    unseen_lapses
+        Bound on the probability of unobserved lapses, which is added to the upper ends of the intervals.
     """
     if posterior is None:
         return dict.fromkeys(SUMMARY, np.nan)
@@ -266,12 +314,12 @@ def answer_row(posterior: SampledPosterior | None, unseen_lapses: float = 0.0) -
 
 
 def joined(outcomes: Sequence[Outcomes]) -> Outcomes:
-    """Return the outcomes of several batches as one."""
+    """Concatenate the outcomes of several batches."""
     return Outcomes(**{name: np.concatenate([getattr(part, name) for part in outcomes]) for name in NAMES})
 
 
 def posterior_of(draws: pd.DataFrame) -> SampledPosterior:
-    """Return what a table ``draws`` of one replicate holds."""
+    """Return the posterior of one replicate from its table ``draws``; see `Course.tables`."""
     member = np.unique(draws["law"], return_inverse=True)[1]
     probability, error, own = (draws[name].to_numpy(float) for name in ("probability", "error", "own_error"))
     batches, shared = int(draws["batches"].iloc[0]), float(draws["shared_error"].iloc[0])
@@ -279,7 +327,15 @@ def posterior_of(draws: pd.DataFrame) -> SampledPosterior:
 
 
 def answer_in_words(row: Mapping[str, Any], encounter: str = "a cut-in") -> list[str]:
-    """Return a row of the table ``answer`` in lines of text; ``encounter`` says of what."""
+    """Return the lines of text that describe a row of the table ``answer``.
+
+    Parameters
+    ----------
+    row
+        The row, by column.
+    encounter
+        Name of an encounter in the text.
+    """
     if np.isnan(row["median"]):
         return [f"{row['event']}: not known from these runs"]
     intervals = (f"{100 * level:.0f}%: {_ends(row, level)}" for level in LEVELS)
@@ -296,7 +352,15 @@ def _ends(row: Mapping[str, Any], level: float) -> str:
 
 
 def budget_in_words(budget: pd.DataFrame) -> list[str]:
-    """Return where the uncertainty comes from, and what would make it smaller, in a line of text."""
+    """Return a line of text with the share of each source in the variance of the logarithm.
+
+    The list is empty if the shares are not known.
+
+    Parameters
+    ----------
+    budget
+        Table of `posterior.budget`.
+    """
     shares = budget.set_index("source")["variance_share"]
     if shares.isna().any():
         return []

@@ -1,4 +1,4 @@
-"""Recorded and expected counts near the crash set, with limits for random variation."""
+"""Compare the recorded numbers of critical cut-ins with the numbers that the laws predict."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -17,9 +17,9 @@ from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
 
 LIMITS = (0.05, 0.95)
-# Ranges [m] with the closing speeds [m/s] that cut them into cells, the last without an end; they rise with
-# the range as the closing speeds at which the study's car crashes do, and hold from hundreds of records
-# down to none.
+# Cells of range and closing speed: for each interval of the range [m] the lower ends of the cells [m/s]. The
+# last cell has no upper end. The closing speeds rise with the range, like those at which the car under test
+# crashes, and the cells contain from hundreds of records down to none.
 CELLS = {
     (0, 5): (1, 2, 3),
     (5, 10): (3, 5, 7),
@@ -30,22 +30,24 @@ CELLS = {
     (45, 60): (12, 14, 16),
     (60, 75): (13, 15, 18),
 }
-# Number of equal intervals of the lead speed, and host speeds [m/s] above the upper end of an interval that
-# cut it into cells, the last without an end: from thousands of records down to none.
+# Cells of lead speed and host speed: number of equal intervals of the lead speed, and the lower ends of the
+# cells as host speeds above the upper end of the interval [m/s]. The last cell has no upper end. The cells
+# contain from thousands of records down to none.
 LEAD_SPEEDS, HOST_SPEEDS = 8, (0, 3, 6, 9, 12)
-CLOSING, HOST, REPLAYED = "closing speed", "host speed", "replay"  # what is counted
+CLOSING, HOST, REPLAYED = "closing speed", "host speed", "replay"  # kinds of counts
 
 
 @dataclass(frozen=True)
 class Strip:
-    """Cells next to each other: records with one variable in an interval, cut by the values of a speed.
+    """A row of adjacent cells: an interval of one variable, divided by values of a speed.
 
     Attributes
     ----------
     counted
-        The speed that cuts: `CLOSING` in an interval of the range, or `HOST` in one of the lead speed.
+        The speed that divides the interval: `CLOSING` for an interval of the range, or `HOST` for an interval
+        of the lead speed.
     interval
-        Of the range [m] or the lead speed [m/s]; both ends are included.
+        Ends of the interval of the range [m] or of the lead speed [m/s]; both ends are included.
     speeds
         The lower ends of the cells [m/s]; the last cell has no upper end.
     """
@@ -72,13 +74,23 @@ class Strip:
         return np.flatnonzero((variable >= low) & (variable <= high))
 
     def ends(self, records: DistinctRecords) -> list[Array]:
-        """Return the closing speeds [m/s] between the cells for each record, from the slowest cell on."""
+        """Return the closing speeds [m/s] that separate the cells, for each record.
+
+        The list contains the lower end of each cell and infinity, in rising order; each of its arrays has
+        shape (records,).
+        """
         of_host = np.zeros(records.size) if self.counted == CLOSING else records.lead_speed
         return [np.maximum(speed - of_host, 0.0) for speed in (*self.speeds, np.inf)]
 
 
 def strips(support: Support = SUPPORT) -> list[Strip]:
-    """Return the cells of ranges and closing speeds, and those of lead and host speeds, within limits."""
+    """Return all cells of range and closing speed, and of lead speed and host speed.
+
+    Parameters
+    ----------
+    support
+        Limits of the records; cells outside of them are left out.
+    """
     within = [(ends, speeds) for ends, speeds in CELLS.items() if ends[0] < support.range_max]
     near = [
         Strip(CLOSING, (low, high if (low, high) != within[-1][0] else support.range_max), speeds)
@@ -93,7 +105,7 @@ def strips(support: Support = SUPPORT) -> list[Strip]:
 def cell_counts(
     records: DistinctRecords, given: Callable[[Places], Iterable[GivenLaw]]
 ) -> list[pd.DataFrame]:
-    """Return the number of records in each cell, and the number that each law expects.
+    """Return the number of records in each cell, and the number that is expected under each law.
 
     The expected number is conditional on the lead speeds and ranges of the records.
 
@@ -102,13 +114,14 @@ def cell_counts(
     records
         Distinct cut-ins.
     given
-        Function that returns the laws of the closing speed at places. It is called with the places of the
-        records of one strip of cells at a time, which bounds the memory.
+        Function that returns the laws of the closing speed at given pairs of lead speed and range. It is
+        called with the records of one strip of cells at a time, which limits the memory.
 
     Returns
     -------
     list of pandas.DataFrame
-        For each law the columns ``where``, ``counted`` (which speed), ``recorded`` and ``expected``.
+        One table for each law: the name of the cell ``where``, the speed ``counted``, and the numbers
+        ``recorded`` and ``expected``.
     """
     counts, expected = [], []
     for strip in strips(records.support):
@@ -131,25 +144,36 @@ def _expected(law: GivenLaw, ends: list[Array]) -> list[float]:
 def near_miss_counts(
     recorded: Mapping[str, int], probability: Mapping[str, float], size: int
 ) -> pd.DataFrame:
-    """Return recorded and expected numbers of near misses of replayed cut-ins; columns as of `cell_counts`.
+    """Return recorded and expected numbers of near misses, with the columns of `cell_counts`.
 
     Parameters
     ----------
     recorded
-        Number of distinct cut-ins that end in the near miss when they are replayed, by its name.
+        Number of distinct recorded cut-ins that end in the near miss if the vehicle replays them, by the name
+        of the near miss.
     probability
         Probability of each near miss under the law.
     size
-        Number of distinct cut-ins.
+        Number of distinct recorded cut-ins.
     """
     rows = [(name, REPLAYED, count, size * probability[name]) for name, count in recorded.items()]
     return pd.DataFrame(rows, columns=["where", "counted", "recorded", "expected"])
 
 
 def with_limits(counts: pd.DataFrame) -> pd.DataFrame:
-    """Add the 90 % Poisson limits ``low`` and ``high``, ``within`` (inside the limits), and ``p_value``.
+    """Add Poisson limits to recorded and expected numbers.
 
-    The p-value is a two-sided mid-p value.
+    Parameters
+    ----------
+    counts
+        Table with the columns ``recorded`` and ``expected``.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The table with the further columns ``low`` and ``high``, the 5 and 95 % quantiles of the Poisson
+        distribution with the expected number as its mean; ``within``, whether the recorded number is between
+        them; and ``p_value``, see `mid_p`.
     """
     expected = counts["expected"].to_numpy()
     low, high = (poisson.ppf(level, expected) for level in LIMITS)
@@ -162,7 +186,14 @@ def with_limits(counts: pd.DataFrame) -> pd.DataFrame:
 def mid_p(recorded: ArrayLike, expected: ArrayLike) -> Array:
     """Return two-sided mid-p values of Poisson counts.
 
-    A mid-p value includes half of the probability of the count itself.
+    A mid-p value includes half of the probability of the recorded count itself.
+
+    Parameters
+    ----------
+    recorded
+        Counts.
+    expected
+        Means of the Poisson distributions, of the same shape.
     """
     recorded, expected = np.asarray(recorded), np.asarray(expected, dtype=float)
     half = poisson.pmf(recorded, expected) / 2

@@ -1,4 +1,4 @@
-"""The table ``calibration``: recorded counts near the crash set, and those that the laws expect."""
+"""The table ``calibration``: recorded numbers of critical cut-ins, and expected numbers under the laws."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -24,9 +24,10 @@ class NearMisses:
     Attributes
     ----------
     recorded
-        Number of distinct records that end in each event when they are replayed, by its name.
+        Number of distinct records that end in each event if the vehicle replays them, by the name of the
+        event.
     probabilities
-        Probability of each event under each law.
+        Probability of each event, by its name, under each law.
     """
 
     recorded: Mapping[str, int]
@@ -34,12 +35,14 @@ class NearMisses:
 
 
 def shown_members(weighted: WeightedLaws) -> tuple[Member, ...]:
-    """Return the laws that tables list individually, without those that had too few records for a fit."""
+    """Return the laws that tables list individually, as far as there were enough records to fit them."""
     return tuple(member for member in SHOWN if member in weighted.members)
 
 
 def calibration_table(weighted: WeightedLaws, near: NearMisses | None = None) -> pd.DataFrame:
-    """Return the table ``calibration``: ``law`` and the columns of `calibration.with_limits`.
+    """Compare recorded and expected numbers for the weighted mean of all laws and for some single laws.
+
+    The columns are ``law`` and those of `calibration.with_limits`.
 
     Parameters
     ----------
@@ -51,7 +54,7 @@ def calibration_table(weighted: WeightedLaws, near: NearMisses | None = None) ->
     records, family = weighted.records, weighted.family
 
     def given(places: Places) -> Iterator[GivenLaw]:
-        below = places.body(family.body)  # which all laws share
+        below = places.body(family.body)  # all laws have the same body
         return (family.law(member).given(places, below) for member in weighted.members)
 
     def near_misses(probability: Mapping[str, float]) -> list[pd.DataFrame]:

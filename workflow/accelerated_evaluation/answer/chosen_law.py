@@ -32,7 +32,17 @@ FILE = ".json"
 
 
 def fit_paper_law(name: str, encounters: pd.DataFrame, config: Mapping[str, Any]) -> IndependentLaw:
-    """Fit the paper's laws by a complete configuration, and return the one of a name."""
+    """Fit the paper's laws to encounters, and return one of them.
+
+    Parameters
+    ----------
+    name
+        Name of the law in `PAPER_LAWS`.
+    encounters
+        Encounter table.
+    config
+        A complete, valid configuration.
+    """
     models = config["models"]
     limits = config["filters"]["range_max"], describe(config["data"]), models["closing_speed_max"]
     return fit_paper_laws(encounters, models, *limits)[name]
@@ -46,7 +56,7 @@ def require_law(choice: str) -> None:
     """Raise InputError unless ``choice`` is the name of a known law or the path of an existing law file."""
     if choice.endswith(FILE):
         if not Path(choice).is_file():
-            change = "Correct its path."
+            change = "Correct the path."
             raise InputError("--law", seen=f"no file {choice}", expected="a law file", change=change)
     elif choice not in (ANSWER, PAPER, *FITS, *SMOOTH):
         raise InputError(
@@ -59,15 +69,15 @@ def require_law(choice: str) -> None:
 
 
 def choose_law(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any]) -> tuple[str, Law]:
-    """Return the law that a user names, and its name.
+    """Return the law that a user has chosen, and its name.
 
     Parameters
     ----------
     choice
-        ``answer``: the law with the largest weight among the smooth laws with dependence, fitted and weighted
-        as in the study, which writes the same law to ``laws/answer.json``. ``paper``: the paper's law that
-        the configuration names. The name of a law of either kind. Or the path of a law file, which ends in
-        ``.json``, that was fitted to the same encounters.
+        One of these: ``answer``, the law with the largest weight among the smooth laws with dependence, which
+        are fitted and weighted as in the study (``laws/answer.json``); ``paper``, the paper's law that the
+        configuration names; the name of any law of these two kinds; or the path of a law file, which ends in
+        ``.json``, with a law that was fitted to the same encounters.
     encounters
         Encounter table.
     config
@@ -76,8 +86,8 @@ def choose_law(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any])
     Raises
     ------
     InputError
-        If the name is unknown, if the file does not belong to the encounters, or if there are too few records
-        for the law.
+        If the name is unknown, if the law of the file was fitted to other encounters, or if there are too few
+        records for the law.
     """
     require_law(choice)
     if choice.endswith(FILE):
@@ -85,7 +95,7 @@ def choose_law(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any])
         require_shares(choice, law, encounters)
         return choice, law
     if choice == ANSWER or choice in SMOOTH:
-        with threadpool_limits(1, "blas"):  # as in the jobs of the study: the same digits on any machine
+        with threadpool_limits(1, "blas"):  # as in the jobs of the study, so that the digits are the same
             law = _smooth(choice, encounters, config)
         return law.description, law
     name = config["models"]["inverse_range"]["variant"] if choice == PAPER else choice
@@ -98,10 +108,15 @@ def choose_sampled_law(choice: str, encounters: pd.DataFrame, config: Mapping[st
     Parameters
     ----------
     choice
-        As in `choose_law`. For ``answer`` it is the mean of draws of all laws by their weights, and of their
-        parameters; for a law of the family the mean of draws of its parameters. Any other law is returned as
-        it is: nothing is known of its uncertainty.
+        As in `choose_law`. For ``answer`` the result is the mean of draws from the posterior of the laws and
+        of their parameters. For a single smooth law with dependence it is the mean of draws of its
+        parameters. Any other law is returned as in `choose_law`, because its uncertainty is not known.
     encounters, config
+        As in `choose_law`.
+
+    Raises
+    ------
+    InputError
         As in `choose_law`.
     """
     require_law(choice)
@@ -111,7 +126,7 @@ def choose_sampled_law(choice: str, encounters: pd.DataFrame, config: Mapping[st
     seed, records = config["seed"], DistinctRecords.of(encounters, Support.configured(config))
     with threadpool_limits(1, "blas"):
         if choice == ANSWER:
-            # The fit of all laws is kept where the study keeps it, so that it is made once.
+            # The fit of all laws is read from the file of the study, or written to it, so it is made once.
             scored = fit_or_read(Path("results", config["study"], "laws", "family.npz"), records)
             law = mean_law(scored, encounters, count, seed, closing_speed_max)
         else:
@@ -123,7 +138,7 @@ def choose_sampled_law(choice: str, encounters: pd.DataFrame, config: Mapping[st
 def mean_law(
     scored: ScoredFamily, encounters: pd.DataFrame, count: int, seed: int, closing_speed_max: float
 ) -> MeanLaw:
-    """Return the mean of draws of all laws by their weights, and of their parameters.
+    """Return the mean of draws from the posterior of the laws, by their weights, and of their parameters.
 
     Parameters
     ----------
@@ -136,7 +151,7 @@ def mean_law(
     seed
         Root seed of the study.
     closing_speed_max
-        Closing speed [m/s] at which faster cut-ins are simulated.
+        Largest simulated closing speed [m/s]; cut-ins with a larger one are simulated with this speed.
     """
     weighted = WeightedLaws.drawn(scored, child_generator(seed, "laws", "weigh"), count)
     fitted = weighted.family, weighted.members, weighted.weights, scored.records.support
@@ -172,7 +187,7 @@ def _family(choice: str, records: DistinctRecords) -> LawFamily:
         raise InputError(
             "--law",
             seen=f"{choice!r}, whose threshold fewer than ten of the {size:,} distinct records exceed",
-            expected="a threshold that more records exceed",
-            change=f"Choose a lower one, or {ANSWER}.",
+            expected="a law with a threshold that at least ten records exceed",
+            change=f"Choose a law with a lower threshold, or {ANSWER}.",
         )
     return family

@@ -1,4 +1,4 @@
-"""Two slow vehicles under the same draws of the law: the ratio of their crash probabilities, draw by draw."""
+"""Compare two slow vehicles: the ratio of their crash probabilities under the same draws of the law."""
 
 from pathlib import Path
 
@@ -18,10 +18,21 @@ CHANGE = "Name the folder results/STUDY/estimate of an estimate with the same re
 
 
 def compare(own: SampledPosterior, other: SampledPosterior) -> dict[str, float]:
-    """Return the columns ``ratio`` (median), ``ratio_low80``, ``ratio_high80`` and ``safer``.
+    """Compare the crash probabilities of two vehicles under the same draws of the law.
 
-    Both posteriors have the same draws. Their sampling errors are independent, so every draw gets all pairs
-    of `NOISE` equally likely errors of each. ``safer`` is the probability that the first crashes less often.
+    The sampling errors of the two estimates are independent. The ratio under a draw is therefore computed for
+    all pairs of `NOISE` equally likely errors of each estimate.
+
+    Parameters
+    ----------
+    own, other
+        Posteriors of the two vehicles, with the same K draws of the law.
+
+    Returns
+    -------
+    dict
+        ``ratio``, the median of own / other; ``ratio_low80`` and ``ratio_high80``, the ends of its 80 %
+        interval; and ``safer``, the probability that the first vehicle crashes less often.
     """
     ratios = (own.probabilities / other.probabilities)[:, None, None]
     ratios = (ratios * _noise(other)[:, None, :] / _noise(own)[:, :, None]).ravel()
@@ -30,20 +41,28 @@ def compare(own: SampledPosterior, other: SampledPosterior) -> dict[str, float]:
 
 
 def _noise(posterior: SampledPosterior) -> Array:
-    """Return estimate over probability for equally likely errors, shape (K, NOISE)."""
+    """Return the estimate divided by the true probability, for equally likely errors, shape (K, NOISE)."""
     t = stdtrit(posterior.batches - 1, (np.arange(NOISE) + 0.5) / NOISE)
     return np.maximum(1 + posterior.errors[:, None] * t, LEAST)
 
 
 def compare_estimates(own: Path, others: list[Path]) -> pd.DataFrame:
-    """Compare an estimate with others, by the files that `estimate` wrote.
+    """Compare an estimate with other estimates, by the files that the command ``estimate`` wrote.
 
-    The columns are ``other``, its folder, and those of `compare`.
+    Parameters
+    ----------
+    own, others
+        Folders of the estimates. Of several replicates, the first is used.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each other estimate: its folder ``other``, and the columns of `compare`.
 
     Raises
     ------
     InputError
-        If a folder has no draws, or has draws of another law.
+        If a folder has no draws, or has draws of another law or for another event.
     """
     rows = []
     for other in others:

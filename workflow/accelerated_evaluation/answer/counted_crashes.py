@@ -17,8 +17,8 @@ from accelerated_evaluation.base.errors import InputError
 KILOMETRES_PER_MILE = 1.609344
 HUNDRED_CAR = "100-Car"
 HUNDRED_CAR_MILES = 2.0  # [million miles], Neale and others 2005, paper 05-0400, abstract
-LEVEL = 0.95  # of all limits
-SIGNIFICANT = 0.05
+LEVEL = 0.95  # confidence level of all limits
+SIGNIFICANT = 0.05  # probability below which a count contradicts a prediction
 COLUMNS = {0: "event", 4: "severity", 9: "incident", 12: "precipitating_event", 13: "evasive_manoeuvre"}
 SEVERITIES = {"Crash": "crash", "Near-Crash": "near-crash"}
 
@@ -37,12 +37,13 @@ def read_events(path: str | Path) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        The columns of `COLUMNS`, a row for each crash or near-crash.
+        One row for each crash or near-crash, with the columns ``event``, ``severity``, ``incident``,
+        ``precipitating_event`` and ``evasive_manoeuvre``.
 
     Raises
     ------
     InputError
-        If the file is not that table.
+        If the file cannot be read, or is not this table.
     """
     expected = "the event table of the 100-Car study, as data/crash_counts/README.md describes it"
     try:
@@ -63,17 +64,17 @@ def read_events(path: str | Path) -> pd.DataFrame:
 
 
 def count_events(events: pd.DataFrame) -> pd.DataFrame:
-    """Count the crashes and near-crashes of the 100-Car study that belong to a lane change or a slower lead.
+    """Count the crashes and near-crashes of the 100-Car study after a lane change or behind a slower vehicle.
 
     Parameters
     ----------
     events
-        As `read_events` returns them.
+        Table of `read_events`.
 
     Returns
     -------
     pandas.DataFrame
-        Columns ``what``, ``severity`` (crash or near-crash) and ``count``.
+        Columns ``what`` (the kind of encounter), ``severity`` (crash or near-crash) and ``count``.
     """
     cause, striking = events["precipitating_event"].fillna(""), events["incident"] == "Rear-end, striking"
     in_front = cause.str.fullmatch(r"Other vehicle lane change - (?:left|right) in front of subject")
@@ -93,14 +94,14 @@ def count_events(events: pd.DataFrame) -> pd.DataFrame:
 
 
 def poisson_limits(count: int, level: float = LEVEL) -> tuple[float, float]:
-    """Return the exact limits of the mean of a Poisson count (Garwood 1936).
+    """Return the exact confidence limits of the mean of a Poisson distribution (Garwood 1936).
 
     Parameters
     ----------
     count
-        The number that was counted.
+        The observed count.
     level
-        Probability with which the interval covers the mean, at least.
+        Confidence level; the interval covers the mean with at least this probability.
     """
     tail = (1 - level) / 2
     low = float(gamma.ppf(tail, count)) if count else 0.0
@@ -108,19 +109,19 @@ def poisson_limits(count: int, level: float = LEVEL) -> tuple[float, float]:
 
 
 def counted_rows(counts: pd.DataFrame, published: pd.DataFrame) -> pd.DataFrame:
-    """Return the counted rates per million miles, with the limits that chance gives to counts.
+    """Return the counted rates per million miles, with exact Poisson limits.
 
     Parameters
     ----------
     counts
-        Of the 100-Car study, as `count_events` returns them.
+        Counts of the 100-Car study, from `count_events`.
     published
         Table of published rates, ``data/crash_counts/published_rates.csv``.
 
     Returns
     -------
     pandas.DataFrame
-        Some of the columns of `compare_with_counts`.
+        Rows of the table of `compare_with_counts`, with the columns of counted rows.
     """
     own = counts.assign(
         source=HUNDRED_CAR,
@@ -136,7 +137,7 @@ def counted_rows(counts: pd.DataFrame, published: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for row in [*own.to_dict("records"), *published.to_dict("records")]:
         miles, is_count = row["million_miles"], row["source"] == HUNDRED_CAR
-        # The counts of other sources are estimates from samples of police reports, and not Poisson.
+        # Other sources estimate their counts from samples of police reports, so these are not Poisson.
         limits = poisson_limits(int(row["count"])) if is_count else (np.nan, np.nan)
         rate = row["count"] / miles if pd.notna(row["count"]) else row["per_million_miles"]
         low, high = (limit / miles for limit in limits)
@@ -162,12 +163,13 @@ def predicted_rows(vehicles: pd.DataFrame, cut_ins_per_km: float | None, counted
     cut_ins_per_km
         Recorded closing cut-ins per kilometre [1/km]; None if the distance is unknown.
     counted
-        Number of crashes in the distance of the 100-Car study, by the most inclusive rule.
+        Number of crashes in the 100-Car study, by the definition of a cut-in that includes the most.
 
     Returns
     -------
     pandas.DataFrame
-        Some of the columns of `compare_with_counts`; empty if the distance is unknown.
+        Rows of the table of `compare_with_counts`, with the columns of predicted rows; empty if the distance
+        of the records is unknown.
     """
     if cut_ins_per_km is None:
         return pd.DataFrame()
@@ -199,24 +201,26 @@ def compare_with_counts(
     events: pd.DataFrame,
     published: pd.DataFrame,
 ) -> pd.DataFrame:
-    """Put predicted and counted crash rates into one table.
+    """Tabulate predicted and counted crash rates.
 
     Parameters
     ----------
     vehicles, exposure
-        Tables of the study of laws.
+        Tables ``vehicles`` and ``exposure`` of the study of laws; see `answer.study.LawStudy.answers`.
     events
-        As `read_events` returns them.
+        Table of `read_events`.
     published
-        Table of published rates.
+        Table of published rates, ``data/crash_counts/published_rates.csv``.
 
     Returns
     -------
     pandas.DataFrame
-        Columns ``who``; ``kind`` (counted or predicted); ``what``; ``million_miles`` and ``count`` of counted
-        rows; ``per_million_miles`` with its 95 % limits ``low95`` and ``high95``; and for predictions
-        ``in_hundred_car``, the crashes that are expected in the distance of the 100-Car study,
-        ``probability_of_so_few`` and ``verdict``; ``comparable`` and ``reference`` in words.
+        Columns ``who`` (vehicle or source); ``kind`` (counted or predicted); ``what`` (kind of crash);
+        ``million_miles`` and ``count`` of counted rows; the rate ``per_million_miles`` with its 95 % limits
+        ``low95`` and ``high95``. Predicted rows also have ``in_hundred_car``, the number of crashes that is
+        expected in the distance of the 100-Car study; ``probability_of_so_few``, the probability of at most
+        the counted number at the lower limit of the prediction; and ``verdict``. The columns ``comparable``
+        and ``reference`` say in words whether a row is comparable, and where it is from.
     """
     counts = count_events(events)
     most = count_of(counts, LANE_CHANGE, "crash")
@@ -226,12 +230,26 @@ def compare_with_counts(
 
 
 def cut_in_rate(exposure: pd.DataFrame) -> float | None:
-    """Return the recorded closing cut-ins per kilometre [1/km]; None where the distance is not known."""
+    """Return the recorded closing cut-ins per kilometre [1/km]; None if the distance is not known.
+
+    Parameters
+    ----------
+    exposure
+        Table of `exposure.exposure_table`.
+    """
     rows = exposure[(exposure["event"] == "cut-in") & (exposure["per"] == "kilometre")]
     return None if rows.empty else float(rows["mean"].iloc[0])
 
 
 def count_of(counts: pd.DataFrame, what: str, severity: str) -> int:
-    """Return one of the numbers of `count_events`."""
+    """Return one number of the table of `count_events`.
+
+    Parameters
+    ----------
+    counts
+        The table.
+    what, severity
+        Kind of encounter, and ``crash`` or ``near-crash``.
+    """
     row: Mapping[tuple[str, str], int] = counts.set_index(["what", "severity"])["count"]
     return int(row[what, severity])

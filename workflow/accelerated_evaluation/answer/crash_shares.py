@@ -1,8 +1,8 @@
-"""Which encounters the crashes come from: their shares by the size of one variable.
+"""Shares of encounters and crashes by the size of one variable.
 
-The authors' car creeps behind a target that hardly moves, and rounding decides whether it touches the target.
-A law fitted to speeds near 0 has such encounters, so that a part of its crash probability is an artefact. The
-table of this module says how large that part is.
+If the target hardly moves, the authors' car creeps up to it, and rounding decides whether they touch. A law
+that was fitted to speeds near 0 contains such encounters, so a part of its crash probability is an artefact.
+The table of this module shows how large this part is.
 """
 
 import numpy as np
@@ -33,14 +33,15 @@ def crash_shares(
     *,
     simulations: int = 200_000,
 ) -> pd.DataFrame:
-    """Divide encounters and crashes by the size of a variable, by crude Monte Carlo.
+    """Return the crash probability in intervals of the absolute value of one variable, by crude Monte Carlo.
 
-    The scenario names the variable and the values between the intervals; a size is an absolute value.
+    The scenario specifies the variable and the edges of the intervals (`Scenario.divided_by`).
 
     Parameters
     ----------
     scenario, law, vehicle
-        The scenario, whose outcomes have an impact speed, a law of its encounters, and a fast vehicle.
+        The scenario, whose outcomes must contain an impact speed; a law of its encounters; and a vehicle that
+        is fast to simulate.
     generator
         Source of randomness.
     simulations
@@ -49,10 +50,11 @@ def crash_shares(
     Returns
     -------
     pandas.DataFrame
-        A row for each interval, none if the scenario names no variable: ``variable``, ``at_least`` and
-        ``below`` (the last is infinite), ``encounters`` and ``crashes`` (shares of all encounters and of all
-        crashes), ``crash_probability`` within the interval, ``impact_speed`` [m/s], the median of its
-        crashes, and ``probability_above``, the crash probability of the encounters at or above ``at_least``,
+        One row for each interval; no rows if the scenario specifies no variable. Columns: ``variable``; the
+        ends ``at_least`` and ``below`` of the interval (the last end is infinite); ``encounters`` and
+        ``crashes``, the shares of all encounters and of all crashes in the interval; ``crash_probability`` of
+        an encounter in the interval; ``impact_speed`` [m/s], the median over the crashes in the interval; and
+        ``probability_above``, the crash probability of an encounter with a value of at least ``at_least``,
         with its ``standard_error``.
     """
     if scenario.divided_by is None:
@@ -68,7 +70,7 @@ def crash_shares(
     crashed = np.bincount(groups, crash, minlength=len(limits) - 1)
     drawn_above, crashed_above = (np.cumsum(counts[::-1])[::-1] for counts in (drawn, crashed))
     impact = pd.Series(outcomes.impact_speed[crash]).groupby(groups[crash]).median()
-    with np.errstate(divide="ignore", invalid="ignore"):  # intervals without an encounter or a crash
+    with np.errstate(divide="ignore", invalid="ignore"):  # if an interval has no encounters or no crashes
         above = crashed_above / drawn_above
         error = np.sqrt(above * (1 - above) / drawn_above)
         shares = (drawn / drawn.sum(), crashed / crashed.sum(), crashed / drawn)

@@ -1,11 +1,11 @@
-"""Better control variates for batches that are known: by surrogates that learnt from all other batches.
+"""Cross-fitting: better control variates for completed batches, from surrogates fitted to all other batches.
 
-When a batch was drawn, its control variate came from the surrogate of that time, which knew the event less
-well than the surrogate does at the end. The difference estimator of a batch keeps its mean for any control
-variate that does not depend on the outcomes of the batch. So every batch gets the probability by a surrogate
-that has learnt from the runs of the other batches, in `FOLDS` groups (cross-fitting, Chernozhukov and others
-2018). Later batches were designed with the outcomes of this one, which leaves a dependence that is small: the
-tests and the benchmark find no bias.
+When a batch was drawn, its control variate was the prediction of the surrogate at that time, which was based
+on fewer runs than the surrogate at the end. The difference estimator of a batch keeps its mean for any
+control variate that does not depend on the outcomes of the batch. The batches are therefore divided into
+`FOLDS` groups, and each batch gets the predictions of a surrogate that was fitted without its group
+(cross-fitting, Chernozhukov and others 2018). A small dependence remains, because later batches were designed
+with the outcomes of earlier ones; the tests and the benchmark find no bias.
 """
 
 from dataclasses import dataclass
@@ -24,12 +24,21 @@ from accelerated_evaluation.methods.surrogate.subspace import space_along
 from accelerated_evaluation.methods.surrogate.two_phase import TwoPhaseBatch
 
 FOLDS = 5
-NEVER = 10**9  # a number of runs that is not reached, so that lengths and axes are not learnt again
+NEVER = 10**9  # a number of runs that is never reached, so that lengths and axes are not learnt again
 
 
 @dataclass(frozen=True)
 class Control:
-    """A control variate of a batch: at its runs, (n,), and at its kept points over the one there, (m,)."""
+    """A control variate of a batch.
+
+    Attributes
+    ----------
+    runs
+        Its values at the runs of the batch, shape (n,).
+    kept
+        Its values at the kept points of the batch, divided by the control variate with which the batch was
+        drawn, shape (m,).
+    """
 
     runs: Array
     kept: Array
@@ -41,10 +50,17 @@ class Control:
 
     @classmethod
     def by(cls, belief: Belief, batch: TwoPhaseBatch) -> "Control":
-        """Return the probability by another surrogate, and 0 where the batch's own control variate is 0.
+        """Return the probabilities that another surrogate predicts as control variate.
 
-        The kept points cover the places where the batch's own control variate is above 0, so nothing is
-        known elsewhere.
+        It is 0 wherever the control variate with which the batch was drawn is 0, because the kept points do
+        not represent these places.
+
+        Parameters
+        ----------
+        belief
+            The other surrogate.
+        batch
+            A batch of the second phase.
         """
         if not len(batch.kept):
             return cls.own(batch)
@@ -58,9 +74,14 @@ def cross_fitted(sampler: Sampler, counted: int) -> list[Control]:
     Parameters
     ----------
     sampler
-        With its batches.
+        The sampler, with its batches.
     counted
-        How many of the last batches are wanted.
+        Number of the last batches for which control variates are computed.
+
+    Returns
+    -------
+    list of Control
+        The control variates, in the order of the batches.
     """
     state = sampler.state()
     progress, sizes = state.progress, [len(batch.z) for batch in state.progress.batches]
@@ -75,7 +96,7 @@ def cross_fitted(sampler: Sampler, counted: int) -> list[Control]:
 
 
 def _without(state: State, left_out: NDArray[np.intp]) -> Belief:
-    """Return the surrogate of a sampler, with the axes and lengths that it has, without some runs."""
+    """Return the surrogate of a sampler fitted without some runs, with unchanged axes and lengths."""
     progress = state.progress
     kept = np.setdiff1d(np.arange(len(progress.z)), left_out)
     foreseen = kept[kept >= len(progress.z) - len(progress.foreseen)] - len(progress.z)

@@ -1,4 +1,4 @@
-"""The answer for a slow vehicle: few simulations by the surrogate-guided method, without crash maps."""
+"""The answer for a slow vehicle, from few simulations chosen by the surrogate-guided sampler."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -39,21 +39,21 @@ from accelerated_evaluation.vehicles.external.slow import SlowVehicle, loaded_fo
 
 METHOD = "surrogate"
 OF_THE_ANSWER = {"answer", "budget", "draws", "crashes"}
-RATE_DRAWS = 1000  # equally likely values of a probability, of which rates are made
+RATE_DRAWS = 1000  # number of equally likely values of a probability from which rates are computed
 
 
 @dataclass(frozen=True)
 class Alone:
-    """The results of the estimate without the rest of the study.
+    """The results of the command ``estimate``: an estimate for one vehicle, without the rest of the study.
 
     Attributes
     ----------
     tables
-        ``estimate``, one row a replicate, with the ``law``; ``runs``, one row a simulation; ``account`` of
-        the records. Under the paper's law, the first two are what the whole study has under ``estimates`` for
-        this method and all segments. Where the law is a mean law, also ``answer``, one row a replicate and
-        event, ``budget``, ``draws`` and ``crashes`` of the crash, and ``exposure``; see
-        `averaged.Course.tables` and `exposure.exposure_table`.
+        ``estimate``, one row for each replicate, with the ``law``; ``runs``, one row for each simulation;
+        ``account`` of the records. Under the paper's law, the first two are equal to the tables of the
+        complete study for this method and all segments. If the law is a mean law, there are also ``answer``,
+        one row for each replicate and event; ``budget``, ``draws`` and ``crashes`` of the sampled event; and
+        ``exposure``. See `averaged.Course.tables` and `exposure.exposure_table`.
     name
         Name of the law.
     law
@@ -61,12 +61,12 @@ class Alone:
     vehicle
         The slow vehicle, which counts its simulations; None if the vehicle is not slow.
     verdict
-        What the checks of the records say.
+        Results of the checks of the records.
     encounters
         The encounter table.
     warning
-        What a new copy of the vehicle did otherwise, see `alone.difference_when_alone`; None if nothing. No
-        estimate counts as converged then.
+        How a new copy of the vehicle differed when it repeated the runs, see `alone.difference_when_alone`;
+        None if it did not differ. If it did, no estimate counts as converged.
     event
         The event for which the simulations were chosen.
     """
@@ -90,7 +90,7 @@ def estimate_alone(
     event: Event = CRASH,
     for_draws: Sequence[str] = (),
 ) -> Alone:
-    """Fit laws to the records, and find the crash probability by few simulations under their mean.
+    """Fit laws to the records, and estimate the probability of the event from few simulations.
 
     Parameters
     ----------
@@ -100,25 +100,25 @@ def estimate_alone(
         Number of independent replicates; under the paper's law they are the first replicates of the complete
         study.
     law
-        Which law; see `chosen_law.choose_sampled_law`.
+        Name of the law or of its file; see `chosen_law.choose_sampled_law`.
     predecessor
-        Table of the simulations of a vehicle that is like this one, under the same law.
+        Path of the table of simulations (``runs.csv``) of a similar vehicle under the same law.
     share
-        Share that the sampling may add to the width of the 80 % interval of the whole answer; 0 for the
+        Allowed relative increase of the width of the 80 % interval of the answer by the sampling; 0 for the
         paper's stopping rule.
     event
-        The event for which the simulations are chosen, a crash by default.
+        The event for which the simulations are chosen, by default a crash.
     for_draws
-        Options of the command that have no effect under a law without draws.
+        Options of the command that were given and need a law with draws.
 
     Raises
     ------
     InputError
         If the records, the law, the predecessor or the vehicle cannot be used, or if the law has no draws and
-        ``for_draws`` is not empty. Completed simulations are kept in the store.
+        ``for_draws`` is not empty. Simulations that were completed before the error are kept in the store.
     """
     require_law(law)
-    with loaded_for(config["vehicle"], config["simulations"]) as vehicle:  # first, as it is soonest refused
+    with loaded_for(config["vehicle"], config["simulations"]) as vehicle:  # first, because it fails fastest
         raw = read_source(config["data"], child_generator(config["seed"], "sample"))
         verdict = verdict_on(raw, config)
         encounters, account = _ingested(raw, config)
@@ -167,7 +167,7 @@ class Traffic:
 
 @dataclass(frozen=True)
 class Simulated:
-    """The tables of `Alone` that follow from the simulations, and its ``warning``."""
+    """The tables of `Alone` that are computed from the simulations, and the ``warning`` of `Alone`."""
 
     tables: dict[str, pd.DataFrame]
     warning: str | None
@@ -181,7 +181,7 @@ def simulate_answer(
     predecessor: Predecessor | None = None,
     share: float = SHARE,
 ) -> Simulated:
-    """Find the crash probability of a vehicle by few simulations under a law.
+    """Estimate the probability of an event from few simulations under a law.
 
     Parameters
     ----------
@@ -189,9 +189,9 @@ def simulate_answer(
         Configuration; only ``study``, ``seed``, ``vehicle``, ``importance_sampling``, ``surrogate`` and
         ``answer`` are read.
     problem
-        The law and the vehicle.
+        The law, the vehicle and the event.
     traffic
-        How often cut-ins happen.
+        Frequency of cut-ins.
     replicates, predecessor, share
         As in `estimate_alone`.
     """
@@ -209,7 +209,7 @@ def simulate_answer(
     estimate = tables.pop("estimates")
     if warning is not None:
         estimate["converged"] = False
-    for name in OF_THE_ANSWER & tables.keys():  # they are of the crash under all laws, not of a method
+    for name in OF_THE_ANSWER & tables.keys():  # these tables do not belong to a method or scope
         tables[name] = tables[name].drop(columns=["scope", "method"], errors="ignore")
     if "draws" in tables:
         tables["exposure"] = _exposure(tables["draws"], traffic, event_name(problem.event))
@@ -234,7 +234,7 @@ def _method(
     share: float,
     bar: tqdm,
 ) -> Surrogate:
-    """Return the method for a law: with all that a mean law allows, or for one law alone."""
+    """Return the method: `AveragedSurrogate` for a mean law, and `Surrogate` for any other law."""
     if not isinstance(law, MeanLaw):
         method = METHODS[METHOD].configured(config)
         return replace(method, on_batch=lambda estimate: _show(bar, estimate))
@@ -265,10 +265,10 @@ def read_records(config: Mapping[str, Any]) -> tuple[pd.DataFrame, Account]:
     Returns
     -------
     encounters : pandas.DataFrame
-        The encounter table, as the rule ``ingest_encounters`` makes it. Its ``attrs["exposure"]``
-        has the kilometres and hours in which the records were made, None where that is not known.
+        The encounter table, as in the rule ``ingest_encounters``. Its ``attrs["exposure"]`` contains the
+        kilometres and hours in which the records were made; None if they are not known.
     account : Account
-        The account of all rows.
+        How many rows each filter has removed.
     """
     return _ingested(read_source(config["data"], child_generator(config["seed"], "sample")), config)
 
@@ -282,7 +282,7 @@ def _ingested(raw: pd.DataFrame, config: Mapping[str, Any]) -> tuple[pd.DataFram
 
 
 def _show(bar: tqdm, estimate: Estimate, posterior: SampledPosterior | None = None) -> None:
-    """Show how far an estimate is: the interval of the whole answer, and that of the sampling alone."""
+    """Show the progress of an estimate: the interval of the answer, and that of the sampling alone."""
     bar.n = estimate.simulations
     text = f"{estimate.events} events, sampling alone {estimate.low:.2g} to {estimate.high:.2g}"
     if posterior is not None:

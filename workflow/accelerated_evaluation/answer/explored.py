@@ -1,13 +1,13 @@
-"""Lines of closing speeds with which a page can compute the answer for any vehicle in a fraction of a second.
+"""Lines from which the explorer of the book computes the answer for any vehicle in a fraction of a second.
 
-A crash map answers for one vehicle with tens of thousands of lines. A page that a reader changes needs fewer
-lines, and they have to serve every vehicle that the reader may set. Here a line is a pair of lead speed and
-range, drawn with a probability in proportion to the crash probability there of some pilot vehicles. Along a
-line, the coordinate of a closing speed c is its cumulative hazard under the mean law of the answer,
-Lambda(c) = -log P(C > c | v_L, R). A vehicle is simulated at points of equal distances of Lambda. The
+A crash map consists of tens of thousands of lines, which are made for one vehicle. The explorer needs fewer
+lines, and these must be suitable for every vehicle that a reader can choose. A line is a pair of lead speed
+and range. The lines are drawn with a probability proportional to the crash probability of some pilot vehicles
+at this pair. Along a line, the coordinate of a closing speed c is its cumulative hazard under the mean law of
+the answer, Lambda(c) = -log P(C > c | v_L, R). A vehicle is simulated at equidistant values of Lambda. The
 probability of the event under the mean law is then a sum over lines and points.
 
-The probability under a single draw of the law is computed from the same sum; see `explored_ratios`.
+The probability under a single draw of the law is computed from the same points; see `explored_ratios`.
 """
 
 from collections.abc import Sequence
@@ -27,30 +27,31 @@ from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 LINES = 12_288
-CELLS = 60  # of lead speed and of the root of the range, in which lines are drawn
-DEPTH = 28  # largest cumulative hazard: a probability of 7e-13 given lead speed and range lies beyond
-# Cumulative hazards at which closing speeds are stored: closest near 0, where closing speeds bend most.
+CELLS = 60  # number of intervals of the lead speed, and of the square root of the range, for drawing lines
+DEPTH = 28  # largest cumulative hazard; closing speeds beyond it have the conditional probability 7e-13
+# Cumulative hazards at which closing speeds are stored. They are denser near 0, where the closing speed is a
+# strongly curved function of the hazard.
 NODES = np.arange(DEPTH + 1) ** 2 / DEPTH
 EVEN = 0.1  # share of the lines that are drawn from the law of lead speed and range alone
-PILOT_DRAWS = 20  # laws whose mean places the lines
-FEWEST = 20  # draws of each member, so that a reader can ask for one member alone
-PART = 256  # lines whose tables stay in the processor's cache
-# Closing speeds [m/s] at which laws are tabulated: bins of the body, and wider steps where tails are smooth.
+PILOT_DRAWS = 20  # number of draws of the law with whose mean the lines are drawn
+FEWEST = 20  # smallest number of draws of each member, so that a reader can select a single member
+PART = 256  # number of lines whose tables fit into the cache of a processor
+# Closing speeds [m/s] at which laws are tabulated, with wider steps in the tail, where the laws are smooth.
 SPEEDS = np.concatenate([np.arange(0, 24, 0.5), np.arange(24, 60, 1.0), np.arange(60, 241, 4.0)])
 
 
 @dataclass(frozen=True)
 class DrawnLaws:
-    """Draws of the law of cut-ins: those of the answer, and more of the members that it drew rarely.
+    """Draws of the law of cut-ins: the draws of the answer, and further draws of rarely drawn members.
 
     Attributes
     ----------
     laws
-        Distributions of the range and of the closing speed.
+        Distributions of the range and of the closing speed, for each draw; those of the answer come first.
     member
-        Index of the member of the family of each, shape (draws,).
+        Index of the member of the family for each draw, shape (draws,).
     answered
-        Number of draws of the answer, which come first.
+        Number of draws of the answer.
     """
 
     laws: Sequence[tuple[SmoothHazard, SpeedLaw]]
@@ -61,16 +62,16 @@ class DrawnLaws:
     def of(
         cls, weighted: WeightedLaws, answered: np.random.Generator, more: np.random.Generator
     ) -> "DrawnLaws":
-        """Draw the laws.
+        """Draw the laws, such that every member of the family has at least `FEWEST` draws.
 
         Parameters
         ----------
         weighted
             The family with its weights.
         answered
-            The generator of the answer, in the state in which the answer drew its laws.
+            The random generator of the answer, in the state before the answer drew its laws.
         more
-            Source of the further draws.
+            Random generator of the further draws.
         """
         family, members = weighted.family, weighted.members
         drawn = list(drawn_laws(family, members, weighted.weights, answered))
@@ -85,14 +86,14 @@ class DrawnLaws:
 
 @dataclass(frozen=True)
 class Cell:
-    """Cells of lead speed and range, or one for each line: their ends, and the share of the lead speeds.
+    """Rectangular cells of lead speed and square root of the range.
 
     Attributes
     ----------
     lead_speed
         Lower and upper end [m/s], shape (n, 2).
     root
-        Roots of R / R_max at the farther and the nearer end, shape (n, 2).
+        Square roots of R / R_max at the farther and the nearer end, shape (n, 2).
     share
         Share of the recorded lead speeds between the ends, shape (n,).
     support
@@ -106,7 +107,15 @@ class Cell:
 
     @classmethod
     def all(cls, lead_speeds: Array, support: Support) -> "Cell":
-        """Return the cells with recorded lead speeds, in an order in which neighbours follow each other."""
+        """Return all cells with recorded lead speeds, ordered so that consecutive cells are neighbours.
+
+        Parameters
+        ----------
+        lead_speeds
+            The recorded lead speeds [m/s].
+        support
+            Limits of the records, which are divided into `CELLS` times `CELLS` cells.
+        """
         row, column = np.divmod(np.arange(CELLS**2), CELLS)
         column = np.where(row % 2, CELLS - 1 - column, column)
         edges = np.linspace(*support.lead_speeds, CELLS + 1)
@@ -123,12 +132,27 @@ class Cell:
         return Cell(self.lead_speed[chosen], self.root[chosen], self.share[chosen], self.support)
 
     def at(self, across: Array | float, along: Array | float) -> tuple[Array, Array]:
-        """Return lead speed [m/s] and range [m] at shares of the sides of the cells."""
+        """Return the lead speed [m/s] and range [m] of a point in each cell, shape (n,) each.
+
+        Parameters
+        ----------
+        across, along
+            Position of the point as a share of the side of the cell, from 0 to 1: for the lead speed, and for
+            the square root of the range, where 0 is the farther end.
+        """
         speed = self.lead_speed[:, 0] + across * np.diff(self.lead_speed)[:, 0]
         return speed, self.support.range_max * (self.root[:, 0] + along * np.diff(self.root)[:, 0]) ** 2
 
     def probability(self, places: Places, ranges: SmoothHazard) -> Array:
-        """Return the probability of lead speeds and ranges in each cell, with the law of R at a place."""
+        """Return the probability of each cell, shape (n,).
+
+        Parameters
+        ----------
+        places
+            A pair of lead speed and range in each cell, at which the distribution of the range is evaluated.
+        ranges
+            Distribution of the range given the lead speed.
+        """
         cumulative, touches = places.range_hazards(ranges), self.root[:, 1] > 0
         far = cumulative.at(-2 * np.log(self.root[:, 0]))
         near = cumulative.at(-2 * np.log(np.where(touches, self.root[:, 1], 1.0)))
@@ -138,16 +162,16 @@ class Cell:
 
 @dataclass(frozen=True)
 class ExploredLines:
-    """Lines on which any vehicle is simulated, with the mean law along them; shape (lines,) if not stated.
+    """Lines on which any vehicle is simulated, with the mean law along them; arrays of shape (lines,).
 
     Attributes
     ----------
     lead_speed, range_
-        Places of the lines [m/s], [m].
+        Lead speed [m/s] and range [m] of each line.
     probability
-        Probability of the mean law that each line stands for.
+        Probability under the mean law that each line represents.
     distance
-        Squared distance of each line from the median in normal scores of v_L, and of R given v_L.
+        Sum of the squared normal scores of v_L, and of R given v_L.
     closing_speed
         Closing speeds [m/s] at the cumulative hazards `NODES`, shape (lines, DEPTH + 1).
     """
@@ -166,7 +190,7 @@ def explored_lines(
     pilots: Sequence[Vehicle],
     generator: np.random.Generator,
 ) -> ExploredLines:
-    """Draw lines for a page, and tabulate the mean law of the answer along them.
+    """Draw the lines of the explorer, and tabulate the mean law of the answer along them.
 
     Parameters
     ----------
@@ -177,16 +201,16 @@ def explored_lines(
     support
         Limits of the records.
     pilots
-        Vehicles whose crashes say where lines are needed.
+        Vehicles whose crashes determine where more lines are drawn.
     generator
-        Random start of the systematic sample of lines.
+        Source of the random start of the systematic sample of lines.
     """
     cells = Cell.all(lead_speeds, support)
     chance = _chances(cells, drawn.laws[: drawn.answered : max(1, drawn.answered // PILOT_DRAWS)], pilots)
     steps = np.floor(np.cumsum(LINES * chance) + generator.random()).astype(int)
     chosen = np.repeat(np.arange(chance.size), np.diff(steps, prepend=0))
     number = np.arange(chosen.size)[:, None]
-    # Additive recurrence with the plastic number (Roberts 2018): places that fill the cells evenly.
+    # Additive recurrence with the plastic number (Roberts 2018): the points fill the cells evenly.
     across, along = ((0.5 + number / 1.324717957244746 ** np.array([1, 2])) % 1).T
     own, drawn_times = cells.only(chosen), LINES * chance[chosen]
     lead_speed, range_ = own.at(across, along)
@@ -197,7 +221,7 @@ def explored_lines(
 
 
 def _distance(lead_speed: Array, range_: Array, recorded: Array, drawn: DrawnLaws, support: Support) -> Array:
-    """Return the squared distance of places from the median, in normal scores of v_L and of R given v_L."""
+    """Return the sum of the squared normal scores of v_L and of R given v_L, for pairs of both."""
     rank = (np.searchsorted(recorded, lead_speed) + 0.5) / (recorded.size + 1)
     places, logarithm = Places.of(lead_speed, range_, support), np.log(support.range_max / range_)
     tail = np.zeros(range_.size)
@@ -207,7 +231,7 @@ def _distance(lead_speed: Array, range_: Array, recorded: Array, drawn: DrawnLaw
 
 
 def _chances(cells: Cell, laws: Sequence[tuple[SmoothHazard, SpeedLaw]], pilots: Sequence[Vehicle]) -> Array:
-    """Return the share of the lines in each cell, from crashes of the pilots at the middle of the cells."""
+    """Return the share of the lines in each cell, from the crashes of the pilots at its centre."""
     lead_speed, range_ = cells.at(0.5, 0.5)
     survival = mean_law(cells, Places.of(lead_speed, range_, cells.support), laws)
     edges = np.arange(DEPTH + 1)
@@ -227,7 +251,22 @@ def _chances(cells: Cell, laws: Sequence[tuple[SmoothHazard, SpeedLaw]], pilots:
 
 
 def mean_law(cells: Cell, places: Places, laws: Sequence[tuple[SmoothHazard, SpeedLaw]]) -> Array:
-    """Return the mean over laws of P(cell and C > c) at `SPEEDS`, shape (cells, speeds)."""
+    """Return the mean over laws of the probability of a cell with a closing speed above each of `SPEEDS`.
+
+    Parameters
+    ----------
+    cells
+        The cells.
+    places
+        A pair of lead speed and range in each cell, at which the laws are evaluated.
+    laws
+        Distributions of the range and of the closing speed.
+
+    Returns
+    -------
+    numpy.ndarray
+        Probabilities, shape (cells, speeds).
+    """
     count = cells.share.size
     parts = [slice(first, first + PART) for first in range(0, count, PART)]
     total = np.zeros((SPEEDS.size, count))
@@ -239,6 +278,19 @@ def mean_law(cells: Cell, places: Places, laws: Sequence[tuple[SmoothHazard, Spe
 
 
 def closing_speeds(survival: Array, hazards: Array) -> Array:
-    """Return the closing speeds [m/s] at cumulative hazards, shape (n, hazards)."""
+    """Return the closing speeds [m/s] at given cumulative hazards, by linear interpolation.
+
+    Parameters
+    ----------
+    survival
+        Probabilities of closing speeds above each of `SPEEDS`, shape (n, speeds); see `mean_law`.
+    hazards
+        Cumulative hazards, shape (k,).
+
+    Returns
+    -------
+    numpy.ndarray
+        Closing speeds, shape (n, k).
+    """
     hazard = -np.log(np.maximum(survival / survival[:, :1], np.finfo(float).tiny))
     return np.array([np.interp(hazards, own, SPEEDS) for own in hazard])

@@ -1,10 +1,10 @@
-"""Ratios with which sums over explored lines become probabilities under each draw of the law.
+"""Ratios that convert the sum over the lines of the explorer to the probability under each draw of the law.
 
-The probability of an event under one draw of the law is a sum over lines under the mean law, in which every
-term is multiplied by a ratio: P(R, C > c | v_L) under the draw divided by that under the mean law. The
-logarithm of this ratio is a smooth function of v_L, of the root of R, and of the cumulative hazard Lambda of
-the mean law. It is stored at coarse nodes. Cubic splines lead from the coarse nodes to finer ones, between
-which the ratios themselves are interpolated.
+The explorer computes the probability of an event under the mean law as a sum over lines and points. For the
+probability under one draw of the law, every term is multiplied by a ratio: P(R, C > c | v_L) under the draw
+divided by the same quantity under the mean law. The logarithm of this ratio is a smooth function of v_L, of
+the square root of R, and of the cumulative hazard Lambda of the mean law. It is stored at coarse nodes. Cubic
+splines give its values at finer nodes, between which the ratios themselves are interpolated.
 """
 
 import numpy as np
@@ -15,22 +15,28 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.support import Support
 
-COARSE = (14, 12)  # stored nodes of lead speed and of the root of the range
-FINE = (19, 16)  # nodes between which ratios are interpolated
+COARSE = (14, 12)  # numbers of stored nodes of the lead speed and of the square root of the range
+FINE = (19, 16)  # numbers of nodes between which the ratios are interpolated
 LEVELS = (0, 1, 2, 3, 4, 5, 6, 8, 10, 12, 14, 17, 20, 24, DEPTH)  # stored cumulative hazards
-LIMITS = (
-    -12.0,
-    8.0,
-)  # of the stored logarithms: smaller ratios count as 0, larger ones have no draw that matters
+# Limits of the stored logarithms. Smaller ratios are almost 0, and no draw with a relevant weight has larger
+# ones.
+LIMITS = (-12.0, 8.0)
 
 
 def log_ratios(drawn: DrawnLaws, support: Support) -> Array:
-    """Return log ratios of each draw to the mean law of the answer at the stored nodes.
+    """Return the logarithms of the ratio of each draw to the mean law of the answer, at the stored nodes.
+
+    Parameters
+    ----------
+    drawn
+        Draws of the law.
+    support
+        Limits of the records.
 
     Returns
     -------
     numpy.ndarray
-        Shape (draws, nodes of v_L, nodes of the root of R, levels of the cumulative hazard).
+        Shape (draws, nodes of v_L, nodes of the square root of R, levels of the cumulative hazard).
     """
     speeds, roots = (
         np.linspace(*support.lead_speeds, COARSE[0]),
@@ -38,7 +44,7 @@ def log_ratios(drawn: DrawnLaws, support: Support) -> Array:
     )
     lead_speed, root = (nodes.ravel() for nodes in np.meshgrid(speeds, roots, indexing="ij"))
     places = Places.of(lead_speed, root**2, support)
-    # A narrow cell around each node: its probability is that of the density, up to a constant.
+    # The density of the range is represented, up to a constant, by the probability of a cell at each node.
     width = roots[0]
     sides = np.column_stack([np.minimum(root + width, roots[-1]), root - width]) / roots[-1]
     cells = Cell(np.column_stack([lead_speed, lead_speed]), sides, np.ones(root.size), support)
@@ -54,7 +60,11 @@ def log_ratios(drawn: DrawnLaws, support: Support) -> Array:
 
 
 def refinements() -> tuple[Array, Array, Array]:
-    """Return the matrices that lead from stored to fine nodes: of v_L, of the root of R, and of Lambda."""
+    """Return the matrices of spline interpolation from the stored to the finer nodes.
+
+    There is one matrix for each coordinate: v_L, the square root of R, and Lambda. Each has the shape (finer
+    nodes, stored nodes).
+    """
     sides = (
         (np.linspace(0, 1, COARSE[0]), np.linspace(0, 1, FINE[0])),
         (_roots(COARSE[1]), _roots(FINE[1])),
@@ -65,5 +75,5 @@ def refinements() -> tuple[Array, Array, Array]:
 
 
 def _roots(count: int) -> Array:
-    """Return nodes of the root of R / R_max, up to 1, the first one half a step above 0."""
+    """Return equidistant nodes of the square root of R / R_max, from half a step above 0 to 1."""
     return (2 * np.arange(count) + 1) / (2 * count - 1)

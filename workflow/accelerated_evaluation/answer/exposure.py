@@ -19,9 +19,9 @@ from accelerated_evaluation.answer.posterior import LEVELS, Posterior
 from accelerated_evaluation.base.arrays import Array
 
 UNITS = {"kilometres": "kilometre", "hours": "hour"}
-JEFFREYS = 0.5  # added to the count
+JEFFREYS = 0.5  # added to the count, from Jeffreys' prior
 CUT_IN = "cut-in"
-TINY = 1e-9  # probability that lies beyond the bracket of a quantile
+TINY = 1e-9  # tail probability outside the interval in which a quantile is searched
 
 
 @dataclass(frozen=True)
@@ -41,25 +41,32 @@ class Rate:
 
     @property
     def law(self) -> gamma:
-        """The posterior."""
+        """The posterior distribution of the rate [1/km or 1/h], as a frozen SciPy distribution."""
         return gamma(self.count + JEFFREYS, scale=1 / self.exposure)
 
     def mean(self, probabilities: Array) -> float:
-        """Return the mean rate of a sub-event, given draws of its probability, shape (n,)."""
+        """Return the posterior mean of the rate of a sub-event, such as the crashes among the cut-ins.
+
+        Parameters
+        ----------
+        probabilities
+            Draws of the probability that an event is also the sub-event, shape (n,).
+        """
         return float(self.law.mean() * probabilities.mean())
 
     def quantile(self, level: float, probabilities: Array) -> float:
-        """Return a quantile of the rate of a sub-event.
+        """Return a posterior quantile of the rate of a sub-event, such as the crashes among the cut-ins.
 
-        With the draws p_i of its probability and the distribution function G of the posterior of the rate,
-        the quantile is the root x of mean G(x / p_i) = level. A draw of zero counts as a rate of zero.
+        Let p_i be the draws of the probability of the sub-event, and G the posterior distribution function of
+        the rate of the event. The quantile is the root x of mean_i G(x / p_i) = level. A draw p_i = 0 stands
+        for a rate of 0.
 
         Parameters
         ----------
         level
-            Level between 0 and 1.
+            Level of the quantile, between 0 and 1.
         probabilities
-            Draws of the probability that an event is of the sub-event's kind, shape (n,).
+            Draws of the probability that an event is also the sub-event, shape (n,).
         """
         law, positive = self.law, probabilities[probabilities > 0]
         zero = 1 - positive.size / probabilities.size

@@ -1,16 +1,16 @@
-"""The family file: a fitted family with its held-out scores, written and read by this module alone.
+"""The family file, which contains a fitted family of laws with its held-out scores.
 
 The file is a NumPy archive (npz). Its array ``header`` is a JSON text with these keys:
 
 ========== ==========================================================================================
 format     ``accelerated-evaluation family``
-version    Of the format.
-records    Digest of the distinct records that the family was fitted to, and of their limits.
-code       Digest of the source code that fits and scores.
-members    Names of the laws: the rows of ``scores``.
+version    Version of the format.
+records    Digest of the distinct records to which the family was fitted, and of their limits.
+code       Digest of the source code that fits and scores the family.
+members    Names of the laws, in the order of the rows of ``scores``.
 ========== ==========================================================================================
 
-The other arrays are, in the units of the records (m and s):
+The other arrays, in metres and seconds, are:
 
 ================================== ==================================================================
 scores                             Held-out log scores, shape (members, records).
@@ -20,8 +20,8 @@ threshold LEVEL                    Closing speeds at the nodes of a threshold [m
 tail MEMBER, NAME                  The excess of one law; NAME as above, or ``parameters``.
 ================================== ==================================================================
 
-What is read is equal to what was written. Everything that a few operations derive from the records, such as
-which of them exceed a threshold, is computed again.
+Reading a file restores exactly the family that was written. Quantities that are quickly computed from the
+records, such as which records exceed a threshold, are not stored but computed again.
 """
 
 import hashlib
@@ -62,16 +62,17 @@ SCORING = ("scores.py", "scored_family.py", "family_file.py")
 
 
 def fit_or_read(path: str | os.PathLike, records: DistinctRecords) -> ScoredFamily:
-    """Return the scored family of the given records: read if the file has it, otherwise fitted and written.
+    """Read the scored family of the given records from its file, or fit it and write the file.
 
-    The file is written again if it was made for other records or by other code, or if it is damaged.
+    The family is fitted if there is no file, if the file was made for other records or by other code, or if
+    it is damaged.
 
     Parameters
     ----------
     path
         The family file.
     records
-        Distinct cut-ins in the order of the record.
+        Distinct cut-ins, in the order of the records.
     """
     try:
         return read_family(path, records)
@@ -82,7 +83,7 @@ def fit_or_read(path: str | os.PathLike, records: DistinctRecords) -> ScoredFami
 
 
 def write_family(path: str | os.PathLike, scored: ScoredFamily) -> None:
-    """Write a scored family, atomically; equal families give equal bytes."""
+    """Write a scored family to a family file, atomically; equal families give equal bytes."""
     family = scored.family
     header = _header(scored.records) | {"members": [member.name for member in scored.members]}
     arrays = {"header": np.array(json.dumps(header)), "scores": scored.log_scores}
@@ -98,14 +99,14 @@ def write_family(path: str | os.PathLike, scored: ScoredFamily) -> None:
 
 
 def read_family(path: str | os.PathLike, records: DistinctRecords) -> ScoredFamily:
-    """Read what `write_family` wrote.
+    """Read a scored family from a file of `write_family`.
 
     Parameters
     ----------
     path
         The family file.
     records
-        The records that the family was fitted to.
+        The records to which the family was fitted.
 
     Raises
     ------
@@ -128,7 +129,7 @@ def read_family(path: str | os.PathLike, records: DistinctRecords) -> ScoredFami
 
 
 def _header(records: DistinctRecords) -> dict[str, str | int]:
-    """Return what a family file must state to belong to these records and to this version of the library."""
+    """Return the header of a family file for the given records and the present source code."""
     digest = hashlib.sha256(json.dumps(records.support.content()).encode())
     for values in (records.lead_speed, records.range_, records.closing_speed):
         digest.update(np.ascontiguousarray(values).tobytes())

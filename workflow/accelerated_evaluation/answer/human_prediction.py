@@ -2,8 +2,9 @@
 
 The driver is `vehicles.builtin.human.Human`, whose numbers come from publications other than these counts. A
 near-crash is an encounter without a crash in which the driver brakes at least as hard as a given
-deceleration. The predicted number is the probability of a cut-in times the number of cut-ins in the distance.
-Its 90 % limits contain the chance of a count, and the uncertainty in the law of cut-ins and in the drivers.
+deceleration. The predicted number is the probability of the event in a cut-in times the number of cut-ins in
+the distance. Its 90 % limits include the random variation of a count, and the uncertainty in the law of
+cut-ins and in the parameters of the drivers.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -36,20 +37,21 @@ from accelerated_evaluation.vehicles.events import CRASH
 from accelerated_evaluation.vehicles.protocol import Outcomes
 
 G = 9.81  # [m/s^2]
-# Largest deceleration [g] from which an encounter is a near-crash. Of the drivers in crashes and near-crashes
-# of SHRP 2, which the same institute coded, 99 % reached .5 g and 90 % .6 g
-# (`human_population.BRAKING_SHARES`).
+# Thresholds [g] of the largest deceleration: an encounter without a crash is a near-crash if it exceeds the
+# threshold. Of the drivers in crashes and near-crashes of SHRP 2, which the same institute coded, 99 %
+# reached 0.5 g and 90 % reached 0.6 g (`human_population.BRAKING_SHARES`).
 SEVERE = {f"near-crash, {level:g} g": level for level in (0.4, 0.5, 0.6)}
 MAIN = "near-crash, 0.5 g"
 KILOMETRES = 1e6 * HUNDRED_CAR_MILES * KILOMETRES_PER_MILE
 COLUMNS = ["driver", "event", "probability", "expected", "low90", "high90", "counted"]
 COLUMNS += ["probability_of_so_few", "verdict"]
 LIMITS = (0.05, 0.95)
-# Closing cut-ins per mile if every lane change is one in front of somebody: .36 lane changes a mile (Lee,
-# Olsen and Wierwille 2004, DOT HS 809 702, abstract), of which 43 of 81 closed in (NGSIM, US-101 and I-80).
+# Closing cut-ins per mile if every lane change is a cut-in in front of another vehicle: 0.36 lane changes per
+# mile (Lee, Olsen and Wierwille 2004, DOT HS 809 702, abstract), of which 43 of 81 had a closing gap (NGSIM,
+# US-101 and I-80).
 LANE_CHANGES_A_MILE = 8667 / 23949
 CLOSING = 43 / 81
-COARSER = 0.5  # resolution of the maps of the variants
+COARSER = 0.5  # resolution of the maps of the variants, relative to that of the main map
 VARIANTS: dict[str, dict[str, Any]] = {
     "as it is, one law": {},
     "notices every lane change at a drift of .375 m": {"latest_drift": 0.375},
@@ -65,10 +67,10 @@ VARIANTS: dict[str, dict[str, Any]] = {
 
 @dataclass(frozen=True)
 class BrakingHuman:
-    """A human driver whose outcomes have the largest deceleration in the place of the impact speed.
+    """A human driver whose outcomes contain the largest deceleration instead of the impact speed.
 
-    A crash map of this driver contains severe braking as the event that the "impact speed" exceeds a
-    threshold. The deceleration of a crash counts as infinite, so that severe braking includes every crash.
+    With this driver, a crash map can have severe braking as an event: it is the event that the "impact speed"
+    exceeds a threshold. In a crash the deceleration is infinite, so severe braking includes every crash.
 
     Attributes
     ----------
@@ -79,34 +81,34 @@ class BrakingHuman:
     human: Human
 
     def draw_inner(self, size: int, generator: np.random.Generator) -> Array:
-        """Draw drivers; see `RandomVehicle`."""
+        """Draw the parameters of drivers; see `RandomVehicle.draw_inner`."""
         return self.human.draw_inner(size, generator)
 
     def inner_weights(self, inner: Array, draws: int, generator: np.random.Generator) -> Array:
-        """Return weights of drivers; see `RandomVehicle`."""
+        """Return the weights of drivers under draws of the population; see `RandomVehicle.inner_weights`."""
         return self.human.inner_weights(inner, draws, generator)
 
     def simulate_given(
         self, lead_speed: Array, range_: Array, closing_speed: Array, inner: Array
     ) -> Outcomes:
-        """Simulate cut-ins with given drivers; see `RandomVehicle`."""
+        """Simulate cut-ins with given drivers; see `RandomVehicle.simulate_given`."""
         outcomes, largest = self.human.braking_given(lead_speed, range_, closing_speed, inner)
         return replace(outcomes, impact_speed=np.where(outcomes.crash, np.inf, largest))
 
     def simulate(self, lead_speed: Array, range_: Array, closing_speed: Array) -> Outcomes:
-        """Simulate cut-ins with newly drawn drivers; see `Vehicle`."""
+        """Simulate cut-ins with newly drawn drivers; see `Vehicle.simulate`."""
         return self.simulate_given(lead_speed, range_, closing_speed, self.human.draw_next(len(lead_speed)))
 
 
 def predictive_limits(means: Array, levels: tuple[float, float] = LIMITS) -> tuple[int, int]:
-    """Return the quantiles of a count that is Poisson given its mean.
+    """Return quantiles of a count whose distribution is Poisson with an uncertain mean.
 
     Parameters
     ----------
     means
         Draws of the mean, shape (draws,).
     levels
-        Levels of the quantiles.
+        Levels of the lower and the upper quantile.
     """
     top = int(poisson.isf(1e-6, means.max())) + 1
     below = poisson.cdf(np.arange(top)[:, None], means).mean(axis=1)
@@ -116,12 +118,12 @@ def predictive_limits(means: Array, levels: tuple[float, float] = LIMITS) -> tup
 
 @dataclass(frozen=True)
 class HumanPrediction:
-    """All that the prediction needs.
+    """The prediction of crashes and near-crashes of human drivers.
 
     Attributes
     ----------
     scored
-        The family of laws.
+        The family of laws, fitted to the records, with its held-out scores.
     grid
         Cells and resolution of the crash maps.
     cut_ins_per_km
@@ -129,7 +131,8 @@ class HumanPrediction:
     draws
         Number of draws of the law and of the population of drivers.
     of_maps
-        Generator of the crash maps; that of the study's other maps gives the same map of the driver.
+        Random generator of the crash maps. With the generator of the other maps of the study, the driver has
+        the same map as there.
     generator
         Source of all other randomness.
     """
@@ -142,21 +145,21 @@ class HumanPrediction:
     generator: np.random.Generator
 
     def table(self, counts: pd.DataFrame) -> pd.DataFrame:
-        """Tabulate predicted and counted numbers.
+        """Tabulate the predicted and the counted numbers of crashes and near-crashes.
 
         Parameters
         ----------
         counts
-            Of the 100-Car study, as `count_events` returns them.
+            Counts of the 100-Car study, from `count_events`.
 
         Returns
         -------
         pandas.DataFrame
-            Columns ``driver`` (the human as it is, or a variant); ``event``; ``probability`` of a cut-in;
-            ``expected`` number in the distance of the 100-Car study, with the 90 % limits ``low90`` and
-            ``high90`` of the count; ``counted``; ``probability_of_so_few``, that of at most the counted
-            number; and ``verdict``. Variants are computed with the law of the largest weight and have no
-            limits.
+            Columns ``driver`` (the human driver, or a variant of it); ``event``; ``probability`` of the event
+            in a cut-in; ``expected`` number of events in the distance of the 100-Car study, with the 90 %
+            limits of the count ``low90`` and ``high90``; ``counted`` number; ``probability_of_so_few``, the
+            probability of at most the counted number; and ``verdict``. Variants are computed only with the
+            law of the largest weight, and have no limits.
         """
         weighted = WeightedLaws.drawn(self.scored, deepcopy(self.generator), self.draws)
         counted = {
@@ -169,7 +172,7 @@ class HumanPrediction:
     def _lines(
         self, human: Human, near_crashes: Iterable[str], *, finer: float = 1.0
     ) -> dict[str, CrashLines]:
-        """Return the lines of a crash map by event; all maps use the same random numbers."""
+        """Return the lines of a crash map by event; the maps of all drivers use the same random numbers."""
         braking = {event: cut_in.CUT_IN.event("impact_speed", G * SEVERE[event]) for event in near_crashes}
         generator = deepcopy(self.of_maps)
         grid = self.grid.refined(finer)
@@ -181,7 +184,7 @@ class HumanPrediction:
         }
 
     def _own_rows(self, weighted: WeightedLaws, counted: Mapping[str, int]) -> Iterator[dict]:
-        """Yield the rows of the driver as it is, for several definitions of a near-crash."""
+        """Yield the rows of the unchanged driver, for several definitions of a near-crash."""
         human = Human()
         thinned = {
             event: with_draws(
@@ -218,7 +221,7 @@ class HumanPrediction:
         return row | {"probability_of_so_few": float(poisson.cdf(seen, means).mean()), "verdict": verdict}
 
     def _variant_rows(self, weighted: WeightedLaws, counted: Mapping[str, int]) -> Iterator[dict]:
-        """Yield the rows of the variants, by one law and at a lower resolution."""
+        """Yield the rows of the variants, which are computed with one law and coarser crash maps."""
         ranges, law = weighted.family.ranges, weighted.family.law(weighted.heaviest)
         cut_ins = np.nan if self.cut_ins_per_km is None else self.cut_ins_per_km * KILOMETRES
         for name, parameters in VARIANTS.items():

@@ -1,4 +1,4 @@
-"""Impact speeds of the runs that crashed, regressed on the normal scores, as part of a control variate."""
+"""Regression of the impact speeds of simulated crashes on the normal scores, for a control variate."""
 
 from collections.abc import Callable
 
@@ -8,17 +8,31 @@ from scipy.special import ndtr
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.vehicles.protocol import Outcomes
 
-RIDGE = 1e-2  # of the regression, in units of the variance of its terms
-SMALLEST_DEVIATION = 0.3  # [m/s], of an impact speed from its regression
-FEWEST = 15  # crashes, from which impact speeds are regressed
+RIDGE = 1e-2  # ridge penalty of the regression, in units of the variance of its terms
+SMALLEST_DEVIATION = 0.3  # [m/s], smallest standard deviation of the residuals
+FEWEST = 15  # smallest number of crashes for a regression
 
 
 def impact_share(z: Array, outcomes: Outcomes, threshold: float) -> Callable[[Array], Array]:
-    """Return the probability that a crash at normal scores is faster than a threshold [m/s].
+    """Return a function that predicts the probability that a crash has an impact speed above a threshold.
 
-    Impact speeds of the crashes are regressed on a quadratic function of the normal scores, with normal
-    residuals. The function only serves as a control variate, so that it reduces the variance and need not be
-    exact. It is 1 where there are too few crashes.
+    The impact speeds of the crashes are regressed on a quadratic function of the normal scores, with normal
+    residuals. The predictions are used only for a control variate, so they need not be exact. With fewer than
+    `FEWEST` crashes, the predicted probability is 1 everywhere.
+
+    Parameters
+    ----------
+    z
+        Normal scores of all runs, shape (n, d).
+    outcomes
+        Their outcomes.
+    threshold
+        Impact speed [m/s].
+
+    Returns
+    -------
+    callable
+        Function of normal scores, shape (m, d), that returns probabilities, shape (m,).
     """
     if outcomes.crash.sum() < FEWEST:
         return lambda points: np.ones(len(points))
@@ -37,6 +51,6 @@ def impact_share(z: Array, outcomes: Outcomes, threshold: float) -> Callable[[Ar
 
 
 def _quadratic(x: Array) -> Array:
-    """Return a constant, the variables and their products, shape (n, d) to (n, 1 + d + d (d + 1) / 2)."""
+    """Return a constant, the d variables and their products as columns, shape (n, 1 + d + d (d + 1) / 2)."""
     products = [x[:, i] * x[:, j] for i in range(x.shape[1]) for j in range(i + 1)]
     return np.column_stack([np.ones(len(x)), x, *products])

@@ -1,4 +1,4 @@
-"""The table of laws: held-out scores near the crash set, weights, and which laws are rejected."""
+"""The table of laws: their held-out scores near the crash set, their weights, and which are rejected."""
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -28,18 +28,32 @@ from accelerated_evaluation.laws.smooth.shapes import Exponential, Generalised
 from accelerated_evaluation.laws.smooth.smooth_hazard import fit_hazard
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
-INVERSE_TTC = (0.25, 0.35, 0.45)  # [1/s]
-SIMULATED_TTC = (2.0, 3.0, 4.0)  # [s]
+INVERSE_TTC = (0.25, 0.35, 0.45)  # [1/s], regions: inverse time to collision at the cut-in above these values
+SIMULATED_TTC = (2.0, 3.0, 4.0)  # [s], regions: smallest simulated time to collision at most these values
 PAPER = "paper: independent, exponential 0.95"
 TOGETHER = "all laws, weighted"
-KNOT = 0.95
+KNOT = 0.95  # level of the threshold of the laws that are listed
 EXTREME = 0.98  # level of the threshold of conditional extremes
-ERRORS = 2.5  # standard errors by which a refused law lies behind the best
-THIN_CRPS = 20
+ERRORS = 2.5  # a law is rejected if its score is this number of standard errors below that of the best law
+THIN_CRPS = 20  # outside of the region, only one in this number of records enters the CRPS
 
 
 def regions(records: DistinctRecords, vehicle: Vehicle) -> dict[str, Array]:
-    """Return the boundaries of all regions [m/s] by the name of their column."""
+    """Return the boundaries of all regions in which the laws are scored.
+
+    Parameters
+    ----------
+    records
+        The distinct cut-ins.
+    vehicle
+        The vehicle whose simulated time to collision defines some of the regions.
+
+    Returns
+    -------
+    dict
+        Closing speed [m/s] above which a cut-in is in the region, for the lead speed and range of each
+        record, shape (records,), by the name of the region.
+    """
     inside = {f"inverse_ttc_{q:g}": q * records.range_ for q in INVERSE_TTC}
     for ttc in SIMULATED_TTC:
         boundary = time_to_collision_boundary(vehicle, ttc, records.support)
@@ -48,7 +62,17 @@ def regions(records: DistinctRecords, vehicle: Vehicle) -> dict[str, Array]:
 
 
 def rivals(fitter: Fitter, family: LawFamily) -> dict[str, Callable[[DistinctRecords], FittedLaw]]:
-    """Return functions that fit the alternative laws, with the paper's law first."""
+    """Return functions that fit the laws with which the family is compared, by name.
+
+    The paper's law is the first. Each function takes records and returns a law of the closing speed.
+
+    Parameters
+    ----------
+    fitter
+        The records, with the grids of the smooth hazards.
+    family
+        The family fitted to all records, from which fits start.
+    """
 
     def extremes(records: DistinctRecords) -> ConditionalExtremes:
         body = fit_hazard(fitter.grids[1], fitter.count_speeds(records), start=family.body)
@@ -70,14 +94,23 @@ def rivals(fitter: Fitter, family: LawFamily) -> dict[str, Callable[[DistinctRec
 def score_laws(
     weighted: WeightedLaws, vehicle: Vehicle
 ) -> tuple[dict[str, dict[str, Array]], dict[str, Array]]:
-    """Score the family and the alternative laws in all regions.
+    """Score the laws of the family and the laws with which it is compared, in all regions.
+
+    A law of comparison that cannot be fitted gives a warning and has no scores.
+
+    Parameters
+    ----------
+    weighted
+        The family with its weights.
+    vehicle
+        The vehicle whose simulated time to collision defines some of the regions.
 
     Returns
     -------
     scores : dict
         Held-out log scores by law and region, shape (records,).
     crps : dict
-        Negative threshold-weighted CRPS by law, in the first region.
+        Negative threshold-weighted CRPS by law, in the first region, shape (records,).
     """
     fitter, family = weighted.fitter, weighted.family
     inside = regions(fitter.records, vehicle)
@@ -105,7 +138,17 @@ def score_laws(
 
 
 def compare_laws(weighted: WeightedLaws, vehicle: Vehicle, lines: CrashLines) -> pd.DataFrame:
-    """Return the table of laws, with the crash probability by each law on the lines of a crash map."""
+    """Score all laws, and tabulate them with their weights and crash probabilities; see `law_table`.
+
+    Parameters
+    ----------
+    weighted
+        The family with its weights.
+    vehicle
+        The car under test.
+    lines
+        Lines of its crash map.
+    """
     found = lines.probabilities(weighted.family, weighted.members)
     crash = {member.name: probability for member, probability in found.items()}
     return law_table(weighted, *score_laws(weighted, vehicle), crash)
@@ -120,7 +163,7 @@ def law_table(
     """Tabulate the gain of each law over the paper's law, its weight, and whether it is rejected.
 
     A law is rejected if its density is zero at a held-out record, or if in some region its score is below
-    that of the best law by more than two and a half standard errors of their difference.
+    that of the best law by more than `ERRORS` standard errors of their difference.
 
     Parameters
     ----------
@@ -134,9 +177,11 @@ def law_table(
     Returns
     -------
     pandas.DataFrame
-        Columns ``law``; a gain [nats] for each region; ``behind``, the largest difference to the best law in
-        standard errors; ``impossible``, the number of records with zero density; ``crps_gain``, the relative
-        gain of the CRPS; ``weight``; ``probability``; ``refused``.
+        Columns ``law``; for each region the gain in the held-out log score over the paper's law [nats];
+        ``behind``, the largest difference to the best law of a region, in standard errors; ``impossible``,
+        the number of held-out records with zero density; ``crps_gain``, the relative reduction of the CRPS;
+        the mean ``weight``; the weight by ``stacking``; the crash ``probability``; and ``refused``, whether
+        the law is rejected.
     """
     mean_weights = weighted.weights.mean(axis=0)
     inside = weighted.records.closing_speed > region(weighted.records) * weighted.records.range_
@@ -165,7 +210,15 @@ def law_table(
 
 
 def errors_behind(best: Array, other: Array) -> float:
-    """Return by how many standard errors of the difference a law's total score is below the best law's."""
+    """Return the difference of two total scores, divided by its standard error.
+
+    The result is 0 if the scores are equal, and infinite if a score is not finite.
+
+    Parameters
+    ----------
+    best, other
+        Scores of the best law and of another law at each record, shape (records,).
+    """
     difference = best - other
     if not np.all(np.isfinite(difference)):
         return float("inf")

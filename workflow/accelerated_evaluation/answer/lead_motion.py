@@ -1,20 +1,21 @@
-"""What the other car does next: the crash probability if the lead vehicle changes its speed.
+"""The crash probability of a cut-in after which the lead vehicle changes its speed.
 
-The probability is a mean over places (lead speed, range and, for a driver who never repeats itself, the
-driver), lead motions and closing speeds. Places and motions are drawn, and the closing speed is integrated by
-strata of its distribution at the place, with one simulation in each stratum:
+The probability is a mean over places, lead motions and closing speeds. A place is a lead speed, a range and,
+for a random driver, the parameters of the driver. Places and motions are drawn, and the closing speed is
+integrated by strata of its distribution at the place, with one simulation in each stratum:
 
     P = E[ w sum_k m_k 1(crash at c_k) ],
 
 where m_k is the probability of stratum k, c_k a closing speed drawn from it, and w the density of place and
 motion under the law divided by the density from which they were drawn. The strata are unit steps of the
-cumulative hazard, so that the rare and dangerous closing speeds of every place are simulated, too. Places are
-drawn preferentially where the smallest closing speed that crashes behind a constant lead vehicle, less a few
-m/s, is probable; motions are drawn as by `laws.motion.draw_wide`. The weights are bounded, the draws are
-independent, and the standard error is that of a mean of independent terms.
+cumulative hazard, so the rare and dangerous closing speeds of every place are simulated, too. Behind a lead
+vehicle that keeps its speed, the vehicle crashes from some closing speed on. Places are drawn preferentially
+where this closing speed, less a few m/s, is probable. Motions are drawn by `laws.motion.draw_wide`. The
+weights are bounded and the draws are independent, so the standard error is that of a mean of independent
+terms.
 
-Cut-ins whose gap opens are drawn from recorded ones, with motions drawn in the same way. If a study has no
-records of them, they are recorded closing cut-ins whose closing speed has the other sign.
+Opening cut-ins are drawn from recorded ones, with motions drawn in the same way. If a study has no records of
+opening cut-ins, recorded closing cut-ins with the opposite sign of the closing speed are used.
 """
 
 from dataclasses import dataclass, replace
@@ -32,29 +33,30 @@ from accelerated_evaluation.vehicles.events import CRASH
 from accelerated_evaluation.vehicles.moving import MovingVehicle, simulate_motion
 from accelerated_evaluation.vehicles.protocol import RandomVehicle, simulate_inner
 
-# [m/s], by which a motion may lower the smallest closing speed that crashes, for the choice of places.
+# [m/s], amounts by which a lead motion may lower the smallest closing speed with a crash; places are drawn
+# preferentially for each of them.
 SHIFTS = (0.0, 1.5, 4.0, 9.0)
-PLACES = 6000
-STRATA = 25  # of the closing speed; the last one has a probability of exp(-24)
-OPENING = 60_000
-AT_ONCE = 20_000  # bounds the memory: 100 MB
-ONE_SIDED = 1.645  # standard errors up to an upper 95 % limit
-NONE = 3.0  # upper 95 % limit of the mean of a Poisson count of zero
+PLACES = 6000  # number of drawn places of closing cut-ins
+STRATA = 25  # number of strata of the closing speed; the last one has a probability of exp(-24)
+OPENING = 60_000  # number of drawn opening cut-ins
+AT_ONCE = 20_000  # number of opening cut-ins that are simulated at once, so that 100 MB of memory are enough
+ONE_SIDED = 1.645  # number of standard errors up to a one-sided upper 95 % limit
+NONE = 3.0  # upper 95 % limit of the mean of a Poisson distribution if the count is 0
 
 
 @dataclass(frozen=True)
 class Means:
-    """Crash probabilities that were estimated from independent terms.
+    """Estimated crash probabilities with a constant and with a changing lead speed.
 
     Attributes
     ----------
     still, moved
-        With a lead vehicle that keeps its speed, and with one that changes it.
+        Crash probability if the lead vehicle keeps its speed, and if it changes its speed.
     covariance
         Covariance matrix of the two estimates, shape (2, 2).
     limit
-        Upper 95 % limit of ``moved``. If no lead vehicle that changes its speed caused a crash, this is the
-        exact limit for draws whose weights are bounded.
+        One-sided upper 95 % limit of ``moved``. If there was no crash with a changing lead speed, the limit
+        follows from the Poisson limit of a count of 0 and the largest possible weight.
     """
 
     still: float
@@ -64,7 +66,15 @@ class Means:
 
     @classmethod
     def of(cls, terms: Array, largest: float) -> "Means":
-        """Return the means of ``terms``, shape (2, n), none of which can exceed ``largest``."""
+        """Return the means of independent terms, with their covariance.
+
+        Parameters
+        ----------
+        terms
+            Terms with a constant (first row) and with a changing lead speed (second row), shape (2, n).
+        largest
+            Largest possible value of a term.
+        """
         size = terms.shape[1]
         still, moved = terms.mean(axis=1).tolist()
         covariance = np.cov(terms) / size
@@ -77,7 +87,15 @@ class Means:
         return float(np.sqrt(self.covariance[1, 1]))
 
     def together(self, other: "Means", share: float) -> "Means":
-        """Return the estimates for all cut-ins if the other kind of cut-in has a share of them."""
+        """Return the estimates for cut-ins of two kinds together.
+
+        Parameters
+        ----------
+        other
+            Estimates for the other kind of cut-ins, which are independent of these.
+        share
+            Share of the other kind among all cut-ins.
+        """
         own = 1 - share
         return Means(
             own * self.still + share * other.still,
@@ -87,7 +105,10 @@ class Means:
         )
 
     def factor(self) -> tuple[float, float]:
-        """Return moved divided by still, and its standard error by linearisation; NaN without crashes."""
+        """Return the ratio ``moved`` / ``still``, and its standard error by linearisation.
+
+        Both are NaN if there was no crash with a constant lead speed.
+        """
         if not self.still:
             return np.nan, np.nan
         ratio = self.moved / self.still
@@ -97,14 +118,14 @@ class Means:
 
 @dataclass(frozen=True)
 class MovingProblem:
-    """The question how often a vehicle crashes if the lead vehicle changes its speed.
+    """A vehicle, a law of cut-ins and a law of lead motion, for which the crash probability is estimated.
 
     Attributes
     ----------
     vehicle
         The vehicle.
     crash_map
-        Its map for a lead vehicle that keeps its speed.
+        Crash map of the vehicle for a lead vehicle that keeps its speed.
     records
         Recorded closing cut-ins.
     ranges, law
@@ -121,7 +142,7 @@ class MovingProblem:
     motion: LeadMotion
 
     def closing(self, generator: np.random.Generator) -> Means:
-        """Return the crash probability of a cut-in whose gap closes."""
+        """Estimate the crash probability of a closing cut-in from stratified, weighted draws."""
         records = self.records
         lines = CrashLines.of(with_first_crashes(self.crash_map), records.lead_speed, support=records.support)
         given = self.law.given(lines.places)
@@ -144,9 +165,17 @@ class MovingProblem:
         return Means.of(weights * terms, LARGEST_WEIGHT * len(proposals) * place.sum())
 
     def opening(self, recorded: DistinctRecords, generator: np.random.Generator) -> Means:
-        """Return the crash probability of a cut-in whose gap opens, drawn from recorded ones.
+        """Estimate the crash probability of an opening cut-in.
 
-        Short ranges are drawn more often than they were recorded.
+        Recorded cut-ins are drawn with replacement; those with short ranges are drawn preferentially, and the
+        terms are weighted accordingly.
+
+        Parameters
+        ----------
+        recorded
+            Recorded opening cut-ins.
+        generator
+            Source of all randomness.
         """
         nearness = 1 / recorded.range_
         chance = (1 / recorded.size + nearness / nearness.sum()) / 2
@@ -165,16 +194,17 @@ class MovingProblem:
         return Means.of(weights * np.hstack(parts), 2 * LARGEST_WEIGHT)
 
     def _crashes(self, cut_ins: Array, inputs: Array, inner: Array | None) -> Array:
-        """Return whether cut-ins, shape (3, n), crash with a constant and a changing lead speed, (2, n)."""
+        """Return whether cut-ins crash with a constant and with a changing lead speed, shape (2, n)."""
         speeds = self.motion.lead_speeds(cut_ins, inputs)
         still = simulate_inner(self.vehicle, tuple(cut_ins), inner)
         return np.array([still.crash, simulate_motion(self.vehicle, tuple(cut_ins), speeds, inner).crash])
 
 
 def with_first_crashes(crash_map: CrashMap) -> CrashMap:
-    """Return a map with one interval on every line, from the smallest closing speed that crashes up.
+    """Return a crash map with one interval on every line, which begins at the first closing speed of a crash.
 
-    The interval is empty, and begins at infinity, if the line has no crash.
+    The interval has no upper end. If there is no crash on a line, its interval is empty and begins at
+    infinity.
     """
     intervals, lines = crash_map.intervals(CRASH), crash_map.lead_speed.size
     first = np.full(lines, np.inf)
@@ -184,5 +214,8 @@ def with_first_crashes(crash_map: CrashMap) -> CrashMap:
 
 
 def mirrored(records: DistinctRecords) -> DistinctRecords:
-    """Return closing cut-ins whose closing speed has the other sign, as far as the host drives forwards."""
+    """Return closing cut-ins with the opposite sign of the closing speed.
+
+    The negative closing speed is limited such that the speed of the host does not become negative.
+    """
     return replace(records, closing_speed=np.maximum(-records.closing_speed, -records.lead_speed))

@@ -1,4 +1,4 @@
-"""The likeliest ways to crash, the records nearest to a crash, and their traces."""
+"""The most probable kinds of crashes, the records nearest to a crash, and the traces of both."""
 
 import numpy as np
 import pandas as pd
@@ -13,9 +13,9 @@ from accelerated_evaluation.vehicles.builtin.traces import COLUMNS
 from accelerated_evaluation.vehicles.events import CRASH
 from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle
 
-WAYS = 12
-LIKE_RANGE = 5.0  # [m], how far the range of a record may differ to be like that of a crash
-DRAWN = 4000  # crashes that are put into groups
+WAYS = 12  # number of groups of crashes, and of records
+LIKE_RANGE = 5.0  # [m], largest difference of two ranges that count as similar
+DRAWN = 4000  # number of drawn crashes that are divided into groups
 PLACE = ("lead_speed", "range", "closing_speed")
 SHOWN = ("kind", "number", "probability", *PLACE, "crash", "min_range", "min_ttc", "impact_speed")
 
@@ -23,7 +23,7 @@ SHOWN = ("kind", "number", "probability", *PLACE, "crash", "min_range", "min_ttc
 def ways_to_crash(
     lines: CrashLines, law: DependentLaw, vehicle: Vehicle, generator: np.random.Generator
 ) -> pd.DataFrame:
-    """Find the likeliest ways to crash: groups of crashes under a law, each with a representative crash.
+    """Divide the crashes under a law into groups, and represent each group by one crash.
 
     Crashes are drawn from the law and divided into groups by k-means in normal scores, so that all variables
     have the same scale. Each group is represented by the crash nearest to its centre, and has a share of the
@@ -43,8 +43,10 @@ def ways_to_crash(
     Returns
     -------
     pandas.DataFrame
-        Columns SHOWN: ``kind`` is "crash", and ``probability`` is that of the group; the likeliest groups
-        come first. There are no rows if the vehicle never crashes, or if the probability underflows.
+        One row for each group, the most probable first, with the columns `SHOWN`: ``kind`` is "crash",
+        ``number`` is counted from 1, and ``probability`` is that of the group; the other columns are the
+        initial values and the outcome of the representative crash. There are no rows if the vehicle never
+        crashes, or if the probability underflows.
     """
     masses = lines.masses(law.ranges, law.speeds)
     if not masses.any():
@@ -57,7 +59,7 @@ def ways_to_crash(
 def ways_among_runs(
     crashes: pd.DataFrame, probability: float, vehicle: Vehicle, generator: np.random.Generator
 ) -> pd.DataFrame:
-    """Find the likeliest ways to crash among weighted runs, for a vehicle without a crash map.
+    """Divide the crashes among weighted runs into groups, for a vehicle without a crash map.
 
     Crashes are drawn from the runs that crashed, by their shares of the crash probability, and are divided
     into groups as in `ways_to_crash`.
@@ -65,7 +67,7 @@ def ways_among_runs(
     Parameters
     ----------
     crashes
-        As `averaged.Course.crashes` returns it.
+        Table of `averaged.Course.crashes`.
     probability
         The crash probability.
     vehicle
@@ -76,7 +78,7 @@ def ways_among_runs(
     Returns
     -------
     pandas.DataFrame
-        As `ways_to_crash`; there are fewer groups if fewer runs have a share.
+        As in `ways_to_crash`; there are at most as many groups as crashes with a positive share.
     """
     counted = crashes[crashes["share"] > 0]
     if counted.empty:
@@ -124,11 +126,19 @@ def normal_scores(law: DependentLaw, lead_speed: Array, range_: Array, closing_s
 def nearest_records(records: DistinctRecords, vehicle: Vehicle) -> pd.DataFrame:
     """Find the distinct records that come nearest to a crash when the vehicle replays them.
 
+    Parameters
+    ----------
+    records
+        The distinct cut-ins.
+    vehicle
+        The vehicle.
+
     Returns
     -------
     pandas.DataFrame
-        Columns SHOWN: ``kind`` is "record", and ``probability`` is NaN; crashes first, and then the others by
-        the smallest time to collision.
+        One row for each of `WAYS` records, with the columns `SHOWN`: ``kind`` is "record", and
+        ``probability`` is NaN. Crashes come first, in the order of falling impact speed, and then the other
+        records by the score of a crash.
     """
     place = records.lead_speed, records.range_, records.closing_speed
     outcomes = vehicle.simulate(*place)
@@ -138,9 +148,20 @@ def nearest_records(records: DistinctRecords, vehicle: Vehicle) -> pd.DataFrame:
 
 
 def traces_of(shown: pd.DataFrame, vehicle: Vehicle) -> pd.DataFrame:
-    """Follow the encounters of a table; ``kind``, ``number`` and the columns of `traces.COLUMNS`.
+    """Simulate the encounters of a table, and return the states of both cars over time.
 
-    There are no rows where the vehicle's states are not known, as those of a user's own.
+    Parameters
+    ----------
+    shown
+        Table of `ways_to_crash` or `nearest_records`.
+    vehicle
+        The vehicle.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each time step, with the ``kind`` and ``number`` of the encounter and the columns of
+        `traces.COLUMNS`. There are no rows if the vehicle does not report its states over time.
     """
     parts = [pd.DataFrame(columns=["kind", "number", *COLUMNS])]
     if hasattr(vehicle, "trace"):
@@ -153,14 +174,22 @@ def traces_of(shown: pd.DataFrame, vehicle: Vehicle) -> pd.DataFrame:
 
 
 def _tabulated(table: pd.DataFrame, kind: str, vehicle: Vehicle) -> pd.DataFrame:
-    """Return encounters with numbers from 1 and what they end in."""
+    """Return a table of encounters with their kind, number and outcomes."""
     outcomes: Outcomes = vehicle.simulate(*(table[name].to_numpy() for name in PLACE))
     table = table.assign(kind=kind, number=np.arange(len(table)) + 1, **vars(outcomes))
     return table[list(SHOWN)]
 
 
 def largest_near(records: DistinctRecords, ranges: Array) -> Array:
-    """Return the largest closing speed [m/s] recorded within `LIKE_RANGE` of each range [m], or 0."""
+    """Return the largest recorded closing speed [m/s] at similar ranges; 0 if there are no such records.
+
+    Parameters
+    ----------
+    records
+        The distinct cut-ins.
+    ranges
+        Ranges [m], shape (n,). A range is similar if the difference is less than `LIKE_RANGE`.
+    """
     order = np.argsort(records.range_)
     recorded, speeds = records.range_[order], records.closing_speed[order]
     first = np.searchsorted(recorded, ranges - LIKE_RANGE, side="right")

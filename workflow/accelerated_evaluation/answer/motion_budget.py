@@ -1,4 +1,4 @@
-"""What the other car does next: a line of the budget of the answer."""
+"""The contribution of the unknown lead motion to the uncertainty of the answer."""
 
 import numpy as np
 import pandas as pd
@@ -7,33 +7,35 @@ MOTION = "what the other car does next"
 
 
 def motion_budget(moving: pd.DataFrame, vehicle: str, together: float) -> pd.DataFrame:
-    """Return what not knowing the lead motion adds to the budget of the answer of a vehicle.
+    """Return the contribution of the unknown lead motion to the budget of the answer.
 
-    The law of motion is that of all cars. Whether cars that have just changed lane move as much, less or not
-    at all is not known: the scale of their changes of speed is taken to be uniform from 0 to 1. The logarithm
-    of the factor is interpolated by a parabola through its values for the scales 0, 1/2 and 1.
+    Lead motion multiplies the crash probability by a factor. The law of motion was fitted to all cars. It is
+    not known whether cars that have just changed lane change their speed as much as other cars. The changes
+    of speed are therefore multiplied by a scale that is uniform from 0 to 1. The logarithm of the factor, as
+    a function of the scale, is interpolated by a parabola through its values at 0, 1/2 and 1. Its variance is
+    the contribution.
 
     Parameters
     ----------
     moving
-        The table of `motion_tables.motion_table`.
+        Table of `motion_tables.motion_table`.
     vehicle
         Name of the vehicle.
     together
-        Factor of the other sources together, as in `posterior.budget`.
+        The ``factor`` of all other sources together, from the table of `posterior.budget`.
 
     Returns
     -------
     pandas.DataFrame
-        One row as in `posterior.budget`, whose ``variance_share`` is relative to the variance of the other
-        sources together, and ``effect``, the factor by which the motion of all cars multiplies the
-        probability. No row if the vehicle is not in the table or never crashes.
+        One row with the columns of `posterior.budget` and ``effect``. The ``variance_share`` is relative to
+        the variance of all other sources together, and ``effect`` is the factor of the probability for the
+        scale 1. There is no row if the vehicle is not in the table or never crashes.
     """
     own = moving[(moving["vehicle"] == vehicle) & (moving["gap"] == "closing")]
     own = own[(own["factor"] > 0) & (own["factor_half"] > 0)]
     half, whole = (np.log(own[name].astype(float)) for name in ("factor_half", "factor"))
     slope, bend = 4 * half - whole, 2 * whole - 4 * half
-    # Variances and covariance of a uniform variable s and of its square: 1/12, 4/45 and 1/12.
+    # For a uniform variable s on [0, 1]: var(s) = 1/12, var(s^2) = 4/45, cov(s, s^2) = 1/12.
     variance = (
         slope**2 / 12 + slope * bend / 6 + 4 * bend**2 / 45 + (own["factor_error"] / own["factor"]) ** 2
     )

@@ -1,4 +1,4 @@
-"""Table of what the other car does next: the crash probabilities of all vehicles."""
+"""The table of crash probabilities of all vehicles if the lead vehicle changes its speed."""
 
 from collections.abc import Mapping
 from copy import deepcopy
@@ -15,11 +15,12 @@ from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.vehicles.moving import takes_motion
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
-FEWEST = 30  # opening cut-ins that stand for their population
+FEWEST = 30  # smallest number of recorded opening cut-ins that are used
 COLUMNS = ["vehicle", "gap", "cut_ins", "exact", "constant", "moving", "standard_error", "high95"]
 COLUMNS += ["factor", "factor_error", "factor_half"]
-# Opening cut-ins for each closing one in the Safety Pilot Model Deployment, if a study has no records of
-# them: the paper counts 173,692 closing ones among 403,581 (section II). In NGSIM there are 38 for 43.
+# Number of opening cut-ins per closing cut-in, for studies without records of opening cut-ins. In the Safety
+# Pilot Model Deployment, 173,692 of 403,581 cut-ins are closing (paper, section II). In NGSIM there are 38
+# opening and 43 closing cut-ins.
 OPENING_PER_CLOSING = 403_581 / 173_692 - 1
 
 
@@ -30,28 +31,30 @@ def motion_table(
     opening: DistinctRecords,
     generator: np.random.Generator,
 ) -> pd.DataFrame:
-    """Tabulate crash probabilities with a lead vehicle that changes its speed as in NGSIM.
+    """Tabulate the crash probabilities of vehicles if the lead vehicle changes its speed as in NGSIM.
 
     Parameters
     ----------
     vehicles, maps
-        The vehicles by name, and their crash maps. Vehicles that cannot be given lead speeds over time are
-        left out.
+        The vehicles by name, and their crash maps. Vehicles that cannot be simulated with a changing lead
+        speed are left out.
     weighted
-        The laws; the one of the largest weight is used.
+        The laws; the law with the largest weight is used.
     opening
-        Recorded cut-ins whose gap opens. If there are fewer than 30 of them, mirrored closing ones are used.
+        Recorded opening cut-ins. If there are fewer than `FEWEST`, closing cut-ins with the opposite sign of
+        the closing speed are used instead.
     generator
-        Source of all randomness. Every vehicle gets the same random numbers.
+        Source of all randomness. All vehicles get the same random numbers.
 
     Returns
     -------
     pandas.DataFrame
-        A row for each vehicle and kind of cut-in. Columns ``vehicle``; ``gap`` (closing, opening or all);
-        ``cut_ins``, their share; the crash probabilities ``exact`` (from the map, of closing cut-ins),
-        ``constant`` and ``moving`` (estimates), with the standard error of the last one and its upper 95 %
-        limit; ``factor``, moving divided by constant, with its standard error; and ``factor_half``, the
-        factor if all changes of speed were half as large.
+        One row for each vehicle and kind of cut-in. Columns: ``vehicle``; the kind of cut-in ``gap``
+        (closing, opening or all) and its share ``cut_ins``; the crash probability with a constant lead speed,
+        ``exact`` (from the crash map, only for closing cut-ins) and ``constant`` (estimated); the crash
+        probability with a changing lead speed, ``moving``, with ``standard_error`` and upper 95 % limit
+        ``high95``; ``factor``, moving divided by constant, with ``factor_error``; and ``factor_half``, the
+        factor if all changes of speed are halved.
     """
     records, family = weighted.records, weighted.family
     law = family.law(weighted.heaviest)

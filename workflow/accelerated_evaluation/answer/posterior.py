@@ -14,8 +14,9 @@ from accelerated_evaluation.laws.smooth.conditional import SpeedLaw
 from accelerated_evaluation.laws.smooth.family import LawFamily, Member
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 
-LEVELS = (0.5, 0.8, 0.95)
-LEAST_BETWEEN = 0.25  # share of the variance of the estimates that their own errors cannot explain
+LEVELS = (0.5, 0.8, 0.95)  # levels of the credible intervals
+# Smallest share of the variance of the logarithms of the estimates that is attributed to the probabilities.
+LEAST_BETWEEN = 0.25
 
 
 @dataclass(frozen=True)
@@ -27,9 +28,10 @@ class Posterior:
     probabilities
         The draws, shape (draws,).
     member
-        Index of the law among the members, shape (draws,).
+        Index of the law of each draw among the members of the family, shape (draws,).
     expected
-        Expected value of each risk in an encounter, shape (draws, risks); None if no risks were given.
+        Expected value of each risk in an encounter, such as the risk of an injury, shape (draws, risks); None
+        if no risks were given.
     """
 
     probabilities: Array
@@ -42,7 +44,7 @@ class Posterior:
         return float(np.median(self.probabilities))
 
     def interval(self, level: float) -> tuple[float, float]:
-        """Return the equal-tailed credible interval of a given level."""
+        """Return the ends of the equal-tailed credible interval of a given level, from 0 to 1."""
         low, high = np.quantile(self.probabilities, [(1 - level) / 2, (1 + level) / 2])
         return float(low), float(high)
 
@@ -55,13 +57,13 @@ def draw_posterior(
     generator: np.random.Generator,
     risks: Mapping[str, Array] = MappingProxyType({}),
 ) -> dict[str, Posterior]:
-    """Draw laws with their weights and parameters from their posteriors, and compute event probabilities.
+    """Draw laws and their parameters from their posterior, and compute event probabilities under them.
 
     Parameters
     ----------
     lines
-        Thinned crash map of a vehicle, by event. All events use the same draws. If the lines have weights,
-        each draw of the law is combined with a draw of the uncertain parameters of the vehicle.
+        Lines of a thinned crash map, by event. All events use the same draws. If the lines have weights, each
+        draw of the law is combined with a draw of the uncertain parameters of the vehicle.
     family
         The family fitted to all records.
     members
@@ -71,7 +73,13 @@ def draw_posterior(
     generator
         Source of all randomness.
     risks
-        Risks in each interval of some events, shape (risks, intervals), such as the risk of an injury.
+        Risks in each interval of the lines, such as the risk of an injury, shape (risks, intervals), for some
+        of the events.
+
+    Returns
+    -------
+    dict
+        The posterior of the probability of each event, by event.
     """
     probabilities = {event: np.empty(len(weights)) for event in lines}
     expected = {event: np.empty((len(weights), len(of_event))) for event, of_event in risks.items()}
@@ -89,10 +97,18 @@ def draw_posterior(
 def drawn_laws(
     family: LawFamily, members: tuple[Member, ...], weights: Array, generator: np.random.Generator
 ) -> Iterator[tuple[int, SmoothHazard, SpeedLaw]]:
-    """Draw laws with their weights, and their parameters from their posteriors.
+    """Draw members of a family by their weights, and the parameters of each from their posterior.
 
-    The parameters are those of `draw_posterior`. Yields the index of the member, the distribution of the
-    range and that of the closing speed.
+    Parameters
+    ----------
+    family, members, weights, generator
+        As in `draw_posterior`.
+
+    Yields
+    ------
+    tuple
+        For each draw: the index of the member, the distribution of the range given the lead speed, and the
+        distribution of the closing speed given both.
     """
     ends = np.cumsum(weights, axis=1)
     chosen = np.minimum((generator.random((len(weights), 1)) > ends).sum(axis=1), len(members) - 1)
@@ -113,18 +129,19 @@ def budget(posterior: Posterior, sampling_deviation: float) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        Columns ``source``, ``factor`` (one standard deviation, as a factor) and ``variance_share``. ``data``
-        is the mean variance of the draws within a law, ``choice of law`` the variance between the means of
-        the laws.
+        One row for each ``source``: ``data`` (mean variance of the draws within a law), ``choice of law``
+        (variance between the means of the laws), ``sampling``, and ``together``. The columns are ``factor``,
+        exp(standard deviation of the logarithm), and ``variance_share``.
     """
     variances = log_variances(posterior) | {"sampling": float(np.log1p(sampling_deviation**2))}
     return shares(variances)
 
 
 def log_variances(posterior: Posterior) -> dict[str, float]:
-    """Return the variance of the logarithm of a probability from the data and from the choice of the law.
+    """Divide the variance of the logarithm of a probability into two parts, ``data`` and ``choice of law``.
 
-    Both are NaN if a draw of the probability is zero.
+    ``data`` is the mean variance of the draws within a law, and ``choice of law`` the rest of the variance.
+    Both are NaN if a draw of the probability is 0.
     """
     with np.errstate(divide="ignore"):
         logs = pd.Series(np.log(posterior.probabilities))
@@ -137,10 +154,15 @@ def log_variances(posterior: Posterior) -> dict[str, float]:
 
 
 def shares(variances: Mapping[str, float]) -> pd.DataFrame:
-    """Tabulate independent variances of a logarithm by source, as `budget` does.
+    """Tabulate the variances of a logarithm by source, with the columns of `budget`.
 
-    If one of them is NaN, the event never happens and nothing is uncertain. All factors are then 1, and no
-    share is known.
+    If a variance is NaN, the event does not happen under some draw, so its logarithm has no variance. All
+    factors are then 1, and all shares NaN.
+
+    Parameters
+    ----------
+    variances
+        Variances of independent contributions to the logarithm, by source.
     """
     total = sum(variances.values())
     if np.isnan(total):
@@ -152,20 +174,21 @@ def shares(variances: Mapping[str, float]) -> pd.DataFrame:
 
 
 def without_scatter(estimates: Array, own: Array) -> Array:
-    """Draw estimates towards their median, so that their scatter is that of the probabilities.
+    """Shrink estimates towards their median, so that they have the variance of the true probabilities.
 
-    The own errors e_k explain the mean of e_k^2 of the variance of the logarithms of the estimates. The rest,
-    A, is the variance of the probabilities. The distance of each logarithm from the median is multiplied by
-    sqrt(A / (A + e_k^2)). This is a constrained empirical Bayes estimate (Louis 1984) for draws that are
-    normal around the median. A draw whose error is far larger than its estimate is not known, and gets almost
-    the median. In the mean of e_k^2 such errors count as 1, the error of an estimate of zero.
+    The estimates vary more than the probabilities, because each has a sampling error e_k of its own. Let V be
+    the variance of the logarithms of the estimates. The variance of the logarithms of the probabilities is
+    then A = V - mean of e_k^2, but at least `LEAST_BETWEEN` V. The distance of each logarithm from the median
+    is multiplied by sqrt(A / (A + e_k^2)). This is a constrained empirical Bayes estimate (Louis 1984) for
+    probabilities whose logarithms are normal around the median. An estimate with a very large error is almost
+    replaced by the median; in the mean of e_k^2 an error above 1 counts as 1.
 
     Parameters
     ----------
     estimates
-        Positive, shape (K,).
+        Positive estimates of the probabilities, shape (K,).
     own
-        Relative error of each that it does not share with the others, shape (K,).
+        Relative error of each estimate, without the error that all estimates share, shape (K,).
     """
     logs = np.log(estimates)
     middle, variance = np.median(logs), logs.var()

@@ -1,9 +1,9 @@
 """The closing speeds above which each vehicle always crashes, compared with foreseeable cut-ins.
 
 Regulators ask whether a crash was foreseeable and preventable (UN Regulation No. 157, annex 3; ISO 34502).
-For a given lead speed, the plane of range and closing speed contains two kinds of lines: the smallest closing
-speed at which a vehicle crashes, and the closing speed that, for example, one in a thousand cut-ins of that
-range exceeds.
+For a given lead speed, two kinds of lines are compared in the plane of range and closing speed: the smallest
+closing speed at which a vehicle crashes, and the closing speed that, for example, one in a thousand cut-ins
+with this range exceeds.
 """
 
 from collections.abc import Mapping
@@ -18,20 +18,20 @@ from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw
 from accelerated_evaluation.vehicles.protocol import RandomVehicle, Vehicle
 
-QUANTILES = (0.1, 0.5, 0.9)  # of the recorded lead speeds: those that are shown
+QUANTILES = (0.1, 0.5, 0.9)  # levels of the recorded lead speeds that are shown
 RANGES = np.linspace(1, 75, 149)  # [m]
 CLOSING_SPEEDS = np.linspace(0.1, 40, 400)  # [m/s]
-DRAWN = 15  # times that a vehicle with known randomness is drawn; odd, so that there is a majority
-FORESEEN = (1e-3, 1e-5)  # shares of the cut-ins of a range that close in faster
+DRAWN = 15  # number of draws of a random vehicle; odd, so that there is always a majority
+FORESEEN = (1e-3, 1e-5)  # shares of the cut-ins with a given range that have a larger closing speed
 
 
 def shown_lead_speeds(lead_speeds: Array) -> list[float]:
-    """Return the lead speeds [m/s] that are shown: whole numbers near quantiles of the recorded ones."""
+    """Return quantiles of the recorded lead speeds, rounded to integers, at which lines are shown [m/s]."""
     return np.round(np.quantile(lead_speeds, QUANTILES)).tolist()
 
 
 def preventable(vehicles: Mapping[str, Vehicle], law: DependentLaw, lead_speeds: Array) -> pd.DataFrame:
-    """Compute the lines of all vehicles and of the law as functions of the range.
+    """Compute the closing speeds at which vehicles crash, and quantiles of the law, by range.
 
     Parameters
     ----------
@@ -46,9 +46,10 @@ def preventable(vehicles: Mapping[str, Vehicle], law: DependentLaw, lead_speeds:
     -------
     pandas.DataFrame
         Columns ``lead_speed`` [m/s], ``name``, ``kind`` (vehicle or law), ``range`` [m], ``first`` and
-        ``always``: the smallest closing speed [m/s] at which the vehicle crashes, and the one above which it
-        always crashes, NaN if there is none. They differ if the crash set has islands. For the law, both are
-        the closing speed that the share ``name`` of the cut-ins of this range exceeds.
+        ``always`` [m/s]. For a vehicle, ``first`` is the smallest closing speed at which it crashes, and
+        ``always`` the smallest one from which on it always crashes; both are NaN if there is none. They
+        differ if the crash set has holes. For the law, both are the closing speed that the share ``name`` of
+        the cut-ins with this range exceeds.
     """
     parts = []
     for lead_speed in shown_lead_speeds(lead_speeds):
@@ -63,19 +64,19 @@ def preventable(vehicles: Mapping[str, Vehicle], law: DependentLaw, lead_speeds:
 
 
 def _boundaries(vehicle: Vehicle, lead_speed: float) -> tuple[Array, Array]:
-    """Return the closing speeds [m/s] from which on the vehicle crashes at first and always, by range."""
+    """Return the smallest closing speeds [m/s] with a crash, and those from which on there is always one."""
     range_, closing_speed = np.meshgrid(RANGES, CLOSING_SPEEDS, indexing="ij")
     speeds = np.full(range_.size, lead_speed)
     crash = _crashes(vehicle, speeds, range_.ravel(), closing_speed.ravel()).reshape(range_.shape)
     first = np.where(crash.any(axis=1), CLOSING_SPEEDS[np.argmax(crash, axis=1)], np.nan)
-    safe_above = np.cumsum(~crash[:, ::-1], axis=1)[:, ::-1] > 0  # at this closing speed or a larger one
+    safe_above = np.cumsum(~crash[:, ::-1], axis=1)[:, ::-1] > 0  # safe at this or a larger closing speed
     count = safe_above.sum(axis=1)
     always = np.append(CLOSING_SPEEDS, np.nan)[count]
     return first, always
 
 
 def _crashes(vehicle: Vehicle, *cut_ins: Array) -> NDArray[np.bool_]:
-    """Return whether cut-ins end in a crash; for a vehicle with known randomness, more often than not."""
+    """Return whether cut-ins end in a crash; for a random vehicle, whether most of its draws crash."""
     if not isinstance(vehicle, RandomVehicle):
         return vehicle.simulate(*cut_ins).crash
     drawn = vehicle.draw_inner(DRAWN, child_generator(0, "preventable"))

@@ -1,8 +1,8 @@
-"""Reference vehicles whose crash maps are cheap, under the draws of the law of a slow vehicle.
+"""Compare a slow vehicle with reference vehicles that are fast enough for crash maps.
 
-A crash map gives the crash probability of a reference under every draw of a mean law without a sampling
-error. The ratio of a slow vehicle to the reference is then found draw by draw, so that uncertainty about the
-law that affects both in the same way cancels.
+A crash map gives the crash probability of a reference vehicle under every draw of the law without a sampling
+error. The ratio of the slow vehicle to the reference is computed for each draw of the law. Uncertainty about
+the law that affects both vehicles in the same way therefore cancels.
 """
 
 from collections.abc import Mapping
@@ -30,8 +30,8 @@ from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.vehicles.external.slow import is_slow, loaded_for
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
-GUIDES = 10  # draws that say which lines of a map matter
-LIMITS = ("lead_speed_min", "lead_speed_max", "range_max")  # within which a vehicle is mapped
+GUIDES = 10  # number of draws of the law that determine which lines of a map are kept
+LIMITS = ("lead_speed_min", "lead_speed_max", "range_max")  # limits of a crash map
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Reference:
     Attributes
     ----------
     probabilities
-        Under each draw of the law, shape (K,).
+        Crash probability under each draw of the law, shape (K,).
     recorded
         Number of distinct records that crash when the vehicle replays them.
     """
@@ -58,19 +58,19 @@ class Reference:
         draws: LawDraws,
         generator: np.random.Generator,
     ) -> Self:
-        """Return the probabilities by the map of a vehicle.
+        """Compute the crash probability of a vehicle from its crash map.
 
-        If the replayed records contradict the map, the map is replaced by one with random closing speeds, as
-        in `LawStudy.resolve`.
+        If the number of replayed records that crash contradicts the map, the map is replaced by one with
+        random closing speeds, as in `LawStudy.resolve`.
 
         Parameters
         ----------
         vehicle, crash_map
             The vehicle and its map.
         records
-            The distinct cut-ins.
+            The distinct recorded cut-ins.
         draws
-            The draws of the law.
+            Draws of the law of cut-ins.
         generator
             Source of all randomness.
         """
@@ -90,7 +90,7 @@ def _by_map(
     draws: LawDraws,
     generator: np.random.Generator,
 ) -> Array:
-    """Return the probability of a crash under every draw, by the lines of a map that matter."""
+    """Return the crash probability under every draw, from the most important lines of a map."""
     lines = CrashLines.of(crash_map, records.lead_speed, support=records.support)
     few = draws.thinned(GUIDES)
     pairs = zip(few.shared, few.laws, strict=True)
@@ -103,17 +103,19 @@ def _by_map(
 def map_reference(
     name: str, config: Mapping[str, Any], records: DistinctRecords, draws: LawDraws
 ) -> Reference:
-    """Map a vehicle that is fast to simulate, and return its crash probability under every draw.
+    """Compute the crash map of a reference vehicle, and its crash probability under every draw of the law.
 
     Parameters
     ----------
     name
-        A label of ``compared_vehicles``, or the name of a vehicle.
+        A label in the section ``compared_vehicles``, or the name of a vehicle.
     config
-        A complete configuration, of which the sections ``filters``, ``answer``, ``compared_vehicles`` and
-        ``simulations`` are read.
-    records, draws
-        As in `Reference.of`.
+        A complete configuration; its ``seed`` and the sections ``filters``, ``answer``, ``compared_vehicles``
+        and ``simulations`` are read.
+    records
+        The distinct recorded cut-ins.
+    draws
+        Draws of the law of cut-ins.
 
     Raises
     ------
@@ -123,7 +125,7 @@ def map_reference(
     named = {"name": name, "parameters": {}, "files": [], "deterministic": None}
     section = named | config["compared_vehicles"].get(name, {})
     if is_slow(section["name"], config["simulations"]):
-        change = "Estimate it under the same law, and compare the two by --compare."
+        change = "Estimate this vehicle under the same law, and compare the two estimates by --compare."
         raise InputError(
             "--reference", seen=name, expected="a vehicle that is fast to simulate", change=change
         )
@@ -135,7 +137,15 @@ def map_reference(
 
 
 def under_draws(lines: CrashLines, draws: LawDraws) -> Array:
-    """Return the probability on the lines of a map under every draw of a law, shape (K,)."""
+    """Return the probability of an event under every draw of the law, shape (K,).
+
+    Parameters
+    ----------
+    lines
+        Lines of a crash map on which the event happens.
+    draws
+        Draws of the law of cut-ins.
+    """
     pairs = enumerate(zip(draws.shared, draws.laws, strict=True))
     return np.array(
         [lines.of_draw(draw).probability(draws.ranges[shared], law) for draw, (shared, law) in pairs]
@@ -143,10 +153,20 @@ def under_draws(lines: CrashLines, draws: LawDraws) -> Array:
 
 
 def compared_with(own: SampledPosterior | None, references: Mapping[str, Reference]) -> pd.DataFrame:
-    """Return the ratio of a slow vehicle to each reference; columns ``other`` and those of `compare`.
+    """Compare the crash probabilities of a slow vehicle and of each reference vehicle.
 
-    The numbers are NaN if the slow vehicle has not crashed in any run (``own`` is None), or if the reference
-    never crashes under some draw.
+    Parameters
+    ----------
+    own
+        Posterior of the slow vehicle; None if it has not crashed in any run.
+    references
+        The reference vehicles by name, under the same draws of the law.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each reference: its name ``other``, and the columns of `compared.compare`. The numbers are
+        NaN if ``own`` is None, or if the reference never crashes under some draw.
     """
     rows = []
     for name, reference in references.items():
@@ -160,16 +180,16 @@ def compared_with(own: SampledPosterior | None, references: Mapping[str, Referen
 def vehicles_with(
     own: SampledPosterior | None, references: Mapping[str, Reference], size: int
 ) -> pd.DataFrame:
-    """Return the table `summary.vehicle_table` of a slow vehicle and references.
+    """Return the table `summary.vehicle_table` of a slow vehicle and of reference vehicles.
 
-    The records are not replayed with the slow vehicle.
+    The slow vehicle does not replay the records.
 
     Parameters
     ----------
     own
-        Of the slow vehicle; None if it has not crashed in any run, so that nothing is known of it.
+        Posterior of the slow vehicle; None if it has not crashed in any run, in which case it has no row.
     references
-        By name.
+        The reference vehicles by name.
     size
         Number of distinct records.
     """

@@ -1,9 +1,9 @@
 """The probability of an event under every draw of the law, from runs that were sampled under one law.
 
-The sampler of few simulations estimates the probability of an event under the law that it samples. A batch
-gives an estimate under another law f_k when its runs and its control variate are multiplied by
-f_k / f_sampled; see `methods.surrogate.two_phase` for the estimate of a batch. The importance of a batch
-stays as it was, because it was decided before the batch was drawn.
+The surrogate-guided sampler estimates the probability of an event under the law that it samples. A batch also
+gives an estimate under another law f_k, if the terms of its runs and of its control variate are multiplied by
+f_k / f_sampled; see `methods.surrogate.two_phase` for the estimate of a batch. The weights of the batches in
+the estimate are not changed, because they were determined before the batches were drawn.
 """
 
 import math
@@ -22,16 +22,24 @@ from accelerated_evaluation.methods.surrogate.combining import BatchEstimate, th
 from accelerated_evaluation.methods.surrogate.progress import Progress
 from accelerated_evaluation.methods.surrogate.two_phase import TwoPhaseBatch
 
-LEVEL = 0.8  # of the interval whose width the sampling may add to
-NOISE = 25  # values of the sampling error that stand for its distribution, for each draw
-LEAST = 0.1  # of 1 + t c, where the sampling error is so large that its form is unknown
-INNER = (0.1, 0.9)  # levels of the draws from which the shared error is found
-SMALLEST = 1e-3  # of the mean: a draw whose estimate is below, or negative, is not known
+LEVEL = 0.8  # level of the interval whose width is compared with and without the sampling error
+NOISE = 25  # number of equally likely values that represent the distribution of the sampling error of a draw
+LEAST = 0.1  # lower bound of 1 + t c, for sampling errors so large that their distribution is unknown
+INNER = (0.1, 0.9)  # quantile levels between which draws are used for the shared error
+SMALLEST = 1e-3  # lower bound of the estimate of a draw, as a share of the mean; estimates may be negative
 
 
 @dataclass(frozen=True)
 class Ratios:
-    """f_k / f_sampled of each draw k at the points of a batch: its runs, (K, n), and kept points, (K, m)."""
+    """Density ratios f_k / f_sampled of K draws of the law at the points of a batch.
+
+    Attributes
+    ----------
+    runs
+        Ratios at the n runs of the batch, shape (K, n).
+    kept
+        Ratios at its m kept points, shape (K, m).
+    """
 
     runs: Array
     kept: Array
@@ -39,22 +47,23 @@ class Ratios:
 
 @dataclass(frozen=True)
 class SampledPosterior:
-    """The probability of an event under each draw of the law, and how well the runs have determined it.
+    """Estimates of the probability of an event under each of K draws of the law, with their sampling errors.
 
     Attributes
     ----------
     probabilities
-        Estimates, shape (K,).
+        The estimates, shape (K,).
     errors
-        Their relative standard errors, shape (K,).
+        Relative standard errors of the estimates, shape (K,).
     member
-        The law that each draw is of, as a number, shape (K,).
+        Index of the law of each draw among the members of the family, shape (K,).
     batches
         Number of batches, one more than the degrees of freedom of the errors.
     shared
-        The part of the relative error that all draws share; NaN if it is not known.
+        Relative standard error that all estimates have in common; NaN if it is not known.
     own
-        The part of the relative error of each draw that it has for itself, shape (K,); None if unknown.
+        Relative standard error of each estimate that is independent of the common error, shape (K,); None if
+        it is not known.
     """
 
     probabilities: Array
@@ -66,21 +75,21 @@ class SampledPosterior:
 
     @property
     def alone(self) -> Posterior:
-        """The posterior without the sampling error: as if every estimate were exact.
+        """The posterior of the probability without the sampling error, as if the estimates were exact.
 
-        The estimates scatter more than the probabilities do, because each has an error of its own. If this
-        part of the error is known, the estimates are drawn towards their median; see `without_scatter`.
+        The estimates vary more than the probabilities, because each has an error of its own. If this error is
+        known, the estimates are shrunk towards their median; see `posterior.without_scatter`.
         """
         known = self.probabilities if self.own is None else without_scatter(self.probabilities, self.own)
         return Posterior(known, self.member)
 
     @property
     def whole(self) -> Posterior:
-        """The posterior with the sampling error.
+        """The posterior of the probability with the sampling error.
 
-        Each draw is replaced by `NOISE` equally likely values of the probability, given its estimate Y and
-        its relative error c: Y / (1 + t c) with t from Student's law, see `combining.interval`. If the parts
-        of the error are known, c is the part that all draws share, and Y is as in `alone`.
+        Each draw is replaced by `NOISE` equally likely values of the probability, Y / (1 + t c), given its
+        estimate Y and its relative error c, with t from Student's distribution; see `combining.interval`. If
+        the two parts of the error are known, c is the common part, and Y is the shrunk estimate of `alone`.
         """
         levels = (np.arange(NOISE) + 0.5) / NOISE
         t = stdtrit(self.batches - 1, levels)
@@ -90,15 +99,15 @@ class SampledPosterior:
 
     @property
     def deviation(self) -> float:
-        """Relative error that all draws share; the root mean square of all errors if it is unknown."""
+        """Relative standard error that all draws share, or the root mean square of all errors if unknown."""
         return float(np.sqrt(np.mean(self.errors**2))) if self.own is None else self.shared
 
     @property
     def share_of_sampling(self) -> float:
-        """Relative increase of the width of the 80 % interval, on the log scale, by the sampling error.
+        """Relative increase of the width of the 80 % interval by the sampling error, on the log scale.
 
-        It is infinite if the sampling error is so large that its form is unknown. The estimates of the draws
-        then scatter so much that the interval without the sampling error is also too wide to compare with.
+        It is infinite if the sampling error is so large that `LEAST` is reached. The estimates of the draws
+        then vary so much that the interval without the sampling error is too wide as well.
         """
         if 1 + self.deviation * stdtrit(self.batches - 1, 0.5 / NOISE) < LEAST:
             return math.inf
@@ -108,16 +117,18 @@ class SampledPosterior:
 
 
 class Reweighting:
-    """Keeps the ratios of densities of the batches, which are computed once for each batch.
+    """The reweighting of the batches of a sampler for every draw of the law.
+
+    The density ratios of a batch are computed once and kept.
 
     Parameters
     ----------
     ratios
-        Returns log(f_k / f_sampled) at cut-ins, shape (K, n).
+        Function that returns log(f_k / f_sampled) at n cut-ins, shape (K, n).
     cut_ins
-        Maps normal scores, shape (n, d), to cut-ins, by the law that was sampled.
+        Function that maps normal scores, shape (n, d), to cut-ins, by the law that was sampled.
     member
-        The law that each draw is of, as a number, shape (K,).
+        Index of the law of each draw among the members of the family, shape (K,).
     """
 
     def __init__(
@@ -136,18 +147,23 @@ class Reweighting:
         happened: Array | None = None,
         controls: Sequence[Control] | None = None,
     ) -> SampledPosterior | None:
-        """Return the probability of an event under each draw; None where no batch counts.
-
-        With ``controls`` the errors are divided into the part that all draws share and the others.
+        """Estimate the probability of an event under each draw of the law.
 
         Parameters
         ----------
         progress
-            Of the sampler.
+            The runs of the sampler.
         happened
             Whether the event happened in each run, shape (runs,); by default the event that was sampled.
         controls
-            Control variates of the batches that count; by default those with which they were drawn.
+            Control variates of the batches of `counted`; by default those with which they were drawn. If they
+            are given, the errors are divided into a common part and a part of each draw; see `divided`.
+
+        Returns
+        -------
+        SampledPosterior or None
+            None if there are fewer than two batches of `counted`, or if the mean of the estimates is not
+            positive.
         """
         counted = self.counted(progress)
         if len(counted) < 2:
@@ -177,9 +193,14 @@ class Reweighting:
         return found if controls is None else divided(found, parts)
 
     def effective_events(self, progress: Progress) -> Array:
-        """Return the effective number of events under each draw (Kish 1965), shape (K,).
+        """Return the effective number of events under each draw, (sum w)^2 / sum w^2 (Kish 1965), shape (K,).
 
-        It is the number of events of equal weight that would determine the probability as well.
+        The sums are over the events of the batches of `counted`, with their weights w under the draw.
+
+        Parameters
+        ----------
+        progress
+            The runs of the sampler.
         """
         first, weights = len(progress.batches) - len(self.counted(progress)), []
         sizes = [len(batch.z) for batch in progress.batches]
@@ -194,15 +215,22 @@ class Reweighting:
 
     @staticmethod
     def counted(progress: Progress) -> Sequence[BatchEstimate]:
-        """Return the batches that count and are kept."""
+        """Return the estimates of the batches on which the result is based, as far as the batches are kept.
+
+        Parameters
+        ----------
+        progress
+            The runs of the sampler.
+        """
         return that_count(progress.estimates)[-len(progress.batches) :] if progress.batches else []
 
     def _posterior(
         self, estimates: Array, variances: Array, importance: Array, counted: Sequence[BatchEstimate]
     ) -> SampledPosterior:
-        """Return estimates with their relative errors: at least what was predicted, and at most 1 if that is.
+        """Return the estimates with their relative errors.
 
-        An error of 1 or more says that the runs know nothing of a draw, whose law puts the event elsewhere.
+        An error is at least the predicted one, and at most 1 if the predicted one is. An error of 1 means
+        that the runs contain no information about a draw, because the event is elsewhere under its law.
         """
         variations = np.array([batch.prediction.variation / batch.runs for batch in counted])
         predicted = np.sqrt(importance**2 @ variations)
@@ -211,7 +239,7 @@ class Reweighting:
         return SampledPosterior(known, errors, self.member, len(counted))
 
     def _sampled(self, number: int, batch: TwoPhaseBatch, happened: Array) -> tuple[Array, Array]:
-        """Return the estimate of a batch for the sampled event, and its variance; found once."""
+        """Return the estimate of a batch for the sampled event, and its variance; both are computed once."""
         if number not in self._estimates:
             ratios = self._ratios_of(number, batch)
             self._estimates[number] = reweight(batch, ratios, happened, Control.own(batch))
@@ -240,7 +268,7 @@ def reweight(batch: TwoPhaseBatch, ratios: Ratios, happened: Array, control: Con
     happened
         Whether the event happened in each of the n simulations, shape (n,).
     control
-        The predicted probabilities of the event, which serve as control variate.
+        The predicted probabilities of the event, which are the control variate.
 
     Returns
     -------
@@ -261,18 +289,23 @@ Part = tuple[float, TwoPhaseBatch, Ratios, Array, Control]
 
 
 def divided(found: SampledPosterior, parts: Sequence[Part]) -> SampledPosterior:
-    """Divide the errors of a posterior into the part that all draws share and a part of each draw alone.
+    """Divide the errors of the estimates into a part that all draws share and a part of each draw alone.
 
-    The shared error is that of the mean of Y_k / P_k over the draws, without the tenth with the smallest and
-    the tenth with the largest probabilities. The error of a draw alone is that of the difference from this
-    mean.
+    Let Y_k be the estimate under draw k, and P_k its probability. The shared part is the standard error of
+    the mean of Y_k / P_k over the draws, without those below the 10 % and above the 90 % quantile of P_k. The
+    part of a draw alone is the standard error of the difference of Y_k / P_k from this mean.
 
     Parameters
     ----------
     found
-        The posterior, whose probabilities stand for the P_k.
+        The estimates, which are also used as the probabilities P_k.
     parts
-        Weight, batch, ratios, outcomes and control variate of each batch.
+        Weight, batch, density ratios, outcomes and control variate of each batch.
+
+    Returns
+    -------
+    SampledPosterior
+        The same estimates, with the attributes ``shared`` and ``own``.
     """
     scale = found.probabilities[:, None]
     low, high = np.quantile(scale, INNER)

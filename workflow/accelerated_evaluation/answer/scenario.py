@@ -25,18 +25,25 @@ from accelerated_evaluation.scenarios.protocol import CLUSTER, FITTED, Event, Sc
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 WHOLE = "all encounters"  # name of the law without a restriction
-FEWEST = 50  # records, so that the region near the event, a tenth of them, has a few
-TIED = 1e-9  # relative size of what is left of a variable that follows from others
-POINTS = 20_000  # with which the share of a restricted law is found
+FEWEST = 50  # smallest number of records, so that the region near the event, with a tenth of them, has a few
+TIED = 1e-9  # relative size of the residuals of a variable that is a linear function of others
+POINTS = 20_000  # number of draws with which the probability of a part of the encounters is estimated
 
 
 def clustered_records(scenario: Scenario, records: pd.DataFrame) -> ClusteredRecords:
-    """Return the records to which laws are fitted, within the limits of the scenario.
+    """Return the records to which laws are fitted, with their clusters and the limits of the variables.
+
+    Parameters
+    ----------
+    scenario
+        The scenario.
+    records
+        Its record table, whose column `FITTED` marks the records for the fit.
 
     Raises
     ------
     InputError
-        If a joint law cannot be fitted to them, because they are too few or their variables are tied.
+        If there are fewer than `FEWEST` records, or if a variable is constant or a linear function of others.
     """
     fitted = records[records[FITTED]]
     if len(fitted) < FEWEST:
@@ -68,12 +75,12 @@ def _require_variation(x: Array, where: str) -> None:
 
 @dataclass(frozen=True)
 class Restricted:
-    """A joint law, given that the encounter is in a part of its box.
+    """A joint law conditional on a part of its encounters.
 
     Attributes
     ----------
     law
-        The law.
+        The unconditional law.
     holds
         Function that returns whether points, shape (n, d), are in the part.
     share
@@ -88,7 +95,19 @@ class Restricted:
     def of(
         cls, law: JointLaw, holds: Callable[[Array], NDArray[np.bool_]], generator: np.random.Generator
     ) -> Self:
-        """Restrict a law; its share is that among `POINTS` draws."""
+        """Condition a law on a part of its encounters.
+
+        The probability of the part is estimated by its share of `POINTS` draws.
+
+        Parameters
+        ----------
+        law
+            The law.
+        holds
+            Function that returns whether points, shape (n, d), are in the part.
+        generator
+            Source of the draws.
+        """
         return cls(law, holds, float(holds(law.sample(POINTS, generator)).mean()))
 
     @property
@@ -97,7 +116,7 @@ class Restricted:
         return self.law.box
 
     def log_density(self, x: Array) -> Array:
-        """Return the log density at points, shape (n, d); it is -inf outside the part."""
+        """Return the log density at points x, shape (n, d); it is -inf outside of the part. Shape (n,)."""
         return np.where(self.holds(x), self.law.log_density(x) - np.log(self.share), -np.inf)
 
     def sample(self, n: int, generator: np.random.Generator) -> Array:
@@ -120,9 +139,9 @@ class ScenarioStudy:
     scored
         The laws with their scores on held-out clusters.
     drawn
-        Draws of the law and its parameters.
+        Draws of the law and of its parameters from their posterior.
     table
-        The laws as a table; see `ScoredLaws.table`.
+        Table of the laws with their scores and weights; see `ScoredLaws.table`.
     """
 
     scenario: Scenario
@@ -139,18 +158,18 @@ class ScenarioStudy:
         seed: int,
         draws: int,
     ) -> Self:
-        """Fit and score the laws, and draw from their posterior.
+        """Fit and score the laws of a scenario, and draw from their posterior.
 
         Parameters
         ----------
         scenario, records
             The scenario and its records.
         vehicle
-            A fast vehicle, whose scores say which records are near the event.
+            A vehicle that is fast to simulate. Its scores determine which records are near the event.
         seed
-            Root seed.
+            Root seed of the study.
         draws
-            Number of draws.
+            Number of draws of the law.
         """
         clustered = clustered_records(scenario, records)
         generator = child_generator(seed, "scenario", "laws")
@@ -165,7 +184,15 @@ class ScenarioStudy:
         return self.scored.laws[int(self.table["weight"].to_numpy().argmax())]
 
     def restricted(self, name: str, generator: np.random.Generator) -> DrawnLaws:
-        """Return the draws restricted to a part of the encounters that the scenario names."""
+        """Return the draws of the law, conditional on a part of the encounters.
+
+        Parameters
+        ----------
+        name
+            A name in `Scenario.restrictions`, or `WHOLE` for all encounters.
+        generator
+            Source of randomness.
+        """
         if name == WHOLE:
             return self.drawn
         holds = self.scenario.restrictions[name]
@@ -173,13 +200,22 @@ class ScenarioStudy:
         return DrawnLaws(laws, self.drawn.member, self.drawn.names)
 
     def answers(self, vehicle: Vehicle, seed: int, simulations: int) -> dict[str, pd.DataFrame]:
-        """Return the answer by crude Monte Carlo under all draws, for every event and restriction.
+        """Estimate the probability of every event in every part of the encounters, by crude Monte Carlo.
+
+        Parameters
+        ----------
+        vehicle
+            A vehicle that is fast to simulate.
+        seed
+            Root seed of the study.
+        simulations
+            Number of simulations for each event and part.
 
         Returns
         -------
         dict
-            ``answer``, a row for each event and restriction, which is in the column ``encounters``;
-            ``budget`` and ``draws`` of the crash over all encounters.
+            ``answer``, with a row for each event and part, whose name is in the column ``encounters``; and
+            ``budget`` and ``draws`` for a crash in all encounters. See `joint.posterior.answer_tables`.
         """
         rows, tables = [], {}
         for restriction in (WHOLE, *self.scenario.restrictions):
@@ -195,12 +231,27 @@ class ScenarioStudy:
     def answer_by_few_runs(
         self, vehicle: Vehicle, seed: int, simulations: int = FEW
     ) -> dict[str, pd.DataFrame]:
-        """Return the answer for the crash by few runs of an expensive vehicle; see `surrogate_posterior`.
+        """Estimate the crash probability of a slow vehicle from few simulations; see `surrogate_posterior`.
+
+        Parameters
+        ----------
+        vehicle
+            A vehicle with deterministic outcomes.
+        seed
+            Root seed of the study.
+        simulations
+            Largest number of simulations.
+
+        Returns
+        -------
+        dict
+            ``answer``, ``budget`` and ``draws``, as in `answers`. The answer has the further columns
+            ``simulations`` and ``converged``.
 
         Raises
         ------
         InputError
-            If none of the runs ends in a crash.
+            If there are too few crashes for an estimate.
         """
         generator = child_generator(seed, "scenario", "few runs")
         respond = responder(self.scenario, vehicle, self.scenario.events[0])
@@ -218,7 +269,16 @@ class ScenarioStudy:
 
 
 def responder(scenario: Scenario, vehicle: Vehicle, event: Event) -> Callable[[Array], Response]:
-    """Return a function that runs a vehicle at points of a law, shape (n, d); see `ScoreProblem.evaluate`."""
+    """Return a function that simulates a vehicle at points of a law, and returns events and scores.
+
+    The function takes points of shape (n, d). It returns whether the event happened and the score of the
+    event, both of shape (n,), as `ScoreProblem.evaluate` does.
+
+    Parameters
+    ----------
+    scenario, vehicle, event
+        The scenario, the vehicle and the event.
+    """
 
     def respond(x: Array) -> Response:
         outcomes = vehicle.simulate(*scenario.to_inputs(x).T)
@@ -228,14 +288,21 @@ def responder(scenario: Scenario, vehicle: Vehicle, event: Event) -> Callable[[A
 
 
 def records_account(scenario: Scenario, records: pd.DataFrame) -> pd.DataFrame:
-    """Describe the records: rows, clusters, and the range of each variable.
+    """Describe the records of a scenario: number of rows and clusters, and quantiles of each variable.
+
+    Parameters
+    ----------
+    scenario
+        The scenario.
+    records
+        Its record table.
 
     Returns
     -------
     pandas.DataFrame
-        A row for each variable: ``variable``, ``unit``, ``records``, ``fitted``, ``clusters``, ``repeated``
-        (rows whose variables repeat those of an earlier row), ``outside`` (rows beyond the limits),
-        ``smallest``, ``median`` and ``largest``.
+        One row for each variable: ``variable``; ``unit``; the numbers of ``records``, of records for the fit
+        (``fitted``), of ``clusters``, of ``repeated`` records (all variables are equal to those of an earlier
+        record) and of records ``outside`` of the limits; ``smallest``, ``median`` and ``largest`` value.
     """
     repeated = int(records.duplicated(list(scenario.names)).sum())
     rows = []

@@ -1,4 +1,4 @@
-"""The estimate for one vehicle in another scenario than the cut-in, by some 150 runs."""
+"""The estimate for one vehicle in a scenario other than the cut-in, from about 150 simulations."""
 
 import os
 from collections.abc import Mapping
@@ -27,23 +27,23 @@ from accelerated_evaluation.vehicles.protocol import Vehicle
 
 
 class CountedVehicle:
-    """A vehicle, and how many of its runs did not end.
+    """A vehicle with a count of its simulations that were stopped at their time limit.
 
-    Such runs have no verdict. An estimate counts them as runs without the event.
+    The outcome of such a simulation is not known; an estimate treats it as a simulation without the event.
 
     Attributes
     ----------
     vehicle
-        The vehicle, which all attributes but ``simulate`` are taken from.
+        The vehicle. All attributes except ``simulate`` are those of this vehicle.
     not_ended
-        Number of runs that were stopped at their longest duration.
+        Number of simulations that were stopped at their time limit.
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
         self.vehicle, self.not_ended = vehicle, 0
 
     def simulate(self, *columns: Array) -> Any:  # noqa: ANN401
-        """Simulate encounters, and count the runs that did not end."""
+        """Simulate encounters, and count the simulations that were stopped at their time limit."""
         outcomes = self.vehicle.simulate(*columns)
         self.not_ended += int(np.count_nonzero(~getattr(outcomes, ENDED, np.array([], bool))))
         return outcomes
@@ -64,11 +64,12 @@ class ScenarioEstimate:
     Attributes
     ----------
     tables
-        ``laws``, ``answer``, ``budget`` and ``draws`` under all laws; ``estimate`` and ``runs`` under one.
+        Tables by name: ``laws``, ``answer``, ``budget`` and ``draws`` if all laws were used; ``estimate`` and
+        ``runs`` if one law was used.
     law
-        The law with the largest weight, or the one that was named.
+        The law with the largest weight, or the single law that was used.
     not_ended
-        Number of runs that did not end.
+        Number of simulations that were stopped at their time limit.
     """
 
     tables: Mapping[str, pd.DataFrame]
@@ -76,7 +77,7 @@ class ScenarioEstimate:
     not_ended: int
 
     def lines(self) -> list[str]:
-        """Return the estimate in lines of text."""
+        """Return the lines of text that describe the estimate."""
         if not self.not_ended:
             return self._estimates()
         runs = f"{self.not_ended:,} {'run' if self.not_ended == 1 else 'runs'}"
@@ -112,14 +113,15 @@ def estimate_scenario(
     config
         A complete, valid configuration.
     law
-        ``answer`` for all joint laws by their weights, with the uncertainty in the law and its parameters; a
-        kind of joint law, which is fitted to the records; or the file of a joint law.
+        ``answer`` for all joint laws with their weights, which includes the uncertainty in the law and its
+        parameters; the name of a kind of joint law, which is fitted to the records; or the path of the file
+        of a joint law.
     replicates
-        Number of independent replicates under one law.
+        Number of independent replicates, if one law is used.
     method
-        Method under one law.
+        Name of the method, if one law is used.
     predecessor
-        Table of the runs of a similar vehicle under the same law, for the method ``surrogate``.
+        Path of the table of the runs of a similar vehicle under the same law, for the method ``surrogate``.
 
     Raises
     ------
@@ -129,7 +131,7 @@ def estimate_scenario(
     if method not in METHODS_OF_SCORES:
         raise InputError(
             "--method",
-            seen=f"{method!r}, which needs a law of cut-ins or does not exist",
+            seen=f"{method!r}, which does not exist or needs a law of cut-ins",
             expected=f"one of {', '.join(METHODS_OF_SCORES)}",
             change="Name one of these.",
         )
@@ -138,7 +140,7 @@ def estimate_scenario(
             "--predecessor",
             seen=f"the law {law} and the method {method}",
             expected="one law, and the method surrogate",
-            change="Name the law.json of the predecessor's estimate (--law), or leave --predecessor out.",
+            change="Name the law.json of the predecessor's estimate by --law, or leave --predecessor out.",
         )
     scenario, seed = SCENARIOS[config["scenario"]["name"]], config["seed"]
     with loaded_for(config["vehicle"], config["simulations"], scenario) as loaded:
@@ -168,7 +170,23 @@ def estimate_scenario(
 
 
 def chosen_law(scenario: Scenario, law: str, config: Mapping[str, Any]) -> JointLaw:
-    """Return a joint law: that of a file, or of a kind that is fitted to the records of the configuration."""
+    """Return the joint law that a user has chosen.
+
+    Parameters
+    ----------
+    scenario
+        The scenario.
+    law
+        Path of the file of a joint law, which ends in ``.json``, or the name of a kind of joint law, which is
+        fitted to the records of the configuration.
+    config
+        A complete, valid configuration.
+
+    Raises
+    ------
+    InputError
+        If the law is unknown, or the file or the records cannot be used.
+    """
     if law.endswith(".json"):
         return read_scenario_law(scenario, law)
     if law not in JOINT_LAWS:

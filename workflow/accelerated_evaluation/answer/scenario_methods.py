@@ -1,4 +1,4 @@
-"""The methods compared on a scenario, and the vehicle compared with published verdicts."""
+"""Compare methods in a scenario, and compare a vehicle with published verdicts."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -18,7 +18,7 @@ from accelerated_evaluation.problem import ScenarioProblem
 from accelerated_evaluation.scenarios.protocol import ENDED, Scenario
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
-METHODS_OF_SCORES = ("crude", "normal_mixture", "surrogate")  # which need nothing but normal scores
+METHODS_OF_SCORES = ("crude", "normal_mixture", "surrogate")  # methods that only need normal scores
 
 
 def compare_methods(
@@ -29,7 +29,7 @@ def compare_methods(
     methods: Sequence[str] = METHODS_OF_SCORES,
     predecessor: str | os.PathLike | None = None,
 ) -> dict[str, pd.DataFrame]:
-    """Estimate the probability of the crash under single laws by every method that needs only normal scores.
+    """Estimate the crash probability under single laws by several methods.
 
     Parameters
     ----------
@@ -40,14 +40,16 @@ def compare_methods(
     config
         A complete configuration: its seed, and the settings of the methods.
     methods
-        Names of the methods.
+        Names of the methods, some of `METHODS_OF_SCORES`.
     predecessor
-        Table of the runs of a similar vehicle under the same law, from which the surrogate begins.
+        Path of the table of the runs of a similar vehicle under the same law, for the surrogate-guided
+        method.
 
     Returns
     -------
     dict
-        ``estimates``, a row for each law, method and replicate, and ``runs`` of the surrogate.
+        ``estimates``, with a row for each law, method and replicate; and ``runs``, with a row for each
+        simulation of the surrogate-guided method.
     """
     parts: dict[str, list[pd.DataFrame]] = {"estimates": [], "runs": []}
     for law_name, law in laws.items():
@@ -69,27 +71,37 @@ def compare_methods(
 
 
 def read_verdicts(scenario: Scenario, paths: Sequence[str]) -> pd.DataFrame:
-    """Read published verdicts; the table is empty if there is no file."""
+    """Read tables of published verdicts, with the columns of `agreement`.
+
+    Parameters
+    ----------
+    scenario
+        The scenario.
+    paths
+        Paths of the tables; without any path, the result is an empty table.
+    """
     columns = [*scenario.names, "crash", "fragile"]
     parts = [pd.read_csv(path, usecols=columns) for path in paths]
     return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=columns, dtype=float)
 
 
 def agreement(scenario: Scenario, vehicle: Vehicle, verdicts: pd.DataFrame) -> pd.DataFrame:
-    """Compare a vehicle with published verdicts.
+    """Compare the outcomes of a vehicle with published verdicts on the same encounters.
 
     Parameters
     ----------
     scenario, vehicle
         The scenario and the vehicle.
     verdicts
-        Columns of the variables, ``crash`` (0 or 1), and ``fragile`` (1 where rounding decides).
+        The variables of the scenario, ``crash`` (0 or 1), and ``fragile`` (1 if rounding decides about the
+        crash).
 
     Returns
     -------
     pandas.DataFrame
-        A row for the firm verdicts and one for the fragile ones: ``verdicts``, ``agree``, ``we_crash`` (we
-        crash, the verdict does not), ``we_are_safe``, and ``not_ended``.
+        One row for the firm and one for the fragile verdicts (``kind``), with the numbers of ``verdicts``; of
+        those that ``agree``; of those in which only our vehicle crashes (``we_crash``) or only the published
+        one (``we_are_safe``); and of our simulations that ended at their time limit (``not_ended``).
     """
     outcomes = vehicle.simulate(*(verdicts[name].to_numpy(float) for name in scenario.names))
     ended = getattr(outcomes, ENDED, np.ones(len(verdicts), bool))

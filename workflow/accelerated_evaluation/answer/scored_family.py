@@ -8,22 +8,25 @@ from accelerated_evaluation.answer.scores import BLOCKS, HeldOut
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.smooth.family import MEMBERS, DistinctRecords, Fitter, LawFamily, Member
 
-REGION = 0.25  # [1/s], TTC^-1 above which laws are weighted; contains the crash set and some 600 records
-REGION_SHARE = 0.003  # of the records that the region holds at least, where traffic is calmer
+# [1/s], inverse time to collision above which laws are scored. In the study, the region contains the crash
+# set and about 600 records.
+REGION = 0.25
+REGION_SHARE = 0.003  # smallest share of the records in the region, for records of less critical traffic
 
 
 @dataclass(frozen=True)
 class ScoredFamily:
-    """A family fitted to records, with its scores on held-out records: what `family_file` keeps.
+    """A family of laws that was fitted to records, with its scores on held-out records.
 
-    No random number is needed to make it.
+    It contains no random numbers, and can be stored in a file by `family_file`.
 
     Attributes
     ----------
     fitter, family
-        The records, and the fit to all of them.
+        The records with what fits need, and the fit to all records.
     log_scores
-        Held-out log scores censored to TTC^-1 above that of `region`, shape (members, records).
+        Held-out log scores, censored to inverse times to collision above that of `region`, shape (members,
+        records).
     """
 
     fitter: Fitter
@@ -32,19 +35,19 @@ class ScoredFamily:
 
     @property
     def records(self) -> DistinctRecords:
-        """The distinct cut-ins."""
+        """The distinct recorded cut-ins."""
         return self.fitter.records
 
     @property
     def members(self) -> tuple[Member, ...]:
-        """The laws."""
+        """The laws of the family that were fitted."""
         return self.fitter.members
 
 
 def region(records: DistinctRecords) -> float:
-    """Return the TTC^-1 [1/s] above which laws are weighted.
+    """Return the inverse time to collision [1/s] above which laws are scored.
 
-    It is `REGION`, or less if there are few records above `REGION`.
+    It is `REGION`, or a smaller value that is exceeded by the share `REGION_SHARE` of the records.
     """
     return min(REGION, float(np.quantile(records.closing_speed / records.range_, 1 - REGION_SHARE)))
 
@@ -55,18 +58,18 @@ def score_family(
     blocks: int = BLOCKS,
     start: LawFamily | None = None,
 ) -> ScoredFamily:
-    """Fit the family to all records, and score it on each block of records by a fit to the other blocks.
+    """Fit the family to all records, and score it by cross-validation over contiguous blocks of records.
 
     Parameters
     ----------
     records
-        Distinct cut-ins in the order of the record.
+        Distinct cut-ins, in the order of the records.
     members
-        The laws; those above thresholds that hardly any event exceeds are left out.
+        The laws. Laws with a threshold that too few records exceed are left out.
     blocks
-        Number of contiguous blocks that are held out in turn.
+        Number of contiguous blocks, each of which is held out once.
     start
-        An earlier fit to similar records, whose smoothing parameters are kept.
+        An earlier fit to similar records, whose smoothing parameters are used again.
     """
     fitter = Fitter(records, members)
     family, boundary = fitter.fit(start), region(records) * records.range_

@@ -1,4 +1,4 @@
-"""Held-out scores of laws of the closing speed, restricted to the region where crashes happen.
+"""Held-out scores of laws of the closing speed, restricted to a region in which crashes happen.
 
 A region is a set of cut-ins near the crash set: closing speeds above a boundary that depends on lead speed
 and range. The censored log score (Diks, Panchenko and van Dijk 2011) of a record inside the region is its log
@@ -20,40 +20,50 @@ from accelerated_evaluation.laws.smooth.family import DistinctRecords, Fitter, L
 from accelerated_evaluation.laws.smooth.support import ROOT_MIN, SUPPORT, Support
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
-BLOCKS = 10
-CRPS_STEPS = np.arange(0.1, 25, 0.2)  # [m/s] above the boundary
-NODES = 81  # along each side of the grid on which a boundary is found
-HALVINGS = 14
-NEVER = 60.0  # [m/s], a boundary that no closing speed reaches
+BLOCKS = 10  # number of blocks of the cross-validation
+CRPS_STEPS = np.arange(0.1, 25, 0.2)  # [m/s] above the boundary, nodes of the integral of the CRPS
+NODES = 81  # number of nodes on each side of the grid on which a boundary is computed
+HALVINGS = 14  # number of steps of bisection
+NEVER = 60.0  # [m/s], upper end of the bisection, which no recorded closing speed reaches
 
 
 class GivenLaw(Protocol):
     """A law of the closing speed at n pairs of lead speed and range."""
 
     def cumulative(self, closing_speed: Array) -> Array:
-        """Return -log P(C > c) at one closing speed for each pair."""
+        """Return the cumulative hazard -log P(C > c) at one closing speed c for each pair, shape (n,)."""
 
     def log_density(self, closing_speed: Array) -> Array:
-        """Return the log density at one closing speed for each pair."""
+        """Return the log density at one closing speed for each pair, shape (n,)."""
 
 
 class FittedLaw(Protocol):
     """A law of the closing speed given lead speed and range."""
 
     def given(self, places: Places) -> GivenLaw:
-        """Return the conditional distributions at given places."""
+        """Return the conditional distributions of the closing speed at given lead speeds and ranges."""
 
 
 Score = Callable[[GivenLaw, Array, Array], Array]
 
 
 def contiguous_blocks(size: int, blocks: int = BLOCKS) -> NDArray[np.int_]:
-    """Return the index of the contiguous block of each of ``size`` records."""
+    """Divide ``size`` records into contiguous blocks, and return the index of the block of each record."""
     return np.arange(size) * blocks // size
 
 
 def censored_log_score(law: GivenLaw, closing_speed: Array, boundary: Array) -> Array:
-    """Return the log score of each record, censored to closing speeds above a boundary, shape (n,)."""
+    """Return the log score of each record, censored to closing speeds above a boundary, shape (n,).
+
+    It is the log density if the closing speed exceeds the boundary, and otherwise log P(C <= boundary).
+
+    Parameters
+    ----------
+    law
+        The law of the closing speed at the lead speed and range of each record.
+    closing_speed, boundary
+        Closing speed and boundary [m/s] of each record, shape (n,).
+    """
     inside = closing_speed > boundary
     with np.errstate(divide="ignore"):
         outside = np.log(-np.expm1(-law.cumulative(boundary)))
@@ -61,10 +71,17 @@ def censored_log_score(law: GivenLaw, closing_speed: Array, boundary: Array) -> 
 
 
 def threshold_weighted_crps(law: GivenLaw, closing_speed: Array, boundary: Array) -> Array:
-    """Return the negative CRPS of each record, restricted to closing speeds above a boundary [m/s].
+    """Return the negative threshold-weighted CRPS of each record (Gneiting and Ranjan 2011), shape (n,).
 
-    It is minus the integral over speeds t above the boundary of (P(C <= t) - [c <= t])^2 (Gneiting and Ranjan
-    2011), so that larger values are better, as for the log score.
+    It is minus the integral of (P(C <= t) - [c <= t])^2 over all speeds t above the boundary. Larger values
+    are better, as for the log score.
+
+    Parameters
+    ----------
+    law
+        The law of the closing speed at the lead speed and range of each record.
+    closing_speed, boundary
+        Closing speed c and boundary [m/s] of each record, shape (n,).
     """
     total = np.zeros(closing_speed.size)
     for beyond in CRPS_STEPS:
@@ -74,10 +91,17 @@ def threshold_weighted_crps(law: GivenLaw, closing_speed: Array, boundary: Array
 
 
 def thinned_times(inside: NDArray[np.bool_], thin: int) -> NDArray[np.int_]:
-    """Return how many records each record represents after thinning.
+    """Return how many records each record represents after the others outside of the region are thinned.
 
-    A record inside a region represents itself. Of the others, one in ``thin`` is kept and represents ``thin``
-    records.
+    A record inside of the region represents itself. Of every ``thin`` consecutive records, the first is kept
+    and represents ``thin`` records, if it is outside of the region. All other records represent 0 records.
+
+    Parameters
+    ----------
+    inside
+        Whether each record is inside of the region, shape (n,).
+    thin
+        Thinning factor.
     """
     return np.where(inside, 1, np.where(np.arange(inside.size) % thin == 0, thin, 0))
 
@@ -89,10 +113,10 @@ class HeldOut:
     Attributes
     ----------
     records
-        Distinct cut-ins in the order of the record.
+        Distinct cut-ins, in the order of the records.
     given
-        For each contiguous block, a function that returns the laws, fitted without the block, at given
-        places.
+        For each contiguous block, a function that returns the laws of the closing speed at given lead speeds
+        and ranges; the laws were fitted without the block.
     laws
         Number of laws.
     """
@@ -103,12 +127,12 @@ class HeldOut:
 
     @classmethod
     def of_family(cls, fitter: Fitter, family: LawFamily, blocks: int = BLOCKS) -> "HeldOut":
-        """Refit every member of a family without each block.
+        """Fit every member of a family without each block.
 
         Parameters
         ----------
         fitter, family
-            The records with what fits need, and the fit to all of them, from which refits start.
+            The records with what fits need, and the fit to all records, from which the fits start.
         blocks
             Number of contiguous blocks.
         """
@@ -125,7 +149,17 @@ class HeldOut:
     def of_law(
         cls, fit: Callable[[DistinctRecords], FittedLaw], records: DistinctRecords, blocks: int = BLOCKS
     ) -> "HeldOut":
-        """Fit a law without each block; ``fit`` is a function of records that returns the law."""
+        """Fit a single law without each block.
+
+        Parameters
+        ----------
+        fit
+            Function that fits the law to given records.
+        records
+            Distinct cut-ins, in the order of the records.
+        blocks
+            Number of contiguous blocks.
+        """
         block = contiguous_blocks(records.size, blocks)
         fits = [fit(records.only(np.flatnonzero(block != number))) for number in range(blocks)]
         return cls(records, [lambda places, law=law: [law.given(places)] for law in fits])
@@ -140,10 +174,11 @@ class HeldOut:
         regions
             Boundaries of closing speeds [m/s] by name, each of shape (records,).
         thin
-            Thinning of the records outside all regions: only one in ``thin`` is scored and represents the
-            others. This saves time, and costs little accuracy because these scores are similar.
+            Of the records outside of all regions, only one in ``thin`` is scored, and represents the others.
+            This saves time, and costs little accuracy because these scores are similar.
         score
-            Function of a law at records and of the boundary of a region.
+            Function that scores records, given a law at their lead speeds and ranges, their closing speeds,
+            and the boundary of a region.
 
         Returns
         -------
@@ -163,9 +198,19 @@ class HeldOut:
 
 
 def time_to_collision_boundary(vehicle: Vehicle, ttc: float, support: Support = SUPPORT) -> Threshold:
-    """Return the closing speeds above which the smallest simulated time to collision is at most ``ttc`` [s].
+    """Return the closing speed above which the smallest simulated time to collision is at most ``ttc``.
 
-    They are computed by bisection at the nodes of a grid of lead speeds and roots of ranges.
+    The closing speed is computed by bisection at the nodes of a grid of lead speeds and square roots of
+    ranges. The result interpolates between the nodes.
+
+    Parameters
+    ----------
+    vehicle
+        The simulated vehicle.
+    ttc
+        Time to collision [s].
+    support
+        Limits of lead speed and range.
     """
     ends = support.lead_speeds, (ROOT_MIN, np.sqrt(support.range_max))
     nodes = [np.linspace(low, high, NODES) for low, high in ends]

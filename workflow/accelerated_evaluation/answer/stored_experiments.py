@@ -1,7 +1,7 @@
-"""Table of the authors' stored experiments by importance sampling, with checks that they do not pass.
+"""Check the authors' stored experiments by importance sampling.
 
-The stored weights are half of the right ones. Each experiment is therefore checked twice: as it was stored,
-and with the weights doubled. See data/stored_experiments/README.md for the files.
+The stored weights are half of the correct ones. Each experiment is therefore checked twice: as it was stored,
+and with doubled weights. See data/stored_experiments/README.md for the files.
 """
 
 import os
@@ -14,7 +14,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.scenarios.protocol import Scenario
 
-RIGHT = 2.0  # the right weight divided by the stored one
+RIGHT = 2.0  # the correct weight divided by the stored one
 CHANGE = "Restore it from the repository."
 IN_FIT = "in_fit"  # column of records that marks those to which the authors fitted their law
 COLUMNS = (
@@ -38,23 +38,36 @@ COLUMNS = (
 
 
 def authors_records(scenario: Scenario, path: str | os.PathLike) -> Array:
-    """Return the records to which the authors fitted their law, shape (n, d)."""
+    """Read the records to which the authors fitted their law, shape (n, d).
+
+    Parameters
+    ----------
+    scenario
+        The scenario.
+    path
+        Its record table. If it has the column `IN_FIT`, only the rows that it marks are used.
+    """
     table = scenario.read_records(Path(path))
     own = table[table[IN_FIT].astype(bool)] if IN_FIT in table else table
     return own[list(scenario.names)].to_numpy(float)
 
 
 def read_experiments(path: str | os.PathLike, names: tuple[str, ...], factor: float) -> dict[str, Experiment]:
-    """Read the rows of stored experiments.
+    """Read the simulations of the stored experiments of a scenario.
 
     Parameters
     ----------
     path
-        Verdicts of one scenario; the rows with a stored weight belong to the experiments.
+        Table of the verdicts of the scenario. The rows with a stored weight belong to the experiments.
     names
         Names of the variables.
     factor
-        The stored weights are multiplied by it: 1 as they were stored, or `RIGHT`.
+        Factor of the stored weights: 1 to leave them as they are, or `RIGHT` to correct them.
+
+    Returns
+    -------
+    dict
+        The experiments by name.
     """
     require_file(path, CHANGE)
     rows = pd.read_csv(path).dropna(subset=["stored_weight"])
@@ -75,12 +88,13 @@ def stored_experiments(
     records: Array,
     names: tuple[str, ...],
 ) -> pd.DataFrame:
-    """Tabulate the stored experiments of a scenario with their checks.
+    """Tabulate the stored experiments of a scenario, with checks of their weights.
 
     Parameters
     ----------
     path, published
-        Verdicts of the scenario, and the numbers of all rows of its experiments.
+        Paths of two tables: the verdicts of the scenario, which contain a part of the simulations of each
+        experiment, and the published results of the complete experiments.
     scenario
         Name of the scenario.
     records
@@ -93,10 +107,10 @@ def stored_experiments(
     -------
     pandas.DataFrame
         The columns of `weight_table`, and ``weights`` (``as stored`` or ``doubled``). ``probability``,
-        ``error`` and ``effective_events`` are those of all rows of an experiment; ``crude`` is the
-        probability by crude Monte Carlo under the authors' law; ``errors_off`` says by how many of its
-        standard errors the experiment is too low; and ``crude_runs``, how many crude runs would have shown
-        that.
+        ``error`` and ``effective_events`` are those of the complete experiment; ``crude`` is the probability
+        by crude Monte Carlo under the authors' law; ``errors_off`` is crude minus probability, in standard
+        errors of the experiment; and ``crude_runs`` is the number of crude simulations that would have shown
+        the difference.
     """
     require_file(published, CHANGE)
     known = pd.read_csv(published).query("scenario == @scenario").set_index("experiment")

@@ -41,7 +41,8 @@ UNDER_TEST = "under test"
 # The competent and careful human of UN R157, and the human driver from data; by the prefix of their columns.
 REFERENCES = {"": "cc_human", "human_": "human"}
 DRAWN = 2000  # number of crashes that are drawn from each law
-# Name of the random stream of the answer: of the first tables that were drawn from it.
+# Name of the random stream of the answer. It consists of the names of the tables that were first drawn from
+# it, and is kept because another name would change all numbers.
 ANSWER_STREAM = (
     "answer",
     "vehicles",
@@ -55,25 +56,25 @@ ANSWER_STREAM = (
 
 @dataclass(frozen=True)
 class LawStudy:
-    """All data for the tables of the study of laws.
+    """The study of laws: the weighted laws, the crash maps of all vehicles, and the tables of the answer.
 
     Attributes
     ----------
     encounters
-        Encounter table in the order of the record.
+        Encounter table, in the order of the records.
     vehicles
         The vehicles by name, the car under test first.
     weighted
         The family of laws with its weights.
     lines
-        Crash map of the car under test by event, for the distinct lead speeds, and the crashes of the other
-        vehicles.
+        Lines of the crash maps, by the name of the event: all events of the car under test, and the crashes
+        of the other vehicles (see `crash_of`).
     thinned
-        The same lines, thinned.
+        The lines of ``lines``, thinned to those that are probable under some law.
     events
-        The events of the car under test by name.
+        The events of the car under test, by name.
     sampled
-        Names of the crashes whose maps were computed with random closing speeds.
+        Names of the crashes whose maps were computed with random closing speeds; see `resolve`.
     """
 
     encounters: pd.DataFrame
@@ -99,12 +100,13 @@ class LawStudy:
         Parameters
         ----------
         encounters
-            Encounter table in the order of the record.
+            Encounter table, in the order of the records.
         vehicles
             The vehicles by name, the car under test first.
         maps
-            Their crash maps. The first contains all events. All maps reach up to a closing speed above which
-            the outcome no longer changes, because the laws have no cap.
+            Crash maps of the vehicles, by name. The map of the car under test contains all events. All maps
+            extend to a closing speed above which the outcome no longer changes, because the laws have no
+            upper limit of the closing speed.
         scored
             The family, fitted to the distinct records of the encounter table, and its scores.
         draws
@@ -120,7 +122,7 @@ class LawStudy:
             f"crash of {name}": CrashLines.of(mapped, speeds, support=support) for name, mapped in others
         }
         weighted = WeightedLaws.drawn(scored, generator, draws)
-        # Random vehicles have generators of their own, so that they do not change what other vehicles get.
+        # Random vehicles have generators of their own, so that they do not change the numbers of others.
         own_generators = dict(zip(vehicles, generator.spawn(len(vehicles)), strict=True))
         thinned = {}
         for name, part in lines.items():
@@ -133,12 +135,16 @@ class LawStudy:
         return cls(encounters, vehicles, weighted, lines, thinned, named)
 
     def resolve(self, maps: Mapping[str, CrashMap], generator: np.random.Generator) -> None:
-        """Replace maps that are contradicted by replayed records by maps with random closing speeds.
+        """Replace crash maps that are contradicted by the replayed records.
+
+        A map is contradicted if the number of records that crash when the vehicle replays them does not agree
+        with the number that is expected from the map. The new map has random closing speeds; see
+        `crash_map.sampled`.
 
         Parameters
         ----------
         maps
-            Crash maps of the vehicles.
+            Crash maps of the vehicles, by name.
         generator
             Source of the random closing speeds.
         """
@@ -159,7 +165,7 @@ class LawStudy:
         return next(iter(self.vehicles.values()))
 
     def crash_of(self, name: str) -> str:
-        """Return the name of the crashes of a vehicle among the events."""
+        """Return the name of the event that the vehicle of a given name crashes."""
         return "crash" if self.vehicles[name] is self.vehicle else f"crash of {name}"
 
     @property
@@ -173,23 +179,32 @@ class LawStudy:
 
     @cached_property
     def replayed(self) -> dict[str, Outcomes]:
-        """Outcomes of every vehicle, by its name, when it replays the distinct records."""
+        """Outcomes of every vehicle when it replays the distinct records, by the name of the vehicle."""
         records = self.weighted.records
         cut_ins = records.lead_speed, records.range_, records.closing_speed
         return {name: vehicle.simulate(*cut_ins) for name, vehicle in self.vehicles.items()}
 
     def calibration(self) -> pd.DataFrame:
-        """Return the table ``calibration`` with the near misses of the replayed records."""
+        """Return the table ``calibration`` with the near misses of the records that the car replays."""
         outcomes = self.replayed[next(iter(self.vehicles))]
         recorded = {name: int(event.happens(outcomes).sum()) for name, event in self.events.items()}
         near = NearMisses(recorded, {name: self.probabilities(name) for name in self.events})
         return calibration_table(self.weighted, near)
 
     def crash_places(self, generator: np.random.Generator) -> pd.DataFrame:
-        """Draw crashes from the laws.
+        """Draw crashes of the car under test from some of the laws.
 
-        The columns are ``law``, ``lead_speed``, ``range``, ``closing_speed`` and ``beyond_recorded``. The
-        last one is the excess of the closing speed [m/s] over the largest recorded one at a similar range.
+        Parameters
+        ----------
+        generator
+            Source of all randomness.
+
+        Returns
+        -------
+        pandas.DataFrame
+            `DRAWN` rows for each law, with the columns ``law``, ``lead_speed`` [m/s], ``range`` [m],
+            ``closing_speed`` [m/s] and ``beyond_recorded`` [m/s], the closing speed minus the largest
+            recorded one at a similar range.
         """
         parts = [pd.DataFrame(columns=["lead_speed", "range", "closing_speed", "law", "beyond_recorded"])]
         lines, ranges, records = self.lines["crash"], self.family.ranges, self.weighted.records
@@ -203,12 +218,25 @@ class LawStudy:
         return pd.concat(parts, ignore_index=True)
 
     def representative(self) -> DependentLaw:
-        """Return the law of the largest weight, for methods that need a single law."""
+        """Return the law with the largest weight, for methods that need a single law."""
         weighted = self.weighted
         return DependentLaw.fitted(self.family, weighted.heaviest, self.encounters, weighted.records.support)
 
     def draws(self, tabulated: Mapping[Key, Array], generator: np.random.Generator) -> dict[str, Posterior]:
-        """Draw the probability of every event, and the expected value of tabulated risks in a crash."""
+        """Draw the probability of every event, and expected risks of injury, from the posterior of the law.
+
+        Parameters
+        ----------
+        tabulated
+            Risks at impact speeds; see `injuries.impacts.tabulated_risks`.
+        generator
+            Source of all randomness.
+
+        Returns
+        -------
+        dict
+            Posteriors by the name of the event. Those of crashes contain the expected risks in an encounter.
+        """
         law = self.family.law(self.weighted.heaviest)
         crashing = {self.crash_of(name): vehicle for name, vehicle in self.vehicles.items()}
         impacts = {
@@ -221,7 +249,7 @@ class LawStudy:
     def answers(
         self, exposure: Mapping[str, float | None], half_width: float, generator: np.random.Generator
     ) -> dict[str, pd.DataFrame]:
-        """Return the answer, and the tables that explain its uncertainty.
+        """Return the tables of the answer, of its uncertainty, and of the comparison of vehicles.
 
         Parameters
         ----------
@@ -263,7 +291,19 @@ class LawStudy:
         }
 
     def compared(self, posteriors: Mapping[str, Posterior]) -> pd.DataFrame:
-        """Return the table of vehicles, with a check of each crash map by replayed records."""
+        """Compare the crash probabilities of the vehicles, and check each crash map by the replayed records.
+
+        Parameters
+        ----------
+        posteriors
+            Posterior of the crash probability of each vehicle, in the order of ``vehicles``.
+
+        Returns
+        -------
+        pandas.DataFrame
+            The columns of `summary.vehicle_table`, and ``scan``, which is ``random`` if the map was replaced
+            by one with random closing speeds, and ``refined`` otherwise.
+        """
         replays = zip(posteriors, self.replayed.values(), strict=True)
         recorded = {name: int(outcomes.crash.sum()) for name, outcomes in replays}
         table = vehicle_table(posteriors, recorded, self.weighted.records.size, REFERENCES)
@@ -272,10 +312,19 @@ class LawStudy:
 
 
 def with_draws(lines: CrashLines, vehicle: Vehicle, draws: int, generator: np.random.Generator) -> CrashLines:
-    """Return lines with weights for draws of the uncertain parameters of a random vehicle.
+    """Add weights for draws of the uncertain parameters of a random vehicle to the lines of its crash map.
 
-    The lines of any other vehicle are returned as they are. The draws depend on the seed of the generator and
+    The lines of any other vehicle are returned unchanged. The draws depend on the seed of the generator and
     not on its state, so that all events of a vehicle have the same draws.
+
+    Parameters
+    ----------
+    lines, vehicle
+        Lines of a crash map of the vehicle, and the vehicle.
+    draws
+        Number of draws.
+    generator
+        Random generator whose seed is used.
     """
     if not isinstance(vehicle, RandomVehicle) or lines.inner is None:
         return lines
@@ -284,11 +333,11 @@ def with_draws(lines: CrashLines, vehicle: Vehicle, draws: int, generator: np.ra
 
 
 def event_name(event: Event) -> str:
-    """Return the name of an event in tables."""
+    """Return the name of an event in tables, with its threshold and unit."""
     return QUANTITIES[event.quantity].format(event.threshold)
 
 
 def answer_draws(posterior: Posterior, weighted: WeightedLaws) -> pd.DataFrame:
-    """Tabulate the draws of the posterior: ``probability`` and the ``law`` from which it was drawn."""
+    """Tabulate the draws of a posterior: the ``probability`` and the name of the ``law`` of each draw."""
     names: Array = np.array([member.name for member in weighted.members])
     return pd.DataFrame({"probability": posterior.probabilities, "law": names[posterior.member]})

@@ -1,4 +1,4 @@
-"""Tables of the answer, by event, by threshold, and by treatment of the records."""
+"""Tables of the answer: by event, by vehicle, by threshold of the laws, and by treatment of the records."""
 
 from collections.abc import Mapping
 from copy import deepcopy
@@ -22,28 +22,35 @@ SUMMARY = (
     "median",
     *(f"{end}{100 * level:.0f}" for level in LEVELS for end in ("low", "high")),
 )
-MISSED = 1e-4  # mid-p of the recorded crashes below which a map is refused
+MISSED = 1e-4  # a map is rejected unless the mid-p value of the recorded number of crashes exceeds this value
 RATIO = ("ratio", "ratio_low80", "ratio_high80")
 SAFER = "safer"
-RANGE_LIMIT_WIDTH = 0.5  # [m], next to the largest range, where rounding could have put records
+RANGE_LIMIT_WIDTH = 0.5  # [m], width below the largest range in which records may be affected by rounding
 
 
 def summarise(posterior: Posterior) -> dict[str, float]:
-    """Return the mean ``probability``, the ``median``, and the interval ends ``low50`` to ``high95``."""
+    """Summarise a posterior.
+
+    Returns
+    -------
+    dict
+        The mean ``probability``, the ``median``, and the ends of the equal-tailed credible intervals,
+        ``low50``, ``high50``, ``low80``, ``high80``, ``low95`` and ``high95``.
+    """
     ends = (end for level in LEVELS for end in posterior.interval(level))
     values = (float(posterior.probabilities.mean()), posterior.probability, *ends)
     return dict(zip(SUMMARY, values, strict=True))
 
 
 def answer_table(posteriors: Mapping[str, Posterior], events_per_km: float | None) -> pd.DataFrame:
-    """Tabulate the probabilities of events per cut-in, and per kilometre if the distance is known.
+    """Tabulate the probabilities of events per cut-in, and their rates if the distance is known.
 
     Parameters
     ----------
     posteriors
-        Draws of the probability by event.
+        Draws of the probability of each event, by event.
     events_per_km
-        Distinct closing cut-ins per kilometre [1/km].
+        Distinct closing cut-ins per kilometre [1/km]; None if the distance is not known.
 
     Returns
     -------
@@ -55,7 +62,10 @@ def answer_table(posteriors: Mapping[str, Posterior], events_per_km: float | Non
 
 
 def is_supported(recorded: int, expected: float) -> bool:
-    """Return whether the number of recorded crashes is consistent with the expected number."""
+    """Return whether a number of recorded crashes agrees with the expected number.
+
+    They agree if the two-sided mid-p value of the Poisson distribution is above `MISSED`.
+    """
     return bool(mid_p(recorded, expected) > MISSED)
 
 
@@ -68,9 +78,9 @@ def vehicle_table(
     """Compare the crash probabilities of vehicles.
 
     All vehicles use the same draws of the law, so the interval of a ratio is much narrower than the quotient
-    of two intervals. The scan of a map misses crashes in stripes that are narrower than its steps. This is
-    detected by replaying the records: if the number of records that crash is inconsistent with the map, the
-    map is rejected, and no probability is given for the vehicle.
+    of two intervals. A crash map can miss crashes in stripes that are narrower than its steps. The replayed
+    records reveal this: if the number of records that crash does not agree with the map, the map is rejected,
+    and no probability is given for the vehicle.
 
     Parameters
     ----------
@@ -81,7 +91,8 @@ def vehicle_table(
     size
         Number of distinct records.
     references
-        The vehicles with which the others are compared, if they are among them, by the prefix of the columns.
+        Names of the vehicles with which the others are compared, by the prefix of the columns of the ratios.
+        Vehicles without a posterior are ignored.
 
     Returns
     -------
@@ -126,10 +137,25 @@ def _ratio(ratio: Array, prefix: str) -> dict[str, float]:
 def threshold_table(
     weighted: WeightedLaws, lines: CrashLines, generator: np.random.Generator
 ) -> pd.DataFrame:
-    """Tabulate the answer for each threshold alone; column ``level`` and those of `summarise`."""
+    """Tabulate the crash probability with the laws of a single threshold, for each threshold.
+
+    Parameters
+    ----------
+    weighted
+        The family with its weights.
+    lines
+        Thinned lines of the crash map.
+    generator
+        Source of all randomness, which is the same for all thresholds.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each ``level`` of the threshold, with the columns of `summarise`.
+    """
     rows = []
     for level in sorted({member.level for member in weighted.members if member.level is not None}):
-        # The same random numbers for every threshold, so that only the threshold makes a difference.
+        # All thresholds get the same random numbers, so that they differ only by the threshold.
         posterior = weighted.draw({"crash": lines}, deepcopy(generator), weighted.weights_at(level))["crash"]
         rows.append({"level": level} | summarise(posterior))
     return pd.DataFrame(rows, columns=["level", *SUMMARY])
@@ -138,16 +164,16 @@ def threshold_table(
 def record_variants(
     encounters: pd.DataFrame, crashed: Array, outlier_rows: list[int], support: Support = SUPPORT
 ) -> dict[str, DistinctRecords]:
-    """Return the distinct records for alternative treatments of the data.
+    """Return the records after alternative treatments of the data, by the name of the treatment.
 
     Parameters
     ----------
     encounters
-        Encounter table in the order of the record.
+        Encounter table, in the order of the records.
     crashed
-        Whether each row crashes when the study's car replays it.
+        Whether each row crashes when the car under test replays it, shape (rows,).
     outlier_rows
-        Rows that the authors' later code leaves out, counted from 1.
+        Numbers of the rows that the authors' later code leaves out, counted from 1.
     support
         Limits of the records.
     """
@@ -184,9 +210,9 @@ def quality_table(
     Parameters
     ----------
     choices
-        Distinct records by treatment; see `record_variants`.
+        Records by treatment; see `record_variants`.
     start
-        The fit of the answer, from which the other fits start and whose smoothing parameters they keep.
+        The fit of the answer. The other fits start from it, and use its smoothing parameters.
     lines
         Thinned lines of the crash map.
     draws
@@ -197,14 +223,15 @@ def quality_table(
     Returns
     -------
     pandas.DataFrame
-        Columns ``reading``, ``events`` and those of `summarise`, which are missing if too few records remain.
+        One row for each treatment, with the columns ``reading`` (its name), ``events`` (number of records)
+        and those of `summarise`, which are NaN if too few records remain.
     """
     rows = []
     for reading, records in tqdm(choices.items(), desc="data quality", unit=" readings"):
         if records.size < MINIMUM_ROWS:
             rows.append({"reading": reading, "events": records.size})
             continue
-        same = deepcopy(generator)  # the same random numbers for every reading
+        same = deepcopy(generator)  # all treatments get the same random numbers
         scored = score_family(records, start.members, start=start.family)
         weighted = WeightedLaws.drawn(scored, same, draws)
         posterior = weighted.draw({"crash": lines}, same)["crash"]

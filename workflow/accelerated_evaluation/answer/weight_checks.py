@@ -1,11 +1,12 @@
 """Checks of an experiment by importance sampling, for wrong weights and for parts that the proposal missed.
 
-An experiment reports a probability with a standard error. The error comes from the rows that were drawn, so
-it says nothing about a region from which no row came. Two checks need no further simulation. The weights
-f / f* have the mean 1, so their mean shows whether the densities are right, and whether f* covers f. The
-weights of a control region have its probability under f as their mean, which is known from draws of f, or
-from the records. A third check needs simulations: the events of a few crude runs are compared with what the
-experiment expects, in all and in each region.
+An experiment reports a probability with a standard error. The error is estimated from the points that were
+drawn, so it contains no information about a region in which no point was drawn. Two checks need no further
+simulation. First, the weights f / f* have the mean 1. Their mean therefore shows whether the densities are
+correct, and whether f* covers f. Second, the mean of the weights in a control region is the probability of
+the region under f, which is known from draws of f or from the records. A third check needs simulations: the
+number of events in a few crude simulations is compared with the number that the experiment predicts, in total
+and in each region.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,16 +23,16 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.methods.estimate import Stopping
 from accelerated_evaluation.methods.intervals import Sums, gamma_interval
 
-QUANTILES = (0.0, 0.02, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95, 0.98, 1.0)  # that bound control regions
-LEVEL = 0.01  # of a test that warns, divided by the number of regions
-SMALLEST = 1e-300
-MOST_RUNS = 1e6  # crude runs
-FEWEST_EFFECTIVE = 30.0  # events of equal weight; with fewer, the standard error itself is unreliable
+QUANTILES = (0.0, 0.02, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95, 0.98, 1.0)  # levels that bound control regions
+LEVEL = 0.01  # significance level of the checks, with a Bonferroni correction for the number of regions
+SMALLEST = 1e-300  # replaces a standard error of 0
+MOST_RUNS = 1e6  # largest number of crude simulations that is considered
+FEWEST_EFFECTIVE = 30.0  # with fewer effective events, the standard error itself is unreliable
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """Rows of an experiment by importance sampling.
+    """The n simulations of an experiment by importance sampling.
 
     Attributes
     ----------
@@ -48,17 +49,22 @@ class Experiment:
     happened: NDArray[np.bool_]
 
     def row(self, stopping: Stopping | None = None) -> dict[str, float | int | bool]:
-        """Return the estimate with the checks that need nothing but the weights.
+        """Return the estimate, with the checks that need only the weights.
+
+        Parameters
+        ----------
+        stopping
+            The stopping rule; by default the paper's.
 
         Returns
         -------
         dict
             ``simulations``, ``events``; ``probability`` and its standard ``error``; ``low95`` and ``high95``,
-            the gamma interval; ``converged``, whether the paper's stopping rule is satisfied; ``effective``
-            and ``effective_events``, effective sample sizes (Kish 1965) of all rows and of the events;
-            ``largest_share``, the share of the largest weight in the sum of those of the events;
+            the 95 % gamma interval; ``converged``, whether the stopping rule is satisfied; ``effective`` and
+            ``effective_events``, effective sample sizes (Kish 1965) of all simulations and of the events;
+            ``largest_share``, the largest weight of an event divided by the sum of the weights of all events;
             ``mean_weight``, its standard error ``mean_weight_error``, and ``mean_weight_p``, the p-value of
-            the mean 1.
+            the hypothesis that the mean is 1.
         """
         stopping = Stopping() if stopping is None else stopping
         n, events = len(self.weight), np.where(self.happened, self.weight, 0.0)
@@ -84,7 +90,7 @@ class Experiment:
         }
 
     def control_regions(self, reference: Array, names: Sequence[str]) -> pd.DataFrame:
-        """Compare the probability of regions by the weights with their share among points that follow f.
+        """Compare the probabilities of regions by the weights with their shares among points that follow f.
 
         Parameters
         ----------
@@ -97,34 +103,44 @@ class Experiment:
         Returns
         -------
         pandas.DataFrame
-            A row for each interval between quantiles of a variable: ``variable``, ``low``, ``high``,
-            ``share`` among the reference, ``weighted``, the probability by the weights, the standard
-            ``error`` of their difference, and its ``p``-value.
+            One row for each interval between quantiles of a variable: ``variable``; the ends ``low`` and
+            ``high``; ``share``, the share of the reference points in the interval; ``weighted``, the
+            probability of the interval by the weights; the standard ``error`` of their difference; and ``p``,
+            the p-value of the difference.
         """
         return self._regions(self.weight, reference, np.ones(len(reference), bool), names)
 
     def event_regions(
         self, reference: Array, happened: NDArray[np.bool_], names: Sequence[str]
     ) -> pd.DataFrame:
-        """Compare where the probability of the event lies with the events of crude runs.
+        """Compare the probabilities of the event in regions with the events of crude simulations.
 
         Parameters
         ----------
         reference, happened
-            Encounters drawn from f, shape (m, d), and whether the event happened in their runs, shape (m,).
+            Encounters drawn from f, shape (m, d), and whether the event happened in each, shape (m,).
         names
             Names of the variables.
 
         Returns
         -------
         pandas.DataFrame
-            As `control_regions`, with the probability of the event within the region in place of that of the
-            region.
+            As in `control_regions`, but ``share`` and ``weighted`` are probabilities that an encounter is in
+            the region and ends in the event.
         """
         return self._regions(np.where(self.happened, self.weight, 0.0), reference, happened, names)
 
     def crude_check(self, runs: int, events: int) -> float:
-        """Return the mid-p of the number of events in crude runs, which the experiment should predict."""
+        """Return the mid-p value of a number of events in crude simulations, given the experiment.
+
+        The number of events is Poisson with the mean ``runs`` times the probability that the experiment
+        estimates.
+
+        Parameters
+        ----------
+        runs, events
+            Number of crude simulations, and number of events in them.
+        """
         return float(mid_p(events, runs * float(np.mean(np.where(self.happened, self.weight, 0.0)))))
 
     def _regions(
@@ -139,7 +155,7 @@ class Experiment:
                 inside = (reference[:, j] >= low) & (reference[:, j] < high)
                 share = float(np.mean(inside & counted))
                 part = np.where((self.x[:, j] >= low) & (self.x[:, j] < high), weight, 0.0)
-                # Half an event is added, because the error of no event at all is not 0.
+                # Half an event is added, because the standard error is not 0 if there is no event.
                 spread = (share + 0.5 / m) * (1 - share)
                 error = float(np.sqrt(part.var() / len(part) + spread / m))
                 p = p_value(float(part.mean()) - share, error)
@@ -148,15 +164,20 @@ class Experiment:
 
 
 def p_value(difference: float, error: float) -> float:
-    """Return the two-sided p-value of a difference with a given standard error; 1 if there is none."""
+    """Return the two-sided p-value of a normal difference with a given standard error."""
     return float(2 * norm.sf(abs(difference) / max(error, SMALLEST)))
 
 
 def crude_runs_needed(estimated: float, true: float) -> float:
-    """Return how many crude runs show that an estimate is wrong, if they have the expected number of events.
+    """Return how many crude simulations would show that an estimated probability is wrong.
 
-    The mid-p of this number is then below `LEVEL`; the number of runs is rounded up to two digits, and is
-    infinite if even `MOST_RUNS` would not show it.
+    It is the smallest number of a grid of numbers for which the expected number of events, rounded, has a
+    mid-p value below `LEVEL` under the estimate. It is infinite if even `MOST_RUNS` would not be enough.
+
+    Parameters
+    ----------
+    estimated, true
+        The estimated and the true probability of the event.
     """
     runs = np.round(np.geomspace(100, MOST_RUNS, 500), -1)
     shows = mid_p(np.round(runs * true).astype(int), runs * estimated) < LEVEL
@@ -166,12 +187,25 @@ def crude_runs_needed(estimated: float, true: float) -> float:
 def weight_table(
     experiments: Mapping[str, Experiment], reference: Array, names: Sequence[str]
 ) -> pd.DataFrame:
-    """Tabulate experiments with their checks; see `Experiment.row`.
+    """Tabulate experiments with their checks.
 
-    The further columns are those of the control region with the smallest p-value: ``region``, its ``share``
-    among the reference, ``weighted`` and ``region_p``, multiplied by the number of regions (Bonferroni). The
-    columns ``warns_events``, ``warns_mean`` and ``warns_region`` say which check warns: too few effective
-    events, a mean weight that is not 1, and a control region whose probability is wrong.
+    Parameters
+    ----------
+    experiments
+        The experiments by name.
+    reference
+        Points that follow f, shape (m, d); see `Experiment.control_regions`.
+    names
+        Names of the variables.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each ``experiment``, with the columns of `Experiment.row`. Further columns describe the
+        control region with the smallest p-value: its name ``region``, ``share`` and ``weighted`` as in
+        `Experiment.control_regions`, and ``region_p``, the p-value times the number of regions (Bonferroni).
+        ``warns_events``, ``warns_mean`` and ``warns_region`` are true if there are too few effective events,
+        if the mean weight differs from 1, or if the probability of the control region is wrong.
     """
     rows = []
     for name, experiment in experiments.items():

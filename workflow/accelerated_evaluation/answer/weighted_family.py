@@ -1,4 +1,4 @@
-"""The family of laws, weighted by its scores on held-out records."""
+"""The family of laws, with weights that follow from its scores on held-out records."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,26 +14,36 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.lines import CrashLines
 from accelerated_evaluation.laws.smooth.family import Member
 
-DRAWS = 500
-LINES = 2500  # of a thinned map
-GUIDE = 0.95  # level of the thresholds whose laws, with the body alone, say which lines to keep
+DRAWS = 500  # number of draws of the weights
+LINES = 2500  # number of lines of a thinned crash map
+GUIDE = 0.95  # level of the thresholds whose laws, and the law without threshold, determine the lines to keep
 
 
 @dataclass(frozen=True)
 class WeightedLaws(ScoredFamily):
-    """A scored family with its weights.
+    """A scored family of laws, with draws of the weights of its members.
 
     Attributes
     ----------
     weights
-        Draws of the weights, shape (draws, members).
+        Draws of the weights, shape (draws, members), with rows that sum to 1.
     """
 
     weights: Array
 
     @classmethod
     def drawn(cls, scored: ScoredFamily, generator: np.random.Generator, draws: int = DRAWS) -> Self:
-        """Draw weights from the scores of a family; see `weights.bootstrapped_weights`."""
+        """Draw the weights of the members from their scores; see `weights.bootstrapped_weights`.
+
+        Parameters
+        ----------
+        scored
+            The family with its held-out scores.
+        generator
+            Source of all randomness.
+        draws
+            Number of draws.
+        """
         records = scored.records
         inside = records.closing_speed > region(records) * records.range_
         weights = bootstrapped_weights(scored.log_scores, inside, draws, generator)
@@ -41,18 +51,35 @@ class WeightedLaws(ScoredFamily):
 
     @property
     def heaviest(self) -> Member:
-        """The law of the largest mean weight."""
+        """The law with the largest mean weight."""
         return self.members[int(np.argmax(self.weights.mean(axis=0)))]
 
     def mean(self, values: Mapping[Member, Array | float]) -> Array | float:
-        """Return the mean of a quantity over the laws, with their mean weights."""
+        """Return the mean of a quantity over the laws, weighted with their mean weights.
+
+        Parameters
+        ----------
+        values
+            Value of the quantity for each law.
+        """
         weights = self.weights.mean(axis=0)
         return sum(weight * values[member] for weight, member in zip(weights, self.members, strict=True))
 
     def weights_at(self, level: float) -> Array:
-        """Return the weights restricted to the laws with one threshold, with rows that sum to 1.
+        """Return draws of the weights in which only the laws with one threshold have weight.
 
-        They are equal if all these laws have weight zero.
+        The weights of these laws are scaled so that they sum to 1; if all of them are 0 in a draw, they
+        become equal.
+
+        Parameters
+        ----------
+        level
+            Level of the threshold.
+
+        Returns
+        -------
+        numpy.ndarray
+            Weights, shape (draws, members).
         """
         chosen = np.array([member.level == level for member in self.members])
         weights = np.where(chosen, self.weights, 0.0)
@@ -60,10 +87,20 @@ class WeightedLaws(ScoredFamily):
         return weights / weights.sum(axis=1, keepdims=True)
 
     def thinned(self, lines: CrashLines, generator: np.random.Generator, size: int = LINES) -> CrashLines:
-        """Thin the lines of an event to those that are probable under some of the laws."""
+        """Thin the lines of an event to ``size`` lines, drawn by their probabilities under some of the laws.
+
+        Parameters
+        ----------
+        lines
+            Lines of a crash map on which the event happens.
+        generator
+            Source of the random choice.
+        size
+            Number of lines to keep.
+        """
         guides = [member for member in self.members if member.level in (None, GUIDE)]
         shares = [mass / mass.sum() for mass in lines.masses_of(self.family, guides) if mass.any()]
-        if not shares:  # the event never happens, or so rarely that its probability is 0 to rounding
+        if not shares:  # the event never happens, or its probability underflows
             return lines
         return lines.thinned(np.mean(shares, axis=0), size, generator)
 
@@ -74,9 +111,24 @@ class WeightedLaws(ScoredFamily):
         weights: Array | None = None,
         risks: Mapping[str, Array] = MappingProxyType({}),
     ) -> dict[str, Posterior]:
-        """Draw probabilities of events from the posterior, optionally with other ``weights`` and with risks.
+        """Draw the probabilities of events from their posterior.
 
-        `posterior.draw_posterior` describes the risks.
+        Parameters
+        ----------
+        lines
+            Thinned lines of a crash map, by event.
+        generator
+            Source of all randomness.
+        weights
+            Draws of the weights, shape (draws, members); by default those of this family.
+        risks
+            Risks in each interval of the lines of some events, shape (risks, intervals); see
+            `posterior.draw_posterior`.
+
+        Returns
+        -------
+        dict
+            The posterior of the probability of each event, by event.
         """
         chosen = self.weights if weights is None else weights
         return draw_posterior(lines, self.family, self.members, chosen, generator, risks)

@@ -7,20 +7,20 @@ from scipy.special import logsumexp, softmax
 
 from accelerated_evaluation.base.arrays import Array
 
-SMALLEST = 1e-300
+SMALLEST = 1e-300  # lower bound of a mixture density, so that its logarithm is finite
 SEARCH = {"ftol": 1e-13, "maxiter": 1000}
-LEAST_WEIGHT = 1e-6  # below which a law has none
-NEWTON_STEPS = 4  # from weights that are right to six digits
-FLOOR = -1e4  # of a score, so that sums stay defined where a law calls a record impossible
+LEAST_WEIGHT = 1e-6  # a smaller weight is replaced by 0
+NEWTON_STEPS = 4  # number of Newton steps, from weights with six correct digits
+FLOOR = -1e4  # lower bound of a score, so that sums are finite if a law has no density at a record
 
 
 def bootstrapped_weights(
     scores: Array, inside: NDArray[np.bool_], draws: int, generator: np.random.Generator
 ) -> Array:
-    """Return weights by pseudo-Bayesian model averaging with the Bayesian bootstrap (Yao et al. 2018).
+    """Draw weights of laws by pseudo-Bayesian model averaging with the Bayesian bootstrap (Yao et al. 2018).
 
-    Each draw reweights the records at random and sums the scores of each law. The weight of a law is
-    proportional to the exponential of its sum.
+    In each draw, the records get random weights, and the weighted scores of each law are added up. The weight
+    of a law is proportional to the exponential of its sum.
 
     Parameters
     ----------
@@ -46,18 +46,20 @@ def bootstrapped_weights(
 
 
 def stacking_weights(scores: Array, inside: NDArray[np.bool_]) -> Array:
-    """Return the weights of the mixture of laws with the best held-out log score, shape (laws,).
+    """Return the weights of the mixture of laws with the largest held-out log score, shape (laws,).
 
-    The score is concave in the weights (Yao et al. 2018). Sequential quadratic programming finds which laws
-    have any weight. Newton steps among these then reach the maximum to nine digits, on any processor.
+    The score is a concave function of the weights (Yao et al. 2018). Sequential quadratic programming finds
+    the laws with a positive weight. Newton steps for these weights then reach the maximum to nine digits, so
+    that the result does not depend on the processor.
 
     Parameters
     ----------
     scores
         Held-out log scores, shape (laws, records).
     inside
-        Whether a record lies in the region of the scores. The scores of the others differ so little that the
-        logarithm of their mixture is linear in the weights.
+        Whether a record is inside the region of the scores, shape (records,). The scores of the other records
+        differ so little between the laws that the logarithm of their mixture is taken to be linear in the
+        weights.
     """
     floored = np.maximum(scores - scores.max(axis=0), FLOOR)
     densities, outside = np.exp(floored[:, inside]), floored[:, ~inside].sum(axis=1)
@@ -80,19 +82,27 @@ def stacking_weights(scores: Array, inside: NDArray[np.bool_]) -> Array:
 
 
 def _newton(densities: Array, outside: Array, weights: Array) -> Array:
-    """Return the weights of the best mixture near given ones, all of which are positive and add up to 1."""
+    """Return the weights of the best mixture by Newton steps, from positive weights that sum to 1."""
     for _ in range(NEWTON_STEPS):
         relative = densities / (weights @ densities)
         slope = relative.sum(axis=1) + outside
         curvature = np.block([[relative @ relative.T, np.ones((slope.size, 1))], [np.ones(slope.size), 0.0]])
         step = np.linalg.lstsq(curvature, np.append(slope, 0.0))[0][:-1]
-        if np.any(weights + step <= 0):  # as where two laws are the same, and only their sum has a meaning
+        if np.any(weights + step <= 0):  # for example if two laws are equal: only their sum is then defined
             break
         weights = weights + step
     return weights
 
 
 def mixture_scores(scores: Array, weights: Array) -> Array:
-    """Return the log scores of the mixture of laws with given weights, shape (records,)."""
+    """Return the log scores of the mixture of laws with given weights, shape (records,).
+
+    Parameters
+    ----------
+    scores
+        Log scores of the laws, shape (laws, records).
+    weights
+        Weights of the laws, shape (laws,).
+    """
     with np.errstate(divide="ignore"):
         return logsumexp(scores + np.log(weights)[:, None], axis=0)

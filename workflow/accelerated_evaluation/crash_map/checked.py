@@ -1,11 +1,12 @@
-"""Whether a crash map agrees with the vehicle: an independent check with randomly drawn closing speeds.
+"""Check a crash map by simulations at randomly drawn closing speeds.
 
-A scan of a line assumes that the outcome does not change between two of its points. The standard error of an
-exact probability, which is that of the random places of the lines, does not contain the error that arises if
-it does. The check draws some lines of the map, divides each into steps, and simulates one closing speed in
-each step, drawn from the reference law. The sum of the probabilities of the steps that crash is an unbiased
-estimate of the crash probability of the line, for crash sets of any shape. Its difference from the intervals
-of the map has the expected value 0 if the map is right.
+The scan of a line assumes that the outcome does not change between two neighbouring points. If it does
+change, the map has an error that is not included in the standard error of an exact probability, because this
+contains only the effect of the random places of the lines. The check draws some lines of the map, divides
+each into steps, and simulates one closing speed in each step, drawn from the reference law. The sum of the
+probabilities of the steps with a crash is an unbiased estimate of the crash probability of the line, for
+crash sets of any shape. If the map is correct, its difference from the probability of the intervals of the
+map has the expected value 0.
 """
 
 import sys
@@ -20,24 +21,22 @@ from accelerated_evaluation.crash_map.sampled import sample_crashes
 from accelerated_evaluation.vehicles.events import CRASH
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
-LINES = 1000  # drawn at most, and not more than twice as many as the map has, so that the check is cheap
-EVEN = (
-    0.5  # share of the lines that are drawn by the probability of their cell alone, with or without crashes
-)
-FINER = 4  # steps of a map with random closing speeds for each point of a scan
-CRITICAL = 4.0  # standard errors; a right map exceeds them in one of 16,000 cases
+LINES = 1000  # number of drawn lines, but at most twice the number of lines of the map
+EVEN = 0.5  # share of the lines that are drawn by the probability of their cell, independently of crashes
+FINER = 4  # number of steps of a map with random closing speeds for each point of a scan
+CRITICAL = 4.0  # critical number of standard errors; a correct map exceeds it in one of 16,000 cases
 
 
 @dataclass(frozen=True)
 class MapCheck:
-    """What the check found, under the reference law of the grid.
+    """The result of a check, under the reference law of the grid.
 
     Attributes
     ----------
     mapped
-        Crash probability of the map, up to a constant factor.
+        Crash probability from the map, up to a constant factor.
     difference, standard_error
-        Difference of the simulated crash probability from it, and the standard error of the difference.
+        Simulated crash probability minus ``mapped``, and the standard error of this difference.
     """
 
     mapped: float
@@ -46,16 +45,16 @@ class MapCheck:
 
     @property
     def contradicts(self) -> bool:
-        """Whether the vehicle contradicts its map: two-sided, at `CRITICAL` standard errors."""
+        """Whether the difference exceeds `CRITICAL` standard errors in either direction."""
         return abs(self.difference) > CRITICAL * self.standard_error
 
     @property
     def in_words(self) -> str:
-        """The difference between the map and the simulations, in one sentence."""
+        """A sentence that reports the difference between the map and the simulations."""
         size = f"{self.difference / self.mapped:+.1%}" if self.mapped else "infinitely many percent"
         return (
             f"The crash map is contradicted by simulations at random closing speeds: the crash "
-            f"probability differs by {size}, {self.difference / self.standard_error:.1f} standard errors."
+            f"probability differs by {size} ({self.difference / self.standard_error:.1f} standard errors)."
         )
 
 
@@ -67,12 +66,12 @@ def check_map(vehicle: Vehicle, crash_map: CrashMap, generator: np.random.Genera
     vehicle
         The vehicle of the map.
     crash_map
-        Its crashes are checked.
+        The map, whose crashes are checked.
     generator
-        Source of the lines and the closing speeds.
+        Source of the random lines and closing speeds.
     """
     grid, intervals = crash_map.grid, crash_map.intervals(CRASH)
-    rate = crash_map.inverse_range / grid.reference_inverse_ttc  # of the closing speed, on each line
+    rate = crash_map.inverse_range / grid.reference_inverse_ttc  # of the exponential law of the closing speed
     start, end = (np.exp(-rate[intervals.line] * edge) for edge in (intervals.start, intervals.end))
     mapped = np.bincount(intervals.line, start - end, rate.size)
     weight = _cell_probabilities(crash_map)
@@ -89,21 +88,26 @@ def check_map(vehicle: Vehicle, crash_map: CrashMap, generator: np.random.Genera
 
 
 def require_right_map(vehicle: Vehicle, crash_map: CrashMap, generator: np.random.Generator) -> CrashMap:
-    """Return a map that the vehicle does not contradict: the given one, or one with random closing speeds.
+    """Check a crash map, and replace it by a map with random closing speeds if it is contradicted.
 
     Parameters
     ----------
     vehicle
         The vehicle of the map.
     crash_map
-        Its map by scans.
+        The map, which was computed by scans.
     generator
         Source of all randomness.
+
+    Returns
+    -------
+    CrashMap
+        The given map, or the map with random closing speeds.
 
     Raises
     ------
     InputError
-        If the vehicle contradicts the map with random closing speeds, too.
+        If the map with random closing speeds is contradicted as well.
     """
     check = check_map(vehicle, crash_map, generator)
     if not check.contradicts:
@@ -123,7 +127,7 @@ def require_right_map(vehicle: Vehicle, crash_map: CrashMap, generator: np.rando
 
 
 def _cell_probabilities(crash_map: CrashMap) -> Array:
-    """Return the probability under the reference law of the cell of each line, shared by its lines."""
+    """Return the probability of the cell of each line under the reference law, divided by its lines."""
     grid, cells = crash_map.grid, crash_map.cells
     far, near = np.exp(-cells.inverse_range.T / grid.reference_inverse_range)
     return np.repeat((far - near) * np.diff(cells.lead_speed, axis=1)[:, 0], LINES_PER_CELL) / LINES_PER_CELL
@@ -134,7 +138,7 @@ def _simulated(
 ) -> Array:
     """Return unbiased estimates of the crash probabilities of lines, shape (lines,).
 
-    Closing speeds above the largest of the grid count as this one, as in the map.
+    Closing speeds above the largest one of the grid are simulated with the largest one, as in the map.
     """
     grid = crash_map.grid
     steps = grid.closing_speed_points

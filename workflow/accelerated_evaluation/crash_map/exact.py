@@ -1,8 +1,7 @@
-"""Exact probabilities of an event: integrals of a law of cut-ins over a crash map.
+"""Exact probabilities of an event: integrals of the density of a law of cut-ins over a crash map.
 
 On each line of the map, the probability of the event is a sum of exact interval probabilities of the closing
-speed. The total probability is a weighted mean over the lines, with the probabilities of the cells as
-weights.
+speed. The total probability is a sum over the cells: the probability of the cell times the mean of its lines.
 """
 
 from collections.abc import Mapping
@@ -23,7 +22,13 @@ ALL = "all"
 
 @dataclass(frozen=True)
 class Exact:
-    """A probability, with the standard error that is due to the random places of the lines."""
+    """A probability from a crash map.
+
+    Attributes
+    ----------
+    probability, standard_error
+        The probability, and the standard error that is caused by the random places of the lines in the cells.
+    """
 
     probability: float
     standard_error: float
@@ -34,17 +39,17 @@ def capped_intervals(
 ) -> tuple[Array, Array, Array]:
     """Return the intervals of closing speeds in which an event happens, for a law with a cap.
 
-    The law simulates all closing speeds above the cap as the cap itself. An interval that contains the cap
-    therefore extends to infinity, and intervals that begin above the cap are removed.
+    Under the law, a closing speed above the cap is simulated as the cap itself. An interval that contains the
+    cap is therefore extended to infinity, and intervals that begin above the cap are removed.
 
     Parameters
     ----------
     crash_map
-        Map of the vehicle under test.
+        Crash map of the vehicle under test.
     event
         One of the events of the map.
     closing_speed_max
-        The cap [m/s]; infinity means no cap.
+        The cap [m/s]; infinity means that there is no cap.
 
     Returns
     -------
@@ -68,17 +73,24 @@ def capped_intervals(
 def cell_weights(crash_map: CrashMap, stratum: Stratum) -> Array:
     """Return the probability of each cell of v_L and R^-1 in one stratum, shape (cells,).
 
+    Parameters
+    ----------
+    crash_map
+        Crash map with the cells.
+    stratum
+        The law in one stratum.
+
     Raises
     ------
     InputError
-        If some lead speeds or a part of the distribution of R^-1 lie outside the map.
+        If some lead speeds, or a part of the distribution of R^-1, are outside of the map.
     """
     grid, speeds = crash_map.grid, stratum.lead_speed
     if speeds.lower < grid.lead_speed_min or speeds.upper >= grid.lead_speed_max:
         mapped = f"[{grid.lead_speed_min:g}, {grid.lead_speed_max:g}) m/s"
         raise _outside("v_L", f"{speeds.lower:g} to {speeds.upper:g} m/s", mapped)
     lowest = stratum.inverse_range_min
-    # The inverse of the same range may differ in its last digit, depending on how it was computed.
+    # The inverse of a range may differ in its last digit, depending on how it was computed.
     if lowest * grid.range_max < 1 - 1e-12:
         raise _outside("R^-1", f"{lowest:g} 1/m and more", f"{1 / grid.range_max:g} 1/m and more")
     return stratum.cell_probability(crash_map.cells.lead_speed, crash_map.cells.inverse_range)
@@ -87,7 +99,7 @@ def cell_weights(crash_map: CrashMap, stratum: Stratum) -> Array:
 def weighted_lines(
     crash_map: CrashMap, stratum: Stratum, closing_speed_max: float, event: Event = CRASH
 ) -> Array:
-    """Return, for each line, the probability of its cell times the probability of an event on the line.
+    """Return the probability of the cell of each line times the probability of an event on the line.
 
     Parameters
     ----------
@@ -103,8 +115,8 @@ def weighted_lines(
     Returns
     -------
     numpy.ndarray
-        Probabilities, shape (cells, 2). The mean of the two lines of a cell estimates the probability that a
-        cut-in lies in the cell and that the event happens.
+        Products, shape (cells, 2). The mean of the two lines of a cell estimates the probability that a
+        cut-in is in the cell and ends in the event.
     """
     weights = cell_weights(crash_map, stratum)
     line, start, end = capped_intervals(crash_map, event, closing_speed_max)
@@ -118,7 +130,7 @@ def weighted_lines(
 
 
 def _outside(what: str, seen: str, mapped: str) -> InputError:
-    change = "Make the map for the limits of this law (configuration keys filters and crash_map)."
+    change = "Compute the map for the limits of this law (configuration keys filters and crash_map)."
     return InputError(f"{what} of the law", seen=seen, expected=f"within the map: {mapped}", change=change)
 
 
@@ -137,7 +149,8 @@ def exact_probabilities(crash_map: CrashMap, law: Law, event: Event = CRASH) -> 
     Returns
     -------
     dict
-        The probabilities by stratum; that of ``all`` is the mean weighted by the shares of the strata.
+        The probability by stratum. The value of ``all`` is the mean over the strata, weighted by their
+        shares.
     """
     values = {
         name: weighted_lines(crash_map, stratum, law.closing_speed_max, event)
@@ -150,12 +163,12 @@ def exact_probabilities(crash_map: CrashMap, law: Law, event: Event = CRASH) -> 
 def summed(lines: Array) -> Exact:
     """Return the sum over cells of the mean of their two lines, with its standard error.
 
-    The difference between the two lines of a cell estimates the variance of their mean.
+    The variance of the mean of the two lines of a cell is estimated from their difference.
 
     Parameters
     ----------
     lines
-        Probabilities as `weighted_lines` returns them, shape (cells, 2).
+        Products from `weighted_lines`, shape (cells, 2).
     """
     probability = float(lines.mean(axis=1).sum())
     # A sum of shares may exceed 1 by rounding.
@@ -163,13 +176,20 @@ def summed(lines: Array) -> Exact:
 
 
 def exact_table(crash_maps: Mapping[str, CrashMap], laws: Mapping[str, Law]) -> pd.DataFrame:
-    """Tabulate the crash probability of each law, computed with maps of different resolutions.
+    """Tabulate the crash probability under each law, computed with maps of different resolutions.
+
+    Parameters
+    ----------
+    crash_maps
+        Crash maps of the vehicle under test, by the name of their resolution.
+    laws
+        The laws by name.
 
     Returns
     -------
     pandas.DataFrame
-        Columns ``model``, ``segment``, ``resolution`` (name of the map), ``lines``, ``probability`` and
-        ``standard_error``.
+        Columns ``model`` (name of the law), ``segment``, ``resolution`` (name of the map), ``lines`` (number
+        of lines), ``probability`` and ``standard_error``.
     """
     rows = [
         (model, segment, resolution, crash_map.lead_speed.size, value.probability, value.standard_error)

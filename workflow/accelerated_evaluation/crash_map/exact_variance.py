@@ -1,4 +1,4 @@
-"""The exact coefficient of variation of importance sampling, which measures the efficiency of an f*."""
+"""The exact coefficient of variation of importance sampling, which measures how efficient an f* is."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -14,8 +14,8 @@ from accelerated_evaluation.laws import Factors, Law, Stratum
 from accelerated_evaluation.vehicles.events import CRASH
 
 _NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(8)
-POINTS = 4000  # of the grid on which the tail of f^2 / f* is integrated
-DECADES = 60  # powers of ten by which f decreases along the grid
+POINTS = 4000  # number of points of the grid on which the tail of f^2 / f* is integrated
+DECADES = 60  # the survival function of f decreases by this number of powers of ten along the grid
 
 
 def exact_variation(
@@ -25,7 +25,10 @@ def exact_variation(
     *,
     ignored_shares: Sequence[float] = (0.0,),
 ) -> dict[str, tuple[float, ...]]:
-    """Return the coefficient of variation of one weight I f / f* in each stratum, and over ``all`` strata.
+    """Return the coefficient of variation of a weight I f / f* in each stratum, and over all strata.
+
+    I is 1 if the cut-in ends in a crash and 0 otherwise. The coefficients are computed by integration over
+    the crash map, without simulations.
 
     With N simulations, the relative standard error of the estimated crash probability is this coefficient
     divided by sqrt(N). It is infinite if f* decreases so fast that the weights have no variance.
@@ -35,14 +38,14 @@ def exact_variation(
     crash_map
         Map of the vehicle under test.
     law
-        f; strata are drawn with their shares in it.
+        The law f. Strata are drawn with their shares under f.
     proposals
-        f* of each stratum.
+        The accelerated distribution f* of each stratum.
     ignored_shares
-        For each value, one coefficient of variation is returned. It excludes the cells with the largest mean
-        weights, as long as these cells together contain at most this share of the crash probability. A
-        positive share gives the variation that is observed in practice, because an affordable number of
-        simulations never draws from cells that f* hardly reaches.
+        Shares of the crash probability that are ignored; one coefficient is returned for each. The cells with
+        the largest mean weights are left out, as long as they together contain at most this share. A positive
+        share gives the variation that is observed in practice, because a realistic number of simulations
+        contains no draws from cells that f* hardly reaches.
 
     Returns
     -------
@@ -60,7 +63,7 @@ def exact_variation(
 
 
 def _variation(first: Array, second: Array, ignored_share: float) -> float:
-    """Return the coefficient of variation from the moments in cells; NaN if the probability underflows."""
+    """Return the coefficient of variation from the moments of cells; NaN if the probability underflows."""
     probability = first.sum()
     if probability**2 == 0:
         return math.nan
@@ -73,7 +76,7 @@ def _variation(first: Array, second: Array, ignored_share: float) -> float:
 def cell_moments(crash_map: CrashMap, stratum: Stratum, proposal: Factors, closing_speed_max: float) -> Array:
     """Return the first and second moment of the weights I f / f* under f*, for each cell.
 
-    I is the indicator of a crash.
+    I is 1 if the cut-in ends in a crash and 0 otherwise.
 
     Parameters
     ----------
@@ -82,7 +85,7 @@ def cell_moments(crash_map: CrashMap, stratum: Stratum, proposal: Factors, closi
     stratum
         The law f in one stratum.
     proposal
-        f* in this stratum.
+        The accelerated distribution f* in this stratum.
     closing_speed_max
         Cap of the law on closing speeds [m/s].
 
@@ -101,21 +104,21 @@ def cell_moments(crash_map: CrashMap, stratum: Stratum, proposal: Factors, closi
     speeds = stratum.lead_speed_share(cells.lead_speed)
     with np.errstate(invalid="ignore"):
         second = np.where(lines.any(axis=1) & (speeds > 0), speeds * by_range * lines.mean(axis=1), 0.0)
-    # The product of an infinite factor and one that underflows to zero is NaN, and counts as zero. If the
-    # variance is infinite, it is infinite in another cell as well, in which nothing underflows.
+    # If one factor is infinite and another one underflows to 0, their product is NaN. It is replaced by 0: if
+    # the variance is infinite, it is also infinite in another cell, in which no factor underflows.
     second = np.nan_to_num(second, nan=0.0, posinf=np.inf)
     return np.stack([weighted_lines(crash_map, stratum, closing_speed_max).mean(axis=1), second])
 
 
 def _log_square(f: Distribution, proposal: Distribution, x: Array) -> Array:
-    """Log of f^2 / f*; -inf where f is zero."""
+    """Return log(f^2 / f*) at points x; -inf where f is 0."""
     log_f = f.logpdf(x)
     with np.errstate(invalid="ignore"):
         return np.where(np.isneginf(log_f), -np.inf, 2 * log_f - proposal.logpdf(x))
 
 
 def _squared_cell_mass(stratum: Stratum, proposal: Distribution, cells: Cells) -> Array:
-    """Integrate f^2 / f* of the first coordinate over cells of the root of the range, shape (cells,)."""
+    """Return the integral of f^2 / f* of the first coordinate over the ranges of a cell, shape (cells,)."""
     middle, half = cells.root.mean(axis=1, keepdims=True), np.abs(np.diff(cells.root)) / 2
     nodes = middle + half * _NODES
     inverse_range = 1 / (cells.range_max * nodes**2)
@@ -143,14 +146,14 @@ def _squared_mass(f: Distribution, proposal: Distribution, start: Array, end: Ar
     if log_pieces[-1, -1] > log_pieces[0].max() - 1:
         return np.full(start.shape, np.inf)
     tail = np.cumsum(((np.exp(log_pieces) @ _NODE_WEIGHTS) * half[:, 0])[::-1])[::-1]
-    # Nearly exponential between the points of the grid, so interpolated in logarithms.
+    # The tail is nearly exponential between the points of the grid, so its logarithm is interpolated.
     log_tail = np.log(np.maximum(tail, np.finfo(float).tiny))
     above = [np.exp(np.interp(x, grid[:-1], log_tail)) * (x < far) for x in (np.maximum(start, low), end)]
     return np.maximum(above[0] - above[1], 0)
 
 
 def _edges(law: Distribution) -> set[float]:
-    """Return the finite bounds of a law and its components, where densities jump."""
+    """Return the finite bounds of a distribution and its components, at which densities may jump."""
     inner = [_edges(component) for component in law.components] if isinstance(law, Mixture) else []
     return {edge for edge in (law.lower, law.upper) if math.isfinite(edge)}.union(*inner)
 
@@ -168,18 +171,17 @@ def variation_table(
     crash_map
         Map of the vehicle under test.
     law
-        f.
+        The law f.
     proposals
-        f* of each stratum, by method and seed.
+        The accelerated distribution f* of each stratum, by method and seed.
     ignored_share
-        Share of the crash probability that ``variation_trimmed`` excludes; see ``ignored_shares`` of
-        `exact_variation`.
+        Share of the crash probability that is ignored in ``variation_trimmed``; see `exact_variation`.
 
     Returns
     -------
     pandas.DataFrame
-        Columns ``method``, ``seed``, ``segment``, ``variation`` and ``variation_trimmed``. The last one
-        excludes the cells with the largest weights.
+        Columns ``method``, ``seed``, ``segment``, ``variation`` and ``variation_trimmed``, the coefficients
+        of variation with all cells and without the cells with the largest weights.
     """
     rows = []
     for (method, seed), factors in proposals.items():

@@ -1,8 +1,8 @@
 """Crash maps prepared for smooth laws: the lines on which an event happens, and their intervals.
 
-All quantities that do not depend on the parameters of a law are computed once: the splines on the lines and
-the probabilities of the lead speeds. For each law, or each draw of its parameters, only the cumulative
-hazards at the ends of the intervals remain to be computed.
+The splines on the lines and the probabilities of the lead speeds do not depend on the parameters of a law,
+and are computed once. For each law, or each draw of its parameters, only the cumulative hazards at the ends
+of the intervals have to be computed.
 """
 
 from collections.abc import Iterable, Iterator
@@ -26,15 +26,17 @@ EVEN = 0.05  # share of the kept lines that are selected independently of their 
 
 @dataclass(frozen=True)
 class CrashLines(Lines):
-    """Lines of a crash map on which an event happens, shape (lines,), and its intervals, (intervals,).
+    """Lines of a crash map on which an event happens, with the intervals of closing speeds of the event.
+
+    Arrays have shape (lines,) or, for intervals, (intervals,).
 
     Attributes
     ----------
     places
         Lead speeds and ranges of the lines.
     share
-        Probability that the lead speed lies in the cell of a line, divided by the number of lines in a cell.
-        If the lines were thinned, it is also divided by the probability that the line was kept.
+        Probability that the lead speed is in the cell of a line, divided by the number of lines in a cell. If
+        the lines were thinned, it is also divided by the probability that the line was kept.
     farther, nearer
         log(R_max / R) at the two ends of the cell; the second may be infinite.
     row, start, end
@@ -89,7 +91,7 @@ class CrashLines(Lines):
         )
 
     def masses(self, ranges: SmoothHazard, law: SpeedLaw) -> Array:
-        """Return the probability that a cut-in lies in each interval, shape (intervals,).
+        """Return the probability that a cut-in is in each interval, shape (intervals,).
 
         Parameters
         ----------
@@ -99,21 +101,31 @@ class CrashLines(Lines):
         return self._masses(self._line_masses(ranges), law.given(self.places))
 
     def masses_of(self, family: LawFamily, members: Iterable[Member]) -> Iterator[Array]:
-        """Yield the probabilities of the intervals under members of a family, which all have one body."""
+        """Yield the probabilities of the intervals under each member of a family, shape (intervals,).
+
+        The quantities that all members have in common are computed once.
+
+        Parameters
+        ----------
+        family
+            The fitted family of laws.
+        members
+            The members.
+        """
         lines, below = self._line_masses(family.ranges), self.places.body(family.body)
         for member in members:
             yield self._masses(lines, family.law(member).given(self.places, below))
 
     def _line_masses(self, ranges: SmoothHazard) -> Array:
-        """Return the probability of the cell of each line, for each interval."""
+        """Return the probability of the cell of its line for each interval, shape (intervals,)."""
         return (self.share * self.range_probability(ranges))[self.row]
 
     def _masses(self, lines: Array, given: Given) -> Array:
         start = given.cumulative(self.start, self.row)
-        # Many intervals are parts of a wider one, and end where the next one begins.
+        # Many intervals end where the next one begins, so the hazard is computed once for both.
         end = np.roll(start, -1)
         end[self._apart] = given.cumulative(self.end[self._apart], self.row[self._apart])
-        reached = np.isfinite(start)  # a law with a finite end has no probability beyond it
+        reached = np.isfinite(start)  # the law may have no probability beyond a finite end
         start, end = start[reached], end[reached]
         masses = np.zeros(self.row.size)
         masses[reached] = lines[reached] * np.exp(-start) * -np.expm1(start - end)
@@ -126,44 +138,70 @@ class CrashLines(Lines):
         return np.flatnonzero(np.append(~same, [True] * min(self.row.size, 1)))
 
     def range_probability(self, ranges: SmoothHazard) -> Array:
-        """Return the probability that the range lies in the cell of each line, given its lead speed."""
+        """Return the probability that the range is in the cell of each line, given its lead speed.
+
+        Parameters
+        ----------
+        ranges
+            Distribution of the range given the lead speed.
+
+        Returns
+        -------
+        numpy.ndarray
+            Probabilities, shape (lines,).
+        """
         cumulative, finite = self.places.range_hazards(ranges), np.isfinite(self.nearer)
         far, near = cumulative.at(self.farther), cumulative.at(np.where(finite, self.nearer, 0.0))
         return np.exp(-far) * np.where(finite, -np.expm1(np.minimum(far - near, 0.0)), 1.0)
 
     def probability(self, ranges: SmoothHazard, law: SpeedLaw) -> float:
-        """Return the probability of the event under a law."""
+        """Return the probability of the event under a law.
+
+        Parameters
+        ----------
+        ranges, law
+            Distribution of the range given the lead speed, and of the closing speed given both.
+        """
         return float(self.masses(ranges, law).sum())
 
     def probabilities(self, family: LawFamily, members: Iterable[Member]) -> dict[Member, float]:
-        """Return the probability of the event under members of a family."""
+        """Return the probability of the event under each member of a family; see `masses_of`."""
         members = tuple(members)
         masses = self.masses_of(family, members)
         return {member: float(mass.sum()) for member, mass in zip(members, masses, strict=True)}
 
     def place(self, line: NDArray) -> tuple[Array, Array]:
-        """Return lead speed [m/s] and range [m] of lines."""
+        """Return lead speed [m/s] and range [m] of the lines with given indices."""
         return self.places.lead_speed[line], self.places.range_[line]
 
     def of_draw(self, draw: int) -> "CrashLines":
-        """Return the lines for one draw of the uncertain parameters of the vehicle, if they have weights."""
+        """Return the lines for one draw of the uncertain parameters of the vehicle.
+
+        If the lines have weights, the shares of the lines are multiplied by the weights of this draw;
+        otherwise the lines are returned unchanged.
+
+        Parameters
+        ----------
+        draw
+            Index of the draw.
+        """
         return self if self.weights is None else replace(self, share=self.share * self.weights[draw])
 
     def thinned(self, mass: Array, size: int, generator: np.random.Generator) -> "CrashLines":
         """Return a systematic sample of about ``size`` lines.
 
-        The selection probability of a line is proportional to its mass, except for a small constant share.
-        Dividing by it keeps the probabilities unbiased for any law. Their error is small if the probability
-        of the law is distributed similarly to ``mass``.
+        The selection probability of a line is proportional to its mass plus a small constant. The shares of
+        the selected lines are divided by it, so that the probabilities of events are unbiased for any law.
+        Their error is small if the probability of the law is distributed similarly to ``mass``.
 
         Parameters
         ----------
         mass
-            Probabilities of the intervals under a law, or their mean under several laws.
+            Probabilities of the intervals under a law, or their mean under several laws, shape (intervals,).
         size
-            Number of lines.
+            Number of lines to select.
         generator
-            Random start of the systematic sample.
+            Source of the random start of the systematic sample.
         """
         lines = np.bincount(self.row, mass, self.share.size)
         chance = np.minimum(size * ((1 - EVEN) * lines / lines.sum() + EVEN / lines.size), 1.0)
@@ -186,9 +224,9 @@ class CrashLines(Lines):
 def crash_places(
     lines: CrashLines, masses: Array, law: SpeedLaw, size: int, generator: np.random.Generator
 ) -> tuple[Array, Array, Array]:
-    """Draw crashes under a law: lead speeds [m/s], ranges [m] and closing speeds [m/s].
+    """Draw crashes under a law.
 
-    An interval is drawn with its probability, and a closing speed in the interval by inversion.
+    Intervals are drawn with their probabilities, and closing speeds in the intervals by inversion.
 
     Parameters
     ----------
@@ -202,6 +240,11 @@ def crash_places(
         Number of crashes.
     generator
         Source of all randomness.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Lead speeds [m/s], ranges [m] and closing speeds [m/s], each of shape (size,).
     """
     interval = generator.choice(masses.size, size, p=masses / masses.sum())
     row = lines.row[interval]

@@ -1,4 +1,4 @@
-"""Compute a crash map: scan its lines with the vehicle, and refine the ends of intervals by bisection."""
+"""Compute a crash map: scan its lines with simulations, and refine the ends of intervals by bisection."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -15,11 +15,11 @@ from accelerated_evaluation.scenarios.protocol import Event
 from accelerated_evaluation.vehicles.events import CRASH
 from accelerated_evaluation.vehicles.protocol import Outcomes, RandomVehicle, Vehicle, repeats_itself
 
-STANDSTILL = 1e-6  # first point of a scan; outcomes at smaller closing speeds are assumed to be the same
-HALVINGS = 10  # bisections of a step of the scan
-MARGIN = 2  # steps of the coarse scan that are added on both sides of the changes that it found
-LEAST_EFFORT = 1 / 8  # least effort for a row of v_L, relative to the row with the most crashes
-ENCOUNTERS_AT_ONCE = 500_000  # bounds the memory: about 100 MB
+STANDSTILL = 1e-6  # first point of a scan, as a share of the square root of the largest closing speed
+HALVINGS = 10  # number of bisections of a step of the scan
+MARGIN = 2  # number of steps of the coarse scan that are added on both sides of the changes of the outcome
+LEAST_EFFORT = 1 / 8  # smallest effort for a row of v_L, relative to the row with the most crashes
+ENCOUNTERS_AT_ONCE = 500_000  # number of encounters that are simulated at once, which need about 100 MB
 
 
 def map_crashes(
@@ -27,8 +27,8 @@ def map_crashes(
 ) -> CrashMap:
     """Compute the crash map of a vehicle.
 
-    A coarse map is computed first. It determines how finely each cell is divided. The final map then uses new
-    random lines.
+    First, a coarse map is computed, which determines how finely each cell is divided. The final map then has
+    new random lines.
 
     Parameters
     ----------
@@ -39,38 +39,39 @@ def map_crashes(
     events
         Events to map; crashes are always included.
     generator
-        Random places of the lines in their cells, and of the scan points on the lines.
+        Source of the random places of the lines in their cells, and of the scan points on the lines.
 
     Raises
     ------
     InputError
-        If the outcomes of the vehicle are random, and it is no `RandomVehicle`. It then has no crash map.
+        If the outcomes of the vehicle are random and it is not a `RandomVehicle`, because it then has no
+        crash map.
     """
     _require_repeating(vehicle)
     whole = grid.cells(np.ones((grid.lead_speed_cells, grid.range_cells), dtype=int))
     coarse = _map_cells(vehicle, grid, whole, [CRASH], generator)
-    _require_repeating(vehicle)  # the first encounters may have shown that it does not repeat itself
+    _require_repeating(vehicle)  # the simulations so far may have shown that the outcomes are random
     return _map_cells(vehicle, grid, grid.cells(_parts(coarse)), sorted({CRASH, *events}), generator)
 
 
 def _require_repeating(vehicle: Vehicle) -> None:
-    """Raise InputError if the vehicle is known to have random outcomes, and does not state how."""
+    """Raise InputError if the vehicle is known to have random outcomes, but is not a `RandomVehicle`."""
     if repeats_itself(vehicle) is False and not isinstance(vehicle, RandomVehicle):
         raise InputError(
             "crash map of the vehicle",
-            seen="a vehicle in whose outcomes chance has a part",
-            expected="a vehicle that repeats itself: the map says of every encounter whether it is a crash",
-            change="Estimate this vehicle with `accelerated-evaluation estimate`, which allows for chance.",
+            seen="a vehicle whose outcomes are random",
+            expected="a vehicle with deterministic outcomes: a map has one outcome for each encounter",
+            change="Use `accelerated-evaluation estimate`, which also accepts vehicles with random outcomes.",
         )
 
 
 def _parts(coarse: CrashMap) -> NDArray[np.int_]:
     """Return the number of parts into which the sides of each cell are divided, from a coarse map.
 
-    With k x k parts, the error of a cell is proportional to 1 / k^2 at a cost of k^2. The optimal k is
-    therefore proportional to the cube root of the difference between the two lines of the cell. Rows of v_L
-    with few crashes are divided less, but not below a limit. If no crash was found in a cell, the largest
-    difference among the neighbouring cells is used, because the crash set may still extend into the cell.
+    With k x k parts, the error of a cell is proportional to 1 / k^2, and the number of lines to k^2. The
+    optimal k is therefore proportional to the cube root of the difference between the two lines of the cell.
+    Of each cell and its neighbours, the largest difference is used, because the crash set may extend into a
+    cell in which no crash was found. Rows of v_L with few crashes are divided less, but not below a limit.
     """
     grid, crash = coarse.grid, coarse.intervals(CRASH)
     inverse_range = coarse.inverse_range[crash.line]
@@ -95,7 +96,7 @@ def _map_cells(
     events: list[Event],
     generator: np.random.Generator,
 ) -> CrashMap:
-    """Scan two lines in each cell, in batches that bound the memory."""
+    """Scan two lines in each cell, in batches that limit the memory."""
     lead_speed, inverse_range = cells.draw_lines(generator)
     lines = lead_speed.size
     offset = generator.random(lines)
@@ -123,7 +124,7 @@ def _join(parts: list[Intervals]) -> Intervals:
 
 @dataclass(frozen=True)
 class _Scan:
-    """The lines of one batch: those of a map from ``first`` on."""
+    """The scan of one batch of lines of a map, whose first line has the index ``first``."""
 
     vehicle: Vehicle
     lines: CrashMap
@@ -132,9 +133,9 @@ class _Scan:
     def points(self, offset: Array, grid: Grid) -> Array:
         """Choose the closing speeds [m/s] to scan on each line, in increasing order, shape (lines, points).
 
-        A quarter of them cover the line. The others are placed near the closing speeds at which crashes begin
-        and end, because most holes and islands of the crash set are there. If there is no crash on the line,
-        they are placed where the car came nearest to a crash.
+        A quarter of the points cover the whole line. The others are placed near the closing speeds at which
+        crashes begin and end, because most holes and islands of the crash set are there. If the outcome does
+        not change along the line, they are placed where the smallest range was observed.
         """
         coarse = grid.closing_speed_points // 4
         fine = grid.closing_speed_points - coarse
@@ -156,7 +157,7 @@ class _Scan:
         return grid.closing_speed_max * np.sort(share, axis=1) ** 2
 
     def find(self, points: Array, events: list[Event]) -> dict[Event, Intervals]:
-        """Return the intervals of each event, its lines numbered from 0."""
+        """Return the intervals of each event; the index of a line is counted from the first of the batch."""
         outcomes = self._simulate(*self._flat(points))
         flags = [event.happens(outcomes).reshape(points.shape) for event in events]
         changes = [np.nonzero(flag[:, 1:] != flag[:, :-1]) for flag in flags]
@@ -173,7 +174,7 @@ class _Scan:
         flags: list[NDArray[np.bool_]],
         changes: list[tuple[NDArray, NDArray]],
     ) -> list[Array]:
-        """Return the closing speed of each change of each event, all events bisected in one batch."""
+        """Return the closing speed of each change of each event, by a bisection of all events at once."""
         ends = np.cumsum([0, *(change[0].size for change in changes)])
         line, index = (np.concatenate(place) for place in zip(*changes, strict=True))
         low, high = points[line, index], points[line, index + 1]

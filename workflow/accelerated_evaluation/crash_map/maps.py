@@ -5,9 +5,10 @@ closing speed varies. Each line is scanned from 0 to a largest closing speed, an
 refined by bisection. The result for a line is a list of intervals of closing speeds. TTC^-1 is the closing
 speed times R^-1.
 
-If the outcomes of the vehicle are random and it states how (`RandomVehicle`), each line also has inner
-variables of its own, drawn at random like its place. The integral over the map is then an integral over the
-inner variables, too, and the difference between the two lines of a cell contains both errors.
+If the outcomes of the vehicle depend on random inner variables that can be drawn (`RandomVehicle`), each line
+also has its own values of the inner variables, drawn at random like its place. The integral over the map then
+includes an integral over the inner variables, and the difference between the two lines of a cell contains the
+errors of both.
 """
 
 import json
@@ -28,14 +29,20 @@ from accelerated_evaluation.scenarios.protocol import Event
 from accelerated_evaluation.vehicles.events import CRASH
 from accelerated_evaluation.vehicles.protocol import Outcomes, Vehicle, simulate_inner
 
-LINES_PER_CELL = 2  # their difference gives the standard error of the cell's mean
+LINES_PER_CELL = 2  # the standard error of the mean of a cell is estimated from the difference of its lines
 
 
 @dataclass(frozen=True)
 class Intervals:
-    """Intervals in which an event happens: closing speeds in [start, end) [m/s] on a line, shape (n,).
+    """The intervals of closing speeds in which an event happens, on the lines of a crash map.
 
-    An interval that contains the largest scanned closing speed has an infinite end.
+    Attributes
+    ----------
+    line
+        Index of the line of each interval, shape (n,).
+    start, end
+        Ends of each interval [start, end) [m/s], shape (n,). The end is infinite if the interval contains the
+        largest scanned closing speed.
     """
 
     line: NDArray[np.int32]
@@ -47,19 +54,19 @@ class Intervals:
 class Grid:
     """Cells and resolution of a crash map.
 
-    The grid begins with equal cells of v_L and of the square root of the range. Each cell is then divided
-    into up to ``refinement`` by ``refinement`` parts, most finely where crashes vary most under a reference
-    law. The reference law only controls the resolution: the errors of the computed probabilities depend on
-    it, but not their expected values.
+    At first, the plane is divided into equal cells of v_L and of the square root of the range. Each cell is
+    then divided into up to ``refinement`` by ``refinement`` parts, most finely where the crash probability of
+    lines varies most under a reference law. The reference law only controls the resolution. It influences the
+    errors of the computed probabilities, but not their expected values.
 
     Attributes
     ----------
     lead_speed_min, lead_speed_max
-        Ends of the cells of v_L [m/s]; the upper end is excluded.
+        Smallest and largest v_L of the map [m/s]; the upper end is excluded.
     range_max
         Largest range [m]; the cells of R^-1 cover the interval from its inverse to infinity.
     lead_speed_cells, range_cells, refinement
-        Initial numbers of cells, and the largest number of parts of their sides.
+        Initial numbers of cells of v_L and of the range, and largest number of parts of their sides.
     closing_speed_max
         Upper end of the scan of a line [m/s]. If the law has a cap on closing speeds, this is the cap;
         otherwise it is a speed above which the outcome no longer changes.
@@ -84,7 +91,7 @@ class Grid:
     reference_inverse_ttc: float = 0.05
 
     def cells(self, parts: NDArray[np.int_]) -> "Cells":
-        """Return the cells after dividing the sides of each into parts.
+        """Return the cells of the grid after dividing the sides of each initial cell into parts.
 
         Parameters
         ----------
@@ -103,14 +110,30 @@ class Grid:
         return Cells(np.column_stack(speeds), np.column_stack(roots), self.range_max)
 
     def refined(self, factor: float) -> "Grid":
-        """Return the grid with ``factor`` times as many cells along each side, and points of the scan."""
+        """Return the grid with a finer or coarser resolution.
+
+        Parameters
+        ----------
+        factor
+            Factor of the numbers of cells of v_L, of cells of the range, and of scan points.
+        """
         counts = ("lead_speed_cells", "range_cells", "closing_speed_points")
         return replace(self, **{name: max(2, round(getattr(self, name) * factor)) for name in counts})
 
 
 @dataclass(frozen=True)
 class Cells:
-    """Cells: lower and upper v_L [m/s], and the square roots of R / range_max there, shape (cells, 2)."""
+    """Cells of v_L and of the square root of the range.
+
+    Attributes
+    ----------
+    lead_speed
+        Lower and upper v_L of each cell [m/s], shape (cells, 2).
+    root
+        Square roots of R / range_max at the farther and the nearer end of each cell, shape (cells, 2).
+    range_max
+        Largest range [m].
+    """
 
     lead_speed: Array
     root: Array
@@ -118,12 +141,15 @@ class Cells:
 
     @property
     def inverse_range(self) -> Array:
-        """Lower and upper R^-1 [1/m], the last infinite, shape (cells, 2)."""
+        """Lower and upper R^-1 of each cell [1/m], shape (cells, 2); infinite for a range of 0."""
         with np.errstate(divide="ignore"):
             return 1 / (self.range_max * self.root**2)
 
     def draw_lines(self, generator: np.random.Generator) -> tuple[Array, Array]:
-        """Draw v_L [m/s] and R^-1 [1/m] of two lines in each cell, shape (2 cells,), pair by pair."""
+        """Draw v_L [m/s] and R^-1 [1/m] of two random lines in each cell, shape (2 cells,).
+
+        The two lines of a cell follow each other.
+        """
         place = generator.random((2, len(self.root), LINES_PER_CELL))
         lead_speed, root = (
             ends[:, :1] + (ends[:, 1:] - ends[:, :1]) * share
@@ -148,7 +174,7 @@ class Lines(ABC):
         """Return lead speed [m/s] and range [m] of the lines with given indices."""
 
     def simulate(self, vehicle: Vehicle, line: NDArray, closing_speed: Array) -> Outcomes:
-        """Simulate cut-ins on lines, with the inner variables of the lines if they have any.
+        """Simulate cut-ins on lines, with the inner variables of the lines if there are any.
 
         Parameters
         ----------
@@ -185,11 +211,11 @@ class CrashMap(Lines):
     inner: Array | None = None
 
     def place(self, line: NDArray) -> tuple[Array, Array]:
-        """Return lead speed [m/s] and range [m] of lines."""
+        """Return lead speed [m/s] and range [m] of the lines with given indices."""
         return self.lead_speed[line], 1 / self.inverse_range[line]
 
     def intervals(self, event: Event) -> Intervals:
-        """Return the intervals in which an event happens.
+        """Return the intervals of closing speeds in which an event happens.
 
         Raises
         ------
@@ -212,7 +238,7 @@ class CrashMap(Lines):
 
 
 def write_crash_map(path: str | os.PathLike, crash_map: CrashMap) -> None:
-    """Write a map as a compressed NumPy archive, atomically; equal maps give equal bytes."""
+    """Write a crash map as a compressed NumPy archive, atomically; equal maps give equal bytes."""
     arrays = {"grid": np.array(json.dumps(asdict(crash_map.grid)))}
     arrays |= {"lead_speed": crash_map.lead_speed, "inverse_range": crash_map.inverse_range}
     arrays |= {"lead_speed_cells": crash_map.cells.lead_speed, "root_cells": crash_map.cells.root}
@@ -226,7 +252,7 @@ def write_crash_map(path: str | os.PathLike, crash_map: CrashMap) -> None:
 
 
 def read_crash_map(path: str | os.PathLike) -> CrashMap:
-    """Read a map that `write_crash_map` wrote.
+    """Read a crash map from a file of `write_crash_map`.
 
     Raises
     ------

@@ -1,11 +1,11 @@
 """Crash maps with random closing speeds, for vehicles that crash in stripes too narrow for a scan.
 
-A scan assumes that the outcome does not change between two of its points. Stripes that are narrower than its
-steps are therefore missed, or appear too wide if a point hits one. Here each line is divided into equal steps
-of the square root of the closing speed, and one closing speed is drawn at random in each step. If it crashes,
-the whole step counts as a crash. The probability that a step counts is the share of it that crashes, so the
-expected value of the map is right for stripes of any width, as long as the density of the law is nearly
-constant within a step.
+A scan assumes that the outcome does not change between two neighbouring points. Stripes of crashes that are
+narrower than its steps are therefore missed, or appear too wide if a point is in one. In this module, each
+line is divided into equal steps of the square root of the closing speed, and one closing speed is drawn at
+random in each step. If it ends in a crash, the whole step is mapped as a crash. The probability of this is
+the share of the step that ends in a crash. The expected value of a crash probability is therefore correct for
+stripes of any width, if the density of the law is nearly constant within a step.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from accelerated_evaluation.scenarios.protocol import Event
 from accelerated_evaluation.vehicles.events import CRASH
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
-ENCOUNTERS_AT_ONCE = 500_000  # bounds the memory: about 100 MB
+ENCOUNTERS_AT_ONCE = 500_000  # number of encounters that are simulated at once, which need about 100 MB
 
 
 def sample_crashes(
@@ -36,7 +36,7 @@ def sample_crashes(
     vehicle
         The vehicle of the other map.
     crash_map
-        The other map. Only its lines and the number of its scan points are used, not its intervals.
+        The other map. Its grid and its lines are used, but not its intervals.
     generator
         Source of the random closing speeds.
     events
@@ -47,7 +47,7 @@ def sample_crashes(
     grid, lines = crash_map.grid, crash_map.lead_speed.size
     steps = finer * grid.closing_speed_points
     edges = grid.closing_speed_max * (np.arange(steps + 1) / steps) ** 2
-    edges[-1] = np.inf  # above the last closing speed nothing changes any more
+    edges[-1] = np.inf  # the outcome does not change above the largest closing speed
     batch = max(1, ENCOUNTERS_AT_ONCE // steps)
     found: dict[Event, list[tuple]] = {event: [] for event in events}
     for first in range(0, lines, batch):

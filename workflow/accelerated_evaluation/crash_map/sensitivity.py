@@ -1,4 +1,4 @@
-"""Sensitivity of the crash probability to the choices of the model, the data and the cap, one at a time."""
+"""Sensitivity of the crash probability to choices about the model, the data and the cap on closing speeds."""
 
 import math
 import warnings
@@ -27,7 +27,9 @@ from accelerated_evaluation.vehicles.protocol import Vehicle
 
 @dataclass(frozen=True)
 class Levels:
-    """The choices of a piecewise model that a refit repeats, with knots as quantile levels of the data.
+    """The choices of a piecewise model that are made again when the model is fitted to other data.
+
+    Knots are described by their quantile levels in the data.
 
     Attributes
     ----------
@@ -49,12 +51,12 @@ class Levels:
     def of(cls, model: IndependentLaw) -> "Levels":
         """Return the choices of a fitted model.
 
-        The level of the knot of TTC^-1 is the pooled weight of the bodies, which may differ between segments
-        because of equal values.
+        The level of the knot of TTC^-1 is the weight of the body, averaged over the segments. The weights of
+        the segments may differ because of ties in the data.
         """
         bodies = [law.weights[0] * model.counts[segment] for segment, law in model.inverse_ttc.items()]
-        # If a segment has a simpler body because it has few rows, the refit tries the most complex body of
-        # all segments.
+        # A segment with few rows may have a simpler family. The refit tries the most complex family of all
+        # segments.
         fitted = [[PieceFamily.of(piece) for piece in law.components] for law in model.inverse_ttc.values()]
         body, tail = (
             max(families, key=lambda family: (family != EXPONENTIAL, family.components))
@@ -78,8 +80,8 @@ def fit_for_crashes(
 ) -> IndependentLaw:
     """Fit a piecewise model that is used only to compute its crash probability.
 
-    If there are no crashes below the knot of TTC^-1, only the weight of the body matters. The body is then
-    fitted with an exponential instead of the normal mixture, whose fit takes seconds.
+    If there are no crashes below the knot of TTC^-1, the crash probability depends only on the weight of the
+    body. The body is then fitted by an exponential instead of the normal mixture, whose fit takes seconds.
 
     Parameters
     ----------
@@ -117,7 +119,17 @@ def fit_for_crashes(
 
 @dataclass(frozen=True)
 class Refit:
-    """Computes the crash probability after a refit, with one crash map."""
+    """Refits of a piecewise model, whose crash probabilities are computed with one crash map.
+
+    Attributes
+    ----------
+    crash_map
+        Map of the vehicle under test.
+    smallest_inverse_ttc
+        Smallest TTC^-1 at which a crash happens [1/s].
+    closing_speed_max
+        Cap on closing speeds [m/s].
+    """
 
     crash_map: CrashMap
     smallest_inverse_ttc: float
@@ -129,7 +141,15 @@ class Refit:
         return cls(crash_map, crash_map.smallest_inverse_ttc(), closing_speed_max)
 
     def probability(self, encounters: pd.DataFrame, levels: Levels) -> Exact:
-        """Fit a model to encounters and return its crash probability over all segments."""
+        """Fit a model to encounters, and return its crash probability over all segments.
+
+        Parameters
+        ----------
+        encounters
+            Encounter table.
+        levels
+            Levels of the knots, and families of the pieces.
+        """
         range_max = self.crash_map.grid.range_max
         law = fit_for_crashes(
             encounters, levels, range_max, self.smallest_inverse_ttc, self.closing_speed_max
@@ -139,7 +159,13 @@ class Refit:
 
 @contextmanager
 def warning_of_failure(what: str) -> Iterator[None]:
-    """Turn the failure of one of many refits into a warning, so that the remaining refits are done."""
+    """Convert the failure of a refit (`StudyError`) into a warning, so that the other refits are made.
+
+    Parameters
+    ----------
+    what
+        Name of the refit in the warning.
+    """
     try:
         yield
     except StudyError as error:
@@ -147,7 +173,7 @@ def warning_of_failure(what: str) -> Iterator[None]:
 
 
 def is_repeated(encounters: pd.DataFrame) -> Array:
-    """Return which rows repeat the row before them, shape (n,)."""
+    """Return which rows of a table are equal to the row before them, shape (n,)."""
     return (encounters == encounters.shift()).all(axis=1).to_numpy()
 
 
@@ -167,10 +193,11 @@ def study_sensitivity(
     models, variant
         The fitted models, and the name of the model that is simulated.
     encounters
-        Encounter table, with rows in the order of the record.
+        Encounter table, with rows in the order of the records.
     settings
         ``inverse_ttc_knots`` and ``inverse_range_knots``, quantile levels; ``lead_speed_edges``, lists of
-        edges [m/s]; ``outlier_rows``, rows of the encounter table, counted from 1, to leave out.
+        edges of segments [m/s]; ``outlier_rows``, numbers of the rows of the encounter table to leave out,
+        counted from 1.
 
     Returns
     -------
@@ -215,9 +242,9 @@ def study_cap(
     caps: Sequence[float],
     generator: np.random.Generator,
 ) -> pd.DataFrame:
-    """Tabulate the crash probability for several caps on closing speeds [m/s].
+    """Tabulate the crash probability for several caps on closing speeds.
 
-    A crash map is computed for each cap.
+    A crash map is computed for each cap. The columns are those of `study_sensitivity`.
 
     Parameters
     ----------

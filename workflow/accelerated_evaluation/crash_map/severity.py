@@ -1,4 +1,4 @@
-"""Severity (impact speeds, near misses, rates per distance), and all tables of exact values in one call."""
+"""Tables of exact values: crash probabilities, impact speeds, near misses, and rates per distance."""
 
 from collections.abc import Mapping
 
@@ -22,7 +22,7 @@ def severity_table(
     Parameters
     ----------
     crash_map, law
-        As in `exact_probabilities`.
+        Map of the vehicle under test, and the law of cut-ins.
     encounters
         Number of recorded encounters.
     distance
@@ -49,10 +49,15 @@ def severity_table(
 
 
 def impact_speed_table(severity: pd.DataFrame) -> pd.DataFrame:
-    """Summarize the impact speeds of the crashes from the result of `severity_table`.
+    """Summarise the impact speeds of crashes: mean and quantiles for each segment.
 
-    The survival function of the impact speed is interpolated linearly between thresholds. It is assumed to
-    reach zero one step above the last threshold.
+    The survival function of the impact speed is interpolated linearly between the thresholds. It is assumed
+    to reach 0 one step above the last threshold.
+
+    Parameters
+    ----------
+    severity
+        Table of `severity_table`.
 
     Returns
     -------
@@ -66,11 +71,11 @@ def impact_speed_table(severity: pd.DataFrame) -> pd.DataFrame:
         speed, survival = group["threshold"].to_numpy(), group["to_crash"].to_numpy()
         if speed.size < 2 or np.isnan(survival).any():
             continue
-        # A crash with impact speed 0 is a crash too, so the survival function is 1 at 0.
+        # All crashes have an impact speed of at least 0, so the survival function is 1 at 0.
         speed = np.concatenate([[0.0], speed, [2 * speed[-1] - speed[-2]]])
         survival = np.minimum.accumulate(np.concatenate([[1.0], survival, [0.0]]))
         mean = np.trapezoid(survival, speed)
-        # Reversed, as interpolation wants rising abscissae.
+        # The arrays are reversed, because np.interp needs increasing abscissae.
         quantiles = np.interp(1 - np.array(QUANTILES), survival[::-1], speed[::-1])
         rows.append((segment, mean, *quantiles))
     names = [f"q{100 * quantile:.0f}_m_s" for quantile in QUANTILES]
@@ -103,8 +108,9 @@ def exact_tables(
     Returns
     -------
     dict
-        ``exact``, the probabilities under the law that is simulated; ``convergence``, those under all laws
-        and for all resolutions; ``severity``, ``impact_speed`` and ``variation``.
+        ``exact``, the crash probabilities under the law that is simulated; ``convergence``, those under all
+        laws and for all resolutions (`exact_table`); ``severity`` (`severity_table`); ``impact_speed``
+        (`impact_speed_table`); and ``variation`` (`variation_table`).
     """
     full, studied = crash_maps["full"], laws[variant]
     convergence = exact_table(crash_maps, laws)

@@ -1,4 +1,4 @@
-"""Uncertainty of the crash probability: bootstrap refits for the finite data, and a budget by source."""
+"""Uncertainty of the crash probability of a piecewise model: bootstrap refits, and a budget by source."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -30,7 +30,7 @@ def study_uncertainty(
     settings: Mapping[str, Any],
     alpha: float,
 ) -> dict[str, pd.DataFrame]:
-    """Refit the model to resampled lane changes, and divide the uncertainty of the result among its sources.
+    """Refit the model to resampled lane changes, and divide the uncertainty of its result among its sources.
 
     Parameters
     ----------
@@ -39,18 +39,19 @@ def study_uncertainty(
     models, variant
         The alternative piecewise models, and the name of the model that is simulated.
     encounters
-        Encounter table, with rows in the order of the record.
+        Encounter table, with rows in the order of the records.
     generator
         Source of all randomness.
     settings
         Section ``uncertainty`` of the configuration.
     alpha
-        1 - level of all intervals.
+        The level of all intervals is 100 (1 - alpha) %.
 
     Returns
     -------
     dict
-        ``uncertainty``, the budget, and ``bootstrap``, the crash probability of each refit.
+        ``uncertainty``, the table of `uncertainty_budget`, and ``bootstrap``, the crash probability of each
+        refit to resampled data.
     """
     studied = models[variant]
     bootstrap = bootstrap_probabilities(
@@ -86,18 +87,17 @@ def bootstrap_probabilities(
 ) -> Array:
     """Return the crash probabilities of models that are fitted to resampled data, shape (replicates,).
 
-    The result of a refit that fails is NaN, and a warning reports it.
-
     A row and the rows that repeat it form one run. Blocks of consecutive runs are resampled (circular block
-    bootstrap, Politis and Romano 1992). Knots are chosen again at their quantile levels. Segment shares and
-    lead speeds are those of the resampled rows.
+    bootstrap, Politis and Romano 1992). Knots are chosen again at their quantile levels. The shares of the
+    segments and the lead speeds are those of the resampled rows. If a refit fails, its result is NaN, and a
+    warning is given.
 
     Parameters
     ----------
     crash_map
         Map of the vehicle under test.
     encounters
-        Encounter table, with rows in the order of the record.
+        Encounter table, with rows in the order of the records.
     levels
         Levels of the knots, and families of the pieces.
     generator
@@ -121,7 +121,7 @@ def bootstrap_probabilities(
 
 
 def resampled_rows(starts: Array, rows: int, block_runs: int, generator: np.random.Generator) -> Array:
-    """Draw blocks of consecutive runs until there are as many runs as in the data; return their row indices.
+    """Draw blocks of consecutive runs until there are as many runs as in the data, and return their rows.
 
     Parameters
     ----------
@@ -133,6 +133,11 @@ def resampled_rows(starts: Array, rows: int, block_runs: int, generator: np.rand
         Number of runs in a block; after the last run, a block continues with the first one.
     generator
         Source of all randomness.
+
+    Returns
+    -------
+    numpy.ndarray
+        Indices of the resampled rows; their number varies, because the runs have different lengths.
     """
     blocks = generator.integers(starts.size, size=-(-starts.size // block_runs))
     runs = (blocks[:, None] + np.arange(block_runs)).ravel()[: starts.size] % starts.size
@@ -148,7 +153,23 @@ def probabilities_of_choices(
     inverse_ttc_knots: Iterable[float],
     closing_speed_max: float,
 ) -> Array:
-    """Return the crash probability for all combinations of variants of R^-1 and knots of TTC^-1."""
+    """Return the crash probabilities for all combinations of models and knots of TTC^-1.
+
+    Combinations whose fit fails are left out, with a warning.
+
+    Parameters
+    ----------
+    crash_map
+        Map of the vehicle under test.
+    encounters
+        Encounter table.
+    variants
+        Choices of the alternative models.
+    inverse_ttc_knots
+        Quantile levels of the knot of TTC^-1, which replace those of the models.
+    closing_speed_max
+        Cap on closing speeds [m/s].
+    """
     refit = Refit.by(crash_map, closing_speed_max)
     choices = product(variants, inverse_ttc_knots)
     probabilities = []
@@ -174,14 +195,14 @@ def uncertainty_budget(
     probability
         Crash probability of the model of the study.
     bootstrap
-        Probabilities of the refits, shape (replicates,), which measure the effect of finite data. NaN is
-        ignored.
+        Probabilities of the refits to resampled data, shape (replicates,), which represent the uncertainty
+        from the finite data. NaN is ignored.
     choices
-        Probabilities under alternative models, all with the same weight.
+        Probabilities under alternative models, which all have the same weight.
     sampling_interval
         A normal 100 (1 - alpha) % interval of importance sampling, as in the paper.
     alpha
-        1 - level of all intervals.
+        The level of all intervals is 100 (1 - alpha) %.
 
     Returns
     -------
@@ -192,7 +213,7 @@ def uncertainty_budget(
         quantities are NaN if the probability is 0.
     """
     bootstrap, choices = (_or_unknown(values) for values in (bootstrap, choices))
-    probability = probability or math.nan  # no deviation is relative to 0
+    probability = probability or math.nan  # relative deviations from 0 are undefined
     quantiles = [alpha / 2, 1 - alpha / 2]
     middle = sum(sampling_interval) / 2
     sampling_sd = (sampling_interval[1] - sampling_interval[0]) / (2 * -ndtri(alpha / 2))
@@ -213,7 +234,7 @@ def uncertainty_budget(
 
 
 def _or_unknown(values: ArrayLike) -> Array:
-    """Return the values that are numbers, or a single NaN where there is none."""
+    """Return the values that are not NaN, or a single NaN if there are none."""
     values = np.asarray(values, dtype=float)
     known = values[~np.isnan(values)]
     return known if known.size else np.array([math.nan])

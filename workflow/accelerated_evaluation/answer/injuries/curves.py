@@ -39,7 +39,7 @@ class Logistic:
     intercept, slope
         Coefficients as they are published.
     unit
-        Unit of the delta-v in the publication [m/s].
+        Unit of the delta-v in the publication, expressed in m/s.
     """
 
     intercept: float
@@ -52,7 +52,7 @@ class Logistic:
 
     @property
     def formula(self) -> str:
-        """The logit of the probability."""
+        """The equation of the curve for the logit of the probability, in the unit of the publication."""
         return f"logit P = {self.intercept:g} + {self.slope:g} delta-v [{unit_name(self.unit)}]"
 
 
@@ -65,7 +65,7 @@ class Power:
     reference, exponent
         Delta-v at which the curve reaches 1, and exponent, as they are published.
     unit
-        Unit of the delta-v in the publication [m/s].
+        Unit of the delta-v in the publication, expressed in m/s.
     """
 
     reference: float
@@ -78,13 +78,13 @@ class Power:
 
     @property
     def formula(self) -> str:
-        """The probability."""
+        """The equation of the curve for the probability, in the unit of the publication."""
         return f"P = (delta-v [{unit_name(self.unit)}] / {self.reference:g})^{self.exponent:g}"
 
 
 @dataclass(frozen=True)
 class Source:
-    """The curves of one publication, with all that a reader needs to check them.
+    """The curves of one publication, with the information that a reader needs to check them.
 
     Attributes
     ----------
@@ -112,5 +112,5 @@ class Source:
 
 
 def unit_name(unit: float) -> str:
-    """Return the name of a unit of the delta-v."""
+    """Return the name of a unit of the delta-v that is given in m/s: ``km/h`` or ``mph``."""
     return {KILOMETRES_PER_HOUR: "km/h", MILES_PER_HOUR: "mph"}[unit]

@@ -1,4 +1,4 @@
-"""Impact speeds of the crashes of a law, and the injuries of the two drivers.
+"""Impact speeds of the crashes under a law, and the risk of injury of the two drivers.
 
 A crash is treated as a plastic impact: both cars have the same velocity afterwards. With the impact speed v
 and the masses m_host of the car under test and m_lead of the car that cuts in, the delta-v is
@@ -27,36 +27,37 @@ from accelerated_evaluation.vehicles.protocol import Vehicle
 # 5 and 95 % of the cars sold in the United States in 2017 are lighter than this [lb] (Stolle and others 2020,
 # Evaluation and update of MASH test vehicles, University of Nebraska-Lincoln).
 MASSES = (2800, 5850)
-NODES = 15  # of the integral over the masses
-PARTS = 8  # of a wide interval of a crash map
-POINTS = 4  # that are simulated in a part
-INSIDE = (np.arange(POINTS) + 0.5) / POINTS  # where they are
-NARROW = 0.5  # [m/s], width up to which an interval is not divided
-TAIL = 4  # exponent that makes the parts smaller in probability where the closing speed is large
-FAR = 50.0  # cumulative hazard beyond any crash, in place of an infinite one
-SPEEDS = np.linspace(0, 80, 1601)  # [m/s], at which risks are tabulated
-GENTLE = 3.0  # [m/s], impact speed below which hardly any car is towed, so that no curve was fitted there
+NODES = 15  # number of nodes of the integral over the masses
+PARTS = 8  # number of parts of a wide interval of a crash map
+POINTS = 4  # number of closing speeds that are simulated in a part
+INSIDE = (np.arange(POINTS) + 0.5) / POINTS  # positions of these closing speeds in the part, from 0 to 1
+NARROW = 0.5  # [m/s], intervals up to this width are not divided
+TAIL = 4  # exponent by which the parts at large closing speeds have smaller probabilities
+FAR = 50.0  # largest cumulative hazard in a part, in place of an infinite one
+SPEEDS = np.linspace(0, 80, 1601)  # [m/s], impact speeds at which risks are tabulated
+GENTLE = 3.0  # [m/s], at smaller impact speeds hardly any car is towed, so the curves are extrapolated
 
 Key = tuple[str, str, str]  # level of injury, struck end of the car, source of the curve
 
 
 @dataclass(frozen=True)
 class MassRatio:
-    """The logarithm of the mass of the car that cuts in, divided by that of the car under test: normal.
+    """The distribution of the mass of the car that cuts in divided by the mass of the car under test.
 
-    By default both cars are drawn independently from the same lognormal distribution of masses.
+    The ratio is lognormal. By default the masses of both cars are drawn independently from the same lognormal
+    distribution.
 
     Attributes
     ----------
     mean, deviation
-        Mean and standard deviation.
+        Mean and standard deviation of the logarithm of the ratio.
     """
 
     mean: float = 0.0
     deviation: float = float(np.sqrt(2) * np.log(MASSES[1] / MASSES[0]) / (2 * ndtri(0.95)))
 
     def expected_risk(self, curve: RiskCurve, impact: str, speed: Array) -> Array:
-        """Return the risk of an injury at impact speeds [m/s], averaged over the masses.
+        """Return the risk of an injury at given impact speeds, averaged over the masses, shape (n,).
 
         Parameters
         ----------
@@ -65,7 +66,7 @@ class MassRatio:
         impact
             Struck end of the car, `FRONTAL` for the car under test or `REAR` for the car that cuts in.
         speed
-            Impact speeds, shape (n,).
+            Impact speeds [m/s], shape (n,).
         """
         nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
         log_ratio = self.mean + self.deviation * nodes
@@ -99,7 +100,7 @@ class ImpactSpeeds:
         vehicle
             The vehicle of the map.
         law
-            Distribution of the closing speed that says where the ends of the parts are.
+            Distribution of the closing speed, which determines the ends of the parts.
         """
         if not lines.row.size:
             return cls(lines, np.empty((0, POINTS)))
@@ -114,13 +115,13 @@ class ImpactSpeeds:
     def mean_of(self, risks: Array) -> Array:
         """Return the mean of a tabulated risk over the crashes of each part, shape (parts,).
 
-        A part in which no crash was simulated counts as crashes at an impact speed of zero. So do impacts
-        with a negative speed, which are sideways contacts with a car that drives away.
+        If none of the simulations of a part is a crash, the risk at an impact speed of 0 is used. It is also
+        used for negative impact speeds, which occur in sideways contacts with a faster car.
 
         Parameters
         ----------
         risks
-            Risk at `SPEEDS`.
+            Risk at each of `SPEEDS`, shape (speeds,).
         """
         crashed = ~np.isnan(self.speed)
         risk = np.interp(np.where(crashed, self.speed, 0.0), SPEEDS, risks)
@@ -128,15 +129,25 @@ class ImpactSpeeds:
         return np.where(crashed.any(axis=1), total / np.maximum(crashed.sum(axis=1), 1), risks[0])
 
     def risks(self, tabulated: Mapping[Key, Array]) -> Array:
-        """Return the mean risk of each part for each curve, shape (curves, parts)."""
+        """Return the mean risk of each part for each curve of `tabulated_risks`, shape (curves, parts)."""
         return np.array([self.mean_of(risks) for risks in tabulated.values()])
 
 
 def tabulated_risks(masses: MassRatio | None = None) -> dict[Key, Array]:
     """Return the risks of all published curves at `SPEEDS`, averaged over the masses of the cars.
 
-    Each curve has a second entry, with the level `gentle(level)`, that contains only the impacts below
-    `GENTLE`.
+    For each curve there is a second entry under the level ``gentle(level)``, whose risk is 0 at impact speeds
+    of `GENTLE` or more.
+
+    Parameters
+    ----------
+    masses
+        Distribution of the ratio of the masses; by default both cars have the same distribution.
+
+    Returns
+    -------
+    dict
+        Risks at `SPEEDS`, by level of injury, struck end of the car and source of the curve.
     """
     masses = MassRatio() if masses is None else masses
     risks = {
@@ -152,7 +163,7 @@ def tabulated_risks(masses: MassRatio | None = None) -> dict[Key, Array]:
 
 
 def gentle(level: str) -> str:
-    """Return the name of a level of injury for impacts below `GENTLE` alone."""
+    """Return the name under which the risk of a level of injury in impacts below `GENTLE` is stored."""
     return f"{level}, gentle"
 
 
@@ -170,10 +181,10 @@ def _divided(lines: CrashLines, law: SpeedLaw) -> tuple[Array, Array, Array, Arr
     """Return row, start, end and simulated closing speeds of each part of all intervals."""
     given = law.given(lines.places.only(lines.row))
     start, end = given.cumulative(lines.start), given.cumulative(lines.end)
-    start = np.where(np.isfinite(start), start, 0.0)  # a law with a finite end has no probability beyond it
+    start = np.where(np.isfinite(start), start, 0.0)  # the law may have no probability beyond a finite end
 
     def above(share: float) -> Array:
-        """Return the closing speed that is exceeded with a share of the probability of each interval."""
+        """Return the closing speed above which a given share of the probability of each interval lies."""
         level = start - np.log1p((1 - share) * np.expm1(start - end))
         return np.clip(given.inverse(np.minimum(level, start + FAR)), lines.start, lines.end)
 

@@ -1,8 +1,8 @@
-"""Tables of injuries: how many drivers are injured, compared with the reference drivers, and how certain.
+"""Tables of injuries: expected numbers of injured drivers, their uncertainty, and a comparison of vehicles.
 
 The injuries of a cut-in are the expected number of injured drivers, at most one in each of the two cars. For
 each level of injury, every curve for frontal impacts is combined with every curve for impacts from behind.
-All combinations have the same weight, because nothing in the records favours one of the publications.
+All combinations have the same weight, because the records contain no information about the publications.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,7 +22,7 @@ from accelerated_evaluation.answer.summary import RATIO, SUMMARY, summarise
 from accelerated_evaluation.base.arrays import Array
 
 CUT_IN = "cut-in"
-DISTANCES = 1e6  # rates are for a million kilometres or hours
+DISTANCES = 1e6  # rates are given per million kilometres or million hours
 COLUMNS = ["vehicle", "level", "per", "mean", *SUMMARY[1:], "per_crash", "in_own_car", "gentle"]
 
 
@@ -33,16 +33,16 @@ class Injured:
     Attributes
     ----------
     own, other
-        The driver of the car under test and the driver of the car that cuts in, for each curve, shape
-        (draws, curves).
+        Probability in a cut-in that the driver of the car under test, or the driver of the car that cuts in,
+        is injured, by each curve, shape (draws, curves).
     crash
         Draws of the crash probability, shape (draws,).
     member
         Index of the law of each draw, shape (draws,).
     sources
-        Sources of the curves of ``own`` and of ``other``.
+        Names of the sources of the curves of ``own`` and of ``other``.
     gentle
-        Mean number of drivers who are injured in impacts below `impacts.GENTLE`.
+        Mean number of drivers in a cut-in who are injured in impacts below `impacts.GENTLE`.
     """
 
     own: Array
@@ -54,7 +54,17 @@ class Injured:
 
     @classmethod
     def of(cls, posterior: Posterior, keys: Sequence[Key], level: str) -> "Injured":
-        """Collect the draws of a level from a posterior whose risks are those of some curves."""
+        """Collect the draws of one level of injury from a posterior.
+
+        Parameters
+        ----------
+        posterior
+            Draws of the crash probability, with the expected values of the risks.
+        keys
+            Level, struck end and source of each risk of the posterior.
+        level
+            Level of injury, one of `curves.LEVELS`.
+        """
 
         def drawn(level: str, impact: str) -> tuple[Array, list[str]]:
             chosen = [i for i, (of, end, _) in enumerate(keys) if (of, end) == (level, impact)]
@@ -66,18 +76,18 @@ class Injured:
 
     @cached_property
     def numbers(self) -> Array:
-        """The number of injured drivers, shape (draws, combinations of curves)."""
+        """Expected number of injured drivers in a cut-in, shape (draws, combinations of two curves)."""
         return (self.own[:, :, None] + self.other[:, None, :]).reshape(len(self.own), -1)
 
     @property
     def combinations(self) -> list[tuple[str, str]]:
-        """Sources of the two curves of each combination."""
+        """Names of the sources of the two curves of each combination."""
         own, other = self.sources
         return [(first, second) for first in own for second in other]
 
     @property
     def pooled(self) -> Posterior:
-        """All draws of all combinations."""
+        """The draws of the number of injured drivers with all combinations of curves, as one posterior."""
         return Posterior(self.numbers.ravel(), np.repeat(self.member, self.numbers.shape[1]))
 
     def variances(self) -> dict[str, float]:
@@ -100,7 +110,7 @@ def injuries_table(
     Parameters
     ----------
     injured
-        Draws by vehicle and level.
+        Draws of the number of injured drivers, by vehicle and level of injury.
     cut_ins
         Number of distinct closing cut-ins within the limits.
     exposure
@@ -111,8 +121,9 @@ def injuries_table(
     pandas.DataFrame
         Columns ``vehicle``, ``level`` and ``per``; ``mean``, ``median`` and the interval ends ``low50`` to
         ``high95``, with the uncertainty of the data, the choice of law and the choice of curve;
-        ``per_crash``, injured drivers in a crash; ``in_own_car``, the share of them in the vehicle; and
-        ``gentle``, the share in impacts below `impacts.GENTLE`, where the curves are extrapolated.
+        ``per_crash``, the expected number of injured drivers in a crash; ``in_own_car``, the share of the
+        injured drivers who drive the car under test; and ``gentle``, the share of those who are injured in
+        impacts below `impacts.GENTLE`, where the curves are extrapolated.
     """
     rates = {f"million {key}": Rate(cut_ins, size) for key in UNITS if (size := exposure[key]) is not None}
     rows = []
@@ -134,14 +145,21 @@ def injuries_table(
 def balance_table(injured: Mapping[str, Mapping[str, Injured]], tested: str) -> pd.DataFrame:
     """Compare the injured drivers of the vehicle under test with those of each other vehicle.
 
-    Both vehicles have the same draws of the law and the same curves, so that most of the uncertainty cancels.
+    Both vehicles have the same draws of the law and the same curves, so most of the uncertainty cancels.
+
+    Parameters
+    ----------
+    injured
+        Draws of the number of injured drivers, by vehicle and level of injury.
+    tested
+        Name of the vehicle under test.
 
     Returns
     -------
     pandas.DataFrame
         Columns ``vehicle``, ``reference``, ``level``; ``ratio``, ``ratio_low80`` and ``ratio_high80`` (median
-        and 80 % interval); and ``fewer_injured``, the probability that the vehicle injures fewer drivers. A
-        reference that never crashes has no row.
+        and 80 % interval of the ratio of injured drivers); and ``fewer_injured``, the probability that there
+        are fewer injured drivers with the vehicle under test. A reference that never crashes has no row.
     """
     rows = []
     for reference in injured:
@@ -162,6 +180,13 @@ def injury_budget(injured: Mapping[str, Injured], sampling_deviation: float) -> 
     """Divide the variance of the logarithm of the injured drivers among its sources, for each level.
 
     The columns are ``level`` and those of `posterior.budget`, with the choice of curve as a further source.
+
+    Parameters
+    ----------
+    injured
+        Draws of the number of injured drivers, by level of injury.
+    sampling_deviation
+        Relative standard deviation of an estimator of the crash probability.
     """
     sampling = float(np.log1p(sampling_deviation**2))
     parts = [
@@ -177,6 +202,11 @@ def injuries_by_curve(injured: Mapping[str, Mapping[str, Injured]]) -> pd.DataFr
 
     The columns are ``vehicle``, ``level``, ``frontal`` and ``rear`` (the sources of the curves of the two
     drivers) and those of `summary.summarise`.
+
+    Parameters
+    ----------
+    injured
+        Draws of the number of injured drivers, by vehicle and level of injury.
     """
     rows = [
         {"vehicle": vehicle, "level": level, FRONTAL: names[0], REAR: names[1]}
@@ -189,7 +219,7 @@ def injuries_by_curve(injured: Mapping[str, Mapping[str, Injured]]) -> pd.DataFr
 
 
 def curves_table() -> pd.DataFrame:
-    """Tabulate all published curves with coefficients, populations, and how they were checked."""
+    """Tabulate all published curves, with coefficients, population, reference, and how they were checked."""
     rows = [
         {
             "level": level,
@@ -223,16 +253,16 @@ def injury_tables(
     Parameters
     ----------
     posteriors
-        Posterior of the crashes of each vehicle with its risks, without the vehicles whose crash map was
-        rejected.
+        Posterior of the crash probability of each vehicle, with the expected values of the risks. Vehicles
+        whose crash map was rejected are left out.
     tested
         Name of the vehicle under test.
     keys
-        Level, impact and source of each risk.
+        Level of injury, struck end and source of each risk.
     cut_ins, exposure
-        As in `injuries_table`.
+        Number of cut-ins, and ``kilometres`` and ``hours`` of the records, as in `injuries_table`.
     sampling_deviation
-        As in `posterior.budget`.
+        Relative standard deviation of an estimator of the crash probability.
 
     Returns
     -------

@@ -1,8 +1,8 @@
-"""Posterior of the probability of an event under joint laws: draws of the law, simulated once.
+"""Posterior of the probability of an event in a scenario with joint laws.
 
-A draw of the law is a candidate, chosen by a draw of the weights, and refitted to the records with weights by
-the Bayesian bootstrap over clusters. All draws share the same runs: these are made under one law and
-reweighted for every draw.
+For a draw of the law, a candidate is chosen by a draw of the weights, and is refitted to the records with
+weights from the Bayesian bootstrap over clusters. The vehicle is not simulated again for every draw: the runs
+are made under one law, and are reweighted for every draw.
 """
 
 from collections.abc import Sequence
@@ -25,11 +25,11 @@ from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalM
 from accelerated_evaluation.methods.surrogate import FREQUENT_EVENTS
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 
-DRAWS = 100
-SIMULATIONS = 200_000  # of crude Monte Carlo
-FEW = 150  # simulations with a surrogate
-MEAN_COMPONENTS = 8  # of the mixture that stands for the mean of the draws when runs are few
-MEAN_POINTS = 8_000  # to which this mixture is fitted
+DRAWS = 100  # number of draws of the law
+SIMULATIONS = 200_000  # number of simulations of crude Monte Carlo
+FEW = 150  # largest number of simulations of the surrogate-guided sampler
+MEAN_COMPONENTS = 8  # number of components of the mixture that approximates the mean of the draws
+MEAN_POINTS = 8_000  # number of points to which this mixture is fitted
 
 
 @dataclass(frozen=True)
@@ -39,9 +39,9 @@ class DrawnLaws:
     Attributes
     ----------
     laws
-        The draws.
+        The draws of the law.
     member
-        Number of the candidate of each, shape (draws,).
+        Index of the candidate of each draw, shape (draws,).
     names
         Names of the candidates.
     """
@@ -52,7 +52,17 @@ class DrawnLaws:
 
     @classmethod
     def of(cls, scored: ScoredLaws, generator: np.random.Generator, draws: int = DRAWS) -> "DrawnLaws":
-        """Draw laws, with their weights and parameters."""
+        """Draw laws from their posterior: candidates by their weights, and parameters by the bootstrap.
+
+        Parameters
+        ----------
+        scored
+            The candidates, with their fits to all records and their scores.
+        generator
+            Source of all randomness.
+        draws
+            Number of draws.
+        """
         weights = scored.weights(draws, generator)
         uniform = generator.random((draws, 1))
         member = np.minimum((uniform > np.cumsum(weights, axis=1)).sum(axis=1), weights.shape[1] - 1)
@@ -63,11 +73,14 @@ class DrawnLaws:
         return cls(laws, member, [candidate.name for candidate in scored.candidates])
 
     def log_densities(self, x: Array) -> Array:
-        """Return the log density of each draw at points, shape (draws, n)."""
+        """Return the log density of each draw at points x, shape (n, d); shape (draws, n)."""
         return np.array([law.log_density(x) for law in self.laws])
 
     def sample(self, n: int, generator: np.random.Generator) -> Array:
-        """Draw about n points from the mean of the draws, equally many from each."""
+        """Draw points from the mean of the draws, the same number from each draw.
+
+        The number of points is n, rounded up to a multiple of the number of draws.
+        """
         share = -(-n // len(self.laws))
         return np.concatenate([law.sample(share, generator) for law in self.laws])
 
@@ -78,23 +91,26 @@ def simulated_posterior(
     generator: np.random.Generator,
     simulations: int = SIMULATIONS,
 ) -> SampledPosterior:
-    """Return the probability of the event under each draw, by crude Monte Carlo under their mean.
+    """Estimate the probability of the event under each draw of the law, from many simulations.
+
+    The vehicle has to be fast. Encounters are drawn from the mean of the draws and simulated. The events are
+    reweighted by the density of each draw divided by the density of the mean.
 
     Parameters
     ----------
     drawn
         Draws of the law.
     respond
-        Runs the vehicle.
+        Function that simulates the vehicle.
     generator
         Source of all randomness.
     simulations
-        Number of runs.
+        Number of simulations.
 
     Raises
     ------
     InputError
-        If no draw of the laws reaches the event.
+        If the event did not happen in any simulation.
     """
     x = drawn.sample(simulations, generator)
     events = x[respond(x)[0]]
@@ -104,8 +120,8 @@ def simulated_posterior(
             seen=f"no event in {len(x):,} encounters drawn from them, so that its probability is 0 or below "
             f"{3 / len(x):.1g} (95 % confidence)",
             expected="laws with probability where the event happens",
-            change="Check the limits of the variables and the event. If the event is that rare, use "
-            "the method with a surrogate.",
+            change="Check the limits of the variables and the event. If the event is really so rare, use "
+            "the surrogate-guided method.",
         )
     logs = drawn.log_densities(events)
     ratios = np.exp(logs - np.logaddexp.reduce(logs) + np.log(len(logs)))
@@ -116,9 +132,10 @@ def simulated_posterior(
 
 
 def mean_law(drawn: DrawnLaws, generator: np.random.Generator) -> TruncatedNormalMixture:
-    """Return a mixture that is close to the mean of the draws, and that maps normal scores quickly.
+    """Approximate the mean of the draws by a mixture of truncated normal distributions.
 
-    Runs under it are reweighted by the exact ratio of densities, so that it need not be the mean itself.
+    Normal scores are quickly mapped to encounters by the mixture. The approximation does not bias the answer,
+    because runs under the mixture are reweighted by exact ratios of densities.
     """
     x = drawn.sample(MEAN_POINTS, generator)
     return TruncatedNormalMixture.fit(x, drawn.laws[0].box, generator, components=MEAN_COMPONENTS)
@@ -131,33 +148,34 @@ def surrogate_posterior(
     simulations: int = FEW,
     share: float = SHARE,
 ) -> tuple[SampledPosterior | None, Sampler, bool]:
-    """Return the probability of the event under each draw, by few runs of the surrogate-guided sampler.
+    """Estimate the probability of the event under each draw of the law, from few simulations.
 
-    The runs end when more of them would make the 80 % interval of the answer narrower by less than a share of
-    its width, or at the limit of simulations.
+    The surrogate-guided sampler chooses the runs. They end when the sampling increases the width of the 80 %
+    interval of the answer by at most a given share and the certificate is met, or at the limit of
+    simulations.
 
     Parameters
     ----------
     drawn
         Draws of the law.
     respond
-        Runs a vehicle that repeats itself.
+        Function that simulates a vehicle with deterministic outcomes.
     generator
         Source of all randomness.
     simulations
-        Largest number of runs.
+        Largest number of simulations.
     share
-        Share of the width of the 80 % interval that the sampling may add.
+        Allowed relative increase of the width of the 80 % interval by the sampling.
 
     Returns
     -------
     posterior : SampledPosterior or None
-        None if no batch of runs gives an estimate.
+        The probability under each draw; None if there is no estimate.
     sampler : Sampler
         The sampler, with its runs and its estimate under the law that was sampled.
     converged : bool
-        Whether the runs ended before the limit. Otherwise a part of the event may be missing: the sampler is
-        made for rare events, and what it has excluded is in the diagnostic ``unseen_mode`` of its estimate.
+        Whether the runs ended before the limit. Otherwise the runs may have missed a part of the event; the
+        diagnostic ``unseen_mode`` of the sampler's estimate bounds its probability.
     """
     law = mean_law(drawn, generator)
     sampler = Sampler(
@@ -183,7 +201,15 @@ def surrogate_posterior(
 
 
 def answer_tables(posterior: SampledPosterior, drawn: DrawnLaws) -> dict[str, pd.DataFrame]:
-    """Return the tables ``answer`` (see `summarise`), ``budget`` and ``draws`` of a posterior."""
+    """Return the answer as tables.
+
+    Returns
+    -------
+    dict
+        ``answer``, one row with the ``event`` and the columns of `summary.summarise`; ``budget``, see
+        `posterior.budget`; and ``draws``, one row for each draw of the law: its number ``draw``, ``law``,
+        ``probability`` of the event and relative ``error``.
+    """
     draws = {
         "draw": np.arange(len(drawn.laws)) + 1,
         "law": np.array(drawn.names)[drawn.member],

@@ -20,11 +20,11 @@ from accelerated_evaluation.laws.joint import JOINT_LAWS, Box, JointLaw
 from accelerated_evaluation.problem import Response
 
 NEAR = 0.1  # share of the records that are near the event: those with the smallest scores
-POOL = 20_000  # points at which the probability of the region near the event is found
-SMALLEST = 1e-9  # probability of a region, so that its logarithm is finite
+POOL = 20_000  # number of points with which the probability of the region near the event is estimated
+SMALLEST = 1e-9  # smallest probability outside of the region, so that its logarithm is finite
 
 Respond = Callable[[Array], Response]
-"""Runs the vehicle at points, shape (n, d), and returns whether the event happened, and the score."""
+"""Simulates the vehicle at points, shape (n, d), and returns whether the event happened, and the scores."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,17 @@ class Candidate:
         generator: np.random.Generator,
         **known: Any,  # noqa: ANN401
     ) -> JointLaw:
-        """Fit the law to records; ``known`` may hold weights and a start."""
+        """Fit the law to records.
+
+        Parameters
+        ----------
+        records
+            The records.
+        generator
+            Source of all randomness.
+        known
+            Optionally ``weights`` of the records, shape (n,), and a law ``start`` from which the fit begins.
+        """
         return JOINT_LAWS[self.kind].fit(records.x, records.box, generator, **known, **self.settings)
 
 
@@ -68,14 +78,14 @@ CANDIDATES = (
 
 @dataclass(frozen=True)
 class ClusteredRecords:
-    """Records in clusters.
+    """The records of a scenario, with clusters of records that may depend on each other.
 
     Attributes
     ----------
     x
         The records, shape (n, d).
     cluster
-        Number of the cluster of each record, from 0, shape (n,).
+        Index of the cluster of each record, shape (n,).
     box
         The variables and their limits.
     """
@@ -86,7 +96,24 @@ class ClusteredRecords:
 
     @classmethod
     def of(cls, x: Array, cluster: ArrayLike, box: Box, where: str = "the records") -> "ClusteredRecords":
-        """Return the records with numbered clusters; they must be in the box, and in two clusters or more."""
+        """Return checked records whose clusters are numbered.
+
+        Parameters
+        ----------
+        x
+            The records, shape (n, d).
+        cluster
+            Name of the cluster of each record, shape (n,).
+        box
+            The variables and their limits.
+        where
+            Name of the records in error messages.
+
+        Raises
+        ------
+        InputError
+            If a record is outside of the box, or if there are fewer than two clusters.
+        """
         box.require(x, where)
         names, number = np.unique(np.asarray(cluster), return_inverse=True)
         if len(names) < 2:
@@ -105,12 +132,26 @@ class ClusteredRecords:
 
     @property
     def effective_clusters(self) -> float:
-        """Number of equally large clusters that would be as informative (Kish 1965)."""
+        """Effective number of clusters (Kish 1965): squared sum of their sizes over the sum of squares."""
         sizes = np.bincount(self.cluster)
         return float(sizes.sum() ** 2 / (sizes**2).sum())
 
     def blocks(self, blocks: int = BLOCKS) -> NDArray[np.int_]:
-        """Return the block of each record: whole clusters, the largest first into the smallest block."""
+        """Divide the records into blocks of about the same size, and return the block of each record.
+
+        Every block consists of complete clusters. The clusters are assigned in the order of falling size,
+        each to the block that is smallest so far.
+
+        Parameters
+        ----------
+        blocks
+            Number of blocks, or the number of clusters if that is smaller.
+
+        Returns
+        -------
+        numpy.ndarray
+            Index of the block of each record, shape (n,).
+        """
         sizes = np.bincount(self.cluster)
         totals, block = np.zeros(min(blocks, self.clusters)), np.empty(self.clusters, dtype=int)
         for cluster in np.argsort(-sizes, kind="stable"):
@@ -119,11 +160,11 @@ class ClusteredRecords:
         return block[self.cluster]
 
     def only(self, kept: NDArray[np.bool_]) -> "ClusteredRecords":
-        """Return some of the records."""
+        """Return the records that are selected by a mask, shape (n,)."""
         return ClusteredRecords(self.x[kept], self.cluster[kept], self.box)
 
     def resampled(self, generator: np.random.Generator) -> Array:
-        """Return weights of the records by the Bayesian bootstrap over the clusters (Rubin 1981)."""
+        """Draw weights of the records by the Bayesian bootstrap over clusters (Rubin 1981), shape (n,)."""
         return generator.standard_exponential(self.clusters)[self.cluster]
 
 
@@ -138,11 +179,11 @@ class ScoredLaws:
     candidates
         The kinds of laws.
     laws
-        Their fits to all records.
+        Fit of each candidate to all records.
     log_scores
         Held-out log density of each record, shape (laws, records).
     near_scores
-        The same, censored to the region near the event.
+        Held-out log scores that are censored to the region near the event, shape (laws, records).
     near
         Whether each record is in this region, shape (records,).
     """
@@ -155,19 +196,19 @@ class ScoredLaws:
     near: NDArray[np.bool_]
 
     def weights(self, draws: int, generator: np.random.Generator) -> Array:
-        """Return draws of the weights of the laws, shape (draws, laws), by their scores near the event.
+        """Draw weights of the laws by their scores near the event, shape (draws, laws).
 
-        The weights are those of `bootstrapped_weights`, with clusters in place of records.
+        The weights are computed by `bootstrapped_weights`, with clusters in place of records.
         """
         scores = self.by_cluster(self.near_scores)
         return bootstrapped_weights(scores, np.ones(scores.shape[1], bool), draws, generator)
 
     def by_cluster(self, scores: Array) -> Array:
-        """Return sums of scores over each cluster, shape (laws, records) to (laws, clusters)."""
+        """Return the sums of scores, shape (laws, records), over each cluster, shape (laws, clusters)."""
         return np.array([np.bincount(self.records.cluster, weights=row) for row in scores])
 
     def table(self, weights: Array) -> pd.DataFrame:
-        """Tabulate the laws.
+        """Tabulate the laws with their likelihoods, held-out scores and weights.
 
         Parameters
         ----------
@@ -178,8 +219,9 @@ class ScoredLaws:
         -------
         pandas.DataFrame
             Columns ``law``, ``parameters``, ``log_likelihood``, ``aic``, ``bic``; ``gain`` and ``gain_near``,
-            the held-out log scores minus those of the last law [nats], with their standard errors over the
-            clusters ``gain_error`` and ``gain_near_error``; and ``weight``.
+            the total held-out log scores minus those of the last law [nats], with the standard errors
+            ``gain_error`` and ``gain_near_error``, which are computed from the clusters; and the mean
+            ``weight``.
         """
         rows = []
         gains = [self.by_cluster(part - part[-1]) for part in (self.log_scores, self.near_scores)]
@@ -208,22 +250,22 @@ def score_laws(
     generator: np.random.Generator,
     candidates: Sequence[Candidate] = CANDIDATES,
 ) -> ScoredLaws:
-    """Fit joint laws to the records, and score them on each block of clusters by fits to the other blocks.
+    """Fit joint laws to all records, and score them by cross-validation over blocks of clusters.
 
-    The region near the event holds the share `NEAR` of the records, those with the smallest scores. Its
-    probability under a law is found from one pool of simulated points, which all laws share. The pool is
-    drawn from the mean of the laws, and reweighted.
+    The region near the event contains the share `NEAR` of the records, those with the smallest scores. Its
+    probability under each law is estimated from one pool of simulated points. The pool is drawn from the mean
+    of the laws, and reweighted for each law.
 
     Parameters
     ----------
     records
         The records.
     respond
-        Runs the vehicle.
+        Function that simulates the vehicle.
     generator
         Source of all randomness.
     candidates
-        The kinds of laws; gains are differences to the last one.
+        The kinds of laws. The last one is the reference of the gains in `ScoredLaws.table`.
     """
     laws = [candidate.fit(records, generator) for candidate in candidates]
     own = respond(records.x)[1]

@@ -1,7 +1,7 @@
-"""Published curves of the risk of injury: one module a publication, one registry.
+"""Published curves of the risk of injury; each publication is a module, and `SOURCES` is their registry.
 
-A curve counts for the driver of the car under test if it is for frontal impacts, and for the driver of the
-car that cuts in if it is for impacts from behind.
+Curves for frontal impacts are used for the driver of the car under test, and curves for impacts from behind
+for the driver of the car that cuts in.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,15 @@ SOURCES: Registry[Callable[[], Source]] = Registry("source of injury risk curves
 
 
 def published_curves(level: str, impact: str) -> dict[str, RiskCurve]:
-    """Return all published curves for a level of injury and the struck end of a car, by source."""
+    """Return all published curves for a level of injury and the struck end of a car, by name of the source.
+
+    Parameters
+    ----------
+    level
+        One of `curves.LEVELS`.
+    impact
+        Struck end of the car, `FRONTAL` or `REAR`.
+    """
     sources = [SOURCES[name]() for name in SOURCES]
     return {
         source.name: source.curves[level, impact] for source in sources if (level, impact) in source.curves

@@ -6,7 +6,7 @@ from accelerated_evaluation.answer.injuries.sources import SOURCES
 
 @SOURCES.add("joksch_1993")
 def joksch_1993() -> Source:
-    """Return the fourth power of the delta-v of Joksch (1993)."""
+    """Return the risk of death by Joksch (1993), which is proportional to the fourth power of the delta-v."""
     return Source(
         name="Joksch 1993",
         reference="H. C. Joksch, Velocity change and fatality risk in a crash - a rule of thumb, Accident "
