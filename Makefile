@@ -67,7 +67,7 @@ benchmark-recordings: $(ENVIRONMENT) ## extraction of cut-ins from 1, 10 and 100
 worlds: $(ENVIRONMENT) ## coverage of the intervals: 100 synthetic worlds of 5 kinds, and 20 of 11 kinds by few runs; two hours, resumable
 	$(WORLDS)
 
-claims: $(ENVIRONMENT) ## repeat every claim of the README with other random numbers, see REPRODUCE.md; resumable: make claims [CLAIMS="paper worlds"]
+claims: $(ENVIRONMENT) ## repeat the claims of the README with other random numbers, see REPRODUCE.md; resumable: make claims [CLAIMS="paper worlds"]
 	python -m pip install --quiet --require-hashes -r benchmarks/environment.txt
 	$(REPEATED) -- $(or $(CLAIMS),claims)
 	python benchmarks/claims/settle.py $(CLAIMS)

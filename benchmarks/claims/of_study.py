@@ -20,6 +20,8 @@ HUMAN, DRIVER, TESTED = "cc_human", "human", "under test"
 NEAR_CRASH = "near-crash: cut-in in front of the subject, rear-end conflict"
 CRASH = "crash: cut-in in front of the subject, rear-end conflict"
 PREDICTED = ("crash", "near-crash, 0.5 g")  # events of the human driver
+CLOSING, OPENING = "closing", "opening"  # kinds of gaps in the table of lead motion
+RATIO, MOVING = ["factor", "factor_error"], ["moving", "standard_error"]  # of that table, with errors
 SERIOUS, DISTANCE = "MAIS3+", "million kilometres"
 
 
@@ -132,6 +134,19 @@ def _of_human(table: pd.DataFrame) -> Mean:
 def _of_driver(path: Path) -> pd.DataFrame:
     table = pd.read_csv(path)
     return table[table["driver"] == DRIVER].set_index("event")
+
+
+def motion(files: Files) -> Iterator[Claim]:
+    """Yield the claims about a lead vehicle that changes its speed."""
+    pair = [
+        pd.read_csv(folder / "lead_motion.csv").set_index(["vehicle", "gap"])
+        for folder in (files.tables, files.study)
+    ]
+    for vehicle in (TESTED, HUMAN):
+        text = f"crash probability with lead motion / with a constant lead speed, {vehicle}"
+        yield Claim(text, *(Mean(*table.loc[(vehicle, CLOSING), RATIO]) for table in pair))
+    text = f"crash probability of cut-ins whose gap opens, {TESTED}"
+    yield Claim(text, *(Mean(*table.loc[(TESTED, OPENING), MOVING]) for table in pair))
 
 
 def injuries(files: Files) -> Iterator[Claim]:

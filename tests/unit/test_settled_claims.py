@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "benchmarks" / "claims"))
 
 from comparing import AtLeast, Between, Claim, Exactly, Mean, Share  # noqa: E402
-from settle import FILES, PARTS, Files, main  # noqa: E402
+from settle import FILES, NOT_REPEATED, PARTS, Files, main  # noqa: E402
 
 SEEDS = 120
 
@@ -94,7 +94,7 @@ def settled(files, capsys) -> tuple[int, dict[str, str]]:
     """Return the exit status, and the verdict of each claim as it is printed."""
     status = main(["sampler"], files)
     rows = [
-        row.split("|")[1:-1] for row in capsys.readouterr().out.splitlines() if row.startswith("| 7 sampler")
+        row.split("|")[1:-1] for row in capsys.readouterr().out.splitlines() if row.startswith("| 8 sampler")
     ]
     return status, {row[1].strip(): row[-1].strip() for row in rows}
 
@@ -149,3 +149,28 @@ def test_every_part_has_a_rule_and_a_line_in_the_guide():
     )
     assert guide == [(str(number), part) for number, part in enumerate(PARTS, start=1)]
     assert set(PARTS) <= set(rules)
+
+
+def test_lead_motion_agrees_with_itself_and_a_wrong_factor_is_refuted(tmp_path, capsys):
+    study = tmp_path / "study"
+    study.mkdir()
+    table = pd.read_csv(FILES.tables / "lead_motion.csv")
+    files = replace(FILES, raw=tmp_path, study=study)
+    for ratio, status in ((1, 0), (2, 1)):
+        table.assign(factor=table["factor"] * ratio).to_csv(study / "lead_motion.csv", index=False)
+        assert main(["motion"], files) == status
+        rows = [row for row in capsys.readouterr().out.splitlines() if row.startswith("| 5 motion")]
+        assert [row.split("|")[-2].strip() for row in rows] == [
+            *["agrees" if status == 0 else "refuted"] * 2,
+            "agrees",
+        ]
+
+
+def test_what_is_not_repeated_is_printed_and_is_in_the_guide(repeated, capsys):
+    main(["sampler"], repeated)
+    printed = capsys.readouterr().out
+    guide = (ROOT / "REPRODUCE.md").read_text()
+    for claim, why in NOT_REPEATED.items():
+        assert f"- {claim}: {why}" in printed
+        assert f"| {claim} | {why} |" in guide
+    assert guide.split("## What is not repeated")[1].split("##")[0].count("\n| ") == len(NOT_REPEATED) + 2
