@@ -5,8 +5,9 @@ import pandas as pd
 import pytest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.motion import MOTIONS, STATES, STEP, draw_lead_speeds
-from accelerated_evaluation.laws.motion.recorded import AWAY, NAMES, Recorded, recorded_courses
+from accelerated_evaluation.laws.motion.recorded import AWAY, NAMES, Recorded, _balanced, recorded_courses
 from accelerated_evaluation.vehicles.lead_motion import lead_speeds_of
+from scipy.optimize import minimize
 
 TIMES = STEP * np.arange(STATES)
 SIZE, NOISE = 4000, 0.5
@@ -115,3 +116,42 @@ def test_courses_that_cannot_be_used(rows, message):
 def test_a_file_that_is_not_there(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         Recorded.read(tmp_path / "courses.parquet")
+
+
+def test_near_the_edge_of_the_records_neighbours_on_one_side_do_not_bias_the_law():
+    """The neighbours of the shortest range have longer ranges, after which the lead vehicle brakes less."""
+    encounters, _ = recorded(500)
+    edge = np.array([25.0, encounters[1].min(), 2.0])
+    expected = braking(edge)
+    motion = Recorded(encounters, encounters[0][:, None] - braking(encounters)[:, None] * TIMES)
+    balanced = decelerations(motion, edge).mean()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("accelerated_evaluation.laws.motion.recorded._balanced", lambda weights, _: weights)
+        one_sided = decelerations(motion, edge).mean()
+    assert one_sided < expected - 0.1
+    assert abs(balanced - expected) < 0.7 * abs(one_sided - expected)
+
+
+def test_balanced_weights_are_those_of_the_smallest_relative_entropy():
+    """They differ from the given weights by an exponential factor, and minimize a convex function."""
+    generator = np.random.default_rng(6)
+    offsets = generator.uniform(-0.2, 0.8, (5, 40, 3))
+    given = generator.uniform(0, 1, (5, 40))
+    shares = _balanced(given, offsets)
+    np.testing.assert_allclose(shares.sum(axis=1), 1)
+    for weights, found, places in zip(given, shares, offsets, strict=True):
+        ridge = (weights**2).sum() / weights.sum() ** 2
+
+        def dual(tilt, weights=weights, places=places, ridge=ridge):
+            return np.log(weights @ np.exp(places @ tilt)) + ridge * tilt @ tilt / 2
+
+        tilt = minimize(dual, np.zeros(3), tol=1e-10).x
+        expected = weights * np.exp(places @ tilt)
+        np.testing.assert_allclose(found, expected / expected.sum(), rtol=1e-3)
+        assert np.linalg.norm(found @ places) < 0.5 * np.linalg.norm(weights @ places / weights.sum())
+
+
+def test_far_from_all_records_the_law_is_that_of_the_nearest_ones():
+    motion = Recorded(*recorded())
+    found = draw_lead_speeds(motion, np.array([[300.0], [1e-3], [200.0]]), np.random.default_rng(7))
+    assert np.isfinite(found).all()

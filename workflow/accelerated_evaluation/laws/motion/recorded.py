@@ -18,6 +18,7 @@ from accelerated_evaluation.laws.motion import COURSE_COLUMN, MOTIONS, STATES, S
 NAMES = ("lead_speed", "range", "closing_speed")
 FEWEST = 10  # smallest number of recorded profiles
 BELOW_ONE = 1 - 1e-12
+NEWTON_STEPS = 5  # after which the balance has converged
 AWAY = 100.0  # [m/s], speed that is assigned to a car that has left the lane, so that it cannot be hit
 
 
@@ -30,9 +31,11 @@ class Recorded:
     divided by its standard deviation. One of the nearest n^(4/7) of n recorded cut-ins is selected; this
     order minimizes the error of a nearest-neighbour mean of three variables (Mack 1981, SIAM Journal on
     Algebraic and Discrete Methods 2, 311-323). The probabilities of the selection are proportional to tricube
-    weights, which decrease to zero with the distance. The only input selects a cut-in in the order of the
-    mean change of speed, from the hardest braking at 0 to the strongest acceleration at 1. The change of
-    speed over time is that of the selected cut-in. Negative speeds are replaced by 0.
+    weights, which decrease to zero with the distance and are then balanced (see `_balanced`), so that the
+    neighbours of a critical cut-in, most of which are less critical, do not bias the law. The only input
+    selects a cut-in in the order of the mean change of speed, from the hardest braking at 0 to the strongest
+    acceleration at 1. The change of speed over time is that of the selected cut-in. Negative speeds are
+    replaced by 0.
 
     Attributes
     ----------
@@ -100,15 +103,53 @@ class Recorded:
     def lead_speeds(self, encounters: Array, inputs: Array) -> Array:
         """Return the lead speeds over time; see `LeadMotion.lead_speeds`."""
         # The weight of the farthest neighbour is zero, so that the law is continuous in the encounter.
-        distance, near = self._tree.query(_features(encounters) / self._scale, self.neighbours + 1)
-        share = distance / np.maximum(distance[:, -1:], np.finfo(float).tiny)
+        places = _features(encounters) / self._scale
+        distance, near = self._tree.query(places, self.neighbours + 1)
+        farthest = np.maximum(distance[:, -1:], np.finfo(float).tiny)
         order = np.argsort(self._rank[near], axis=1)
-        weights = np.take_along_axis((1 - share**3) ** 3, order, axis=1)
+        offsets = (self._tree.data[near] - places[:, None]) / farthest[:, :, None]
+        weights = _balanced((1 - (distance / farthest) ** 3) ** 3, offsets)
+        weights = np.take_along_axis(weights, order, axis=1)
         ends = weights.cumsum(axis=1)
         chosen = (np.minimum(inputs, BELOW_ONE)[:, :1] * ends[:, -1:] >= ends).sum(axis=1)
         place = np.take_along_axis(order, chosen[:, None], axis=1)
         course = self.courses[np.take_along_axis(near, place, axis=1)[:, 0]]
         return np.maximum(encounters[0][:, None] + (course - course[:, :1]), 0.0)
+
+
+def _balanced(weights: Array, offsets: Array) -> Array:
+    """Return weights of neighbours whose mean is nearly the place of which they are neighbours.
+
+    Near the edge of the records, most neighbours lie on one side. If they are weighted by distance alone,
+    their mean is another place, and the law is biased towards the motion there. The balanced weights differ
+    from the given ones by an exponential factor. No weights of mean offset zero are nearer to the given ones
+    in relative entropy. Such a law is as little biased at the edge as a local linear regression, but its
+    weights are not negative (Hall, Wolff and Yao 1999, Journal of the American Statistical Association 94,
+    154-163).
+
+    The mean of m neighbours varies by 1/m of their variance even if they lie on all sides. The balance
+    ignores offsets of this size. For this, it has a ridge of 1/m, where m is the effective number of
+    neighbours.
+
+    Parameters
+    ----------
+    weights
+        Weights by distance, shape (n, k).
+    offsets
+        Neighbours minus place, relative to the distance of the farthest one, shape (n, k, 3).
+    """
+    shares = weights / weights.sum(axis=1, keepdims=True)
+    ridge = (shares**2).sum(axis=1)[:, None, None] * np.eye(offsets.shape[2])
+    tilt = np.zeros((len(weights), offsets.shape[2], 1))
+    for _ in range(NEWTON_STEPS):
+        parts = offsets.swapaxes(1, 2) * shares[:, None]
+        mean = parts.sum(axis=2, keepdims=True)
+        spread = parts @ offsets - mean @ mean.swapaxes(1, 2)
+        tilt -= np.linalg.solve(spread + ridge, mean + ridge @ tilt)
+        exponent = (offsets @ tilt)[:, :, 0]
+        shares = weights * np.exp(exponent - exponent.max(axis=1, keepdims=True))
+        shares /= shares.sum(axis=1, keepdims=True)
+    return shares
 
 
 def recorded_courses(table: pd.DataFrame, where: str = "recorded courses") -> Array:
