@@ -1,4 +1,4 @@
-"""The vehicles under test: the protocol, the study's car, the reference drivers, and users' own vehicles."""
+"""The vehicles under test: the interface, the car of the study, reference drivers, and users' vehicles."""
 
 from accelerated_evaluation.vehicles.builtin.acc_aeb import AccAeb
 from accelerated_evaluation.vehicles.loading import load_vehicle

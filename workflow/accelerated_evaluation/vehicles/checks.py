@@ -18,24 +18,24 @@ checked_encounters = CUT_IN.checked
 def checked_outcomes(
     outcomes: object, encounters: Array, *, vehicle: str, scenario: Scenario = CUT_IN
 ) -> Any:  # noqa: ANN401
-    """Return the outcomes of a user's vehicle for n encounters with the types of the protocol, after checks.
+    """Check the outcomes of a user's vehicle, and return them as an instance of the scenario's outcome type.
 
     Parameters
     ----------
     outcomes
-        The result of ``simulate``.
+        Object that the method ``simulate`` of the vehicle returned.
     encounters
-        The encounters, shape (d, n).
+        The encounters that were simulated, shape (d, n).
     vehicle
-        The vehicle's name for messages.
+        Name of the vehicle for messages.
     scenario
-        The scenario, whose outcome type is returned.
+        The scenario of the encounters.
 
     Raises
     ------
     InputError
-        If an outcome is missing, has another shape or type, or contradicts itself. The message names the
-        first such row.
+        If an outcome is missing, has a wrong shape or type, or breaks a rule of the scenario. The message
+        names the first such encounter.
     """
     columns = {
         each.name: _checked_column(outcomes, each, encounters.shape[1], vehicle, scenario)
@@ -54,14 +54,14 @@ def checked_outcomes(
 def outcome_error(
     vehicle: str, what: str, seen: str, expected: str, change: str = "Correct the vehicle."
 ) -> InputError:
-    """Return the error for a user's vehicle that does not follow the protocol.
+    """Return the error for a user's vehicle whose outcomes are not as expected.
 
     Parameters
     ----------
     vehicle, what
-        The vehicle's name, and the faulty part of its result.
+        Name of the vehicle, and the faulty part of its result.
     seen, expected, change
-        As in `InputError`.
+        See `InputError`.
     """
     advice = f"{change} See accelerated_evaluation.vehicles.protocol for the outcomes that are expected."
     return InputError(f"vehicle {vehicle}, {what}", seen=seen, expected=expected, change=advice)
@@ -70,7 +70,7 @@ def outcome_error(
 def _checked_column(
     outcomes: object, outcome: Outcome, count: int, vehicle: str, scenario: Scenario
 ) -> NDArray:
-    """Return one attribute of a user's outcomes as an array of the protocol's type."""
+    """Return one outcome of a user's vehicle as an array of booleans or floats, shape (count,)."""
     name = outcome.name
     try:
         column = np.asarray(getattr(outcomes, name))
@@ -78,7 +78,7 @@ def _checked_column(
         seen = type(outcomes).__name__
         expected = f"Outcomes with {', '.join(scenario.outcome_names)}"
         raise outcome_error(vehicle, "simulate", seen, expected) from error
-    except Exception as error:  # a property of the user's that raises, or lists of unequal lengths
+    except Exception as error:  # for example a property of the user's class that raises an error
         seen = f"{type(error).__name__}: {' '.join(str(error).split())}"
         raise outcome_error(vehicle, name, seen, f"an array of shape ({count},)") from error
     if column.shape != (count,):

@@ -1,4 +1,4 @@
-"""Events by name: those of a command line, and those of a crash map of cut-ins."""
+"""Events by name: for the command line, and for crash maps of cut-ins."""
 
 import math
 from collections.abc import Mapping
@@ -11,19 +11,19 @@ CRASH = CUT_IN.event("crash")
 
 
 def event_named(text: str, scenario: Scenario = CUT_IN) -> Event:
-    """Return the event that the option ``--event`` names: ``crash``, or a quantity and a threshold.
+    """Return the event that a text such as ``crash`` or ``impact_speed=5`` names (option ``--event``).
 
     Parameters
     ----------
     text
-        Text such as ``crash`` or ``impact_speed=5``.
+        ``crash``, or a quantity and a threshold in its unit, separated by an equals sign.
     scenario
-        The scenario, whose events say which quantities there are.
+        The scenario, whose events determine the possible quantities.
 
     Raises
     ------
     InputError
-        If there is no such event.
+        If the scenario has no such event, or the threshold is missing, negative or not a number.
     """
     quantity, _, threshold = text.partition("=")
     try:
@@ -40,7 +40,13 @@ def event_named(text: str, scenario: Scenario = CUT_IN) -> Event:
 
 
 def events_from(thresholds: Mapping[str, list[float]]) -> list[Event]:
-    """Return the events given by thresholds of quantities, crashes first."""
+    """Return the crash, followed by the events with given thresholds.
+
+    Parameters
+    ----------
+    thresholds
+        List of thresholds for each quantity of a cut-in, such as ``impact_speed`` [m/s].
+    """
     return [
         CRASH,
         *(CUT_IN.event(name, float(value)) for name, values in thresholds.items() for value in values),

@@ -1,4 +1,4 @@
-"""The lead motion of a single encounter: drawn from a law by name, or read from a file."""
+"""The lead motion of a single encounter, which is drawn from a named law or read from a file."""
 
 from pathlib import Path
 
@@ -11,28 +11,28 @@ from accelerated_evaluation.base.tables import read_csv, require_file
 from accelerated_evaluation.laws.motion import MOTIONS, STATES, STEP, draw_lead_speeds
 
 FILE_COLUMNS = ("time_s", "lead_speed_m_per_s")  # as in the table that the command replay writes
-DRAWN = ("constant", "ngsim")  # laws that need no records
+DRAWN = ("constant", "ngsim")  # laws of lead motion that need no records
 
 
 def lead_speeds_of(text: str, encounter: Array, generator: np.random.Generator) -> Array:
-    """Return lead speeds every 0.1 s [m/s], shape (STATES,).
+    """Return the lead speeds of one encounter every 0.1 s [m/s], shape (STATES,).
 
     Parameters
     ----------
     text
-        Name of a law of lead motion; or a CSV file with the columns ``time_s``, from 0 to 8 s or more, and
-        ``lead_speed_m_per_s``, between which speeds are interpolated; or a Parquet file of recorded cut-ins
-        with courses, for the law `recorded`.
+        One of the names `DRAWN` of laws of lead motion; or the path of a CSV file with the columns
+        ``time_s``, from 0 to 8 s or more, and ``lead_speed_m_per_s``, between which speeds are interpolated;
+        or the path of a Parquet file of recorded cut-ins with speed profiles, for the law `recorded`.
     encounter
         Lead speed [m/s], range [m] and closing speed [m/s], shape (3,).
     generator
-        Source of the motion, if it is drawn.
+        Random generator, if the motion is drawn.
 
     Raises
     ------
     InputError
-        If there is no such law or file, or the file has other columns, times that do not increase from 0,
-        or speeds that are not finite, negative, or end before 8 s.
+        If there is no such law or file, or if the file has other columns, times that do not increase from 0
+        to 8 s, or speeds that are negative or not finite.
     """
     if text.endswith(".csv"):
         return _read(Path(text))

@@ -1,4 +1,4 @@
-"""Find a vehicle by its name: a built-in vehicle, or a class in a user's own file."""
+"""Load a vehicle by its name: a built-in vehicle, a command, an FMU, or a class in a user's file."""
 
 import difflib
 import importlib.util
@@ -24,27 +24,32 @@ ANY_SCENARIO = ("command",)  # vehicles that simulate the encounters of every sc
 
 
 def vehicles_of(scenario: Scenario) -> Mapping[str, type[Vehicle]]:
-    """Return the classes of the vehicles for a scenario by name, the user's command among them."""
+    """Return the classes of the vehicles for a scenario by name, including ``command``."""
     return dict(sorted({**scenario.vehicles, **{name: VEHICLES[name] for name in ANY_SCENARIO}}.items()))
 
 
 def load_vehicle(name: str, scenario: Scenario = CUT_IN, /, **parameters: Any) -> Vehicle:  # noqa: ANN401
-    """Return the vehicle called ``name``.
+    """Return the vehicle with a name.
 
     Parameters
     ----------
     name
-        One of `vehicles_of`: a built-in one, or ``command`` or ``fmu`` for a program of your own; or
-        ``path/to/file.py:ClassName``, a class of your own with a method ``simulate`` as in `Vehicle`.
+        A name in `vehicles_of`: a built-in vehicle, or ``command`` or ``fmu`` for a program of the user. Or
+        ``path/to/file.py:ClassName`` for a class of the user with a method ``simulate`` as in `Vehicle`.
     scenario
-        The scenario whose encounters it simulates.
+        The scenario whose encounters the vehicle simulates.
     **parameters
-        Passed to the class: for the built-in ones the attributes that their classes document.
+        Parameters that are passed to the class of the vehicle, whose documentation lists them.
+
+    Returns
+    -------
+    Vehicle
+        The vehicle. A vehicle of the user is a `CheckedVehicle`.
 
     Raises
     ------
     InputError
-        If there is no such vehicle, file, class or parameter, or the class cannot be used.
+        If there is no such vehicle, file, class or parameter, or if the class cannot be used.
     """
     if ":" in name or name.endswith(".py"):
         return _load_user_vehicle(name, scenario, parameters)
@@ -82,10 +87,17 @@ def load_vehicle(name: str, scenario: Scenario = CUT_IN, /, **parameters: Any) -
 
 
 def vehicle_files(name: str, parameters: Mapping[str, Any], scenario: Scenario = CUT_IN) -> list[str]:
-    """Return the user's files that define a vehicle; none for a built-in vehicle.
+    """Return the user's files that define a vehicle; an empty list for a built-in vehicle.
 
-    These are the file of a class, an FMU, or the files that a command names. Files that these load in turn
-    are unknown.
+    They are the file of a class, the FMU, or the files that a command names. Further files that these files
+    load are not included.
+
+    Parameters
+    ----------
+    name, parameters
+        Name and parameters of the vehicle, as for `load_vehicle`.
+    scenario
+        The scenario whose encounters the vehicle simulates.
     """
     if ":" in name or name.endswith(".py"):
         return [name.rpartition(":")[0] or name]
@@ -96,14 +108,19 @@ def vehicle_files(name: str, parameters: Mapping[str, Any], scenario: Scenario =
 def section_files(vehicle: Mapping[str, Any], scenario: Scenario = CUT_IN) -> list[str]:
     """Return all files of a vehicle in the configuration.
 
-    These are the files that define the vehicle, and those that the user states.
+    They are the files that `vehicle_files` returns, and the files that the user lists under ``files``.
 
     Parameters
     ----------
     vehicle
-        The section ``vehicle``, or a section of the same form.
+        The section ``vehicle`` of the configuration, or a section of the same form.
     scenario
-        The scenario whose encounters it simulates.
+        The scenario whose encounters the vehicle simulates.
+
+    Raises
+    ------
+    InputError
+        If a listed file does not exist.
     """
     for file in vehicle["files"]:
         require_file(file, "Correct vehicle.files.")
@@ -134,7 +151,7 @@ def _load_user_vehicle(name: str, scenario: Scenario, parameters: dict[str, Any]
             return CheckedVehicle(vehicle_class(**parameters), name, scenario)
     except (StudyError, KeyboardInterrupt):
         raise
-    except BaseException as error:  # a vehicle that calls sys.exit must not end the study without a word
+    except BaseException as error:  # a vehicle that calls sys.exit must not end the study without a message
         change = "Correct the class or the vehicle's parameters."
         raise _load_error(
             name, error_in_words(error), f"{class_name} made from {parameters}", change
@@ -142,7 +159,7 @@ def _load_user_vehicle(name: str, scenario: Scenario, parameters: dict[str, Any]
 
 
 def _load_module(name: str, path: Path) -> ModuleType:
-    """Import the user's file under a name of its own, which dataclasses and pickle look up again."""
+    """Import the user's file as a module with a unique name, by which dataclasses and pickle find it."""
     if not path.is_file():
         raise _load_error(name, f"no file {path}", "a Python file", "Correct the path before the colon.")
     module_name = f"accelerated_evaluation_user_{path.stem}_{abs(hash(path.resolve())):x}"
@@ -169,6 +186,6 @@ def _load_error(name: str, seen: str, expected: str, change: str) -> InputError:
 
 
 def _nearest(name: str, known: Iterable[str]) -> str:
-    """Suggest the known name nearest to a mistyped one; empty if none is near."""
+    """Return a suggestion with the known name that is most similar to ``name``; empty if none is similar."""
     matches = difflib.get_close_matches(name, known, n=1)
     return f"Did you mean {matches[0]}?" if matches else ""

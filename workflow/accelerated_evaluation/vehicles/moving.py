@@ -1,4 +1,4 @@
-"""Encounters in which the lead vehicle changes its speed: what all vehicles share."""
+"""Cut-ins in which the lead vehicle changes its speed: checks and functions for all vehicles."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
@@ -13,23 +13,24 @@ from accelerated_evaluation.vehicles.checks import checked_encounters
 from accelerated_evaluation.vehicles.protocol import MovingVehicle, Outcomes, RandomVehicle, Vehicle
 
 START = "the lead speed of the encounter"
-TOLERANCE = 1e-9  # [m/s], between the lead speed and the first of the lead speeds over time
+TOLERANCE = 1e-9  # [m/s], largest difference of the lead speed and the first of the lead speeds over time
 
 
 class CompiledVehicle:
-    """A vehicle that repeats itself, and that compiled code simulates behind lead vehicles that change speed.
+    """Base class of deterministic vehicles that are simulated by compiled code, with changing lead speeds.
 
     Attributes
     ----------
     moving_kernel
-        Compiled code that fills outcomes of shape (4, n) from encounters of shape (3, n), lead speeds over
-        time of shape (n, states), and the numbers of the vehicle.
+        Compiled function ``(encounters, lead_speeds, numbers, outcomes)``. It takes encounters of shape (3,
+        n), lead speeds over time of shape (n, states) and the result of `compiled`, and writes the outcomes,
+        shape (4, n).
     """
 
     moving_kernel: ClassVar[Callable[[Array, Array, Any, Array], None]]
 
     def compiled(self) -> Any:  # noqa: ANN401
-        """Return the numbers that the compiled code needs."""
+        """Return the parameters of the vehicle in the form that the compiled code takes."""
         raise NotImplementedError
 
     def simulate_moving(
@@ -40,14 +41,14 @@ class CompiledVehicle:
         Parameters
         ----------
         lead_speed, range_, closing_speed
-            As in `simulate`.
+            As in `Vehicle.simulate`.
         lead_speeds
-            Lead speeds [m/s] at 0, 0.1, ... s, shape (n, at least 81). The first ones are ``lead_speed``.
+            Lead speeds [m/s] at 0, 0.1, ... s, shape (n, at least 81). The first column is ``lead_speed``.
 
         Raises
         ------
         InputError
-            As in `simulate`, and if lead speeds are not finite, negative, or too short in time.
+            If the encounters are not valid, or if lead speeds are negative, not finite, or end before 8 s.
         """
         encounters = checked_encounters(lead_speed, range_, closing_speed)
         outcomes = np.empty((4, encounters.shape[1]))
@@ -57,18 +58,21 @@ class CompiledVehicle:
 
 
 def takes_motion(vehicle: Vehicle) -> bool:
-    """Return whether a vehicle can be given lead speeds over time."""
+    """Return whether a vehicle can be simulated with given lead speeds over time."""
     return getattr(vehicle, "takes_motion", isinstance(vehicle, MovingVehicle))
 
 
 def require_motion(vehicle: Vehicle, name: str) -> None:
-    """Raise InputError if a vehicle cannot be given lead speeds over time."""
+    """Raise InputError if a vehicle cannot be simulated with given lead speeds over time.
+
+    ``name`` is the name of the vehicle, for the error.
+    """
     if not takes_motion(vehicle):
         raise motion_error(name)
 
 
 def motion_error(name: str) -> InputError:
-    """Return the error for a vehicle that cannot be given lead speeds over time."""
+    """Return the error for a vehicle that cannot be simulated with given lead speeds over time."""
     return InputError(
         f"vehicle {name}, lead speeds over time",
         seen="a vehicle for lead vehicles that keep their speed",
@@ -80,27 +84,39 @@ def motion_error(name: str) -> InputError:
 def simulate_motion(
     vehicle: MovingVehicle, cut_ins: tuple[Array, Array, Array], lead_speeds: Array, inner: Array | None
 ) -> Outcomes:
-    """Simulate n cut-ins with lead speeds over time, and with inner variables unless they are None."""
+    """Simulate n cut-ins with given lead speeds over time, and with given inner variables if there are any.
+
+    Parameters
+    ----------
+    vehicle
+        The vehicle.
+    cut_ins
+        Lead speeds [m/s], ranges [m] and closing speeds [m/s], each of shape (n,).
+    lead_speeds
+        Lead speeds over time [m/s], shape (n, states).
+    inner
+        Inner variables of a `RandomVehicle`, shape (n, variables); with None, the vehicle draws them itself.
+    """
     if inner is None or not isinstance(vehicle, RandomVehicle):
         return vehicle.simulate_moving(*cut_ins, lead_speeds)
     return vehicle.simulate_moving_given(*cut_ins, lead_speeds, inner)
 
 
 def checked_lead_speeds(lead_speeds: ArrayLike, lead_speed: Array) -> Array:
-    """Return lead speeds over time after checking them.
+    """Check lead speeds over time, and return them as an array of floats.
 
     Parameters
     ----------
     lead_speeds
         Lead speeds [m/s] at 0, 0.1, ... s, shape (n, at least STATES).
     lead_speed
-        Lead speeds of the encounters [m/s], shape (n,).
+        Lead speeds of the encounters [m/s], shape (n,), which must be equal to the first column.
 
     Raises
     ------
     InputError
-        If the shape is another one, a speed is not finite or negative, or the first speeds are not those of
-        the encounters. The message names the first such encounter, counted from 0.
+        If the shape is wrong, if a speed is negative or not finite, or if the first column differs from the
+        lead speeds of the encounters. The message names the first such encounter, counted from 0.
     """
     speeds = np.ascontiguousarray(lead_speeds, dtype=np.float64)
     if speeds.ndim != 2 or len(speeds) != len(lead_speed) or speeds.shape[1] < STATES:
@@ -129,27 +145,27 @@ def checked_lead_speeds(lead_speeds: ArrayLike, lead_speed: Array) -> Array:
 
 
 def checked_motion(lead_speeds: ArrayLike | None, encounter: Array) -> Array | None:
-    """Return the lead speeds of one encounter, shape (3, 1), after checking them; None stays None."""
+    """Check the lead speeds over time of one encounter, shape (3, 1), and return them; None stays None."""
     return None if lead_speeds is None else checked_lead_speeds([lead_speeds], encounter[0])[0]
 
 
 def speeds_in(columns: Mapping[str, Sequence[float]], rows: Sequence[object], where: str) -> Array:
-    """Return the lead speeds in a table of encounters, every 0.1 s, shape (n, STATES).
+    """Return the lead speeds over time from a table of n encounters, every 0.1 s [m/s], shape (n, STATES).
 
     Parameters
     ----------
     columns
-        ``lead_speed`` [m/s], and columns such as ``speed_0.1``: the lead speed [m/s] so many seconds after
-        the start, up to 8 s or more. Speeds in between are interpolated.
+        ``lead_speed`` [m/s], and columns such as ``speed_0.1``, which contains the lead speed [m/s] 0.1 s
+        after the start. The columns reach 8 s or more, and speeds in between are interpolated.
     rows, where
         Names of the n rows and of the table, for the error.
 
     Raises
     ------
     InputError
-        If a speed is not finite or negative, or the columns do not reach 8 s.
+        If a speed is negative or not finite, or if the columns do not reach 8 s.
     """
-    import pandas as pd  # slow to import, as the next one
+    import pandas as pd  # imported here, because this and the next import take long
 
     from accelerated_evaluation.laws.motion.recorded import recorded_courses
 

@@ -1,4 +1,4 @@
-"""The protocol of a vehicle under test: its inputs and its outcomes."""
+"""The interface of a vehicle under test: its inputs and its outcomes."""
 
 from typing import Protocol, runtime_checkable
 
@@ -12,65 +12,104 @@ __all__ = ["Outcomes", "RandomVehicle", "Vehicle", "repeats_itself", "simulate_i
 
 @runtime_checkable
 class Vehicle(Protocol):
-    """A car under test, simulated in batches.
+    """A vehicle under test, which simulates batches of cut-ins.
 
     A vehicle may have an attribute ``deterministic``: True if an encounter always has the same outcomes,
     False if the outcomes are random, and None (or no such attribute) if this is unknown and has to be tested;
-    see `repeats_itself`. An attribute ``striped`` that is True says that the outcomes change between
-    encounters that nobody could distinguish. Such a vehicle may be deterministic, but a sampler treats it as
-    random.
+    see `repeats_itself`. It may also have an attribute ``striped``, which is True if the outcomes change
+    between encounters that are almost equal. A sampler treats such a vehicle as random, even if it is
+    deterministic.
     """
 
     def simulate(self, lead_speed: Array, range_: Array, closing_speed: Array) -> Outcomes:
-        """Simulate n cut-ins: lead speed [m/s], range [m], closing speed [m/s], each of shape (n,)."""
+        """Simulate n cut-ins, and return their outcomes.
+
+        Parameters
+        ----------
+        lead_speed, range_, closing_speed
+            Lead speed [m/s], range [m] and closing speed [m/s] at the start, each of shape (n,).
+        """
 
 
 @runtime_checkable
 class RandomVehicle(Vehicle, Protocol):
-    """A vehicle whose randomness is known: given its inner variables, its outcomes are deterministic.
+    """A vehicle with random outcomes, which are deterministic given the values of its inner variables.
 
-    The inner variables are an array with one row for each encounter, for example the traits of a driver. Such
-    a vehicle has a crash map, each of whose lines has inner variables of its own.
+    Inner variables are random variables of the vehicle itself, for example the traits of a driver. They form
+    an array with one row for each encounter. Such a vehicle has a crash map, in which each line has its own
+    inner variables.
     """
 
     def draw_inner(self, size: int, generator: np.random.Generator) -> Array:
-        """Draw inner variables, shape (size, variables)."""
+        """Draw inner variables for ``size`` encounters, shape (size, variables)."""
 
     def simulate_given(
         self, lead_speed: Array, range_: Array, closing_speed: Array, inner: Array
     ) -> Outcomes:
-        """Simulate n cut-ins with given inner variables, shape (n, variables)."""
+        """Simulate n cut-ins with given inner variables, shape (n, variables); see `Vehicle.simulate`."""
 
     def inner_weights(self, inner: Array, draws: int, generator: np.random.Generator) -> Array:
-        """Return the weights of inner variables under draws of the parameters of their distribution.
+        """Return importance weights of inner variables for random parameters of their distribution.
 
-        The parameters are those that are not known exactly. The result has the shape (draws, n); the mean
-        over the draws is 1 for each row of ``inner``, because `draw_inner` draws with all values of the
-        parameters.
+        The distribution of the inner variables has parameters that are known only within ranges. `draw_inner`
+        draws from the mixture over all values of the parameters. The weights are the ratios of the density
+        for one value of the parameters to the density of this mixture.
+
+        Parameters
+        ----------
+        inner
+            Inner variables of n encounters, shape (n, variables).
+        draws
+            Number of values of the parameters that are drawn.
+        generator
+            Random generator for the parameters.
+
+        Returns
+        -------
+        numpy.ndarray
+            Weights, shape (draws, n). The mean over the draws is 1 for each encounter.
         """
 
 
 @runtime_checkable
 class MovingVehicle(Protocol):
-    """A vehicle that can be given the speeds of the lead vehicle over time.
+    """A vehicle that can be simulated behind a lead vehicle that changes its speed.
 
-    A `RandomVehicle` of this kind has a method ``simulate_moving_given``, with the inner variables as a fifth
-    argument.
+    A `RandomVehicle` of this kind also has a method ``simulate_moving_given``, with the inner variables as
+    the fifth argument.
     """
 
     def simulate_moving(
         self, lead_speed: Array, range_: Array, closing_speed: Array, lead_speeds: Array
     ) -> Outcomes:
-        """Simulate n cut-ins with lead speeds [m/s] at 0, 0.1, ..., at least 8 s, shape (n, states)."""
+        """Simulate n cut-ins with given lead speeds over time.
+
+        Parameters
+        ----------
+        lead_speed, range_, closing_speed
+            As in `Vehicle.simulate`.
+        lead_speeds
+            Lead speeds [m/s] at 0, 0.1, ... s, up to 8 s or more, shape (n, states).
+        """
 
 
 def simulate_inner(vehicle: Vehicle, cut_ins: tuple[Array, Array, Array], inner: Array | None) -> Outcomes:
-    """Simulate lead speeds, ranges and closing speeds, with inner variables unless they are None."""
+    """Simulate n cut-ins with given inner variables, if the vehicle has any.
+
+    Parameters
+    ----------
+    vehicle
+        The vehicle.
+    cut_ins
+        Lead speeds [m/s], ranges [m] and closing speeds [m/s], each of shape (n,).
+    inner
+        Inner variables of a `RandomVehicle`, shape (n, variables); with None, the vehicle draws them itself.
+    """
     if inner is None or not isinstance(vehicle, RandomVehicle):
         return vehicle.simulate(*cut_ins)
     return vehicle.simulate_given(*cut_ins, inner)
 
 
 def repeats_itself(vehicle: Vehicle) -> bool | None:
-    """Return whether an encounter always has the same outcomes; None if this is unknown."""
+    """Return whether an encounter always has the same outcomes with this vehicle; None if this is unknown."""
     return getattr(vehicle, "deterministic", None)

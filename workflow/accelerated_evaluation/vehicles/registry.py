@@ -1,4 +1,4 @@
-"""The registry of the vehicles for cut-ins: a new one is one module in this room that registers its class."""
+"""The registry of the vehicles for cut-ins; a new vehicle is a module here that registers its class."""
 
 from accelerated_evaluation.base.registry import Registry
 from accelerated_evaluation.scenarios.cut_in import CUT_IN

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 HOST = "#08306b"
-LOOKS = {"color": HOST, "linestyle": "-"}, {"color": "#777777", "linestyle": "--"}  # of two lines
+STYLES = {"color": HOST, "linestyle": "-"}, {"color": "#777777", "linestyle": "--"}  # of two lines
 TIME, EMERGENCY = "time_s", "emergency"  # columns of a trace that are not drawn as lines
 
 
@@ -28,26 +28,27 @@ def trace_encounter(
     scenario: Scenario = CUT_IN,
     lead_speeds: Array | None = None,
 ) -> pd.DataFrame:
-    """Return the trace of one encounter with a built-in vehicle.
+    """Simulate one encounter with a built-in vehicle, and return the states over time (the trace).
 
     Parameters
     ----------
     name
-        The vehicle's name.
+        Name of the vehicle.
     *encounter
-        The variables of the scenario, in order; lead speed [m/s], range [m] and closing speed [m/s] of a
-        cut-in.
+        The variables of the scenario, in order; for a cut-in, lead speed [m/s], range [m] and closing speed
+        [m/s].
     scenario
         The scenario.
     lead_speeds
-        For a cut-in, lead speeds every 0.1 s [m/s] if the lead vehicle changes its speed.
+        Lead speeds every 0.1 s [m/s], for a cut-in in which the lead vehicle changes its speed.
 
     Returns
     -------
     pandas.DataFrame
-        One row for each state. Of a cut-in, see `traces` for the columns. The smallest range, the smallest
-        time to collision and the last closing speed are exactly the outcomes of `simulate`. If the vehicle
-        simulates lateral motion, only states in the same lane count.
+        One row for each state. The columns for a cut-in are listed in `traces.COLUMNS`. The smallest range,
+        the smallest time to collision and the last closing speed are exactly the outcomes of `simulate`. If
+        the vehicle simulates lateral motion, this is true of the states in which the cars are in the same
+        lane.
 
     Raises
     ------
@@ -62,7 +63,7 @@ def trace_encounter(
             "vehicle",
             seen=name,
             expected=f"one whose states are known: {', '.join(followed) or 'this scenario has none'}",
-            change="Name one of these; of other vehicles only the outcomes are known.",
+            change="Name one of these. Other vehicles return only the outcomes of an encounter.",
         )
     return vehicle.trace(*encounter) if lead_speeds is None else vehicle.trace(*encounter, lead_speeds)
 
@@ -77,14 +78,19 @@ def write_trace(
     trace
         The states of one encounter.
     table, figure
-        The files to write; no figure if it is None.
+        The files to write; without ``figure`` only the table is written.
     title
         The title of the figure.
     panels
-        What the figure shows; by default every column of the trace.
+        Panels of the figure; by default one for every column of the trace.
+
+    Raises
+    ------
+    InputError
+        If the name of the figure does not end in .png, .pdf or .svg.
     """
     if figure is not None and figure.suffix not in (".png", ".pdf", ".svg"):
-        change = "Name the figure so."
+        change = "Choose one of these formats."
         raise InputError(str(figure), seen=repr(figure.suffix), expected=".png, .pdf or .svg", change=change)
     write_csv(table, trace)
     if figure is not None:
@@ -92,12 +98,12 @@ def write_trace(
 
 
 def _panel_of_each(trace: pd.DataFrame) -> list[Panel]:
-    """Return a panel for each column of a trace but the time and the emergency."""
+    """Return a panel for each column of a trace except the time and the emergency."""
     return [Panel(name, {name: name}) for name in trace if name not in (TIME, EMERGENCY)]
 
 
 def _draw(trace: pd.DataFrame, path: Path, title: str, panels: Sequence[Panel]) -> None:
-    """Draw the panels over time; emergencies are shaded."""
+    """Draw the panels over time, and shade emergencies."""
     import matplotlib as mpl  # slow to import, and only needed here
     from matplotlib.figure import Figure
 
@@ -107,21 +113,21 @@ def _draw(trace: pd.DataFrame, path: Path, title: str, panels: Sequence[Panel]) 
         _draw_panel(axis, trace, panel)
     axes[-1].set_xlabel("time [s]")
     axes[0].set_title(title, fontsize=9)
-    # Without a date and with a fixed salt the same figure is the same file.
+    # Without a date, and with a fixed salt, equal figures give equal files.
     dates = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}, ".png": None}
     with atomic_path(path) as temporary, mpl.rc_context({"svg.hashsalt": "accelerated-evaluation"}):
         figure.savefig(temporary, metadata=dates[path.suffix])
 
 
 def _draw_panel(axis: "Axes", trace: pd.DataFrame, panel: Panel) -> None:
-    """Draw the lines of a panel: one alone with its points, two with a legend."""
+    """Draw the lines of a panel: a single line with its points, or two lines with a legend."""
     time = trace[TIME]
     if len(panel.lines) == 1:
         (column,) = panel.lines
         axis.plot(time, trace[column].replace(np.inf, np.nan), color=HOST, marker=".", markersize=3)
     else:
-        for (column, label), look in zip(panel.lines.items(), LOOKS, strict=True):
-            axis.plot(time, trace[column], label=label, **look)
+        for (column, label), style in zip(panel.lines.items(), STYLES, strict=True):
+            axis.plot(time, trace[column], label=label, **style)
         axis.legend(frameon=False)
     axis.set_ylabel(panel.label)
     if EMERGENCY in trace:

@@ -1,1 +1,1 @@
-"""The car of the study and the reference drivers, compiled."""
+"""Built-in vehicles, simulated by compiled code: the car of the study, reference drivers, a human driver."""

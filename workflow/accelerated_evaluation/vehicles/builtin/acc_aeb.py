@@ -19,7 +19,7 @@ from accelerated_evaluation.vehicles.protocol import Outcomes
 from accelerated_evaluation.vehicles.registry import VEHICLES
 
 KMH = 1 / 3.6  # [m/s]
-# Time to collision at which a 2011 Volvo V60 brakes: linear in the speed through both points, constant above.
+# Time to collision at which a 2011 Volvo V60 brakes: linear in the speed through two points, then constant.
 V60_SPEEDS = (16 * KMH, 40 * KMH)  # [m/s]
 V60_TTC = (0.86, 0.91)  # [s]
 
@@ -29,14 +29,15 @@ V60_TTC = (0.86, 0.91)  # [s]
 class AccAeb(AccAebParameters, CompiledVehicle):
     """A car with ACC, and with AEB unless ``aeb`` is false; the defaults are the authors' published car.
 
-    A proportional-integral ACC on the time headway, an AEB triggered by the time to collision (TTC), and an
-    actuator limited in friction and jerk, in 80 steps of 0.1 s; `reference.simulate` spells it out. If
-    ``aeb_ttc`` is None, the AEB has the threshold T(v) of the V60, 0.91 s from 40 km/h up.
+    The car has a proportional-integral ACC on the time headway, an AEB triggered by the time to collision
+    (TTC), and an actuator limited in friction and jerk. An encounter is simulated for 8 s, in steps of 0.1 s;
+    `reference.simulate` is a readable version of the simulation. If ``aeb_ttc`` is None, the AEB has the
+    threshold of a Volvo V60, which depends on the speed and is 0.91 s at 40 km/h and above.
 
     Attributes
     ----------
     *
-        Those of `AccAebParameters`, with the defaults of that class.
+        The attributes of `AccAebParameters`, with the same defaults.
     top_start_speed
         Cap on the speed at the start of an encounter [m/s].
 
@@ -58,7 +59,7 @@ class AccAeb(AccAebParameters, CompiledVehicle):
 
     @property
     def threshold_top(self) -> float:
-        """Largest TTC at which the AEB switches on [s]; 0 without AEB, as no positive TTC reaches it."""
+        """Largest TTC at which the AEB switches on [s]; 0 without AEB, because the TTC is always above 0."""
         if not self.aeb:
             return 0.0
         return V60_TTC[1] if self.aeb_ttc is None else self.aeb_ttc
@@ -71,21 +72,23 @@ class AccAeb(AccAebParameters, CompiledVehicle):
         lead_speed
             Speed of the lead vehicle [m/s], not negative, shape (n,).
         range_
-            Distance to it at the start [m], positive, shape (n,).
+            Distance to the lead vehicle at the start [m], positive, shape (n,).
         closing_speed
-            Host speed minus lead speed at the start [m/s], shape (n,). Zero and below, an opening gap, are
-            simulated likewise, but the sum with the lead speed, at which the host starts, is not negative. A
-            host that starts at rest is safe at once.
+            Host speed minus lead speed at the start [m/s], shape (n,). It may be 0 or negative (the gap
+            opens), but the host speed, its sum with the lead speed, must not be negative. If the host starts
+            at rest, the encounter ends at once without a crash.
 
         Returns
         -------
         Outcomes
-            Of shape (n,). Each depends on its own encounter alone, to the bit, in any batch, on any threads.
+            The outcomes, of shape (n,). They do not depend on the batch or on the number of threads, not even
+            in the last bit.
 
         Raises
         ------
         InputError
-            If shapes differ or a value is out of its range; names the first such row, counted from 0.
+            If shapes differ or a value is outside its limits. The message names the first such row, counted
+            from 0.
         """
         encounters = checked_encounters(lead_speed, range_, closing_speed)
         return simulate_encounters(self, encounters, threads=available_threads())
@@ -97,16 +100,20 @@ class AccAeb(AccAebParameters, CompiledVehicle):
         closing_speed: float,
         lead_speeds: ArrayLike | None = None,
     ) -> pd.DataFrame:
-        """Return every state of one encounter, as described in `traces`.
+        """Simulate one encounter, and return its states over time; see `traces.trace_car`.
 
-        The arguments are those of `simulate`, and lead speeds over time if the lead vehicle changes its
-        speed.
+        Parameters
+        ----------
+        lead_speed, range_, closing_speed
+            As in `simulate`, for one encounter.
+        lead_speeds
+            Lead speeds every 0.1 s [m/s], shape (states,), if the lead vehicle changes its speed.
         """
         encounter = checked_encounters([lead_speed], [range_], [closing_speed])
         return trace_car(self.compiled(), encounter, checked_motion(lead_speeds, encounter))
 
     def compiled(self) -> Car:
-        """Return the numbers that the compiled code needs."""
+        """Return the parameters in the form that the compiled code takes."""
         scaled = self.aeb and self.aeb_ttc is None
         slope = (V60_TTC[1] - V60_TTC[0]) / (V60_SPEEDS[1] - V60_SPEEDS[0]) if scaled else 0.0
         numbers = Car(
@@ -132,11 +139,11 @@ class AccAeb(AccAebParameters, CompiledVehicle):
 @VEHICLES.add("acc_only")
 @dataclass(frozen=True)
 class AccOnly(AccAeb):
-    """The same car without AEB: ``aeb`` is fixed, and the AEB's other parameters have no effect."""
+    """The car `AccAeb` without AEB: ``aeb`` is fixed, and the other parameters of the AEB have no effect."""
 
     aeb: bool = field(default=False, init=False)
 
 
 def simulate_encounters(car: AccAeb, encounters: Array, *, threads: int) -> Outcomes:
-    """Simulate checked ``encounters`` of shape (3, n) on at most ``threads`` threads, fewer if n is small."""
+    """Simulate checked encounters, shape (3, n), on at most ``threads`` threads; see `simulate_in_slices`."""
     return simulate_in_slices(CUT_IN, simulate_slice, car.compiled(), encounters, threads=threads)

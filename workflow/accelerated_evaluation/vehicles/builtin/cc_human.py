@@ -1,4 +1,4 @@
-"""CC: the competent and careful human driver of UN R157."""
+"""CC: the model of a competent and careful human driver in UN R157."""
 
 import math
 from dataclasses import dataclass
@@ -15,30 +15,31 @@ from accelerated_evaluation.vehicles.registry import VEHICLES
 class CompetentCarefulHuman(ReferenceDriver):
     """The competent and careful human driver (UN R157, Annex 4, Appendix 3, as in JRC-FSM).
 
-    The driver sees danger when the bodies overlap sideways and the time to collision is 2 s or less. It then
-    takes the foot off the accelerator, and after its reaction time brakes, ever harder, to its limit.
+    The driver perceives danger when the cars overlap laterally and the time to collision is 2 s or less. The
+    driver then takes the foot off the accelerator. After the reaction time the driver brakes, and the
+    deceleration increases up to its limit.
 
-    UN R157 itself lets the driver perceive a cut-in when the car has drifted 0.375 m, and evaluate it in
-    0.4 s. JRC-FSM waits until the bodies overlap, which is later, and this class does as JRC-FSM.
+    According to UN R157 itself, the driver perceives a cut-in when the other car has drifted by 0.375 m, and
+    evaluates it in 0.4 s. JRC-FSM, which this class follows, waits until the cars overlap, which is later.
 
     Attributes
     ----------
     critical_ttc
-        Time to collision that is critical [s] (JRC-FSM).
+        Time to collision at which the driver perceives danger [s] (JRC-FSM).
     reaction_time
-        From danger to the brake [s]; 0.75 (UN R157).
+        Time from the perception of danger to braking [s]; 0.75 (UN R157).
     release_deceleration
-        Deceleration during the reaction [m/s^2], from which the braking grows (JRC-FSM, whose author is not
-        sure of it; UN R157 has none).
+        Deceleration during the reaction time, at which the braking begins [m/s^2] (JRC-FSM, whose author is
+        not sure of it; UN R157 has no such deceleration).
     jerk
-        Growth of the deceleration [m/s^3]: 0.774 g in 0.6 s (UN R157).
+        Rate at which the deceleration increases [m/s^3]: 0.774 g in 0.6 s (UN R157).
     deceleration
         Largest deceleration [m/s^2]: 0.774 g (UN R157).
     keeps_watching
-        What becomes of a cut-in at a time to collision above the critical one. If true, the driver goes on
-        watching and brakes when it becomes critical; at closing speeds above 15.3 to 16.5 m/s that
-        is too late, whatever the range. If false, such a cut-in is outside the model and counts as no crash,
-        as in JRC-FSM's comparison of the drivers; the simulation ends there.
+        Whether the driver still brakes if the time to collision is above the critical one when the cars begin
+        to overlap. If true, the driver keeps watching and reacts when the time to collision becomes critical;
+        at closing speeds above 15.3 to 16.5 m/s that is too late for any range. If false, such a cut-in is
+        outside of the model, and ends without a crash, as in the comparison of drivers with JRC-FSM.
     """
 
     critical_ttc: float = 2.0
@@ -49,7 +50,7 @@ class CompetentCarefulHuman(ReferenceDriver):
     keeps_watching: bool = True
 
     def compiled(self) -> Driver:
-        """Return the numbers that the compiled code needs."""
+        """Return the parameters in the form that the compiled code takes."""
         return self._numbers(
             TTC_RULE,
             self.reaction_time,

@@ -1,4 +1,4 @@
-"""What the reference drivers share: the two cars, the lateral motion, and the simulation."""
+"""Base class of the reference drivers: the two cars, the lateral motion, and the simulation."""
 
 import math
 from dataclasses import dataclass, fields
@@ -17,36 +17,38 @@ from accelerated_evaluation.vehicles.checks import checked_encounters
 from accelerated_evaluation.vehicles.moving import CompiledVehicle, checked_motion
 from accelerated_evaluation.vehicles.protocol import Outcomes
 
-G = 9.81  # [m/s^2], as JRC-FSM has it
+G = 9.81  # [m/s^2], as in JRC-FSM
 
 
 @dataclass(frozen=True)
 class ReferenceDriver(CompiledVehicle):
-    """A driver model to compare an automated vehicle with.
+    """Base class of driver models with which an automated vehicle is compared.
 
-    It behaves as in JRC-FSM, the code of the Joint Research Centre of the European Commission.
+    The models behave as in JRC-FSM, the code of the Joint Research Centre of the European Commission.
 
     The host starts at the speed lead speed + closing speed, without the limit of 35 m/s that the study's car
-    has, and keeps it until the driver reacts. The driver only brakes: it never steers, and never speeds up
-    again. The lead vehicle keeps its speed. Time goes on in steps of 0.1 s for 34.8 s; the cars move with the
-    speeds at the end of each step.
+    has, and keeps this speed until the driver reacts. The driver only brakes, and neither steers nor
+    accelerates again. The lead vehicle keeps its speed. An encounter is simulated for 34.8 s, in steps of
+    0.1 s, in which the cars move with their speeds at the end of the step.
 
-    By default the car that cuts in is in the host's lane from the start, with the range between the bumpers.
-    With a ``lateral_speed`` it comes from the lane on the left and its lateral motion is simulated, too.
+    By default the car that cuts in is in the host's lane from the start, and the range is the distance
+    between the bumpers. With a ``lateral_speed``, the car comes from the lane on the left, and its lateral
+    motion is simulated as well.
 
     Attributes
     ----------
     lateral_speed
-        Speed at which the other car moves sideways [m/s], 0 for a car that is in the lane at the start;
-        with it the driver can react before the cut-in, or too late. Real cut-ins have 0.2 to 2 m/s.
+        Lateral speed of the other car [m/s]; 0 for a car that is in the lane from the start. With a lateral
+        speed the driver can react before the cut-in, or too late. Real cut-ins have 0.2 to 2 m/s.
     entry_offset
-        Lateral distance of the centres [m] at which range and closing speed are given, if the car moves
-        sideways: 3.5 at the start of its motion, 1.75 with its centre above the lane marking. For a smaller
-        offset than ``start_offset`` the simulation begins earlier, with the range that uncontrolled closing
-        at this closing speed leads back to.
+        Lateral distance of the centres [m] at which range and closing speed are given, if the other car moves
+        laterally: 3.5 for the start of its motion, 1.75 for its centre above the lane marking. If it is
+        smaller than ``start_offset``, the simulation begins earlier. The initial range is then larger, by the
+        distance that the host closes in at the given closing speed.
     start_offset
-        Lateral distance of the centres before the lane change [m]: a gap of 1.6 m between the sides
-        and a width of 1.9 m (JRC-FSM), which is a lane of 3.5 m with both cars in the middle.
+        Lateral distance of the centres before the lane change [m]. The default is a gap of 1.6 m between the
+        sides plus a width of 1.9 m (JRC-FSM), which corresponds to a lane of 3.5 m with both cars in the
+        middle.
     length, width
         Size of both cars [m] (JRC-FSM).
     """
@@ -76,33 +78,35 @@ class ReferenceDriver(CompiledVehicle):
             raise parameter_error("lateral_speed", self.lateral_speed, expected)
 
     def simulate(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
-        """Simulate n cut-ins before a car that keeps its speed.
+        """Simulate n cut-ins behind a lead vehicle that keeps its speed.
 
         Parameters
         ----------
         lead_speed
             Speed of the car that cuts in [m/s], not negative, shape (n,).
         range_
-            Distance between the bumpers [m], positive, shape (n,): at the start, or at ``entry_offset``.
+            Distance between the bumpers [m], positive, shape (n,), at the start or, with lateral motion, at
+            ``entry_offset``.
         closing_speed
-            Host speed minus lead speed there [m/s], shape (n,), if the driver has not reacted by then. The
-            sum with the lead speed, at which the host starts, is not negative.
+            Host speed minus lead speed [m/s] at the same time, if the driver has not reacted before, shape
+            (n,). The host speed, its sum with the lead speed, must not be negative.
 
         Returns
         -------
         Outcomes
-            Of shape (n,). A crash is contact: the bodies overlap sideways, and the gap along the road is 0 or
-            less. The smallest range is that of the start and of all states in which the bodies overlap
-            sideways and the host is behind, up to contact. The smallest time to collision is that of the same
-            states; where contact comes with the first overlap, from the side, that of the approach before it.
-            The impact speed is host speed minus lead speed at contact. It is negative in rare contacts
-            with lateral motion, when the car moves sideways into a host that has braked beside it to a
-            lower speed; in one lane it never is.
+            The outcomes, of shape (n,). There is a crash if the cars overlap laterally and the gap along the
+            road is 0 or less. The smallest range and the smallest time to collision are those of all states
+            until contact in which the cars overlap laterally and the host is behind; the smallest range also
+            includes the initial range. If the contact occurs in the first state with overlap (from the side),
+            the smallest time to collision is that of the approach before. The impact speed is host speed
+            minus lead speed at contact. It is negative only if the other car moves sideways into a host that
+            has braked to a lower speed next to it.
 
         Raises
         ------
         InputError
-            If shapes differ or a value is out of its range; names the first such row, counted from 0.
+            If shapes differ or a value is outside its limits. The message names the first such row, counted
+            from 0.
         """
         encounters = checked_encounters(lead_speed, range_, closing_speed)
         return simulate_in_slices(
@@ -116,10 +120,14 @@ class ReferenceDriver(CompiledVehicle):
         closing_speed: float,
         lead_speeds: ArrayLike | None = None,
     ) -> pd.DataFrame:
-        """Return every state of one encounter, as described in `traces`.
+        """Simulate one encounter, and return its states over time; see `traces.trace_driver`.
 
-        The arguments are those of `simulate`, and lead speeds over time if the lead vehicle changes its
-        speed.
+        Parameters
+        ----------
+        lead_speed, range_, closing_speed
+            As in `simulate`, for one encounter.
+        lead_speeds
+            Lead speeds every 0.1 s [m/s], shape (states,), if the lead vehicle changes its speed.
         """
         encounter = checked_encounters([lead_speed], [range_], [closing_speed])
         speeds = checked_motion(lead_speeds, encounter)
@@ -128,9 +136,18 @@ class ReferenceDriver(CompiledVehicle):
         return trace_moving_driver(self.compiled(), encounter, speeds)
 
     def _numbers(self, rule: int, reaction_time: float, **numbers: Any) -> Driver:  # noqa: ANN401
-        """Return the numbers of a rule together with those that all drivers have.
+        """Return the parameters of a driver for the compiled code.
 
-        The reaction takes whole steps, as many as reach the reaction time: 8 for 0.75 s, 4 for 0.35 s.
+        The reaction time is rounded up to whole steps: 8 for 0.75 s, 4 for 0.35 s.
+
+        Parameters
+        ----------
+        rule
+            The rule that detects danger.
+        reaction_time
+            Reaction time of the driver [s].
+        **numbers
+            Parameters that are specific to the rule.
         """
         steps = math.ceil(reaction_time / STEP - 1e-9)  # 0.3 / 0.1 is a little less than 3 in floating point
         shared = {field.name: float(getattr(self, field.name)) for field in fields(ReferenceDriver)}

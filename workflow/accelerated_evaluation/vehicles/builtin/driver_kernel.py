@@ -1,14 +1,14 @@
-"""The compiled reference drivers: CC, Reg157, RSS and FSM, many encounters abreast, as in `kernel`.
+"""Compiled simulation of the reference drivers CC, Reg157, RSS and FSM, in blocks as in `kernel`.
 
-A driver sees each state, wants a deceleration, and the state moves on by one step of 0.1 s. Distances are
-between the centres of two cars of equal length and width; gaps are between their edges. All compiled code of
-the drivers is in this file, because numba's cache on disk only notices an edit of the file itself.
+In each step of 0.1 s a driver sees the state and chooses a deceleration. Distances are between the centres of
+two cars of equal length and width; gaps are between their edges. All compiled code of the drivers is in this
+file, because numba's cache on disk only notices changes of the file itself.
 
-No driver ever speeds up. The code uses this twice: an encounter ends as soon as the host, behind a car in its
-lane, no longer closes in; and the steps before the first danger are taken at once.
+No driver accelerates. The code uses this in two ways. An encounter ends as soon as the host, behind a car in
+its lane, does not close in any more. And the steps before the first danger are computed at once.
 
-The functions of one encounter become vector instructions when they stand in a loop over lanes. For this they
-compute both sides of a choice, and where they can they multiply instead of dividing, which is slow.
+The functions for one encounter become vector instructions in a loop over lanes. For this purpose they compute
+both sides of a choice, and multiply instead of dividing if possible, because divisions are slow.
 """
 
 import numpy as np
@@ -17,16 +17,17 @@ from numpy.typing import NDArray
 from accelerated_evaluation.vehicles.builtin.driver_numbers import FSM_RULE, RSS_RULE, Driver
 from accelerated_evaluation.vehicles.builtin.kernel import compiled
 
-STEP = 0.1  # [s], part of the model: the drivers' constants allow for it
-STATES = 349  # states of an encounter that are tested for contact, which is a horizon of 34.8 s
+STEP = 0.1  # [s]; it is a part of the model, because constants of the drivers allow for it
+STATES = 349  # number of states of an encounter that are tested for contact, for 34.8 s
 
-LANES = 256  # encounters abreast; their state stays in the level-1 cache
-SWEEP = 8  # steps between two exchanges of ended encounters for new ones
+LANES = 256  # number of encounters in a block; their state stays in the level-1 cache
+SWEEP = 8  # number of steps after which encounters that have ended are replaced by new ones
 
 SMALLEST = 5e-324  # the smallest positive number
 
-# The rows of the state of the lanes. Distance and offset are between the centres, along and across the road;
-# waited counts the steps of reaction, moving those of lateral motion to come.
+# The rows of the state of a block. Distance and offset are between the centres, along and across the road.
+# WAITED is the number of steps of the reaction time that have passed, MOVING the number of steps of lateral
+# motion that remain.
 LEAD, DISTANCE, OFFSET, SPEED, ACCELERATION, RAMP, WAITED, MOVING = range(8)
 STEPS, WANTED, OVER, MIN_RANGE, LANE_TTC, ANY_TTC, INDEX = range(8, 15)
 FIELDS = 15
@@ -34,7 +35,10 @@ FIELDS = 15
 
 @compiled
 def _ttc_wanted(driver: Driver, gap: float, lateral_gap: float, closing: float) -> float:
-    """CC and Reg157: full deceleration if the cars overlap, or nearly so, and the TTC is critical."""
+    """Return the deceleration that CC and Reg157 choose [m/s^2].
+
+    It is the full deceleration if the cars (almost) overlap laterally and the TTC is critical, otherwise 0.
+    """
     critical = driver.critical_ttc + driver.ttc_slope * closing
     danger = (lateral_gap <= driver.lateral_gap) & (abs(gap) <= abs(closing) * critical)
     return driver.deceleration if danger else 0.0
@@ -42,7 +46,7 @@ def _ttc_wanted(driver: Driver, gap: float, lateral_gap: float, closing: float) 
 
 @compiled
 def _rss_distance(driver: Driver, speed: float, lead: float) -> float:
-    """RSS: the safe distance in the lane, if both cars do the worst."""
+    """Return the longitudinal safe distance of RSS [m], if host and lead vehicle behave in the worst way."""
     time, end_speed = driver.response_time, speed + driver.response_acceleration * driver.response_time
     response = (speed + end_speed) * time / 2
     return response + end_speed * end_speed * driver.host_path - lead * lead * driver.lead_path
@@ -52,7 +56,7 @@ def _rss_distance(driver: Driver, speed: float, lead: float) -> float:
 def _rss_wanted(
     driver: Driver, gap: float, lateral_gap: float, speed: float, lead: float, lateral: float
 ) -> float:
-    """RSS: full deceleration if the distance is unsafe in both directions."""
+    """Return the deceleration that RSS chooses: full if the distance is unsafe in both directions, else 0."""
     time, end_speed = driver.response_time, lateral + driver.lateral_acceleration * driver.response_time
     lateral_safe = driver.lateral_gap + (lateral + end_speed) * time / 2
     lateral_safe += end_speed * end_speed * driver.lateral_path
@@ -62,7 +66,10 @@ def _rss_wanted(
 
 @compiled
 def _fsm_proactive(driver: Driver, speed: float, lead: float) -> tuple[float, float]:
-    """PFS: the safe and the unsafe gap if the lead vehicle brakes hard now, both with the margin to keep."""
+    """Return the safe and the unsafe gap [m] for the proactive fuzzy number of FSM.
+
+    The lead vehicle is assumed to brake hard now. Both gaps include the margin.
+    """
     shared = speed * driver.response_time - lead * lead * driver.lead_path + driver.margin
     safe = shared + speed * speed * driver.comfort_path + driver.safe_margin
     return safe, shared + speed * speed * driver.host_path
@@ -70,7 +77,10 @@ def _fsm_proactive(driver: Driver, speed: float, lead: float) -> tuple[float, fl
 
 @compiled
 def _fsm_critical(driver: Driver, closing: float, acceleration: float) -> tuple[float, float, float]:
-    """CFS: the safe and the unsafe gap if the lead vehicle keeps its speed, and the closing speed left."""
+    """Return the safe and the unsafe gap [m] for the critical fuzzy number of FSM, and a closing speed [m/s].
+
+    The lead vehicle is assumed to keep its speed. The closing speed is that at the end of the response.
+    """
     time, slowing = driver.response_time, max(acceleration, -driver.comfort)
     left = closing + time * slowing  # at the end of the response
     travelled = (closing + left) * time / 2
@@ -89,13 +99,14 @@ def _fsm_wanted(
     lateral: float,
     acceleration: float,
 ) -> float:
-    """FSM: the deceleration for both dangers, of which the critical one counts first.
+    """Return the deceleration that FSM chooses [m/s^2], from the critical or the proactive fuzzy number.
 
-    A fuzzy number is 0 from the safe gap up, 1 from the unsafe gap down, and linear between them. Where the
-    host has lost all its closing speed by the end of the response, the critical one is 0 or 1.
+    A fuzzy number is 0 for gaps above the safe gap, 1 for gaps below the unsafe gap, and linear between them.
+    If the host loses all its closing speed during the response, the critical number is 0 or 1. The proactive
+    number is used only if the critical one is 0.
 
-    A car beside the lane is no danger if it does not come nearer, or the host will have passed before it
-    arrives; one step is added to the host's time.
+    A car next to the lane is no danger if it does not come nearer, or if the host will have passed before it
+    arrives; one step is added to the time of the host.
     """
     closing = speed - lead
     arrives = lateral_gap * closing <= (distance + driver.length + STEP * closing) * lateral
@@ -114,7 +125,7 @@ def _fsm_wanted(
 
 @compiled
 def _wake_gap(driver: Driver, speed: float, lead: float) -> float:
-    """Gap at which a driver first sees danger at constant speeds, with the other car in its lane."""
+    """Return the gap [m] at which a driver first perceives danger, at constant speeds in the same lane."""
     closing = speed - lead
     if driver.rule == FSM_RULE:
         return max(_fsm_proactive(driver, speed, lead)[0], _fsm_critical(driver, closing, 0.0)[0])
@@ -125,16 +136,17 @@ def _wake_gap(driver: Driver, speed: float, lead: float) -> float:
 
 @compiled
 def _ttc(gap: float, closing: float) -> float:
-    """Time to collision [s], never 0; infinite where the cars do not close in, or touch already."""
+    """Return the time to collision [s], which is above 0; infinite without closing, or after contact."""
     return max(gap / closing, SMALLEST) if (gap > 0.0) & (closing > 0.0) else np.inf
 
 
 @compiled
 def start(driver: Driver, encounter: NDArray, index: int, state: NDArray, i: int) -> None:
-    """Place an encounter in lane ``i``.
+    """Write the initial state of an encounter to lane ``i``.
 
-    With lateral motion the first state is one step after the car began to move sideways. Where the range is
-    given at a later offset, the car began earlier, and was farther away by what the host has closed in since.
+    With lateral motion, the first state is one step after the other car began to move laterally. If the range
+    is given at a smaller offset, the motion began earlier, and the initial range is larger by the distance
+    that the host closed in since then.
     """
     lead, range_, closing = encounter
     state[:, i] = 0.0
@@ -152,10 +164,10 @@ def start(driver: Driver, encounter: NDArray, index: int, state: NDArray, i: int
 
 @compiled
 def skip(driver: Driver, state: NDArray, i: int) -> None:
-    """Take at once the steps before a driver first sees danger, behind a car in its lane."""
-    if state[STEPS, i] > 0.0 and driver.lateral_speed == 0.0:  # it has taken them already
+    """Compute at once the steps before a driver first perceives danger, behind a car in its lane."""
+    if state[STEPS, i] > 0.0 and driver.lateral_speed == 0.0:  # these steps were skipped before
         return
-    if state[WAITED, i] > 0.0 or state[WANTED, i] > 0.0:  # calm after the first danger is short
+    if state[WAITED, i] > 0.0 or state[WANTED, i] > 0.0:  # after the first danger, few steps could be skipped
         return
     lead, speed, distance = state[LEAD, i], state[SPEED, i], state[DISTANCE, i]
     gap, closing = distance - driver.length, speed - lead
@@ -173,7 +185,11 @@ def skip(driver: Driver, state: NDArray, i: int) -> None:
 
 @compiled
 def watch(state: NDArray, count: int, driver: Driver) -> None:
-    """Update the minima, and return which encounters are over: crashed, out of time, or past any danger."""
+    """Update the smallest range and TTC, and mark the encounters that are over.
+
+    An encounter is over after a crash, at the end of the simulated time, or if there can be no danger any
+    more.
+    """
     for i in range(count):
         distance, offset, steps = state[DISTANCE, i], state[OFFSET, i], state[STEPS, i]
         over, min_range = state[OVER, i] > 0.0, state[MIN_RANGE, i]
@@ -193,7 +209,7 @@ def watch(state: NDArray, count: int, driver: Driver) -> None:
 
 @compiled
 def decide(state: NDArray, count: int, driver: Driver) -> None:
-    """Write the deceleration that each driver wants [m/s^2]: 0 without danger, or once it has passed."""
+    """Write the deceleration that each driver chooses [m/s^2]; it is 0 without danger."""
     for i in range(count):
         distance, speed, lead, acceleration = (
             state[DISTANCE, i],
@@ -258,7 +274,10 @@ def _exchange(
     driver: Driver,
     outcomes: NDArray,
 ) -> tuple[int, int]:
-    """Exchange the encounters that are over for new ones; return the lanes in use, and the next encounter."""
+    """Replace the encounters that are over by new ones.
+
+    Return the number of lanes in use, and the column of the next new encounter.
+    """
     i = 0
     while i < count or (count < LANES and upcoming < end):
         if i < count and state[OVER, i] == 0.0:
@@ -281,7 +300,7 @@ def _exchange(
 
 @compiled
 def follow_slice(encounters: NDArray, begin: int, end: int, driver: Driver, outcomes: NDArray) -> None:
-    """Simulate the columns ``begin`` to ``end`` of ``encounters``; arguments: `kernel.simulate_slice`."""
+    """Simulate the columns ``begin`` to ``end`` of ``encounters``; see `kernel.simulate_slice`."""
     state = np.empty((FIELDS, LANES))
     count, upcoming = 0, begin
     while True:
@@ -296,10 +315,10 @@ def follow_slice(encounters: NDArray, begin: int, end: int, driver: Driver, outc
 
 @compiled
 def follow_moving(encounters: NDArray, lead_speeds: NDArray, driver: Driver, outcomes: NDArray) -> None:
-    """Simulate encounters whose lead vehicles change their speeds; arguments: `kernel.simulate_moving`.
+    """Simulate encounters with lead vehicles that change their speeds; see `kernel.simulate_moving`.
 
-    After the last of its speeds the lead vehicle keeps it. An encounter in which the host no longer closes in
-    ends only then. The cars move with the speeds at the end of each step, as everywhere in this file.
+    After the last given time the lead vehicle keeps its speed. Only then does an encounter end if the host
+    does not close in any more. The cars move with their speeds at the end of each step, as in the whole file.
     """
     state, last = np.empty((FIELDS, LANES)), lead_speeds.shape[1] - 1
     for first in range(0, encounters.shape[1], LANES):
@@ -320,9 +339,11 @@ def follow_moving(encounters: NDArray, lead_speeds: NDArray, driver: Driver, out
 
 @compiled
 def _without_ended(state: NDArray, count: int, is_late: bool, driver: Driver, outcomes: NDArray) -> int:
-    """Write the outcomes of ended encounters, fill their lanes from the end, and count the others.
+    """Write the outcomes of encounters that have ended, and return the number of the others.
 
-    Encounters in which the host no longer closes in have only ended if no lead speed changes any more.
+    An encounter in which the host does not close in any more has ended only if ``is_late`` is true, because
+    the lead speed does not change any more then. The lanes of encounters that have ended are filled with
+    encounters from the last lanes.
     """
     i = 0
     while i < count:

@@ -1,4 +1,4 @@
-"""The numbers of a reference driver that go from its class to the compiled code."""
+"""The parameters of a reference driver that are passed from its class to the compiled code."""
 
 from typing import NamedTuple
 
@@ -9,16 +9,16 @@ TTC_RULE, RSS_RULE, FSM_RULE = range(3)
 
 
 class Driver(NamedTuple):
-    """The numbers that the compiled code needs of a reference driver, in SI units.
+    """The parameters of a reference driver for the compiled code, in SI units.
 
-    A driver uses the numbers of its own rule; the others keep their defaults. The modules of the drivers say
-    what each number means and where it comes from.
+    A driver uses the parameters of its own rule, and the others keep their defaults. The classes of the
+    drivers explain the parameters and state their sources.
     """
 
     rule: int
     reaction_steps: float
     deceleration: float
-    ramp_step: float  # growth of the deceleration in one step [m/s^2]; infinite without a limit
+    ramp_step: float  # increase of the deceleration in one step [m/s^2]; infinite without a limit
     lateral_speed: float
     start_offset: float
     entry_offset: float
@@ -26,10 +26,10 @@ class Driver(NamedTuple):
     width: float
     coasting: float = 0.0  # deceleration during the reaction
     forgets_ramp: bool = False  # whether the deceleration starts from 0 again after a release
-    dropped_ttc: float = np.inf  # a car that overlaps beyond this TTC is outside the model, and no crash
+    dropped_ttc: float = np.inf  # an encounter ends without a crash if the cars overlap at a larger TTC
     lateral_gap: float = 0.0
     critical_ttc: float = 0.0
-    ttc_slope: float = 0.0  # growth of the critical TTC with the closing speed [s^2/m]
+    ttc_slope: float = 0.0  # increase of the critical TTC with the closing speed [s^2/m]
     response_time: float = 0.0
     response_acceleration: float = 0.0
     lateral_acceleration: float = 0.0

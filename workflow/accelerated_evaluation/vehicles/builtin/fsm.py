@@ -1,4 +1,4 @@
-"""FSM: the fuzzy safety model."""
+"""FSM: the fuzzy safety model of a driver."""
 
 from dataclasses import dataclass
 
@@ -14,26 +14,30 @@ from accelerated_evaluation.vehicles.registry import VEHICLES
 class FuzzySafetyModel(ReferenceDriver):
     """The fuzzy safety model, FSM (Mattas et al. 2020, Accident Analysis and Prevention 148:105794).
 
-    Two fuzzy numbers between 0 and 1 measure the danger: a proactive one, in case the lead vehicle brakes
-    hard, and a critical one, for its present speed. Above 0 the driver reacts: comfortable braking in
-    proportion to the proactive number, or, if there is critical danger, between comfortable and full braking.
-    A car beside the lane counts unless the host will have passed before it arrives. All as in JRC-FSM.
+    Two fuzzy numbers between 0 and 1 measure the danger. The proactive number assumes that the lead vehicle
+    brakes hard now, and the critical number assumes that it keeps its speed. The driver reacts if one of them
+    is above 0. If the critical number is above 0, the deceleration is between comfortable and full braking,
+    in proportion to this number. Otherwise it is comfortable braking times the proactive number. A car that
+    is still next to the lane is taken into account, unless the host will have passed before it arrives. The
+    model follows JRC-FSM.
 
     Attributes
     ----------
     reaction_time
-        From danger to the brake, and the response time in both numbers [s] (Mattas et al.).
+        Time from the perception of danger to braking, and response time in both fuzzy numbers [s] (Mattas et
+        al.).
     comfort_braking, host_braking, lead_braking
-        Comfortable and full braking of the host, full braking of the lead vehicle [m/s^2] (Mattas et al.).
+        Comfortable and full braking of the host, and full braking of the lead vehicle [m/s^2] (Mattas et
+        al.).
     margin
-        Gap to keep in the worst case, counted in the proactive number alone [m] (JRC-FSM).
+        Gap that must remain in the worst case, in the proactive number only [m] (JRC-FSM).
     safe_margin
-        Further gap above which that number is 0 [m] (JRC-FSM).
+        Additional gap above which the proactive number is 0 [m] (JRC-FSM).
     jerk
-        Growth of the deceleration [m/s^3]: 0.774 g in 0.6 s, as CC (JRC-FSM). It starts from 0 again after
-        a release.
+        Rate at which the deceleration increases [m/s^3]: 0.774 g in 0.6 s, as for CC (JRC-FSM). After the
+        brake was released, the deceleration starts from 0 again.
     deceleration
-        Largest deceleration [m/s^2]: 0.774 g (JRC-FSM), never reached unless ``host_braking`` is larger.
+        Largest deceleration [m/s^2]: 0.774 g (JRC-FSM). It has an effect only if ``host_braking`` is larger.
     """
 
     reaction_time: float = zero_or_more(0.75)
@@ -46,7 +50,7 @@ class FuzzySafetyModel(ReferenceDriver):
     deceleration: float = 0.774 * G
 
     def compiled(self) -> Driver:
-        """Return the numbers that the compiled code needs."""
+        """Return the parameters in the form that the compiled code takes."""
         return self._numbers(
             FSM_RULE,
             self.reaction_time,

@@ -1,4 +1,4 @@
-"""A human driver from data: published response times, braking and swerving, different each time."""
+"""A model of human drivers from published data: random response times, braking and swerving."""
 
 import math
 from dataclasses import dataclass, field, fields
@@ -27,21 +27,22 @@ URGENCY = 0.25  # [1/s], inverse time to collision of ``critical_response``
 @VEHICLES.add("human")
 @dataclass(frozen=True)
 class Human:
-    """A driver from a population of human drivers, each time another one.
+    """A random driver from a population of human drivers; each encounter has another driver.
 
-    The driver responds to the other car's drift towards the lane, which may be noticed before the crossing.
-    The response time is log-normal. Its mean falls with the urgency, the inverse time to collision at the
-    crossing. The driver then brakes as hard as is needed to end the approach at a margin, but no harder than
-    the largest deceleration that this driver uses, and the deceleration grows at a limited rate. Some drivers
-    also swerve away. There is no crash if the bodies do not overlap sideways when the range becomes zero.
+    The driver responds to the other car's drift towards the lane, and may notice the drift before the other
+    car crosses the lane marking (the crossing). The response time has a log-normal distribution, whose mean
+    decreases with the urgency, the inverse time to collision at the crossing. The driver then brakes as hard
+    as is needed to end the approach at a margin, but no harder than the largest deceleration that this driver
+    uses, and the deceleration increases at a limited rate. Some drivers also swerve away. There is no crash
+    if the cars do not overlap laterally when the range becomes zero.
 
     Encounters begin at the crossing with the recorded range and closing speed. A driver who has begun to
-    brake before the crossing brakes already there; the speed that was lost is contained in the record.
-    Drivers who had responded early would seldom have reached a critical record. This selection is neglected,
-    which makes the driver too safe if it responds before the crossing.
+    brake before the crossing brakes at the start; the speed that was lost until then is contained in the
+    record. Drivers who respond early rarely reach a critical range and closing speed at the crossing. This
+    selection is neglected, which makes drivers who respond before the crossing too safe in the model.
 
-    `human_population` has the distributions of the traits with their sources, and the ranges of their
-    uncertain parameters.
+    The distributions of the traits, their sources, and the ranges of uncertain parameters are in the module
+    `human_population`.
 
     Attributes
     ----------
@@ -51,33 +52,34 @@ class Human:
     critical_response
         Mean response time at a time to collision of 4 s [s]: 1.0 to 1.3 (Summala 2000, abstract).
     calm_response
-        Mean response time without urgency [s]: 1.25 for unexpected, common signals to 1.5 for surprise
-        (Green 2000, abstract). Between these three values the mean is an exponential function of the inverse
-        time to collision, which is an assumption.
+        Mean response time without urgency [s]: 1.25 for unexpected, common signals to 1.5 for surprising
+        events (Green 2000, abstract). Between these three response times the mean is an exponential function
+        of the inverse time to collision, which is an assumption.
     earliest_drift, latest_drift
-        Lateral movement of the other car [m] between which drivers notice it: .375 m (UN R157, table of the
-        driver model) to half a lane, which is the crossing itself. That all drivers notice it by then is an
-        assumption.
+        Limits of the lateral movement of the other car at which drivers notice it [m]: .375 m (UN R157, table
+        of the driver model) to half a lane, which is the crossing. It is an assumption that all drivers have
+        noticed it by then.
     lane_width, car_width
-        Width of the lane and of both cars [m], as those of the reference drivers.
+        Width of the lane and of both cars [m], as for the reference drivers.
     margin
-        Range at which braking as hard as is needed ends the approach [m]: 2 m, as in FSM, but at most half of
-        the initial range. An assumption.
+        Range at which the approach ends if the driver brakes as hard as is needed [m]: 2 m, as in FSM, but at
+        most half of the initial range. This is an assumption.
     hard_braking
-        Needed deceleration from which the driver brakes as hard as this driver ever does [m/s^2]: .32 g,
-        which 95 % of the drivers exceed in emergency braking (Koppa, Fambro and Zimmer 1996, abstract). That
-        drivers distinguish hard from other braking in this way is an assumption.
+        If the needed deceleration is at least this [m/s^2], the driver brakes with the largest deceleration
+        that this driver uses. The default is .32 g, which 95 % of the drivers exceed in emergency braking
+        (Koppa, Fambro and Zimmer 1996, abstract). It is an assumption that drivers distinguish hard from
+        other braking in this way.
     delay
-        Time [s] after which a driver who has responded sees a change of the lead speed. By default there is
-        none, as for the reference drivers: a driver who watches the other car. An assumption, which only
-        matters if the lead vehicle changes its speed. With the motion of NGSIM the crash probability of the
-        default study is 1.4 times as large as with a constant lead speed; with a delay of .35 s it is 1.9
-        times, and with .7 s 11 times as large (standard errors .05, .2 and 2).
+        Time after which a driver who has responded perceives a change of the lead speed [s]. By default it is
+        0, as for the reference drivers, because the driver watches the other car. This is an assumption,
+        which matters only if the lead vehicle changes its speed. With the lead motion ``ngsim``, the crash
+        probability of the default study is 1.4 times as large as with a constant lead speed. With a delay of
+        .35 s it is 1.9 times as large, and with .7 s 11 times (standard errors .05, .2 and 2).
     swerves
-        If false, no driver swerves.
+        Whether some drivers swerve.
     certain
-        If true, the population is the central one. By default each driver is from another population that the
-        publications allow.
+        Whether all drivers are from the population in the middle of the published ranges. By default each
+        driver is from another population within the ranges.
     seed
         Seed of the drivers, 0 or more.
     """
@@ -119,12 +121,12 @@ class Human:
         object.__setattr__(self, "_generator", child_generator(self.seed, "human"))
 
     def simulate(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
-        """Simulate n cut-ins, each with another driver; see `simulate_given`."""
+        """Simulate n cut-ins, each with a new random driver; see `simulate_given` for the arguments."""
         encounters = checked_encounters(lead_speed, range_, closing_speed)
         return self._outcomes(encounters, self.draw_next(encounters.shape[1]))[0]
 
     def draw_inner(self, size: int, generator: np.random.Generator) -> Array:
-        """Draw drivers: their traits, shape (size, traits), as `human_numbers` lists them."""
+        """Draw random drivers, and return their traits, shape (size, traits); see `human_numbers.TRAITS`."""
         population = Population.central(size) if self.certain else Population.draw(size, generator)
         traits = population.drivers(generator)
         if not self.swerves:
@@ -132,26 +134,28 @@ class Human:
         return traits
 
     def inner_weights(self, inner: Array, draws: int, generator: np.random.Generator) -> Array:
-        """Return the densities of drivers in possible populations, relative to the mean of all of these.
+        """Return the density of drivers in several possible populations, relative to the mean density.
+
+        The mean is over the populations; see `RandomVehicle.inner_weights`.
 
         Parameters
         ----------
         inner
             Traits of drivers, shape (drivers, traits).
         draws
-            Number of possible populations.
+            Number of possible populations, which are drawn at random.
         generator
-            Source of the populations.
+            Random generator.
 
         Returns
         -------
         numpy.ndarray
-            Shape (draws, drivers). The mean of the weights of each driver is 1.
+            Relative densities, shape (draws, drivers), with a mean of 1 for each driver.
         """
         if self.certain:
             return np.ones((draws, len(inner)))
         density = Population.draw(draws, generator).density(inner, swerves=self.swerves)
-        mean = density.mean(axis=0)  # 0 for a driver whom none of few populations has
+        mean = density.mean(axis=0)  # 0 for a driver who is impossible in all populations that were drawn
         return np.divide(density, mean, out=np.ones_like(density), where=mean > 0)
 
     def simulate_given(
@@ -169,38 +173,39 @@ class Human:
         Returns
         -------
         Outcomes
-            Of shape (n,). If a swerve avoids the crash, the smallest range is the last one before the bodies
-            pass each other.
+            The outcomes, of shape (n,). If a swerve avoids the crash, the smallest range is the last one
+            before the cars pass each other.
 
         Raises
         ------
         InputError
-            If shapes differ or a value is out of its range; names the first such row, counted from 0.
+            If shapes differ or a value is outside its limits. The message names the first such row, counted
+            from 0.
         """
         return self._outcomes(checked_encounters(lead_speed, range_, closing_speed), inner)[0]
 
     def braking_given(
         self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, inner: Array
     ) -> tuple[Outcomes, Array]:
-        """Return what `simulate_given` returns, and the largest deceleration [m/s^2], shape (n,)."""
+        """Return the outcomes as `simulate_given`, and the largest deceleration [m/s^2], shape (n,)."""
         return self._outcomes(checked_encounters(lead_speed, range_, closing_speed), inner)
 
     def simulate_moving(
         self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, lead_speeds: ArrayLike
     ) -> Outcomes:
-        """Simulate n cut-ins, each with another driver, behind lead vehicles that change their speeds.
+        """Simulate n cut-ins, each with a new random driver, behind lead vehicles that change their speeds.
 
         Parameters
         ----------
         lead_speed, range_, closing_speed
             As in `Vehicle.simulate`.
         lead_speeds
-            Lead speeds [m/s] at 0, 0.1, ... s, shape (n, at least 81). The first ones are ``lead_speed``.
+            Lead speeds [m/s] at 0, 0.1, ... s, shape (n, at least 81). The first column is ``lead_speed``.
 
         Raises
         ------
         InputError
-            As in `simulate_given`, and if lead speeds are not finite, negative, or too short in time.
+            As in `simulate_given`, and if lead speeds are negative, not finite, or end before 8 s.
         """
         drivers = self.draw_next(len(np.atleast_1d(lead_speed)))
         return self.simulate_moving_given(lead_speed, range_, closing_speed, lead_speeds, drivers)
@@ -215,14 +220,15 @@ class Human:
     ) -> Outcomes:
         """Simulate n cut-ins with given drivers behind lead vehicles that change their speeds.
 
-        The parameters are those of `simulate_moving`, and the traits of the drivers, shape (n, traits).
+        The arguments are those of `simulate_moving`, and the traits of the drivers (``inner``), shape (n,
+        traits).
         """
         encounters = checked_encounters(lead_speed, range_, closing_speed)
         speeds = checked_lead_speeds(lead_speeds, encounters[0])
         return self._outcomes(encounters, inner, speeds)[0]
 
     def draw_next(self, size: int) -> Array:
-        """Draw the next drivers of this object, shape (size, traits)."""
+        """Draw the next drivers with the random generator of this object; return traits, (size, traits)."""
         return self.draw_inner(size, self._generator)
 
     def trace(
@@ -232,13 +238,17 @@ class Human:
         closing_speed: float,
         lead_speeds: ArrayLike | None = None,
     ) -> pd.DataFrame:
-        """Return every state of one encounter with a newly drawn driver, as described in `traces`."""
+        """Simulate one encounter with a new random driver, and return its states over time.
+
+        See `traces.trace_human`. Lead speeds every 0.1 s [m/s] are given if the lead vehicle changes its
+        speed.
+        """
         encounter = checked_encounters([lead_speed], [range_], [closing_speed])
         speeds = checked_motion(lead_speeds, encounter)
         return trace_human(self.compiled(), encounter, self.draw_next(1)[0], speeds)
 
     def compiled(self) -> HumanNumbers:
-        """Return the numbers that the compiled code needs."""
+        """Return the parameters in the form that the compiled code takes."""
         calm, critical = (
             response - self.urgent_response for response in (self.calm_response, self.critical_response)
         )
@@ -248,7 +258,7 @@ class Human:
     def _outcomes(
         self, encounters: Array, inner: Array, lead_speeds: Array | None = None
     ) -> tuple[Outcomes, Array]:
-        """Return the outcomes, and the largest decelerations [m/s^2]."""
+        """Return the outcomes, and the largest decelerations [m/s^2], of encounters, shape (3, n)."""
         if inner.shape[0] != encounters.shape[1]:
             raise InputError(
                 "drivers of the encounters",

@@ -1,8 +1,8 @@
-"""The compiled encounter of a human driver: response, braking and swerving, one encounter after another.
+"""Compiled simulation of cut-ins with a human driver: response, braking and swerving.
 
-Time is 0 at the lane crossing. Range and closing speed are those of the two bumpers. Nothing happens until
-the driver responds, so that this part of the course needs no steps. As soon as the driver brakes exactly as
-hard as is needed, the rest of the course is known, and the simulation ends.
+The time is 0 when the other car crosses the lane marking. The range is the distance of the bumpers. Until the
+driver responds, speeds are constant, so this part is computed without steps. As soon as the driver brakes
+exactly as hard as is needed, the outcomes are known, and the simulation ends.
 """
 
 import math
@@ -23,15 +23,15 @@ from accelerated_evaluation.vehicles.builtin.human_numbers import (
 )
 
 STEP = 0.1  # [s], as for the other vehicles
-STEPS = 348  # a horizon of 34.8 s, as for the reference drivers
-ENOUGH = 1e-9  # [m/s^2], by which a deceleration may be below the needed one
+STEPS = 348  # number of steps, for 34.8 s as for the reference drivers
+ENOUGH = 1e-9  # [m/s^2], tolerance with which a deceleration is regarded as the needed one
 
 
 @compiled
 def head_start(numbers: HumanNumbers, traits: NDArray) -> float:
-    """Return the time [s] from the moment at which the driver notices the other car's drift to the crossing.
+    """Return the time [s] between noticing the other car's drift and its crossing of the lane marking.
 
-    The lateral path of the lane change is half a period of a cosine, and the crossing is its middle.
+    The lateral path of the lane change is half a period of a cosine, and the crossing is in its middle.
     """
     drift = numbers.earliest_drift + traits[NOTICE] * (numbers.latest_drift - numbers.earliest_drift)
     return traits[DURATION] * (0.5 - math.acos(1.0 - 2.0 * drift / numbers.lane_width) / math.pi)
@@ -39,7 +39,10 @@ def head_start(numbers: HumanNumbers, traits: NDArray) -> float:
 
 @compiled
 def response_time(numbers: HumanNumbers, traits: NDArray, range_: float, closing: float) -> float:
-    """Return the response time [s] for the inverse time to collision at the crossing."""
+    """Return the response time [s] of a driver, given range [m] and closing speed [m/s] at the crossing.
+
+    The mean response time depends exponentially on the inverse time to collision; see `human.Human`.
+    """
     urgency = math.exp(-numbers.urgency_slope * max(closing, 0.0) / range_)
     mean = numbers.urgent_response + (numbers.calm_response - numbers.urgent_response) * urgency
     return mean * traits[RESPONSE]
@@ -47,10 +50,10 @@ def response_time(numbers: HumanNumbers, traits: NDArray, range_: float, closing
 
 @compiled
 def wanted(numbers: HumanNumbers, traits: NDArray, margin: float, range_: float, closing: float) -> float:
-    """Return the deceleration [m/s^2] that the driver wants.
+    """Return the deceleration [m/s^2] that the driver intends.
 
-    It is the one that ends the approach at the margin. Where this would be hard braking, the driver brakes
-    with the largest deceleration that this driver uses.
+    It is the deceleration that ends the approach at a range equal to the margin. If this deceleration is at
+    least ``hard_braking``, the driver brakes with the largest deceleration that this driver uses.
     """
     if closing <= 0.0:
         return 0.0
@@ -62,7 +65,10 @@ def wanted(numbers: HumanNumbers, traits: NDArray, margin: float, range_: float,
 
 @compiled
 def overlap(numbers: HumanNumbers, traits: NDArray, time: float, since_response: float) -> float:
-    """Return by how much [m] the two bodies overlap sideways; the host swerves away from the other car."""
+    """Return the lateral overlap of the two cars [m], which a swerve of the host reduces.
+
+    ``time`` [s] is the time since the crossing, and ``since_response`` [s] the time since the response.
+    """
     phase = math.pi * min(time / traits[DURATION], 0.5)
     offset = numbers.lane_width / 2.0 * (1.0 - math.sin(phase))
     since = max(since_response, 0.0)
@@ -79,16 +85,18 @@ def follow(
     Parameters
     ----------
     numbers
-        Numbers that all drivers share.
+        Parameters that all drivers share.
     encounter
         Lead speed [m/s], range [m] and closing speed [m/s].
     traits
-        The driver, as `human_numbers` lists its traits.
+        Traits of the driver, listed in `human_numbers`.
     outcome
-        Receives crash, smallest range, smallest time to collision, impact speed and largest deceleration.
+        Receives crash, smallest range [m], smallest time to collision [s], impact speed [m/s] and largest
+        deceleration [m/s^2], shape (5,).
     course
-        Receives time, range, closing speed, deceleration and lateral distance, a row for each state; with no
-        rows nothing is written, and the simulation ends as soon as its outcome is known.
+        Receives time [s], range [m], closing speed [m/s], deceleration [m/s^2] and lateral distance [m] of
+        each state, shape (states, 5). If it has no rows, nothing is written, and the simulation ends as soon
+        as the outcomes are known.
     """
     range_, closing = encounter[1], encounter[2]
     margin = min(numbers.margin, range_ / 2.0)
@@ -105,7 +113,7 @@ def follow(
             written += 1
         if closing <= 0.0:
             break
-        # Hard braking does not end before the approach.
+        # Once begun, hard braking continues until the approach ends.
         target = max(wanted(numbers, traits, margin, range_, closing), target) if time >= onset else 0.0
         settled = time >= onset and abs(braking - target) <= ENOUGH and target < traits[BRAKING]
         if settled and not recorded:
@@ -115,7 +123,7 @@ def follow(
         if time < onset:
             step = min(STEP, onset - time) if recorded else onset - time
         ahead = min(braking + traits[JERK] * step, target)
-        rise = max(ahead - braking, 0.0) / traits[JERK]  # time during which the deceleration grows
+        rise = max(ahead - braking, 0.0) / traits[JERK]  # time during which the deceleration increases
         mean = ahead - (ahead - braking) * rise / (2.0 * step)
         if mean * step >= closing:  # the approach ends within the step
             step = closing / mean
@@ -142,7 +150,7 @@ def follow(
 
 @compiled
 def lead_at(lead_speeds: NDArray, time: float) -> float:
-    """Return the lead speed [m/s] at a time [s]: linear between values, constant outside."""
+    """Return the lead speed [m/s] at a time [s] by linear interpolation; outside the times it is constant."""
     place = min(max(time / STEP, 0.0), lead_speeds.size - 1.0)
     before = min(int(place), lead_speeds.size - 2)
     return lead_speeds[before] + (place - before) * (lead_speeds[before + 1] - lead_speeds[before])
@@ -167,7 +175,7 @@ def follow_motion(
     numbers, encounter, traits, outcome, course
         As in `follow`.
     lead_speeds
-        Lead speeds [m/s] at 0, 0.1, ... s; after them the lead vehicle keeps its speed.
+        Lead speeds [m/s] at 0, 0.1, ... s; afterwards the lead vehicle keeps its last speed.
     """
     range_, speed, closing = encounter[1], encounter[0] + encounter[2], encounter[2]
     margin = min(numbers.margin, range_ / 2.0)
@@ -175,7 +183,7 @@ def follow_motion(
     braking = min(traits[JERK] * max(-onset, 0.0), wanted(numbers, traits, margin, range_, closing))
     outcome[0], outcome[1], outcome[2], outcome[3], outcome[4] = 0.0, range_, np.inf, 0.0, braking
     time, target, written, recorded = 0.0, 0.0, 0, course.shape[0] > 0
-    settled = STEP * (lead_speeds.size - 1.0) + numbers.delay  # the driver has seen all changes
+    settled = STEP * (lead_speeds.size - 1.0) + numbers.delay  # time when the driver has seen all changes
     for _ in range(STEPS):
         closing = speed - lead_at(lead_speeds, time)
         if closing > 0.0:
@@ -187,15 +195,15 @@ def follow_motion(
         if closing <= 0.0 and time >= settled:
             break
         needed = wanted(numbers, traits, margin, range_, speed - lead_at(lead_speeds, time - numbers.delay))
-        # Hard braking does not end before the approach.
+        # Once begun, hard braking continues until the approach ends.
         target = max(needed, target) if time >= onset and needed > 0.0 else 0.0
         step = min(STEP, onset - time) if time < onset else STEP
         ahead = min(braking + traits[JERK] * step, target)
-        rise = max(ahead - braking, 0.0) / traits[JERK]  # time during which the deceleration grows
+        rise = max(ahead - braking, 0.0) / traits[JERK]  # time during which the deceleration increases
         mean = ahead - (ahead - braking) * rise / (2.0 * step)
         new_speed = max(speed - mean * step, 0.0)
         new_closing = new_speed - lead_at(lead_speeds, time + step)
-        # Within a step the range is smallest at its end, or where the approach ends.
+        # Within a step the range is smallest at the end of the step, or when the approach ends.
         until = closing / (closing - new_closing) if new_closing < 0.0 < closing else 1.0
         nearest = (closing + max(new_closing, 0.0)) / 2.0 * until * step
         if nearest >= range_:
@@ -218,9 +226,10 @@ def follow_motion(
 
 @compiled
 def _settle(margin: float, closing: float, braking: float, outcome: NDArray) -> None:
-    """Write the outcomes of an approach that ends at the margin with the present deceleration.
+    """Write the outcomes of an approach that ends at the margin with a constant deceleration a.
 
-    On the way the time to collision is margin / c + c / (2 a), with its minimum at c = sqrt(2 a margin).
+    During the approach with closing speed c, the time to collision is margin / c + c / (2 a). It is smallest
+    at c = sqrt(2 a margin).
     """
     speed = min(closing, math.sqrt(2.0 * braking * margin))
     if speed > 0.0:
@@ -231,7 +240,10 @@ def _settle(margin: float, closing: float, braking: float, outcome: NDArray) -> 
 
 @compiled
 def follow_all(numbers: HumanNumbers, encounters: NDArray, traits: NDArray, outcomes: NDArray) -> None:
-    """Simulate the columns of ``encounters``, shape (3, n), each with a row of ``traits``."""
+    """Simulate the columns of ``encounters``, shape (3, n), each with the driver in a row of ``traits``.
+
+    The outcomes, shape (5, n), are written to ``outcomes``; see `follow` for their rows.
+    """
     nothing, outcome = np.empty((0, 5)), np.empty(5)
     for i in range(encounters.shape[1]):
         follow(numbers, encounters[:, i], traits[i], outcome, nothing)
@@ -242,7 +254,7 @@ def follow_all(numbers: HumanNumbers, encounters: NDArray, traits: NDArray, outc
 def follow_all_moving(
     numbers: HumanNumbers, encounters: NDArray, lead_speeds: NDArray, traits: NDArray, outcomes: NDArray
 ) -> None:
-    """Simulate the columns of ``encounters`` with the rows of ``lead_speeds`` and ``traits``."""
+    """Simulate encounters as `follow_all`, with the lead speeds over time in the rows of ``lead_speeds``."""
     nothing, outcome = np.empty((0, 5)), np.empty(5)
     for i in range(encounters.shape[1]):
         follow_motion(numbers, encounters[:, i], lead_speeds[i], traits[i], outcome, nothing)

@@ -1,8 +1,8 @@
-"""The population of human drivers: the distributions of their traits, and the ranges of uncertain parameters.
+"""The population of human drivers: distributions of the traits of drivers, with uncertain parameters.
 
-Each range below is one that publications give, or an assumption, as the comments say. All are uniform, except
-that of the share of drivers who swerve, which is a beta distribution, and that of the noticing, whose
-logarithm is uniform.
+The parameters are drawn from ranges, which are taken from publications or are assumptions, as the comments
+say. Parameters are uniform within their ranges, with two exceptions: the logarithm of the exponent of the
+noticing is uniform, and the share of drivers who swerve has a beta distribution.
 """
 
 from dataclasses import dataclass, fields
@@ -23,28 +23,31 @@ from accelerated_evaluation.vehicles.builtin.human_numbers import (
 )
 
 G = 9.81  # [m/s^2]
-# Summala 2000, abstract: means of 1.0 to 1.3 s at the same urgency, which is 1.15 s and 13 % to both sides.
+# Summala 2000, abstract: mean response times of 1.0 to 1.3 s at the same urgency, or 1.15 s plus or minus 13
+# %.
 RESPONSE_SCALE = (0.87, 1.13)
-# Johansson and Rumar 1965, abstract: median .9 s, a quarter of the drivers above 1.2 s. Width: an assumption.
+# Johansson and Rumar 1965, abstract: median .9 s, a quarter of the drivers above 1.2 s. The width of the
+# range is an assumption.
 SPREAD = np.log(1.2 / 0.9) / -ndtri(0.25)
 RESPONSE_SPREAD = (0.85 * SPREAD, 1.15 * SPREAD)
-NOTICE_EXPONENT = (1 / 3, 3.0)  # assumption: on average at 25 to 75 % of the way
-# Mean [s]: 5 to 6 (Toledo and Zohar 2007, abstract), 6.28 with a deviation of 2.0 (Lee, Olsen and Wierwille,
-# abstract of 2003).
+NOTICE_EXPONENT = (1 / 3, 3.0)  # assumption: drivers notice at 25 to 75 % of the way, on average
+# Mean duration of lane changes [s]: 5 to 6 (Toledo and Zohar 2007, abstract), 6.28 with a standard deviation
+# of 2.0 (Lee, Olsen and Wierwille, abstract of 2003).
 LANE_CHANGE = (5.0, 6.28)
 LANE_CHANGE_VARIATION = 2.0 / 6.28
-BRAKING_SCALE = (0.9, 1.1)  # assumption, for other cars and roads than those of the table below
+BRAKING_SCALE = (0.9, 1.1)  # assumption, because cars and roads differ from those of the next table
 # Share of 122 drivers who did not reach a deceleration [g], in crashes and near-crashes of SHRP 2 (Dinakar
 # and Muttart 2019, SAE 2019-01-0414, as L. Peck, Lightpoint, 15 December 2023, computed them from the paper).
 # The largest deceleration of 2,971 drivers of SHRP 2 is 1.09 g (Wood and Zhang 2020, as cited).
 BRAKING_LEVELS = np.array([0.4, 0.5, 0.6, 0.7, 0.8, 1.09])
 BRAKING_SHARES = np.array([0.0, 0.01, 0.10, 0.42, 0.70, 1.0])
-# The mean time to .7 g is .51 s with the other car one lane away, and 1.10 s with two lanes (same source).
+# The mean time until .7 g is .51 s if the other car is one lane away, and 1.10 s if it is two lanes away (the
+# same source).
 JERK_RANGE = (0.7 * G / 1.10, 0.7 * G / 0.51)
-# Of the near-crashes in data/crash_counts, by the column of evasive manoeuvres.
+# Number of near-crashes in data/crash_counts with a swerve as evasive manoeuvre, and of all near-crashes.
 SWERVED, STRUCK = 23, 70
-# 61 drivers before whom a box was dropped at 50 mph: .44 g, deviation .14 (Weir and McRuer 1976, SAE 766060,
-# as W. Bartlett reports them in "Avoidance Maneuver Accelerations").
+# Lateral acceleration of 61 drivers before whom a box was dropped at 50 mph: mean .44 g, standard deviation
+# .14 g (Weir and McRuer 1976, SAE 766060, as W. Bartlett reports in "Avoidance Maneuver Accelerations").
 SWERVE_MEAN, SWERVE_DEVIATION, SWERVE_LEAST = 0.44 * G, 0.14 * G, 0.05 * G
 # Drivers above 25 steered by 2 feet, younger ones by more than 6 (Muttart 2015, SAE 2015-01-1417, abstract).
 SWERVE_RANGE = (0.61, 1.83)  # [m]
@@ -52,18 +55,20 @@ SWERVE_RANGE = (0.61, 1.83)  # [m]
 
 @dataclass(frozen=True)
 class Population:
-    """Parameters of one or more possible populations; every array has shape (n,).
+    """Parameters of n possible populations of drivers; every array has shape (n,).
 
     Attributes
     ----------
     scale, spread
-        Median of the factor of the response time relative to its published value, and its log-normal shape.
+        Mean of the factor by which the response time differs from its published value, and standard deviation
+        of its logarithm. The factor has a log-normal distribution.
     exponent
-        Exponent k of the noticing: the share of the way has the density k x^(k - 1) on 0 to 1.
+        Exponent k of the noticing: the share of the way at which a driver notices the other car has the
+        density k x^(k - 1) on [0, 1].
     lane_change
         Mean duration of lane changes [s].
     braking
-        Factor of the published decelerations.
+        Factor by which decelerations differ from the published ones.
     swerving
         Share of the drivers who swerve.
     """
@@ -77,7 +82,7 @@ class Population:
 
     @classmethod
     def draw(cls, size: int, generator: np.random.Generator) -> "Population":
-        """Draw ``size`` possible populations."""
+        """Draw ``size`` possible populations from the ranges of the parameters."""
         return cls(
             generator.uniform(*RESPONSE_SCALE, size),
             generator.uniform(*RESPONSE_SPREAD, size),
@@ -95,7 +100,10 @@ class Population:
         return cls(*(np.full(size, value) for value in middle))
 
     def drivers(self, generator: np.random.Generator) -> Array:
-        """Draw one driver of each population: traits, shape (n, traits)."""
+        """Draw one driver from each population; return their traits, shape (n, traits).
+
+        The columns are the `TRAITS` in `human_numbers`.
+        """
         size = self.scale.size
         level = generator.random(size)
         sideways = -ndtri(generator.random(size) * ndtr((SWERVE_MEAN - SWERVE_LEAST) / SWERVE_DEVIATION))
@@ -112,7 +120,9 @@ class Population:
         return traits
 
     def density(self, traits: Array, *, swerves: bool = True) -> Array:
-        """Return the density of drivers in each population, up to a factor that all populations share.
+        """Return the probability density of drivers in each population, up to a common factor.
+
+        The factor is the same in all populations.
 
         Parameters
         ----------
@@ -124,7 +134,7 @@ class Population:
         Returns
         -------
         numpy.ndarray
-            Shape (n, drivers).
+            Densities, shape (n, drivers).
         """
         columns = {field.name: getattr(self, field.name)[:, None] for field in fields(self)}
         spread, exponent, braking = columns["spread"], columns["exponent"], columns["braking"]
@@ -139,7 +149,10 @@ class Population:
 
     @property
     def _log_response(self) -> Array:
-        """Mean of the logarithm of the response factor; the published times are means."""
+        """Mean of the logarithm of the response factor, which is chosen so that the factor's mean is scale.
+
+        The published response times are means.
+        """
         return np.log(self.scale) - self.spread**2 / 2
 
     @property

@@ -1,11 +1,13 @@
-"""The compiled ACC + AEB car: many encounters abreast, so that each line becomes vector instructions.
+"""Compiled simulation of the ACC + AEB car, in blocks of encounters that are simulated in parallel.
 
-`reference.py` says the same readably, and the tests hold both to the same bits. Every function and constant
-of the compiled code is in this file, because numba's cache on disk only notices an edit of the file itself.
+A block has a lane for each encounter, and the loops over lanes become vector instructions of the processor.
+`reference.py` is a readable version of the same calculation, and the tests require that both agree in every
+bit. All functions and constants of the compiled code are in this file, because numba's cache on disk only
+notices changes of the file itself.
 
-Loops over lanes read the state first and write it last: LLVM turns an early write of a minimum into a
-masked store, which is slow. A step is three loops: in a single one the chain of operations is too long for
-the processor to overlap.
+Loops over lanes read the state first and write it last, because LLVM compiles an early write of a minimum to
+a masked store, which is slow. A step consists of three loops, because in a single loop the chain of
+operations would be too long for the processor to overlap.
 """
 
 from typing import NamedTuple
@@ -15,19 +17,19 @@ from numpy.typing import NDArray
 
 from accelerated_evaluation.scenarios.compiled import compiled
 
-STEP = 0.1  # [s], part of the model: sub-stepping changes verdicts
-STEPS = 80  # 8 s
+STEP = 0.1  # [s]; it is a part of the model, because smaller steps change outcomes
+STEPS = 80  # number of steps, for 8 s
 
-LANES = 320  # encounters abreast; their state, 25.6 kB, stays in the level-1 cache
-SWEEP = 8  # steps between two removals of encounters that have ended; divides STEPS
+LANES = 320  # number of encounters in a block; their state, 25.6 kB, stays in the level-1 cache
+SWEEP = 8  # number of steps after which encounters that have ended are removed; a divisor of STEPS
 
-# The rows of a block's state. A timer above 0 says that the AEB was on in the last step.
+# The rows of the state of a block. The timer is above 0 if the AEB was on in the last step.
 LEAD, RANGE, SPEED, ACCELERATION, COMMAND, ERROR, TIMER, ONSET, MIN_RANGE, MIN_TTC = range(10)
 FIELDS = 10
 
 
 class Car(NamedTuple):
-    """The numbers that the compiled code needs of an `AccAeb`, all of them floats in SI units."""
+    """The parameters of an `AccAeb` for the compiled code, as floats in SI units."""
 
     top_start_speed: float
     headway: float
@@ -48,7 +50,10 @@ class Car(NamedTuple):
 
 @compiled
 def start(encounters: NDArray, first: int, count: int, car: Car, state: NDArray, index: NDArray) -> None:
-    """Place ``count`` encounters, from column ``first`` on, in the lanes."""
+    """Write the initial states of ``count`` encounters, from column ``first`` on, to the lanes.
+
+    ``index`` receives the column of the encounter in each lane.
+    """
     for i in range(count):
         index[i] = first + i
         for field in range(FIELDS):
@@ -61,7 +66,7 @@ def start(encounters: NDArray, first: int, count: int, car: Car, state: NDArray,
 
 @compiled
 def watch(state: NDArray, count: int, car: Car) -> None:
-    """Time to collision, its minimum, and the AEB's switch."""
+    """Compute the time to collision, update its minimum, and switch the AEB on or off."""
     for i in range(count):
         range_, speed, timer, min_ttc = state[RANGE, i], state[SPEED, i], state[TIMER, i], state[MIN_TTC, i]
         command, onset = state[COMMAND, i], state[ONSET, i]
@@ -79,7 +84,10 @@ def watch(state: NDArray, count: int, car: Car) -> None:
 
 @compiled
 def command(state: NDArray, count: int, car: Car) -> None:
-    """Acceleration that the ACC or the AEB asks for; a headway error counts as 0 after a step with AEB."""
+    """Compute the acceleration that the ACC or the AEB commands.
+
+    After a step with AEB, the last error of the time headway is 0 for the ACC.
+    """
     for i in range(count):
         speed, command, last, timer = state[SPEED, i], state[COMMAND, i], state[ERROR, i], state[TIMER, i]
         error = car.headway - state[RANGE, i] / speed
@@ -93,7 +101,7 @@ def command(state: NDArray, count: int, car: Car) -> None:
 
 @compiled
 def move(state: NDArray, count: int, car: Car) -> None:
-    """Actuator and motion; an encounter that has ended keeps its range and speed."""
+    """Apply the actuator, and move the cars by one step; encounters that have ended do not change."""
     for i in range(count):
         lead, range_, speed, last = state[LEAD, i], state[RANGE, i], state[SPEED, i], state[ACCELERATION, i]
         min_range = state[MIN_RANGE, i]
@@ -111,7 +119,10 @@ def move(state: NDArray, count: int, car: Car) -> None:
 
 @compiled
 def _sweep(state: NDArray, index: NDArray, count: int, over: bool, outcomes: NDArray) -> int:
-    """Write the outcomes of ended encounters, fill their lanes from the end, and count the others."""
+    """Write the outcomes of encounters that have ended, and return the number of the others.
+
+    The lanes of encounters that have ended are filled with encounters from the last lanes.
+    """
     i = 0
     while i < count:
         if not over and state[RANGE, i] > 0.0 and state[SPEED, i] > 0.0:
@@ -131,16 +142,16 @@ def _sweep(state: NDArray, index: NDArray, count: int, over: bool, outcomes: NDA
 
 @compiled
 def simulate_slice(encounters: NDArray, begin: int, end: int, car: Car, outcomes: NDArray) -> None:
-    """Simulate the columns ``begin`` to ``end`` of ``encounters``, each independent of all others.
+    """Simulate the columns ``begin`` to ``end`` of ``encounters``, independently of each other.
 
     Parameters
     ----------
     encounters
         Lead speed [m/s], range [m] and closing speed [m/s], shape (3, n).
     begin, end
-        The slice to simulate.
+        First column, and the column after the last one.
     car
-        The car's numbers.
+        Parameters of the car.
     outcomes
         Receives crash (0 or 1), min_range [m], min_ttc [s] and impact_speed [m/s], shape (4, n).
     """
@@ -161,10 +172,10 @@ def simulate_slice(encounters: NDArray, begin: int, end: int, car: Car, outcomes
 
 @compiled
 def simulate_moving(encounters: NDArray, lead_speeds: NDArray, car: Car, outcomes: NDArray) -> None:
-    """Simulate encounters whose lead vehicles change their speeds, each as in `simulate_slice`.
+    """Simulate encounters as in `simulate_slice`, but with lead vehicles that change their speeds.
 
-    Within a step the lead vehicle moves with the mean of the speeds at its ends, so that a constant speed
-    gives the same outcomes as `simulate_slice`.
+    Within a step the lead vehicle moves with the mean of its speeds at the beginning and at the end of the
+    step. With a constant speed the outcomes are those of `simulate_slice`.
 
     Parameters
     ----------

@@ -1,7 +1,8 @@
-"""The ACC + AEB car line by line in NumPy: what the compiled code is held to, bit for bit.
+"""Readable NumPy implementation of the ACC + AEB car, with which the compiled code must agree in every bit.
 
-Nothing less would do: far behind the lead at a low speed the loop of the ACC is unstable, and there another
-order of the same operations moves a smallest range by a centimetre.
+Agreement up to rounding errors would not be enough. Far behind the lead vehicle at a low speed, the control
+loop of the ACC is unstable, so that another order of the same operations changes the smallest range by a
+centimetre.
 """
 
 import numpy as np
@@ -18,7 +19,8 @@ from accelerated_evaluation.vehicles.protocol import Outcomes
 def simulate(car: AccAeb, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
     """Simulate n cut-ins; arguments, result and errors are those of `AccAeb.simulate`.
 
-    An encounter ends when the range is 0 or less (crash), the host stands still, or after 8 s (both safe).
+    An encounter ends with a crash when the range is 0 or less. It ends without a crash when the host stands
+    still, and after 8 s.
     """
     lead_speed, range_, closing_speed = checked_encounters(lead_speed, range_, closing_speed)
     speed = np.minimum(lead_speed + closing_speed, car.top_start_speed)
@@ -51,13 +53,16 @@ def simulate(car: AccAeb, lead_speed: ArrayLike, range_: ArrayLike, closing_spee
 
 
 def time_to_collision(lead_speed: Array, range_: Array, speed: Array) -> Array:
-    """Return range over closing speed [s]: negative while the gap opens, and -inf at equal speeds."""
+    """Return the range divided by the closing speed [s]; negative if the gap opens, -inf at equal speeds."""
     range_rate = lead_speed - speed
     return np.where(range_rate == 0, -np.inf, -range_ / range_rate)
 
 
 def aeb_threshold(car: AccAeb, speed: Array) -> Array:
-    """Return the TTC at which the AEB switches on [s]; for the V60 linear in the speed up to 40 km/h."""
+    """Return the TTC at which the AEB switches on [s], given the speed of the host [m/s].
+
+    With the published threshold it is linear in the speed up to 40 km/h, and then constant.
+    """
     if not car.aeb or car.aeb_ttc is not None:
         return np.full_like(speed, car.threshold_top)
     slope = (V60_TTC[1] - V60_TTC[0]) / (V60_SPEEDS[1] - V60_SPEEDS[0])
@@ -65,26 +70,52 @@ def aeb_threshold(car: AccAeb, speed: Array) -> Array:
 
 
 def aeb_switch(car: AccAeb, ttc: Array, speed: Array, was_on: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return whether the AEB is on: from its threshold on, until the TTC is negative or above the release."""
+    """Return whether the AEB is on, given TTC [s], speed [m/s], and whether it was on in the last step.
+
+    The AEB switches on when the TTC falls to the threshold. It stays on until the TTC is negative or above
+    ``aeb_release_ttc``.
+    """
     switches_on = (ttc > 0) & (ttc <= aeb_threshold(car, speed))
     stays_on = was_on & (ttc > 0) & (ttc <= car.aeb_release_ttc)
     return switches_on | stays_on
 
 
 def acc_command(car: AccAeb, speed: Array, command: Array, error: Array, last_error: Array) -> Array:
-    """Return the next command of the ACC [m/s^2]: proportional-integral control of the headway error [s]."""
+    """Return the acceleration that the ACC commands [m/s^2], by proportional-integral control.
+
+    Parameters
+    ----------
+    car
+        Parameters of the car.
+    speed
+        Speed of the host [m/s].
+    command
+        Acceleration commanded in the last step [m/s^2].
+    error, last_error
+        Error of the time headway [s] in this and in the last step.
+    """
     command = command + car.kp * (error - last_error) + car.ki * STEP / 2 * (error + last_error)
     top = np.where(speed >= car.acc_top_speed, 0, car.acc_limit)
     return np.minimum(np.maximum(command, -car.acc_limit), top)
 
 
 def aeb_command(car: AccAeb, onset: Array, timer: Array) -> Array:
-    """Return the command of the AEB [m/s^2], ``timer`` seconds after its onset at the command ``onset``."""
+    """Return the acceleration that the AEB commands [m/s^2].
+
+    Parameters
+    ----------
+    car
+        Parameters of the car.
+    onset
+        Acceleration that was commanded when the AEB switched on [m/s^2].
+    timer
+        Time since the AEB switched on [s].
+    """
     return np.maximum(onset - car.aeb_jerk * timer, -car.aeb_deceleration)
 
 
 def actuator(car: AccAeb, command: Array, acceleration: Array) -> Array:
-    """Return the acceleration that follows the command within friction and jerk [m/s^2]."""
+    """Return the new acceleration [m/s^2], which follows the command within limits of friction and jerk."""
     possible = np.minimum(np.maximum(command, -car.friction_limit), car.friction_limit)
     change = car.actuator_jerk * STEP
     return np.minimum(np.maximum(possible, acceleration - change), acceleration + change)

@@ -1,4 +1,4 @@
-"""Reg157: the braking model of UN R157."""
+"""Reg157: the model of a braking automated vehicle in UN R157."""
 
 import math
 from dataclasses import dataclass
@@ -13,26 +13,27 @@ from accelerated_evaluation.vehicles.registry import VEHICLES
 @VEHICLES.add("reg157")
 @dataclass(frozen=True)
 class Reg157(ReferenceDriver):
-    """The braking that UN R157, paragraph 5.2.5.2, asks of an automated lane keeping system, as in JRC-FSM.
+    """The braking that UN R157, paragraph 5.2.5.2, requires of automated lane keeping, as in JRC-FSM.
 
-    The system sees danger when the sides come as near as ``lateral_gap`` and the time to collision is no more
-    than closing speed / (2 deceleration) + reaction time + margin. After its reaction time it brakes fully.
+    The system detects danger when the lateral gap between the cars is at most ``lateral_gap`` and the time to
+    collision is at most closing speed / (2 deceleration) + reaction_time + ttc_margin. After the reaction
+    time it brakes fully.
 
     Attributes
     ----------
     reaction_time
-        From danger to the brake [s]; 0.35 (UN R157, paragraph 5.2.5.2).
+        Time from the detection of danger to braking [s]; 0.35 (UN R157, paragraph 5.2.5.2).
     deceleration
-        Deceleration [m/s^2]; 6 (UN R157, paragraph 5.2.5.2), reached at once.
+        Deceleration [m/s^2], which is reached immediately; 6 (UN R157, paragraph 5.2.5.2).
     lateral_gap
-        Gap between the sides from which a cut-in counts [m]: 0.8 m to the lane marking minus an
-        intrusion of 0.3 m (JRC-FSM).
+        Gap between the sides of the cars at which a cut-in is detected [m]: 0.8 m to the lane marking minus
+        an intrusion of 0.3 m (JRC-FSM).
     ttc_margin
-        Added to the critical time to collision [s]: one step of 0.1 s (JRC-FSM, where it is not explained;
-        without it the steps in time would trigger too late to stop).
+        Addition to the critical time to collision [s]: one step of 0.1 s (JRC-FSM, without an explanation).
+        Without it, braking would begin too late, because of the steps in time.
     """
 
-    # Its crashes are stripes of a few millimetres of range: from a distance they look like chance.
+    # The crashes form stripes with a width of a few millimetres of range, so that they resemble chance.
     striped: ClassVar[bool] = True
 
     reaction_time: float = zero_or_more(0.35)
@@ -41,7 +42,7 @@ class Reg157(ReferenceDriver):
     ttc_margin: float = zero_or_more(0.1)
 
     def compiled(self) -> Driver:
-        """Return the numbers that the compiled code needs."""
+        """Return the parameters in the form that the compiled code takes."""
         return self._numbers(
             TTC_RULE,
             self.reaction_time,

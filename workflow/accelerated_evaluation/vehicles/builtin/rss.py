@@ -1,4 +1,4 @@
-"""RSS: the driver of responsibility-sensitive safety."""
+"""RSS: a driver who follows the rules of responsibility-sensitive safety."""
 
 from dataclasses import dataclass
 
@@ -14,26 +14,27 @@ from accelerated_evaluation.vehicles.registry import VEHICLES
 class ResponsibilitySensitiveSafety(ReferenceDriver):
     """Responsibility-sensitive safety, RSS (Shalev-Shwartz et al. 2017, arXiv 1708.06374), as in JRC-FSM.
 
-    The driver sees danger when the other car is nearer than both the longitudinal and the lateral safe
-    distance of RSS. After its reaction time it brakes like the competent and careful human, harder than
-    the longitudinal distance supposes.
+    The driver perceives danger when the other car is nearer than the safe distances of RSS in both
+    directions, longitudinal and lateral. After the reaction time the driver brakes like the competent and
+    careful human driver (CC), which is harder than the longitudinal safe distance assumes.
 
     Attributes
     ----------
     reaction_time
-        From danger to the brake, and the response time of the safe distances [s] (JRC-FSM).
+        Time from the perception of danger to braking, and response time in the safe distances [s] (JRC-FSM).
     response_acceleration
-        The host may speed up this much during the response [m/s^2] (JRC-FSM).
+        Acceleration of the host during the response that the safe distance allows for [m/s^2] (JRC-FSM).
     host_braking, lead_braking
-        Braking of both cars in the longitudinal safe distance [m/s^2] (JRC-FSM, one value for both).
+        Braking of host and lead vehicle in the longitudinal safe distance [m/s^2] (JRC-FSM, with one value
+        for both).
     lateral_acceleration
-        Lateral acceleration and braking of both cars in the lateral one [m/s^2] (JRC-FSM).
+        Lateral acceleration and braking of both cars in the lateral safe distance [m/s^2] (JRC-FSM).
     lateral_margin
         Lateral gap that must remain [m] (JRC-FSM).
     jerk
-        Growth of the deceleration [m/s^3]: 0.774 g in 0.6 s, as CC (JRC-FSM).
+        Rate at which the deceleration increases [m/s^3]: 0.774 g in 0.6 s, as for CC (JRC-FSM).
     deceleration
-        Largest deceleration [m/s^2]: 0.774 g, as CC (JRC-FSM).
+        Largest deceleration [m/s^2]: 0.774 g, as for CC (JRC-FSM).
     """
 
     reaction_time: float = zero_or_more(0.75)
@@ -46,7 +47,7 @@ class ResponsibilitySensitiveSafety(ReferenceDriver):
     deceleration: float = 0.774 * G
 
     def compiled(self) -> Driver:
-        """Return the numbers that the compiled code needs."""
+        """Return the parameters in the form that the compiled code takes."""
         return self._numbers(
             RSS_RULE,
             self.reaction_time,

@@ -1,4 +1,4 @@
-"""Traces of encounters with built-in vehicles, computed by the compiled steps that also simulate batches."""
+"""Traces (states over time) of encounters with built-in vehicles, from the code that simulates batches."""
 
 import numpy as np
 import pandas as pd
@@ -9,8 +9,9 @@ from accelerated_evaluation.vehicles.builtin.driver_numbers import Driver
 from accelerated_evaluation.vehicles.builtin.human_numbers import HumanNumbers
 from accelerated_evaluation.vehicles.builtin.kernel import Car
 
-# Positions are of the lead vehicle's rear and the host's front, which is at 0 at the start. The acceleration
-# is that of the step before. "emergency" is 1 while the AEB is on, or while a driver sees danger.
+# Columns of a trace. Positions are those of the rear of the lead vehicle and of the front of the host, which
+# starts at 0. The acceleration is that of the step before. "emergency" is 1 while the AEB is on, or while a
+# driver perceives danger.
 COLUMNS = (
     "time_s",
     "lead_position_m",
@@ -26,12 +27,12 @@ COLUMNS = (
 
 
 def trace_car(car: Car, encounter: Array, lead_speeds: Array | None = None) -> pd.DataFrame:
-    """Return the trace of one encounter of the ACC + AEB car.
+    """Simulate one encounter of the ACC + AEB car, and return its trace.
 
     Parameters
     ----------
     car
-        The car's numbers.
+        Parameters of the car.
     encounter
         Checked lead speed [m/s], range [m] and closing speed [m/s], shape (3, 1).
     lead_speeds
@@ -40,8 +41,8 @@ def trace_car(car: Car, encounter: Array, lead_speeds: Array | None = None) -> p
     Returns
     -------
     pandas.DataFrame
-        One row for each state, columns as in COLUMNS. The controller no longer acts in the last state, so its
-        time to collision is infinite, and its AEB state is that of the previous state.
+        One row for each state, with the columns `COLUMNS`. In the last state the controller does not act any
+        more, so the time to collision is infinite, and the state of the AEB is that of the state before.
     """
     state, index = np.empty((kernel.FIELDS, 1)), np.zeros(1, dtype=np.int64)
     kernel.start(encounter, 0, 1, car, state, index)
@@ -67,10 +68,12 @@ def trace_car(car: Car, encounter: Array, lead_speeds: Array | None = None) -> p
 
 
 def trace_driver(driver: Driver, encounter: Array) -> pd.DataFrame:
-    """Return the trace of one encounter of a reference driver; arguments and result as for `trace_car`.
+    """Simulate one encounter of a reference driver, and return its trace.
 
-    With lateral motion the first state is the first step of that motion. The range is negative while the cars
-    overlap along the road, and positive again when the other car is behind the host.
+    The parameters are those of the driver, and lead speed [m/s], range [m] and closing speed [m/s], shape
+    (3, 1). The trace has the columns `COLUMNS`. With lateral motion, the first state is the state after the
+    first step of this motion. The range is negative while the cars overlap along the road, and positive again
+    when the other car is behind the host.
     """
     state = np.empty((driver_kernel.FIELDS, 1))
     driver_kernel.start(driver, encounter[:, 0], 0, state, 0)
@@ -93,7 +96,10 @@ def trace_driver(driver: Driver, encounter: Array) -> pd.DataFrame:
 
 
 def trace_moving_driver(driver: Driver, encounter: Array, lead_speeds: Array) -> pd.DataFrame:
-    """Return the trace of a reference driver with a changing lead speed; see `trace_car`."""
+    """Simulate one encounter of a reference driver with a changing lead speed, and return its trace.
+
+    See `trace_driver` for the trace, and `trace_car` for the lead speeds.
+    """
     state, last = np.empty((driver_kernel.FIELDS, 1)), lead_speeds.size - 1
     driver_kernel.start(driver, encounter[:, 0], 0, state, 0)
     rows: list[tuple] = []
@@ -116,9 +122,21 @@ def trace_moving_driver(driver: Driver, encounter: Array, lead_speeds: Array) ->
 def trace_human(
     numbers: HumanNumbers, encounter: Array, traits: Array, lead_speeds: Array | None = None
 ) -> pd.DataFrame:
-    """Return the trace of one encounter of a human driver; other parameters and result as for `trace_car`.
+    """Simulate one encounter of a human driver, and return its trace.
 
-    ``traits`` are those of the driver, shape (traits,). "emergency" is 1 while the driver brakes.
+    Parameters
+    ----------
+    numbers
+        Parameters that all drivers share.
+    encounter, lead_speeds
+        As for `trace_car`.
+    traits
+        Traits of the driver, shape (traits,).
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each state, with the columns `COLUMNS`; "emergency" is 1 while the driver brakes.
     """
     outcome, course = np.empty(5), np.empty((human_kernel.STEPS + 1, 5))
     if lead_speeds is None:
@@ -134,7 +152,10 @@ def trace_human(
 
 
 def _driver_row(driver: Driver, state: Array, k: int) -> tuple:
-    """Return what the trace holds of a driver's state, or of that ``k`` steps later at constant speeds."""
+    """Return the row of the trace for a state of a driver, or for the state ``k`` steps later.
+
+    In these steps the speeds are constant.
+    """
     lead, speed = state[driver_kernel.LEAD], state[driver_kernel.SPEED]
     closing = speed - lead
     ahead = state[driver_kernel.DISTANCE] - k * closing * driver_kernel.STEP
@@ -157,7 +178,7 @@ def _driver_row(driver: Driver, state: Array, k: int) -> tuple:
 def _table(rows: list[tuple], *, is_moving: bool = False) -> pd.DataFrame:
     """Return the states as a table, with the positions of both cars on the road.
 
-    ``is_moving`` says that the lead vehicle changes its speed.
+    ``is_moving`` states whether the lead vehicle changes its speed.
     """
     time, gap, offset, lead, *others, emergency = (np.array(column) for column in zip(*rows, strict=True))
     travelled = lead * time
