@@ -1,7 +1,8 @@
 """Compare the outcomes of a user's vehicle with those of a new copy that simulates one encounter at a time.
 
-A vehicle that keeps a state between calls, or in which an encounter depends on the others in its batch,
-repeats itself while the state and the batches are the same. A new copy has another state, and batches of one.
+Some vehicles keep a state between calls, or compute an encounter from the others in its batch. As long as the
+state and the batches are the same, repeated simulations have the same outcomes, and the fault is not noticed.
+A new copy has another state, and simulates batches of one encounter.
 """
 
 from collections.abc import Mapping
@@ -17,7 +18,7 @@ from accelerated_evaluation.vehicles.events import CRASH
 from accelerated_evaluation.vehicles.external.checked import CheckedVehicle
 from accelerated_evaluation.vehicles.loading import load_vehicle
 
-COMPARED = 4  # crashes, and as many other encounters, that the new copy simulates
+COMPARED = 4  # number of crashes, and number of other encounters, that the new copy simulates
 
 
 def difference_when_alone(
@@ -29,8 +30,8 @@ def difference_when_alone(
 ) -> str | None:
     """Return a description of the first outcome that a new copy of a vehicle does not reproduce.
 
-    The new copy simulates at most four crashes and four other encounters, one at a time and the latest first,
-    because a state has changed most by then.
+    The new copy simulates at most four crashes and four other encounters, one at a time. The latest
+    encounters are compared first, because a state of the vehicle has changed most by then.
 
     Parameters
     ----------
@@ -39,7 +40,7 @@ def difference_when_alone(
     encounters
         The encounters in the order in which they were simulated, shape (d, n).
     crashed
-        Whether each ended in the event, shape (n,).
+        Whether the event happened in each encounter, shape (n,).
     scenario
         The scenario of the encounters.
     event
@@ -48,12 +49,13 @@ def difference_when_alone(
     Returns
     -------
     str or None
-        None if all are reproduced, for a vehicle of this project, and for one that is stated to be random.
+        The description; None if all outcomes are reproduced, if the vehicle is built in, or if it is stated
+        to be random.
     """
     copy = load_vehicle(vehicle["name"], scenario, **vehicle["parameters"])
     if not isinstance(copy, CheckedVehicle) or False in (copy.deterministic, vehicle.get("deterministic")):
         return None
-    copy.was_repeated = True  # by this comparison
+    copy.was_repeated = True  # because this comparison repeats encounters
     chosen = [row for kind in (crashed, ~crashed) for row in np.flatnonzero(kind)[: -COMPARED - 1 : -1]]
     for row in chosen:
         again = bool(event.happens(copy.simulate(*encounters[:, [row]]))[0])

@@ -13,19 +13,19 @@ DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
 
 
 def run_apart(work: Callable[[], None], what: str) -> None:
-    """Run a function in a child process, and raise here what it raises there.
+    """Run a function in a child process; an exception of the function is raised in this process.
 
     Parameters
     ----------
     work
-        The function. What it changes in memory is lost.
+        The function. Its changes of objects in memory are lost, because they are made in the child process.
     what
-        What runs, for the error.
+        Description of what runs, for the error.
 
     Raises
     ------
     InputError
-        If a signal ends the child, such as a segmentation fault in compiled code.
+        If a signal ends the child process, for example because of a segmentation fault in compiled code.
     """
     read, write = os.pipe()
     parent = os.getpid()
@@ -56,11 +56,11 @@ def run_apart(work: Callable[[], None], what: str) -> None:
 
 
 def _work(work: Callable[[], None], pipe: int, parent: int) -> None:
-    """Run the function in the child, write what it raises to the pipe, and end the child."""
+    """Run the function in the child process, write its exception to the pipe, and end the child process."""
     leave = os._exit
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(DIE_WITH_PARENT, signal.SIGKILL)
-    if os.getppid() != parent:  # which has ended before
+    if os.getppid() != parent:  # the parent has ended before prctl took effect
         leave(1)
     report = b""
     try:
@@ -69,7 +69,7 @@ def _work(work: Callable[[], None], pipe: int, parent: int) -> None:
         try:
             report = pickle.dumps(error)
             pickle.loads(report)
-        except Exception:  # an error of a library that cannot be sent
+        except Exception:  # the exception cannot be pickled
             report = pickle.dumps(RuntimeError(f"{type(error).__name__}: {error}"))
     with os.fdopen(pipe, "wb") as file:
         file.write(report)

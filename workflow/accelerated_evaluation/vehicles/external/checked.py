@@ -18,36 +18,36 @@ from accelerated_evaluation.vehicles.checks import checked_outcomes, outcome_err
 from accelerated_evaluation.vehicles.moving import checked_lead_speeds, require_motion, takes_motion
 from accelerated_evaluation.vehicles.protocol import Vehicle, repeats_itself
 
-REPEATED = 4  # encounters of the first batch that are simulated twice again
-TOLERANCE = 1e-5  # relative, for outcomes of the same encounter: rounding may depend on the batch
+REPEATED = 4  # number of encounters of the first batch that are simulated again, each twice
+TOLERANCE = 1e-5  # tolerance for repeated outcomes of an encounter, because rounding may depend on the batch
 
 FOLDER: dict[str, str] = {}
-"""The working folder of users' vehicles, once one has changed it."""
+"""The working folder of users' vehicles, after one of them has changed it."""
 
 
 @dataclass
 class CheckedVehicle:
-    """A user's vehicle whose inputs and outcomes are checked against the protocol.
+    """A user's vehicle whose inputs and outcomes are checked against the interface of a vehicle.
 
     Unless the vehicle is known to be random, at most four encounters of the first batch are simulated again,
     each twice, in another order and in a batch of another size. This takes at most eight simulations for each
-    vehicle that is loaded. It detects a vehicle whose outcomes usually differ. If the outcomes differ in only
-    one run out of a hundred, the many repeats of the sampler are needed to detect this.
+    vehicle that is loaded. The repetition detects a vehicle whose outcomes usually differ. If outcomes differ
+    in only one run out of a hundred, the many repeats of the sampler are needed to detect this.
 
     Attributes
     ----------
     vehicle
         The user's vehicle.
     name
-        Its name in messages, such as ``path/to/file.py:ClassName``.
+        Name of the vehicle in messages, such as ``path/to/file.py:ClassName``.
     scenario
-        The scenario whose encounters it simulates.
+        The scenario whose encounters the vehicle simulates.
     deterministic
         Whether the outcomes are deterministic, as stated by the user; by default the attribute of this name
-        of the user's class. None means that it has to be tested. It becomes False when an encounter has other
-        outcomes in a repetition.
+        of the user's class. None means that this is unknown and has to be tested. The value becomes False if
+        a repetition has other outcomes.
     was_repeated
-        Whether encounters were simulated again; set it if the repetition is done elsewhere.
+        Whether encounters were simulated again. It is set to True if the repetition is done elsewhere.
     """
 
     vehicle: Vehicle
@@ -69,8 +69,9 @@ class CheckedVehicle:
         Raises
         ------
         InputError
-            If the encounters are not valid, the user's code raises or exits, its outcomes break the protocol,
-            or it gives other outcomes for the same encounters although it is said to be deterministic.
+            If the encounters are not valid, if the user's code raises an error or exits, if the outcomes are
+            not valid, or if repeated encounters have other outcomes although the vehicle is stated to be
+            deterministic.
         """
         encounters = self.scenario.checked(*columns)
         outcomes = self._outcomes(encounters)
@@ -88,7 +89,7 @@ class CheckedVehicle:
 
     @property
     def takes_motion(self) -> bool:
-        """Whether the vehicle can be given lead speeds over time."""
+        """Whether the vehicle can be simulated with given lead speeds over time."""
         return takes_motion(self.vehicle)
 
     def simulate_moving(
@@ -99,15 +100,15 @@ class CheckedVehicle:
         Raises
         ------
         InputError
-            As in `simulate`; if the vehicle cannot be given lead speeds over time; or if these are not
-            finite, negative, or too short in time.
+            As in `simulate`; also if the vehicle cannot be simulated with lead speeds over time, or if these
+            are negative, not finite, or end before 8 s.
         """
         require_motion(self.vehicle, self.name)
         encounters = self.scenario.checked(lead_speed, range_, closing_speed)
         return self._outcomes(encounters, checked_lead_speeds(lead_speeds, encounters[0]))
 
     def _outcomes(self, encounters: Array, lead_speeds: Array | None = None) -> Any:  # noqa: ANN401
-        """Run the user's code on checked encounters, shape (d, n), and on lead speeds if there are any."""
+        """Return the checked outcomes of the user's vehicle for valid encounters, shape (d, n)."""
         try:
             with kept_alive():
                 if lead_speeds is None:
@@ -116,7 +117,7 @@ class CheckedVehicle:
                     outcomes = self.vehicle.simulate_moving(*encounters.copy(), lead_speeds.copy())
         except (StudyError, KeyboardInterrupt):
             raise
-        except BaseException as error:  # a vehicle that calls sys.exit must not end the study without a word
+        except BaseException as error:  # sys.exit in a vehicle must not end the study without a message
             raise outcome_error(self.name, "simulate", error_in_words(error), "outcomes") from error
         return checked_outcomes(outcomes, encounters, vehicle=self.name, scenario=self.scenario)
 
@@ -130,19 +131,21 @@ def after_repetition(
     declared: bool | None,
     scenario: Scenario,
 ) -> bool | None:
-    """Return whether a vehicle is deterministic, after simulating some encounters again.
+    """Simulate some encounters again, and return whether the vehicle is deterministic.
 
     Parameters
     ----------
     simulate, encounters, first, vehicle, scenario
         As for `found_difference`.
     declared
-        Whether the vehicle is stated to be deterministic. If it is stated to be random, nothing is simulated.
+        Whether the user states that the vehicle is deterministic; None without a statement. If it is False,
+        nothing is simulated.
 
     Returns
     -------
     bool or None
-        ``declared``, or False if it was None and an outcome differs; a warning then names the outcome.
+        ``declared``, or False if ``declared`` is None and an outcome differs. A warning then names the
+        outcome.
 
     Raises
     ------
@@ -167,11 +170,11 @@ def found_difference(
     vehicle: str,
     scenario: Scenario,
 ) -> InputError | None:
-    """Simulate some encounters again, and describe the first outcome that differs; None if there is none.
+    """Simulate some encounters again, and return the error for the first outcome that differs, or None.
 
-    At most four encounters are simulated again, each twice. They are spread over the batch, and the new batch
-    contains them once forwards and once backwards. The number of earlier calls, the size of the batch, the
-    neighbours and the position in the batch are therefore different.
+    At most four encounters are simulated again, each twice. They are spread over the batch. The new batch
+    contains them in order and then in reverse order, so that the number of earlier calls, the size of the
+    batch, the neighbours and the position in the batch are different.
 
     Parameters
     ----------
@@ -180,11 +183,11 @@ def found_difference(
     encounters
         Encounters that were simulated before, shape (d, n).
     first
-        Their outcomes.
+        Outcomes of these encounters in the first simulation.
     vehicle
-        The vehicle's name in messages.
+        Name of the vehicle in messages.
     scenario
-        The scenario, which names the outcomes.
+        The scenario of the encounters.
     """
     count = encounters.shape[1]
     chosen = np.unique(np.linspace(0, count - 1, min(count, REPEATED)).astype(int))
@@ -209,10 +212,11 @@ def found_difference(
 
 @contextmanager
 def kept_alive() -> Iterator[None]:
-    """Raise SystemExit if the block calls ``os._exit``, which would end the study without a message.
+    """Run a user's code in a ``with`` block such that it cannot end the process or change its working folder.
 
-    Processes that a vehicle forks may still end themselves so. A working folder that the block changes to is
-    that of all later blocks, but of nothing else: paths of results are relative to the user's.
+    If the block calls ``os._exit``, which would end the study without a message, SystemExit is raised
+    instead. Processes that the block forks may still call it. If the block changes the working folder, the
+    new folder is used in all later blocks, but not outside of them.
     """
     own, leave, folder = os.getpid(), os._exit, os.getcwd()
     os.chdir(FOLDER.get("user's code", folder))
@@ -233,5 +237,5 @@ def kept_alive() -> Iterator[None]:
 
 
 def error_in_words(error: BaseException) -> str:
-    """Return the text of an exception on one line."""
+    """Return the type and the message of an exception on one line."""
     return f"{type(error).__name__}: {' '.join(str(error).split())}"

@@ -1,4 +1,4 @@
-"""A vehicle that is a command in any language, which reads a CSV of encounters and writes one of outcomes."""
+"""A vehicle that is a command in any language, which reads a CSV file of encounters and writes outcomes."""
 
 import contextlib
 import csv
@@ -27,13 +27,13 @@ from accelerated_evaluation.vehicles.external.foreign import ForeignVehicle
 from accelerated_evaluation.vehicles.moving import checked_lead_speeds
 from accelerated_evaluation.vehicles.registry import VEHICLES
 
-REMEMBERED = 2000  # bytes of what a command prints, its last ones, of which a message has the last line
+REMEMBERED = 2000  # number of bytes kept of the printed output, so that a message can contain the last line
 FLAGS = {"1": 1.0, "0": 0.0, "true": 1.0, "false": 0.0, "1.0": 1.0, "0.0": 0.0}
 
-MARK = "ACCELERATED_EVALUATION_COMMAND"  # variable of the environment that all processes of a command inherit
+MARK = "ACCELERATED_EVALUATION_COMMAND"  # environment variable that all processes of a command inherit
 
 RUNNING: set[tuple[int, str]] = set()
-"""Commands that run now, as `end_group` takes them; whoever ends this process has to end them as well."""
+"""Arguments of `end_group` for the commands that are running, which have to end with this process."""
 
 
 @VEHICLES.add("command")
@@ -46,20 +46,21 @@ class Command(ForeignVehicle):
     crash (0 or 1), min_range [m], min_ttc [s] and impact_speed [m/s]. OUT.csv has one row for each row of
     IN.csv, in the same order. Further columns and the printed output are ignored.
 
-    If the lead vehicle changes its speed, IN.csv also has the columns speed_0.1, speed_0.2, ..., speed_8.0:
-    the lead speed [m/s] so many seconds after the start. After 8 s the lead vehicle keeps its speed.
+    If the lead vehicle changes its speed, IN.csv also has the columns speed_0.1, speed_0.2, ..., speed_8.0,
+    with the lead speed [m/s] 0.1, 0.2, ..., 8 s after the start. After 8 s the lead vehicle keeps its speed.
 
     Attributes
     ----------
     command
         The words of the command, or one text that is split into words as in a shell. No shell is used.
     lead_motion
-        Whether the command reads these columns. If not, it cannot be given lead speeds over time.
+        Whether the command reads the columns of lead speeds. If not, it cannot simulate cut-ins in which the
+        lead vehicle changes its speed.
 
     Raises
     ------
     InputError
-        If there are no words.
+        If a parameter has the wrong type, or the command has no words.
     """
 
     command: str | Sequence[str]
@@ -82,7 +83,7 @@ class Command(ForeignVehicle):
 
     @property
     def name(self) -> str:
-        """The command as one types it."""
+        """The command as it is typed in a shell."""
         return shlex.join(self.words)
 
     @property
@@ -96,7 +97,8 @@ class Command(ForeignVehicle):
         Raises
         ------
         InputError
-            If the command cannot be started, takes too long, fails, is killed, or writes no outcomes.
+            If the command cannot be started, takes too long, fails, is killed, or does not write valid
+            outcomes.
         """
         return self._outcomes(self.scenario.checked(*columns))
 
@@ -113,7 +115,10 @@ class Command(ForeignVehicle):
         return self._outcomes(encounters, checked_lead_speeds(lead_speeds, encounters[0])[:, 1:STATES])
 
     def _outcomes(self, encounters: Array, later_speeds: Array | None = None) -> Any:  # noqa: ANN401
-        """Run the command on checked encounters, and on later lead speeds, shape (n, STATES - 1)."""
+        """Return the outcomes of the command for checked encounters, shape (d, n).
+
+        ``later_speeds`` are the lead speeds from 0.1 s on, shape (n, STATES - 1), if these change.
+        """
         if not encounters.shape[1]:
             return self.scenario.outcomes_of(np.empty((len(self.scenario.outcomes), 0)))
         with TemporaryDirectory(prefix="accelerated_evaluation_") as folder:
@@ -124,7 +129,7 @@ class Command(ForeignVehicle):
         return self.scenario.outcomes_of(outcomes)
 
     def _run(self, words: Sequence[str], encounters: Array) -> None:
-        """Run the command in a group of processes of its own, and end the whole group after it."""
+        """Run the command in its own process group, and end the whole group afterwards."""
         mark = f"{MARK}={uuid.uuid4()}"
         try:
             process = subprocess.Popen(
@@ -161,12 +166,12 @@ class Command(ForeignVehicle):
             raise self._error(batch, f"{how}{printed.last_line()}", "exit status 0")
 
     def _error(self, what: str, seen: str, expected: str, change: str = "Correct the command.") -> InputError:
-        advice = f"{change} docs/your_vehicle.md says what a command is given and has to give."
+        advice = f"{change} docs/your_vehicle.md describes the files that a command reads and writes."
         return InputError(f"vehicle {self.name}, {what}", seen=seen, expected=expected, change=advice)
 
 
 class Printed:
-    """Reads the output of a command, so that the command never blocks, and keeps the end of it."""
+    """Reads the printed output of a command, so that the command never blocks, and keeps the last part."""
 
     def __init__(self, pipe: BinaryIO) -> None:
         self._pipe, self._end = pipe, b""
@@ -179,7 +184,10 @@ class Printed:
                 self._end = (self._end + part)[-REMEMBERED:]
 
     def stop(self) -> None:
-        """Read what is left; a process that left the command's group may hold the pipe open for ever."""
+        """Read the rest of the output for at most one second.
+
+        A process that has left the process group of the command may keep the pipe open forever.
+        """
         self._thread.join(1)
         if not self._thread.is_alive():
             self._pipe.close()
@@ -191,15 +199,15 @@ class Printed:
 
 
 def end_group(process: int, mark: str) -> None:
-    """End a command by force: its group of processes, and processes of its own that have left the group.
+    """Kill all processes of a command: its process group, and processes that have left the group.
 
     Parameters
     ----------
     process
-        The first process of the group.
+        Number of the first process of the group.
     mark
-        Entry of the environment that only the processes of this command have. They are found by it where the
-        system lists processes under /proc.
+        Entry of the environment that only the processes of this command have. It identifies processes that
+        have left the group, on systems that list processes under /proc.
     """
     with contextlib.suppress(ProcessLookupError, PermissionError):
         os.killpg(process, signal.SIGKILL)
@@ -211,10 +219,10 @@ def end_group(process: int, mark: str) -> None:
 
 
 def _marked(mark: str) -> list[int]:
-    """Return the processes that live and have an entry in their environment."""
+    """Return the numbers of running processes that have the entry ``mark`` in their environment."""
     found = []
     for folder in Path("/proc").glob("[0-9]*"):
-        with contextlib.suppress(OSError):  # it has ended, or is another user's
+        with contextlib.suppress(OSError):  # the process has ended, or belongs to another user
             if mark.encode() in (folder / "environ").read_bytes().split(b"\0"):
                 found.append(int(folder.name))
     return found
@@ -233,9 +241,12 @@ def _write_encounters(path: Path, encounters: Array, scenario: Scenario, later_s
 def _read_outcomes(
     path: Path, encounters: Array, scenario: Scenario, refuse: Callable[..., InputError]
 ) -> Array:
-    """Return the m outcomes of a CSV file, shape (m, n); raise what ``refuse`` makes of a fault."""
+    """Return the m outcomes in a CSV file, shape (m, n).
+
+    ``refuse`` is a function that makes the error for a fault of the file.
+    """
     count, expected = encounters.shape[1], scenario.outcome_names
-    if path.exists() and not path.is_file():  # to open a pipe would wait for ever
+    if path.exists() and not path.is_file():  # opening a pipe would wait forever
         raise refuse("OUT.csv", "a folder, a device or a pipe", "a file with the outcomes")
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
@@ -260,7 +271,7 @@ def _read_outcomes(
 def _numbers(
     row: list[str], columns: list[int], scenario: Scenario, where: str, refuse: Callable[..., InputError]
 ) -> Iterator[float]:
-    """Yield the outcomes of a row; NaN and contradictions are left to `checked_outcomes`."""
+    """Yield the outcomes of a row as numbers; `checked_outcomes` checks for NaN and contradictions later."""
     for outcome, column in zip(scenario.outcomes, columns, strict=True):
         text = row[column].strip() if column < len(row) else ""
         try:

@@ -1,4 +1,4 @@
-"""The Functional Mock-up Interface, used through FMPy: the inputs and outputs of an FMU."""
+"""Functional Mock-up Units (FMUs): inputs, outputs and steps, through the library FMPy."""
 
 import math
 import zipfile
@@ -15,7 +15,7 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.units import ACCELERATION, LENGTH, SPEED
 from accelerated_evaluation.vehicles.external.checked import error_in_words
 
-# By quantity, the factor of each unit to the SI unit, which comes first.
+# For each quantity, the factors of the possible units to the SI unit; the SI unit is the first one.
 INPUT_UNITS = {
     "range": LENGTH,
     "range_rate": SPEED,
@@ -23,12 +23,12 @@ INPUT_UNITS = {
     "host_speed": SPEED,
     "lead_speed": SPEED,
 }
-LARGEST = 200_000_000  # bytes of all files of an FMU, which are unpacked for each worker
+LARGEST = 200_000_000  # largest number of bytes of all files of an FMU, which each worker unpacks
 REAL = {"2.0": "Real", "3.0": "Float64"}
 
 
 class State(NamedTuple):
-    """The state of both cars: range [m], speeds of host and lead [m/s]."""
+    """The state of host and lead vehicle: range [m], and both speeds [m/s]."""
 
     range: float
     host_speed: float
@@ -36,19 +36,25 @@ class State(NamedTuple):
 
     @property
     def range_rate(self) -> float:
-        """Rate at which the range grows [m/s]."""
+        """Rate at which the range increases [m/s]."""
         return self.lead_speed - self.host_speed
 
     @property
     def closing_speed(self) -> float:
-        """Rate at which the range falls [m/s]."""
+        """Rate at which the range decreases [m/s]."""
         return self.host_speed - self.lead_speed
 
     def after(self, acceleration: float, step: float, lead_speed: float) -> "State":
-        """Return the state after a step [s] with a given acceleration of the host [m/s^2].
+        """Return the state after a time step.
 
-        The host never drives backwards. ``lead_speed`` is that after the step [m/s]; within the step it
-        changes linearly.
+        Parameters
+        ----------
+        acceleration
+            Acceleration of the host during the step [m/s^2]. The host does not drive backwards.
+        step
+            Length of the step [s].
+        lead_speed
+            Lead speed after the step [m/s]. Within the step it changes linearly.
         """
         speed = max(self.host_speed + acceleration * step, 0.0)
         lead = self.lead_speed if lead_speed == self.lead_speed else (self.lead_speed + lead_speed) / 2
@@ -63,11 +69,11 @@ class Variable:
     Attributes
     ----------
     quantity
-        What it is.
+        Quantity of the variable, such as ``range``.
     reference
-        Its number in the FMU.
+        Number of the variable in the FMU (value reference).
     factor
-        SI units in one of its own.
+        Factor that converts a value of the variable to SI units.
     """
 
     quantity: str
@@ -83,16 +89,16 @@ class Model:
     file
         Path of the FMU.
     inputs
-        ``name`` and ``unit`` of its input variables, by quantity.
+        ``name`` and ``unit`` of the input variables, by quantity.
     acceleration
-        ``name`` and ``unit`` of its output variable.
+        ``name`` and ``unit`` of the output variable.
     start
         Initial values of other variables, by name.
 
     Raises
     ------
     InputError
-        If the file is not an FMU that can be run here, or has no such variable or unit.
+        If the file is not an FMU that can be run on this machine, or if it lacks a variable or a unit.
     """
 
     def __init__(
@@ -113,12 +119,12 @@ class Model:
             self._require(f"start.{name}", name, self._variables)
 
     def started(self, state: State) -> "Instance":
-        """Return a new instance of the FMU that is ready for its first step."""
+        """Return a new instance of the FMU that is initialised with a state and ready for its first step."""
         return Instance(self, state)
 
     @cached_property
     def folder(self) -> str:
-        """Folder of the unpacked FMU, which lasts as long as this object."""
+        """Folder of the unpacked FMU, which is deleted together with this object."""
         from fmpy import extract
 
         self._unpacked = TemporaryDirectory(prefix="accelerated_evaluation_")
@@ -163,7 +169,7 @@ class Model:
 
 
 class Instance:
-    """One run of an FMU. After an error it must not be used again."""
+    """An instance of an FMU for one encounter; it must not be used any more after an error."""
 
     def __init__(self, model: Model, state: State) -> None:
         self._model = model
@@ -180,7 +186,14 @@ class Instance:
             fmu.exitInitializationMode()
 
     def advance(self, time: float, step: float, state: State) -> float:
-        """Set the inputs of the FMU, make one step, and return its acceleration [m/s^2].
+        """Set the inputs of the FMU, make one step, and return the acceleration of the host [m/s^2].
+
+        Parameters
+        ----------
+        time, step
+            Time at the beginning of the step, and length of the step [s].
+        state
+            State of the cars at the beginning of the step, for the inputs.
 
         Raises
         ------
@@ -193,14 +206,14 @@ class Instance:
             ended = fmu.doStep(currentCommunicationPoint=time, communicationStepSize=step)
             read = fmu.getReal if self._model.is_old else fmu.getFloat64
             acceleration = read([output.reference])[0] * output.factor
-        if isinstance(ended, tuple) and ended[1]:  # of FMI 3.0, whose FMUs may ask for the end
+        if isinstance(ended, tuple) and ended[1]:  # FMUs of FMI 3.0 may request the end of the simulation
             raise _fault(f"its step at {time:g} s", "that it asks to end the simulation")
         if not math.isfinite(acceleration):
             raise _fault(f"its step at {time:g} s", f"an acceleration of {acceleration}")
         return acceleration
 
     def end(self) -> None:
-        """End the run."""
+        """Terminate the instance, and free its memory."""
         with _naming_the_fmu("its end"):
             self._fmu.terminate()
             self._fmu.freeInstance()
@@ -214,10 +227,10 @@ class Instance:
 
 @contextmanager
 def _naming_the_fmu(what: str) -> Iterator[None]:
-    """Turn an error of FMPy in the block into an `InputError`."""
+    """Convert an error of FMPy in the ``with`` block to an `InputError`."""
     try:
         yield
-    except Exception as error:  # of whatever kind FMPy has for it
+    except Exception as error:  # FMPy raises various errors
         raise _fault(what, error_in_words(error)) from error
 
 
@@ -226,7 +239,7 @@ def _fault(what: str, seen: str) -> InputError:
 
 
 def _read(file: str) -> Any:  # noqa: ANN401
-    """Return the model description of an FMU that can be run here; FMPy is optional."""
+    """Return the model description of an FMU that can be run on this machine; FMPy is an optional package."""
     try:
         import fmpy
     except ImportError as error:
@@ -246,7 +259,7 @@ def _read(file: str) -> Any:  # noqa: ANN401
         raise error(seen, f"at most {LARGEST / 1e6:,.0f} MB", "Leave out sources and documentation.")
     try:
         description, platforms = fmpy.read_model_description(file), fmpy.supported_platforms(file)
-    except Exception as fault:  # of whatever kind FMPy has for it
+    except Exception as fault:  # FMPy raises various errors
         raise error(error_in_words(fault), "a valid FMU", "Export it again.") from fault
     if description.fmiVersion not in REAL or description.coSimulation is None:
         kind = "" if description.coSimulation else ", not for co-simulation"

@@ -22,7 +22,7 @@ from accelerated_evaluation.vehicles.moving import checked_lead_speeds
 from accelerated_evaluation.vehicles.registry import VEHICLES
 
 INPUTS = ("range", "range_rate", "host_speed")
-MOST_STEPS = 100_000  # of an encounter, which takes seconds; more is a mistake of the unit
+MOST_STEPS = 100_000  # largest number of steps of an encounter; a larger number is a wrong unit
 
 
 @VEHICLES.add("fmu")
@@ -30,34 +30,36 @@ MOST_STEPS = 100_000  # of an encounter, which takes seconds; more is a mistake 
 class Fmu(ForeignVehicle):
     """A vehicle that is a Functional Mock-up Unit for co-simulation, FMI 2.0 or 3.0.
 
-    The lead vehicle keeps its speed, or has given speeds over time. At every step the FMU receives its
-    inputs, makes the step, and returns the acceleration of the host, which is used for this step: v_new =
-    max(v + a h, 0), R_new = R + (v_L - (v + v_new) / 2) h, with the mean v_L of the step. An encounter ends
-    with a crash when the range is 0 or less, and safely when the host stands still or the time is over. The
-    smallest range and the smallest time to collision are those at the beginnings of the steps; the smallest
-    range also includes the end.
+    The library moves both cars. The lead vehicle keeps its speed, or has given speeds over time. In every
+    step h, the FMU receives its inputs, advances by h, and returns the acceleration a of the host for this
+    step. The new speed of the host is v_new = max(v + a h, 0), and the new range is R_new = R + (v_L - (v +
+    v_new) / 2) h, where v_L is the mean lead speed in the step. An encounter ends with a crash when the range
+    is 0 or less. It ends without a crash when the host stands still or the time is over. The smallest range
+    and the smallest time to collision are those at the beginnings of the steps; the smallest range also
+    includes the end of the encounter.
 
     Attributes
     ----------
     file
         The FMU, a file that ends in .fmu.
     inputs
-        Inputs of the FMU: ``range``, ``range_rate``, ``closing_speed`` (minus the range rate), ``host_speed``
-        or ``lead_speed``; each with the ``name`` of the FMU's variable and its ``unit``. By default range,
-        range_rate and host_speed, with these names, in SI units.
+        Quantities that the FMU receives: ``range``, ``range_rate``, ``closing_speed`` (minus the range rate),
+        ``host_speed`` or ``lead_speed``; each with the ``name`` of the variable of the FMU and its ``unit``.
+        By default they are range, range_rate and host_speed, with these names, in SI units.
     acceleration
         ``name`` and ``unit`` of the output variable with the acceleration of the host.
     start
         Initial values of other variables, by name.
     step
-        The step h [s], which is a part of the model.
+        The step h [s].
     duration
         Duration of an encounter [s], rounded to whole steps.
 
     Raises
     ------
     InputError
-        If the file is not an FMU that can be run here, or has no such variable, or a parameter is wrong.
+        If the file is not an FMU that can be run on this machine, if it lacks a variable, or if a parameter
+        is wrong.
     """
 
     file: str
@@ -86,7 +88,7 @@ class Fmu(ForeignVehicle):
 
     @property
     def files(self) -> list[Path]:
-        """The FMU."""
+        """The file of the FMU."""
         return [Path(self.file)]
 
     def simulate(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
@@ -95,7 +97,7 @@ class Fmu(ForeignVehicle):
         Raises
         ------
         InputError
-            If the FMU cannot be instantiated, refuses a step, or gives an acceleration that is no number.
+            If the FMU cannot be instantiated, refuses a step, or returns an acceleration that is not finite.
         """
         encounters = CUT_IN.checked(lead_speed, range_, closing_speed)
         return self._outcomes(encounters, itertools.repeat(None))
@@ -105,15 +107,17 @@ class Fmu(ForeignVehicle):
     ) -> Outcomes:
         """Simulate n cut-ins with lead speeds over time; see `MovingVehicle` and `simulate`.
 
-        Between 0, 0.1, ... s the lead speed is interpolated. The inputs of the FMU follow it at every step.
+        Between 0, 0.1, ... s the lead speed is interpolated linearly. The inputs of the FMU are computed from
+        the lead speed at the beginning of each step.
         """
         encounters = CUT_IN.checked(lead_speed, range_, closing_speed)
         return self._outcomes(encounters, checked_lead_speeds(lead_speeds, encounters[0]))
 
     def trace(self, lead_speed: float, range_: float, closing_speed: float) -> pd.DataFrame:
-        """Return the states of one encounter; the columns of `traces.COLUMNS`, without emergencies.
+        """Simulate one encounter with a constant lead speed, and return its states over time.
 
-        The acceleration in a row is that of the step before.
+        The table has one row for each step and the columns `traces.COLUMNS`. The acceleration in a row is
+        that of the step before, and "emergency" is always 0.
         """
         rows, before = [], 0.0
         for time, state, acceleration in self._states(lead_speed, range_, closing_speed):

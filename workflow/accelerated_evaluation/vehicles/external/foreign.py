@@ -1,4 +1,4 @@
-"""Common base of vehicles that are external programs: commands and FMUs."""
+"""Common base class of vehicles that are external programs: commands and FMUs."""
 
 from abc import ABC, abstractmethod
 from pathlib import Path
@@ -9,18 +9,18 @@ from numpy.typing import ArrayLike
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
 
-TIME_LIMIT = 600.0  # [s]
+TIME_LIMIT = 600.0  # [s], default of the longest time for a batch
 
 
 class ForeignVehicle(ABC):
-    """A vehicle that is an external program; its outcomes are checked and stored.
+    """Base class of a vehicle that is an external program; its outcomes are checked and stored.
 
     Attributes
     ----------
     time_limit
         Longest time for a batch [s].
     scenario
-        The scenario whose encounters it simulates.
+        The scenario whose encounters the vehicle simulates.
     """
 
     time_limit: float = TIME_LIMIT
@@ -29,12 +29,12 @@ class ForeignVehicle(ABC):
     @property
     @abstractmethod
     def name(self) -> str:
-        """Its name in messages."""
+        """Name of the vehicle in messages."""
 
     @property
     @abstractmethod
     def files(self) -> list[Path]:
-        """The files that define it; if their contents change, it counts as another vehicle."""
+        """Files that define the vehicle; if their contents change, stored outcomes are not used any more."""
 
     @abstractmethod
     def simulate(self, *columns: ArrayLike) -> Any:  # noqa: ANN401

@@ -1,4 +1,4 @@
-"""A slow vehicle: its outcomes are stored, and batches of new encounters run on several workers."""
+"""A slow vehicle: outcomes are stored, and batches of new encounters are simulated by several workers."""
 
 import math
 import time
@@ -30,39 +30,39 @@ from accelerated_evaluation.vehicles.loading import load_vehicle, section_files,
 from accelerated_evaluation.vehicles.moving import checked_lead_speeds, motion_error, takes_motion
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
-AT_ONCE = 50_000  # encounters that are looked up together, which bounds the memory
+AT_ONCE = 50_000  # number of encounters that are looked up together, which limits the memory
 
 
 @dataclass
 class SlowVehicle:
-    """A vehicle that simulates each encounter only once, in batches, on workers.
+    """A vehicle whose encounters are simulated only once, in batches, by workers.
 
-    If its outcomes are random, an encounter is simulated every time it is requested.
+    If the outcomes are random, an encounter is simulated every time it is requested.
 
     Attributes
     ----------
     name, parameters
-        Name and parameters as in `load_vehicle`; each worker loads the vehicle itself.
+        Name and parameters as for `load_vehicle`; each worker loads the vehicle itself.
     title
-        Its name in messages.
+        Name of the vehicle in messages.
     store
         The store of outcomes.
     workers
-        The workers that run the batches.
+        The workers that simulate the batches.
     batch_size
         Largest number of encounters in a batch. A request is divided evenly among the workers if this makes
         the batches smaller.
     time_limit
         Longest time for a batch [s].
     scenario
-        The scenario whose encounters it simulates.
+        The scenario whose encounters the vehicle simulates.
     deterministic
         Whether the outcomes are deterministic; see `CheckedVehicle`.
     takes_motion
-        Whether the vehicle can be given lead speeds over time.
+        Whether the vehicle can be simulated with given lead speeds over time.
     simulated, found
-        Number of encounters that this object simulated, including repetitions that test whether the vehicle
-        is deterministic, and number of those found in the store.
+        Number of encounters that this object has simulated, including repetitions that test whether the
+        vehicle is deterministic, and number of encounters that it has found in the store.
     """
 
     name: str
@@ -84,14 +84,19 @@ class SlowVehicle:
             self.deterministic = False
 
     def simulate(self, *columns: ArrayLike) -> Any:  # noqa: ANN401
-        """Simulate those of n encounters that are not in the store; see `Vehicle`.
+        """Return the outcomes of n encounters; encounters that are not in the store are simulated.
+
+        Parameters
+        ----------
+        *columns
+            The variables of the scenario, in order, each of shape (n,).
 
         Raises
         ------
         InputError
-            If the encounters are not valid, or the vehicle fails, takes too long, ends its worker, breaks the
-            protocol, or has other outcomes for the same encounters although it is stated to be deterministic.
-            The outcomes of other batches are kept.
+            If the encounters are not valid, if the vehicle fails, takes too long, ends its worker or returns
+            invalid outcomes, or if repeated encounters have other outcomes although the vehicle is stated to
+            be deterministic. The outcomes of other batches remain in the store.
         """
         encounters = self.scenario.checked(*columns)
         starts = range(0, max(encounters.shape[1], 1), AT_ONCE)
@@ -108,7 +113,7 @@ class SlowVehicle:
     ) -> Any:  # noqa: ANN401
         """Simulate n cut-ins behind lead vehicles that change their speeds; see `MovingVehicle`.
 
-        The outcomes are not stored, because a lead motion is hardly ever drawn twice.
+        The outcomes are not stored, because the same lead motion is hardly ever drawn twice.
 
         Raises
         ------
@@ -126,7 +131,7 @@ class SlowVehicle:
         return self.scenario.outcomes_of(outcomes)
 
     def _checked(self, encounters: Array) -> Any:  # noqa: ANN401
-        """Return the outcomes of encounters, shape (d, n), and find out once whether the vehicle varies."""
+        """Return the outcomes of encounters, shape (d, n); test once whether the vehicle is deterministic."""
         outcomes = self._looked_up(encounters, again=self.deterministic is False)
         if encounters.shape[1] and self.deterministic is not False and self.store.verdict is None:
             self.deterministic = after_repetition(
@@ -144,9 +149,9 @@ class SlowVehicle:
         return self._looked_up(encounters, again=True)
 
     def _looked_up(self, encounters: Array, *, again: bool) -> Any:  # noqa: ANN401
-        """Return the outcomes of encounters, shape (d, n); the store is asked first.
+        """Return the outcomes of encounters, shape (d, n), from the store or, if necessary, by simulation.
 
-        With ``again``, every encounter has an outcome for each time that this object was asked for it.
+        With ``again``, each request for an encounter gets an outcome of its own, as for random outcomes.
         """
         keys: list[Encounter] = list(zip(*encounters.tolist(), strict=True))
         requests: list[Request] = [(key, self._next_number(key) if again else 0) for key in keys]
@@ -164,14 +169,16 @@ class SlowVehicle:
         return self.scenario.outcomes_of(rows.reshape(-1, len(self.scenario.outcomes)).T)
 
     def _next_number(self, encounter: Encounter) -> int:
-        """Return how often this object was asked for an encounter before."""
+        """Return the number of earlier requests for an encounter to this object, and count this request."""
         self._handed_out[encounter] += 1
         return self._handed_out[encounter] - 1
 
     def _simulated(self, encounters: Sequence[Encounter]) -> Iterator[tuple[int, Array]]:
-        """Yield, as they end, where batches begin, and their outcomes, shape (m, n).
+        """Simulate encounters in batches, and yield the outcomes of each batch.
 
-        After a fault nothing new is begun, but the batches under way are waited for, so that they are kept.
+        Each item is the index of the first encounter of the batch, and the outcomes, shape (m, size of the
+        batch). Batches are yielded in the order in which they end. After a fault no new batch is started, but
+        the outcomes of running batches are still yielded, so that they are stored.
         """
         size = min(self.batch_size, math.ceil(len(encounters) / self.workers.count)) or 1
         waiting = list(range(0, len(encounters), size))[::-1]
@@ -187,7 +194,7 @@ class SlowVehicle:
                     first, begun = running.pop(future)
                     try:
                         outcomes = future.result()
-                    except Exception as error:  # of whatever kind an executor has for a worker that died
+                    except Exception as error:  # executors raise various errors for a worker that died
                         batch = encounters[first : first + size]
                         fault = fault or self._batch_error(error, batch, time.monotonic() - begun)
                         continue
@@ -208,7 +215,7 @@ class SlowVehicle:
         )
 
     def _batch_error(self, error: Exception, batch: Sequence[Encounter], seconds: float) -> InputError:
-        """Return what became of a batch as one message."""
+        """Return the error that describes why a batch failed after a number of seconds."""
         shown = self.scenario.described_batch(np.array(batch).T[: self.scenario.dimension])
         if isinstance(error, InputError):
             where = error.where if shown in error.where else f"{error.where}, {shown}"
@@ -236,7 +243,19 @@ class SlowVehicle:
 
 
 def is_slow(name: str, simulations: Mapping[str, Any], scenario: Scenario = CUT_IN) -> bool:
-    """Return whether outcomes of a vehicle are stored: commands and FMUs, and classes if so configured."""
+    """Return whether the outcomes of a vehicle are stored.
+
+    They are stored for commands and FMUs, and for a class of the user if ``simulations.keep_class`` is true.
+
+    Parameters
+    ----------
+    name
+        Name of the vehicle, as for `load_vehicle`.
+    simulations
+        Section ``simulations`` of the configuration.
+    scenario
+        The scenario whose encounters the vehicle simulates.
+    """
     if ":" in name:
         return simulations["keep_class"]
     return issubclass(vehicles_of(scenario)[name], ForeignVehicle)
@@ -248,19 +267,26 @@ def loaded_for(
 ) -> Iterator[Vehicle]:
     """Yield the vehicle of a configuration, as a `SlowVehicle` if its outcomes are stored.
 
+    Workers are ended after the ``with`` block.
+
     Parameters
     ----------
     vehicle, simulations
-        Sections of these names of the configuration.
+        The sections ``vehicle`` and ``simulations`` of the configuration.
     scenario
-        The scenario whose encounters it simulates.
+        The scenario whose encounters the vehicle simulates.
+
+    Raises
+    ------
+    InputError
+        If the vehicle cannot be loaded, if a file does not exist, or if the workers cannot be started.
     """
     name, parameters = vehicle["name"], vehicle["parameters"]
-    # Also to refuse what cannot be loaded before any worker starts.
+    # The vehicle is loaded here in any case, so that errors are raised before a worker starts.
     car = load_vehicle(name, scenario, **parameters)
     if isinstance(car, CheckedVehicle) and vehicle.get("deterministic") is not None:
         car.deterministic = vehicle["deterministic"]
-    files = section_files(vehicle, scenario)  # also to refuse what does not exist
+    files = section_files(vehicle, scenario)  # raises an error if a file does not exist
     if not is_slow(name, simulations, scenario):
         yield car
         return
@@ -285,14 +311,14 @@ def loaded_for(
 def all_loaded(
     vehicles: Mapping[str, Mapping[str, Any]], simulations: Mapping[str, Any]
 ) -> Iterator[dict[str, Vehicle]]:
-    """Yield vehicles by name, each as in `loaded_for`.
+    """Yield several vehicles by name, each loaded by `loaded_for`.
 
     Parameters
     ----------
     vehicles
         Sections of the same form as ``vehicle``, by name.
     simulations
-        Section of this name of the configuration.
+        Section ``simulations`` of the configuration.
     """
     with ExitStack() as stack:
         yield {

@@ -1,7 +1,7 @@
 """A store of the outcomes of a slow vehicle, so that no encounter is simulated twice.
 
-If the outcomes are random, an encounter is simulated several times. Every outcome is stored with a number
-that counts the simulations of this encounter from 0, so that the same sequence of requests always gets the
+If the outcomes are random, an encounter is simulated several times. Every outcome is stored with the number
+of the simulation of this encounter, counted from 0, so that the same sequence of requests always gets the
 same outcomes.
 """
 
@@ -19,7 +19,7 @@ from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.protocol import Scenario
 
 VEHICLES_FOLDER = Path("results/vehicles")
-PATIENCE = 600.0  # [s] to wait while another process writes
+PATIENCE = 600.0  # [s], longest time to wait while another process writes
 
 Encounter = tuple[float, ...]
 Outcome = tuple[float, ...]
@@ -29,7 +29,7 @@ DETERMINISTIC, VARIES = "deterministic", "varies"
 
 
 class _Statements:
-    """The statements of SQL for the tables of a scenario; in the tables, names of columns are quoted."""
+    """SQL statements for the tables of a scenario; names of columns are quoted."""
 
     def __init__(self, scenario: Scenario) -> None:
         inputs = [f'"{name}"' for name in scenario.names]
@@ -50,17 +50,17 @@ class _Statements:
 
 
 class Store:
-    """Outcomes of one vehicle by encounter, in an SQLite file that several processes may use at once.
+    """Outcomes of one vehicle by encounter, in an SQLite file that several processes may use simultaneously.
 
-    Numbers are stored exactly: an encounter is found if all of its numbers are equal, and the outcomes
-    are returned unchanged. When `add` returns, the outcomes are on the disk.
+    Numbers are stored exactly: an encounter is found if all its numbers are equal, and outcomes are returned
+    without rounding. When `add` returns, the outcomes are on the disk.
 
     Parameters
     ----------
     path
         The file; it is created with its folder if necessary.
     scenario
-        The scenario, which names the columns.
+        The scenario, whose variables and outcomes are the columns of the tables.
 
     Raises
     ------
@@ -75,7 +75,13 @@ class Store:
             connection.executescript(self._sql.tables)
 
     def known(self, requests: Iterable[Request]) -> dict[Request, Outcome]:
-        """Return the stored outcomes of those requests that were added before."""
+        """Return the stored outcomes of requests; requests without stored outcomes are left out.
+
+        Parameters
+        ----------
+        requests
+            Pairs of an encounter and the number of its simulation, counted from 0.
+        """
         found = {}
         with self._connected() as connection:
             for encounter, number in requests:
@@ -85,7 +91,10 @@ class Store:
         return {request: outcome for request, outcome in found.items() if outcome is not None}
 
     def add(self, requests: Sequence[Request], outcomes: Sequence[Outcome]) -> None:
-        """Add outcomes; outcomes that another process has added in the meantime are not replaced."""
+        """Store the outcomes of requests, in the same order; see `known` for requests.
+
+        Outcomes that another process has stored in the meantime are not replaced.
+        """
         rows = [
             (number, *encounter, *outcome)
             for (encounter, number), outcome in zip(requests, outcomes, strict=True)
@@ -103,7 +112,10 @@ class Store:
         return None if not verdicts else VARIES not in verdicts
 
     def set_verdict(self, *, deterministic: bool) -> None:
-        """Save whether repeated simulations had the same outcomes; a negative result is never overwritten."""
+        """Save whether repeated simulations had the same outcomes.
+
+        A saved result that outcomes differ remains valid, whatever is saved later.
+        """
         verdict = DETERMINISTIC if deterministic else VARIES
         with self._connected() as connection:
             connection.execute("INSERT OR IGNORE INTO verdicts VALUES (?)", (verdict,))
@@ -115,7 +127,7 @@ class Store:
 
     @contextmanager
     def _connected(self) -> Iterator[sqlite3.Connection]:
-        """Yield a connection whose changes are written together at the end of the block, or not at all."""
+        """Yield a connection; all changes are written at the end of the block, or none after an error."""
         try:
             with closing(sqlite3.connect(self.path, timeout=PATIENCE)) as connection, connection:
                 yield connection
@@ -132,22 +144,22 @@ class Store:
 def store_of(
     name: str, parameters: Mapping[str, Any], files: Sequence[str], scenario: Scenario = CUT_IN
 ) -> Store:
-    """Open the store of a vehicle, in a folder named by a digest of everything that defines the vehicle.
+    """Open the store of a vehicle, in a folder whose name contains a digest of the vehicle's definition.
 
-    The file ``vehicle.json`` in the same folder describes the vehicle. A vehicle with another parameter or
-    another content of a file has another folder; studies with the same vehicle share one.
+    If a parameter or the content of a file changes, the vehicle gets another folder. Studies with the same
+    vehicle share one folder. The file ``vehicle.json`` in the folder describes the vehicle.
 
     Parameters
     ----------
     name, parameters
-        As in the configuration.
+        Name and parameters of the vehicle, as in the configuration.
     files
-        The files that define the vehicle.
+        Paths of the files that define the vehicle.
     scenario
-        The scenario whose encounters it simulates.
+        The scenario whose encounters the vehicle simulates.
     """
     described = {"vehicle": name, "parameters": dict(parameters), "content": content_digest(files)}
-    if scenario is not CUT_IN:  # without which the stores of version 0.2 remain valid
+    if scenario is not CUT_IN:  # no entry for cut-ins, so that stores of version 0.2 remain valid
         described["scenario"] = scenario.name
     folder = VEHICLES_FOLDER / f"{Path(name.replace(':', '/')).name}-{value_digest(described)[:10]}"
     store = Store(folder / "outcomes.sqlite", scenario)

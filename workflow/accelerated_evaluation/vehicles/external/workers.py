@@ -1,4 +1,4 @@
-"""Workers that simulate batches: processes of this machine, or of a Dask cluster."""
+"""Workers that simulate batches of encounters: processes on this machine, or workers of a Dask cluster."""
 
 import ctypes
 import faulthandler
@@ -30,15 +30,15 @@ from accelerated_evaluation.vehicles.loading import load_vehicle
 
 PROCESSES = "processes"
 CLUSTERS = {"dask": ("distributed", "LocalCluster"), "slurm": ("dask_jobqueue", "SLURMCluster")}
-GRACE = 2.0  # [s] by which a worker outlives the time limit, so that a command ends by its own first
-# What is printed, and the watch over the time, are the process's, which may run several threads.
+GRACE = 2.0  # [s], time after the limit until a worker is ended, so that its command is ended first
+# The printed output and the timer belong to the process, which may have several threads.
 ONE_AT_A_TIME = threading.Lock()
-JOIN = 60.0  # [s] to wait for a first worker of a cluster whose address is given
+JOIN = 60.0  # [s], longest time to wait for the first worker of a cluster whose address is given
 
 
 @dataclass(frozen=True)
 class Workers:
-    """An executor, and how many batches it runs at once."""
+    """An executor, and the number of batches that it runs at the same time."""
 
     executor: Executor
     count: int
@@ -47,17 +47,18 @@ class Workers:
 def simulate_batch(
     name: str, parameters: Mapping[str, Any], encounters: Array, time_limit: float, scenario: str = "cut_in"
 ) -> Array:
-    """Simulate a batch; this function runs in a worker.
+    """Simulate a batch of encounters in a worker.
 
-    The printed output of the vehicle is discarded. If the vehicle takes too long, the worker process ends,
-    because there is no other way to stop compiled code.
+    The printed output of the vehicle is discarded. If the vehicle takes too long, the worker process is
+    ended, because there is no other way to stop compiled code.
 
     Parameters
     ----------
     name, parameters
-        As in `load_vehicle`.
+        Name and parameters of the vehicle, as for `load_vehicle`.
     encounters
-        The encounters, shape (d, n); further rows are the lead speeds over time of cut-ins.
+        The encounters, shape (d, n). For cut-ins with lead speeds over time, further rows contain these
+        speeds.
     time_limit
         Longest time for the batch [s].
     scenario
@@ -66,7 +67,7 @@ def simulate_batch(
     Returns
     -------
     numpy.ndarray
-        The m outcomes of the scenario, shape (m, n).
+        The m outcomes of the scenario as numbers, shape (m, n).
     """
     with ONE_AT_A_TIME, open(os.devnull, "w") as nowhere, _silenced(nowhere):
         faulthandler.dump_traceback_later(time_limit + GRACE, exit=True, file=nowhere)
@@ -80,22 +81,22 @@ def simulate_batch(
         finally:
             faulthandler.cancel_dump_traceback_later()
     names = vehicle.scenario.outcome_names
-    return np.array([getattr(outcomes, name) + 0.0 for name in names])  # SQLite has no -0.0
+    return np.array([getattr(outcomes, name) + 0.0 for name in names])  # -0.0 becomes 0.0, as in SQLite
 
 
 @contextmanager
 def workers_of(simulations: Mapping[str, Any]) -> Iterator[Workers]:
-    """Yield the configured workers, and end them after the block.
+    """Yield the configured workers, and end them after the ``with`` block.
 
     Parameters
     ----------
     simulations
-        Section of this name of the configuration.
+        Section ``simulations`` of the configuration.
 
     Raises
     ------
     InputError
-        If there is no such executor, Dask is not installed, or the cluster cannot be reached or started.
+        If the executor is unknown, if Dask is not installed, or if the cluster cannot be reached or started.
     """
     kind, count = simulations["executor"], simulations["workers"]
     if kind == PROCESSES:
@@ -107,7 +108,7 @@ def workers_of(simulations: Mapping[str, Any]) -> Iterator[Workers]:
             client = stack.enter_context(_dask_client(kind, count, simulations["options"], stack))
         except InputError:
             raise
-        except Exception as error:  # of whatever kind a cluster has for an option or an address
+        except Exception as error:  # clusters raise various errors for a wrong option or address
             change = "Correct simulations.executor or simulations.options."
             raise _error(
                 repr(kind), error_in_words(error), "a cluster that starts or answers", change
@@ -116,23 +117,26 @@ def workers_of(simulations: Mapping[str, Any]) -> Iterator[Workers]:
 
 
 class Processes(Executor):
-    """Independent worker processes of this machine: if one dies, no other batch is lost.
+    """Independent worker processes on this machine: if one dies, no other batch is lost.
 
     Parameters
     ----------
     count
-        Number of processes, which start when they are first needed. One more batch waits for a free process.
+        Number of processes, which are started when they are first needed.
     """
 
     def __init__(self, count: int) -> None:
-        context = get_context("spawn")  # a fork would copy whatever state threads have here
+        context = get_context("spawn")  # a fork would copy the state of the threads of this process
         self._pools = [ProcessPoolExecutor(1, context, initializer=_follow_parent) for _ in range(count)]
         self._idle: SimpleQueue[ProcessPoolExecutor] = SimpleQueue()
         for pool in self._pools:
             self._idle.put(pool)
 
     def submit(self, fn: Callable, /, *args: Any, **kwargs: Any) -> Future:  # noqa: ANN401
-        """Run a function in a free process; see `concurrent.futures.Executor.submit`."""
+        """Run a function in a free process; see `concurrent.futures.Executor.submit`.
+
+        The call blocks until a process is free.
+        """
         pool = self._idle.get()
         future = pool.submit(fn, *args, **kwargs)
         future.add_done_callback(lambda _: self._idle.put(pool))
@@ -145,20 +149,24 @@ class Processes(Executor):
 
 
 def _follow_parent() -> None:
-    """End this worker, and the command that it runs, when the study ends by force, so that none is left."""
+    """End this worker process, and the command that it runs, after the process of the study has ended."""
 
     def follow() -> None:
         parent_process().join()
         for group, mark in [*RUNNING]:
             end_group(group, mark)
-        # By a signal: while a vehicle runs, os._exit is not that of the system (`checked.kept_alive`).
+        # The process is ended by a signal, because os._exit is replaced while a vehicle runs; see
+        # `checked.kept_alive`.
         os.kill(os.getpid(), signal.SIGKILL)
 
     threading.Thread(target=follow, daemon=True).start()
 
 
 def _dask_client(kind: str, count: int, options: Mapping[str, Any], stack: ExitStack) -> Any:  # noqa: ANN401
-    """Return the client of a Dask cluster, which ``stack`` ends; the packages are optional."""
+    """Return the client of a Dask cluster, which is closed together with ``stack``.
+
+    Dask is an optional dependency.
+    """
     if kind not in CLUSTERS and "://" not in kind:
         known = f"{PROCESSES}, {', '.join(CLUSTERS)}, or the address of a Dask scheduler, tcp://HOST:PORT"
         raise _error("executor", repr(kind), known, "Correct simulations.executor.")
@@ -172,7 +180,7 @@ def _dask_client(kind: str, count: int, options: Mapping[str, Any], stack: ExitS
     except ImportError as error:
         change = "Install the extra: pip install 'accelerated-evaluation[cluster]'."
         raise _error(repr(kind), f"no package {error.name}", "Dask", change) from error
-    # One worker that dies is the vehicle's fault, which must not be tried on three others.
+    # If a worker dies, the cause is the vehicle, so that Dask must not try the batch on other workers.
     stack.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": 0}))
     if kind not in CLUSTERS:
         client = Client(kind, timeout=JOIN, **options)
@@ -191,7 +199,11 @@ def _dask_client(kind: str, count: int, options: Mapping[str, Any], stack: ExitS
 
 
 def _try_submission(script: str) -> None:
-    """Let Slurm judge a job without running it: dask-jobqueue would wait for ever for one that is refused."""
+    """Raise InputError if Slurm would refuse a job.
+
+    Slurm checks the job without running it. Without this check, dask-jobqueue would wait forever for a job
+    that is refused.
+    """
     done = subprocess.run(
         ["sbatch", "--test-only"], input=script, text=True, capture_output=True, check=False
     )
@@ -207,9 +219,9 @@ def _error(where: str, seen: str, expected: str, change: str) -> InputError:
 
 @cache
 def _loaded(description: str) -> CheckedVehicle:
-    """Return the vehicle of a name, a scenario and parameters, once for each worker.
+    """Load a vehicle once in each worker, given name, scenario and parameters as JSON.
 
-    Whoever asks for the vehicle checks repetitions.
+    The vehicle does not repeat encounters itself, because the process that distributes the batches does this.
     """
     name, scenario, parameters = json.loads(description)
     vehicle = load_vehicle(name, SCENARIOS[scenario], **parameters)
@@ -219,7 +231,7 @@ def _loaded(description: str) -> CheckedVehicle:
 
 @contextmanager
 def _silenced(nowhere: TextIO) -> Iterator[None]:
-    """Send what is printed in the block, by compiled code and other programs too, to an open file."""
+    """Redirect everything that is printed in the block, also by compiled code, to an open file."""
     kept = [os.dup(stream) for stream in (1, 2)]
     flush_all = ctypes.CDLL(None).fflush  # compiled code buffers its output and prints it later
     flush_all(None)
