@@ -42,7 +42,7 @@ class Bounded(Described):
 
     @abstractmethod
     def ppf(self, q: ArrayLike) -> Array:
-        """Inverse of cdf."""
+        """Return the quantile x with P(X <= x) = q."""
 
     # Cached, because every evaluation of a density or probability needs these two.
     @cached_property
@@ -66,31 +66,31 @@ class Bounded(Described):
 
     @np.errstate(over="ignore")
     def logpdf(self, x: ArrayLike) -> Array:
-        """Log density; -inf outside the support."""
+        """Return the log density; -inf outside the support."""
         x = np.asarray(x, dtype=float)
         density = self._log_relative(self._clip(x), self._mode) - math.log(self._total)
         return np.where((x < self.lower) | (x >= self.upper), -np.inf, density)
 
     @np.errstate(over="ignore")
     def cdf(self, x: ArrayLike) -> Array:
-        """P(X <= x)."""
+        """Return P(X <= x)."""
         share, log_factor = self._share(self.lower, self._clip(x))
         return share * np.exp(log_factor)
 
     @np.errstate(over="ignore")
     def sf(self, x: ArrayLike) -> Array:
-        """P(X > x)."""
+        """Return P(X > x)."""
         share, log_factor = self._share(self._clip(x), self.upper)
         return share * np.exp(log_factor)
 
     @np.errstate(over="ignore", divide="ignore")
     def logsf(self, x: ArrayLike) -> Array:
-        """Log P(X > x)."""
+        """Return log P(X > x)."""
         share, log_factor = self._share(self._clip(x), self.upper)
         return np.log(share) + log_factor
 
     def rvs(self, generator: np.random.Generator, size: int) -> Array:
-        """Independent draws, shape (size,), by the inverse cdf."""
+        """Return independent draws, shape (size,), by the inverse cdf."""
         return self.ppf(generator.random(size))
 
     def cumulant(self, theta: float) -> float:

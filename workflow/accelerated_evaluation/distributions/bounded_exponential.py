@@ -93,13 +93,13 @@ class BoundedExponential(Bounded):
         return width if self._is_flat else -np.expm1(-steepness * width) / steepness
 
     def ppf(self, q: ArrayLike) -> Array:
-        """Inverse of cdf (paper, appendix A)."""
+        """Return the quantile x with P(X <= x) = q (paper, appendix A)."""
         q = np.asarray(q, dtype=float)
         x = self.lower + (self._near_dense(q) if self.rate >= 0 else self._near_thin(q))
         return np.clip(x, self.lower, self.upper)
 
     def isf(self, q: ArrayLike) -> Array:
-        """Inverse of sf."""
+        """Return x with P(X > x) = q, accurate for small q."""
         q = np.asarray(q, dtype=float)
         x = self.lower + self._beyond(q) if self.rate >= 0 else self.upper - self._near_dense(q)
         return np.clip(x, self.lower, self.upper)
@@ -128,7 +128,7 @@ class BoundedExponential(Bounded):
         return np.logaddexp(0, np.log(q) + fall + math.log(-math.expm1(-fall))) / abs(self.rate)
 
     def mean(self) -> float:
-        """Return E X."""
+        """Return the mean E X."""
         if math.isinf(self._width):
             return self.lower + 1 / self.rate
         return self.lower + self._width * _unit_mean(self.rate * self._width)

@@ -179,13 +179,13 @@ class BoundedNormal(Bounded):
         return np.where(short, near, far)
 
     def ppf(self, q: ArrayLike) -> Array:
-        """Inverse of cdf (paper, appendix A), computed in logarithms and accurate to rounding."""
+        """Return the quantile x with P(X <= x) = q (paper, appendix A), which is computed in logarithms."""
         q = np.asarray(q, dtype=float)
         with np.errstate(divide="ignore"):
             return self._quantile(np.log(q), np.log1p(-q))
 
     def isf(self, q: ArrayLike) -> Array:
-        """Inverse of sf."""
+        """Return x with P(X > x) = q, accurate for small q."""
         q = np.asarray(q, dtype=float)
         with np.errstate(divide="ignore"):
             return self._quantile(np.log1p(-q), np.log(q))
@@ -201,7 +201,7 @@ class BoundedNormal(Bounded):
         return np.clip(self.location + self.sd * standardised, self.lower, self.upper)
 
     def mean(self) -> float:
-        """Return E X."""
+        """Return the mean E X."""
         distance, share = self._quadrature()
         return self._mode + float((distance * share).sum())
 

@@ -19,11 +19,11 @@ class Empirical:
         return f"Empirical({self.values.size} values from {self.lower} to {self.upper}, mean {self.mean()})"
 
     def cdf(self, x: ArrayLike) -> Array:
-        """P(X <= x)."""
+        """Return P(X <= x)."""
         return np.searchsorted(self.values, x, side="right") / self.values.size
 
     def sf(self, x: ArrayLike) -> Array:
-        """P(X > x)."""
+        """Return P(X > x)."""
         return 1 - self.cdf(x)
 
     def ppf(self, q: ArrayLike) -> Array:
@@ -32,14 +32,14 @@ class Empirical:
         return self.values[np.clip(index, 0, self.values.size - 1)]
 
     def isf(self, q: ArrayLike) -> Array:
-        """Inverse of sf: the value below which a share 1 - q of the recorded values lies."""
+        """Return the smallest recorded value x with P(X > x) <= q."""
         index = self.values.size - 1 - np.floor(np.asarray(q, dtype=float) * self.values.size).astype(int)
         return self.values[np.clip(index, 0, self.values.size - 1)]
 
     def mean(self) -> float:
-        """Return E X."""
+        """Return the mean E X."""
         return float(self.values.mean())
 
     def rvs(self, generator: np.random.Generator, size: int) -> Array:
-        """Independent draws, shape (size,)."""
+        """Return independent draws, shape (size,)."""
         return self.values[generator.integers(self.values.size, size=size)]

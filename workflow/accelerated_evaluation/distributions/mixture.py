@@ -84,34 +84,37 @@ class Mixture(Described):
         return np.logaddexp.reduce(terms)
 
     def logpdf(self, x: ArrayLike) -> Array:
-        """Log density; -inf outside the support."""
+        """Return the log density; -inf outside the support."""
         return self._log_sum("logpdf", x)
 
     def logsf(self, x: ArrayLike) -> Array:
-        """Log P(X > x)."""
+        """Return log P(X > x)."""
         return self._log_sum("logsf", x)
 
     def cdf(self, x: ArrayLike) -> Array:
-        """P(X <= x)."""
+        """Return P(X <= x)."""
         return self._average(component.cdf(x) for component in self.components)
 
     def sf(self, x: ArrayLike) -> Array:
-        """P(X > x)."""
+        """Return P(X > x)."""
         return self._average(component.sf(x) for component in self.components)
 
     def mean(self) -> float:
-        """Return E X."""
+        """Return the mean E X."""
         return float(self._average(component.mean() for component in self.components))
 
     def _average(self, values: Iterable[ArrayLike]) -> Array:
         return sum(weight * np.asarray(value) for weight, value in zip(self.weights, values, strict=True))
 
     def ppf(self, q: ArrayLike) -> Array:
-        """Inverse of cdf, found numerically between the smallest and largest quantile of the components."""
+        """Return the quantile x with P(X <= x) = q.
+
+        It is found numerically between the smallest and the largest quantile of the components.
+        """
         return self._invert(q, "ppf", "cdf")
 
     def isf(self, q: ArrayLike) -> Array:
-        """Inverse of sf, found numerically like `ppf`."""
+        """Return x with P(X > x) = q, which is found numerically like `ppf`."""
         return self._invert(q, "isf", "sf")
 
     @np.errstate(over="ignore", invalid="ignore")
@@ -206,11 +209,11 @@ class PiecewiseMixture(Mixture):
         return np.searchsorted(self.knots, x, side="right")
 
     def ppf(self, q: ArrayLike) -> Array:
-        """Inverse of cdf, piece by piece (paper, appendix A)."""
+        """Return the quantile x with P(X <= x) = q, computed piece by piece (paper, appendix A)."""
         return self._invert_pieces(q, "ppf", np.cumsum(self.weights[:-1]), range(len(self.weights)))
 
     def isf(self, q: ArrayLike) -> Array:
-        """Inverse of sf, piece by piece from the right, so that far tails keep their digits."""
+        """Return x with P(X > x) = q, computed piece by piece from the right for accuracy in far tails."""
         order = range(len(self.weights) - 1, -1, -1)
         return self._invert_pieces(q, "isf", np.cumsum(self.weights[:0:-1]), order)
 

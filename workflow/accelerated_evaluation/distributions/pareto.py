@@ -60,29 +60,29 @@ class Pareto(Described):
         return np.log1p((np.maximum(np.asarray(x, dtype=float), self.lower) - self.lower) / self.lower)
 
     def logpdf(self, x: ArrayLike) -> Array:
-        """Log density; -inf outside the support."""
+        """Return the log density; -inf outside the support."""
         density = math.log(self.shape / self.lower) - (self.shape + 1) * self._log_excess(x)
         return np.where(np.asarray(x) < self.lower, -np.inf, density)
 
     def logsf(self, x: ArrayLike) -> Array:
-        """Log P(X > x)."""
+        """Return log P(X > x)."""
         return -self.shape * self._log_excess(x)
 
     def sf(self, x: ArrayLike) -> Array:
-        """P(X > x)."""
+        """Return P(X > x)."""
         return np.exp(self.logsf(x))
 
     def cdf(self, x: ArrayLike) -> Array:
-        """P(X <= x)."""
+        """Return P(X <= x)."""
         return -np.expm1(self.logsf(x))
 
     def isf(self, q: ArrayLike) -> Array:
-        """Inverse of sf."""
+        """Return x with P(X > x) = q, accurate for small q."""
         with np.errstate(divide="ignore", over="ignore"):
             return self.lower * np.exp(-np.log(np.asarray(q, dtype=float)) / self.shape)
 
     def ppf(self, q: ArrayLike) -> Array:
-        """Inverse of cdf."""
+        """Return the quantile x with P(X <= x) = q."""
         with np.errstate(divide="ignore", over="ignore"):
             return self.lower * np.exp(-np.log1p(-np.asarray(q, dtype=float)) / self.shape)
 
@@ -91,5 +91,5 @@ class Pareto(Described):
         return self.lower * self.shape / (self.shape - 1) if self.shape > 1 else math.inf
 
     def rvs(self, generator: np.random.Generator, size: int) -> Array:
-        """Independent draws, shape (size,), by the inverse cdf."""
+        """Return independent draws, shape (size,), by the inverse cdf."""
         return self.ppf(generator.random(size))

@@ -20,28 +20,28 @@ class Distribution(Protocol):
     upper: float
 
     def logpdf(self, x: ArrayLike) -> Array:
-        """Log density; -inf outside the support."""
+        """Return the log density; -inf outside the support."""
 
     def cdf(self, x: ArrayLike) -> Array:
-        """P(X <= x)."""
+        """Return P(X <= x)."""
 
     def sf(self, x: ArrayLike) -> Array:
-        """P(X > x)."""
+        """Return P(X > x)."""
 
     def logsf(self, x: ArrayLike) -> Array:
-        """Log P(X > x)."""
+        """Return log P(X > x)."""
 
     def ppf(self, q: ArrayLike) -> Array:
-        """Inverse of cdf on [0, 1]."""
+        """Return the quantile x with P(X <= x) = q, for q in [0, 1]."""
 
     def isf(self, q: ArrayLike) -> Array:
-        """Inverse of sf on [0, 1]."""
+        """Return x with P(X > x) = q, for q in [0, 1]; it is accurate for small q."""
 
     def mean(self) -> float:
-        """Return E X."""
+        """Return the mean E X."""
 
     def rvs(self, generator: np.random.Generator, size: int) -> Array:
-        """Independent draws, shape (size,)."""
+        """Return independent draws, shape (size,)."""
 
 
 @runtime_checkable

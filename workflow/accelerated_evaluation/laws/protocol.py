@@ -49,7 +49,7 @@ class CutIns:
 
     @property
     def range_(self) -> Array:
-        """R [m]."""
+        """The range R [m]."""
         return 1 / self.inverse_range
 
     @property

@@ -112,11 +112,11 @@ class Problem:
         )
 
     def evaluate(self, z: Array) -> Response:
-        """Simulate the cut-ins at normal scores, shape (n, 3); see `ScoreProblem.evaluate`."""
+        """Simulate the cut-ins at normal scores z, shape (n, 3); see `ScoreProblem.evaluate`."""
         return self._response(self.simulate(self.law.from_normal_scores(z)))
 
     def repeat(self, z: Array) -> Response:
-        """Simulate the cut-ins at normal scores again, even if their outcomes are in a store."""
+        """Simulate the cut-ins at normal scores z again, even if outcomes are stored; see `evaluate`."""
         cut_ins = self.law.from_normal_scores(z)
         again = getattr(self.vehicle, "repeat", self.vehicle.simulate)
         closing_speed = self.law.capped(cut_ins.closing_speed)

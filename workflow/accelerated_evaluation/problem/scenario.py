@@ -73,11 +73,11 @@ class ScenarioProblem:
         return self.vehicle.simulate(*self.scenario.to_inputs(x).T)
 
     def evaluate(self, z: Array) -> Response:
-        """Simulate the encounters at normal scores, shape (n, d); see `ScoreProblem.evaluate`."""
+        """Simulate the encounters at normal scores z, shape (n, d); see `ScoreProblem.evaluate`."""
         return self.response(self.simulate(self.law.from_normal_scores(z)))
 
     def repeat(self, z: Array) -> Response:
-        """Simulate the encounters at normal scores again, even if their outcomes are in a store."""
+        """Simulate the encounters at normal scores z again, even if outcomes are stored; see `evaluate`."""
         again = getattr(self.vehicle, "repeat", self.vehicle.simulate)
         return self.response(again(*self.scenario.to_inputs(self.law.from_normal_scores(z)).T))
 

@@ -61,7 +61,7 @@ def assign_segments(encounters: pd.DataFrame, lead_speed_edges: Sequence[float])
 
 
 def require_rows(encounters: pd.DataFrame) -> None:
-    """Raise InputError if there are too few encounters to fit a law, before any other work is done.
+    """Check that there are enough encounters to fit a law.
 
     Raises
     ------

@@ -308,7 +308,7 @@ class Scenario:
 
     @property
     def measured(self) -> tuple[str, ...]:
-        """Names of the outcomes that are numbers."""
+        """Names of the outcomes that are numbers, not flags."""
         return tuple(each.name for each in self.outcomes if not each.is_flag)
 
     def with_derived(self, encounter: Mapping[str, Any]) -> dict[str, Any]:

@@ -30,7 +30,7 @@ class CompiledVehicle:
     moving_kernel: ClassVar[Callable[[Array, Array, Any, Array], None]]
 
     def compiled(self) -> Any:  # noqa: ANN401
-        """Return the parameters of the vehicle in the form that the compiled code takes."""
+        """Return the parameters of the vehicle as numbers for the compiled simulation."""
         raise NotImplementedError
 
     def simulate_moving(

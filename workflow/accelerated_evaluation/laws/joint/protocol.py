@@ -40,11 +40,11 @@ class Box:
 
     @property
     def volume(self) -> float:
-        """Product of the lengths of the sides."""
+        """Volume of the box: the product of upper minus lower limits."""
         return float(np.prod(np.subtract(self.upper, self.lower)))
 
     def contains(self, x: Array) -> NDArray[np.bool_]:
-        """Return whether points, shape (n, d), are in the box, shape (n,)."""
+        """Return whether each of n points x, shape (n, d), is in the box; the result has shape (n,)."""
         return ((x >= self.lower) & (x <= self.upper)).all(axis=1)
 
     def require(self, x: Array, where: str) -> None:
@@ -143,7 +143,7 @@ class JointLaw(ABC):
 
     @abstractmethod
     def log_density(self, x: Array) -> Array:
-        """Return the log density at points of shape (n, d), shape (n,); it is -inf outside the box."""
+        """Return the log density, shape (n,), at points x, shape (n, d); it is -inf outside the box."""
 
     @abstractmethod
     def sample(self, n: int, generator: np.random.Generator) -> Array:

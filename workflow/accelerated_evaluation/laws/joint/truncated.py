@@ -22,7 +22,7 @@ NEGLIGIBLE = 38.0  # log of the ratio of the largest density in an interval to a
 
 
 def normal_density(e: Array) -> Array:
-    """Return the standard normal density."""
+    """Return the density of the standard normal distribution at e."""
     return np.exp(-0.5 * e * e - LOG_ROOT_2PI)
 
 

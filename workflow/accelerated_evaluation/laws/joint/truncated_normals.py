@@ -95,7 +95,7 @@ class TruncatedNormalMixture(JointLaw):
             return np.log(self.shares) - np.log(self.normals.masses)
 
     def log_density(self, x: Array) -> Array:
-        """Return the log density at points of shape (n, d), shape (n,); it is -inf outside the box."""
+        """Return the log density, shape (n,), at points x, shape (n, d); it is -inf outside the box."""
         logs, size = np.full(len(x), -np.inf), max(PAIRS_AT_ONCE // self.components, 1)
         inside = np.flatnonzero(self.box.contains(x))
         for first in range(0, inside.size, size):

@@ -34,7 +34,7 @@ class LawDraws:
     ----------
     ranges, bodies
         Draws of the hazard of log(R_max / R), and of the body of the closing speed. Both have the same number
-        a of elements, which is at most `SHARED`.
+        of elements, a, which is at most `SHARED`.
     laws
         The K laws of the closing speed. The body of each law is one of ``bodies``.
     shared
@@ -126,7 +126,7 @@ class LawDraws:
         )
 
     def ranges_at(self, places: Places) -> "Hazards":
-        """Return the hazards of log(R_max / R) at n lead speeds, for each of the a draws in ``ranges``."""
+        """Return the hazards of log(R_max / R) at n lead speeds, under each of the draws in ``ranges``."""
         return Hazards.of(self._range_splines, self.ranges[0].grid.edges[2], places.along_speed)
 
     def speeds_at(self, places: Places) -> "SpeedsAt":
@@ -202,7 +202,9 @@ class Group:
 
 @dataclass(frozen=True)
 class Hazards:
-    """Piecewise constant hazards of a variable for a draws, given n values of the covariates.
+    """Piecewise constant hazards of a variable under several draws, given n values of the covariates.
+
+    In the shapes, a stands for the number of draws.
 
     Attributes
     ----------

@@ -16,12 +16,14 @@ TOLERANCE = 1e-12  # relative error of the closing speed and of log(R_max / R)
 
 @dataclass(frozen=True)
 class RangeMixture:
-    """Mixture of a distributions of the range, given n lead speeds.
+    """Mixture of several distributions of the range, given n lead speeds.
+
+    In the shapes, a stands for the number of components of the mixture.
 
     Attributes
     ----------
     ranges
-        Hazards of log(R_max / R) of the a components.
+        Hazards of log(R_max / R) of the components.
     share
         Weights of the components, which are their shares in the draws, shape (a, 1).
     """

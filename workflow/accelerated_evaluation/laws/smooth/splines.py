@@ -19,7 +19,7 @@ from accelerated_evaluation.base.arrays import Array
 DEGREE = 3
 ORDER = 2  # order of the differences that are penalised, so that linear functions have no penalty
 RIDGE = 1e-6  # added to the diagonal, so that coefficients of regions without data stay finite
-SMOOTHING_BOUNDS = (1e-3, 1e5)
+SMOOTHING_BOUNDS = (1e-3, 1e5)  # smallest and largest smoothing parameter
 SMOOTHING_TOLERANCE = 0.05  # relative change at which the search for smoothing parameters ends
 SMOOTHING_ROUNDS = 30
 
@@ -42,7 +42,7 @@ class Basis:
 
     @property
     def size(self) -> int:
-        """Number of functions."""
+        """Number of B-splines in the basis."""
         return self.segments + DEGREE
 
     def __call__(self, x: ArrayLike) -> Array:
@@ -130,6 +130,11 @@ class Penalty:
             The current parameters.
         coefficients, covariance
             Posterior mean and covariance of the coefficients for these parameters.
+
+        Returns
+        -------
+        numpy.ndarray
+            One new smoothing parameter for each axis, within `SMOOTHING_BOUNDS`.
         """
         total = smoothing @ self.roots
         inverse = np.divide(1.0, total, out=np.zeros_like(total), where=total > 0)
@@ -154,7 +159,7 @@ class Tensor:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape of the coefficient array."""
+        """Shape of the coefficient array: the number of basis functions of each axis."""
         return tuple(matrix.shape[1] for matrix in self.matrices)
 
     def values(self, coefficients: Array) -> Array:

@@ -38,7 +38,10 @@ def rows_outside_limits(records: Records) -> Finding:
 
 @CHECKS.add("sample_size")
 def sample_size(records: Records) -> Finding:
-    """Check the number of distinct rows in each segment, and of rows in cells of lead speed and range."""
+    """Check whether each segment has enough distinct rows.
+
+    Rows in cells of lead speed and range are counted as well, without an influence on the verdict.
+    """
     counts = {name: len(rows) for name, rows in records.segments.items()}
     smallest = min(counts, key=counts.get)
     kept = records.kept

@@ -29,7 +29,7 @@ CRASHES = 1e-5
 
 @CHECKS.add("invalid_values")
 def invalid_values(records: Records) -> Finding:
-    """Check for rows that are not a valid encounter."""
+    """Check for rows that are not a valid encounter: missing, negative, infinite or impossible values."""
     rows, size = list(records.invalid), len(records.valid) + len(records.invalid)
     return Finding(
         by_share(len(rows), size),
@@ -134,7 +134,7 @@ def sign_of_range_rate(records: Records) -> Finding:
 
 @CHECKS.add("far_ranges")
 def far_ranges(records: Records) -> Finding:
-    """Check for ranges beyond the reach of automotive sensors."""
+    """Check for ranges above `FARTHEST`, which are beyond the reach of automotive sensors."""
     range_ = records.valid["range"]
     return _outside(
         range_[range_ > FARTHEST].sort_values(ascending=False),

@@ -128,7 +128,7 @@ class CrossingCar(AccAebParameters):
         return pd.DataFrame(states, columns=TRACE).astype({"emergency": int})
 
     def compiled(self) -> Car:
-        """Return the parameters in the form that the compiled code takes."""
+        """Return the parameters of the vehicle as numbers for the compiled simulation."""
         scaled = self.aeb and self.aeb_ttc is None
         constant = (self.aeb_ttc or 0.0) if self.aeb else 0.0  # with 0 the AEB never switches on
         numbers = Car(

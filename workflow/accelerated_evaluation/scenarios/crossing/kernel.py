@@ -14,6 +14,10 @@ Speed and range are therefore integrated with the steps of the authors' solver, 
 summation. If ode45 is emulated, its error control determines the steps as well, and a contact is a crash only
 if a stage of the solver detects it, so that short contacts between two stages are missed.
 
+For some targets, contact depends on the direction. The sector to the side is the set of target positions that
+are beyond the host's path, on the side to which the target moves, within the angle arctan(side_slope) from
+the direction across the path. In this sector, host and target touch at the distance side_contact.
+
 All functions of the compiled code are in this file, because numba's cache on disk only notices changes of the
 file itself.
 """
@@ -172,7 +176,10 @@ def parting(path: Path, t: float) -> float:
 
 @compiled
 def curvature(path: Path) -> tuple[float, float, float]:
-    """Return the coefficients of the derivative of `parting`, which is square t^2 + 2 half t + constant."""
+    """Return the second derivative of the squared distance, divided by 2, as coefficients of a quadratic.
+
+    The quadratic, the derivative of `parting`, is square t^2 + 2 half t + constant.
+    """
     _, b, c, _, e, f = path
     constant = b * b + e * e + 2.0 * (path.ahead * c + path.aside * f)
     return 6.0 * (c * c + f * f), 3.0 * (b * c + e * f), constant
@@ -244,14 +251,14 @@ def adds_nothing(path: Path, end: float, reach: float, nearest: float) -> bool:
 
 @compiled
 def in_sector(car: Car, path: Path, t: float) -> bool:
-    """Return whether the target is in the sector to the side of the host at time t."""
+    """Return whether the target is in the sector to the side (see the module) at time t after the tick."""
     ahead, aside = position(path, t)
     return abs(ahead) < -car.side_slope * aside
 
 
 @compiled
 def touches(car: Car, path: Path, t: float) -> bool:
-    """Return whether host and target touch at time t."""
+    """Return whether host and target touch at time t [s] after the tick."""
     square = squared(path, t)
     side = square < car.side_contact * car.side_contact and in_sector(car, path, t)
     return side or square < car.contact * car.contact
@@ -259,11 +266,10 @@ def touches(car: Car, path: Path, t: float) -> bool:
 
 @compiled
 def closest_to_the_side(car: Car, path: Path, end: float) -> float:
-    """Return the time until ``end`` at which the distance within the sector to the side is smallest.
+    """Return the time before ``end`` at which the distance is smallest while the target is in the sector.
 
-    The result is -1 if the target is not in the sector at any of these times.
-
-    The target enters and leaves the sector across one of its two edges, at roots of quadratics.
+    The result is -1 if the target is not in the sector to the side at any of these times. The times at which
+    the target crosses one of the two edges of the sector are roots of quadratic equations.
     """
     cuts = np.array([0.0, end, end, end, end, end])
     for i, edge in enumerate((-car.side_slope, car.side_slope)):

@@ -113,7 +113,7 @@ class AccAeb(AccAebParameters, CompiledVehicle):
         return trace_car(self.compiled(), encounter, checked_motion(lead_speeds, encounter))
 
     def compiled(self) -> Car:
-        """Return the parameters in the form that the compiled code takes."""
+        """Return the parameters of the vehicle as numbers for the compiled simulation."""
         scaled = self.aeb and self.aeb_ttc is None
         slope = (V60_TTC[1] - V60_TTC[0]) / (V60_SPEEDS[1] - V60_SPEEDS[0]) if scaled else 0.0
         numbers = Car(

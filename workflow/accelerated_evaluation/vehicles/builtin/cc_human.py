@@ -50,7 +50,7 @@ class CompetentCarefulHuman(ReferenceDriver):
     keeps_watching: bool = True
 
     def compiled(self) -> Driver:
-        """Return the parameters in the form that the compiled code takes."""
+        """Return the parameters of the vehicle as numbers for the compiled simulation."""
         return self._numbers(
             TTC_RULE,
             self.reaction_time,

@@ -50,7 +50,7 @@ class FuzzySafetyModel(ReferenceDriver):
     deceleration: float = 0.774 * G
 
     def compiled(self) -> Driver:
-        """Return the parameters in the form that the compiled code takes."""
+        """Return the parameters of the vehicle as numbers for the compiled simulation."""
         return self._numbers(
             FSM_RULE,
             self.reaction_time,

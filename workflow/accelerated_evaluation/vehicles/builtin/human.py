@@ -248,7 +248,7 @@ class Human:
         return trace_human(self.compiled(), encounter, self.draw_next(1)[0], speeds)
 
     def compiled(self) -> HumanNumbers:
-        """Return the parameters in the form that the compiled code takes."""
+        """Return the parameters of the vehicle as numbers for the compiled simulation."""
         calm, critical = (
             response - self.urgent_response for response in (self.calm_response, self.critical_response)
         )

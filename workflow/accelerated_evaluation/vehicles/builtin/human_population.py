@@ -94,7 +94,7 @@ class Population:
 
     @classmethod
     def central(cls, size: int) -> "Population":
-        """Return the population in the middle of the published ranges, repeated ``size`` times."""
+        """Return the population with parameters in the middle of their ranges, repeated ``size`` times."""
         middle = [np.mean(ends) for ends in (RESPONSE_SCALE, RESPONSE_SPREAD)]
         middle += [1.0, np.mean(LANE_CHANGE), np.mean(BRAKING_SCALE), SWERVED / STRUCK]
         return cls(*(np.full(size, value) for value in middle))

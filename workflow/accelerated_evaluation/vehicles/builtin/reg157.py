@@ -42,7 +42,7 @@ class Reg157(ReferenceDriver):
     ttc_margin: float = zero_or_more(0.1)
 
     def compiled(self) -> Driver:
-        """Return the parameters in the form that the compiled code takes."""
+        """Return the parameters of the vehicle as numbers for the compiled simulation."""
         return self._numbers(
             TTC_RULE,
             self.reaction_time,

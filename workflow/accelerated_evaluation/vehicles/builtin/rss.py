@@ -47,7 +47,7 @@ class ResponsibilitySensitiveSafety(ReferenceDriver):
     deceleration: float = 0.774 * G
 
     def compiled(self) -> Driver:
-        """Return the parameters in the form that the compiled code takes."""
+        """Return the parameters of the vehicle as numbers for the compiled simulation."""
         return self._numbers(
             RSS_RULE,
             self.reaction_time,
