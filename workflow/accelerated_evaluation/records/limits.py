@@ -200,8 +200,8 @@ def edges_of(lead_speed: pd.Series, low: float, high: float, width: float, rows:
         fewest = int(np.argmin(counts))
         if counts[fewest] >= rows:
             break
-        beside = [place for place in (fewest - 1, fewest + 1) if 0 <= place < len(counts)]
-        other = min(beside, key=counts.__getitem__)
+        neighbours = [place for place in (fewest - 1, fewest + 1) if 0 <= place < len(counts)]
+        other = min(neighbours, key=counts.__getitem__)
         del edges[max(fewest, other)]
     return edges
 

@@ -24,7 +24,7 @@ def drift(records: Records) -> Finding:
     looked_at = "chance that a value of the last third of the rows is larger than one of the first third"
     third = len(rows) // 3
     if third < 2 * BLOCKS:
-        return Finding(FINE, looked_at, "too few rows to tell", 0.5)
+        return Finding(FINE, looked_at, "too few rows for a test", 0.5)
     found = {}
     for name in DRIFTING:
         values = rows[name].to_numpy()
@@ -32,12 +32,14 @@ def drift(records: Records) -> Finding:
     critical = norm.isf(LEVEL / 2 / len(DRIFTING))
     name = max(found, key=lambda name: abs(found[name][0] - 0.5) / found[name][1])
     chance, error = found[name]
-    large = max(abs(one - 0.5) for one, _ in found.values()) > norm.cdf(MEDIUM / np.sqrt(2)) - 0.5
+    large = max(abs(value - 0.5) for value, _ in found.values()) > norm.cdf(MEDIUM / np.sqrt(2)) - 0.5
     drifts = abs(chance - 0.5) > critical * error
     return Finding(
         FINE if not drifts else STOP if large else WARNING,
         looked_at,
-        "; ".join(f"{key.replace('_', ' ')} {one:.3f} +- {own:.3f}" for key, (one, own) in found.items()),
+        "; ".join(
+            f"{key.replace('_', ' ')} {p:.3f} +- {deviation:.3f}" for key, (p, deviation) in found.items()
+        ),
         chance,
         "Plot the columns in the order of the rows: other places, vehicles, seasons, or a sensor that loses "
         "its calibration? The intervals assume that all rows are from one population.",

@@ -161,7 +161,7 @@ def outliers(records: Records) -> Finding:
             continue
         excess = values.iloc[:count] - values.iloc[count]
         scale = max(float(excess.median() / np.log(2)), np.finfo(float).tiny)
-        with np.errstate(divide="ignore"):  # a value may be equal to the one below those counted
+        with np.errstate(divide="ignore"):  # an excess is 0 if values are equal
             p = -np.expm1(count * np.log1p(-np.exp(-excess / scale))) * len(EXTREMES)
         found |= {row: min(value, found.get(row, 1.0)) for row, value in p[p < LEVEL].items()}
     rows = sorted(found, key=found.get)
