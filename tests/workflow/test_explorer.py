@@ -283,6 +283,8 @@ def test_a_phone_needs_no_sideways_scrolling_in_both_colour_schemes(watch, made,
     watch.page.emulate_media(color_scheme=scheme)
     page = opened(watch, made, "#vehicle=cc_human&reaction_time=1.2")
     assert page.evaluate(TOO_WIDE) <= 0
+    table = "document.getElementById('numbers')"  # three columns of numbers, because the vehicle was changed
+    assert page.evaluate(f"() => {table}.scrollWidth - {table}.parentElement.clientWidth") <= 0
     ink, paper = page.evaluate(
         "() => ['color', 'backgroundColor'].map((k) => getComputedStyle(document.body)[k])"
     )

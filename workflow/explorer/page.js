@@ -94,7 +94,7 @@ class Page extends Settings {
     this.showReplay();
     this.writeLink();
     element("refining").textContent = this.rough.size ? "A first result, which is being refined …"
-      : `${this.isExplored ? "Computed" : "The careful human is computed"} on ${this.engine.lines.toLocaleString("en-US")} lines.`;
+      : `${this.isExplored ? "The result is" : "The careful human is"} computed from ${this.engine.lines.toLocaleString("en-US")} pairs of lead speed and range.`;
     element("results").setAttribute("aria-busy", String(this.rough.size > 0)); // a screen reader reads the settled result
   }
 
@@ -142,9 +142,9 @@ class Page extends Settings {
     if (!total || !(median > 0)) return "";
     const fewer = median < 1;
     if (fewer) [low, median, high] = [1 / high, 1 / median, 1 / low];
-    const rest = `(80 %: ${readable(low)} to ${readable(high)}). `;
+    const rest = `(80 % interval: ${readable(low)} to ${readable(high)}). `;
     return (fewer ? `With a careful human it happens ${readable(median)} times as often ` : `It happens ${readable(median)} times as often as with a careful human `) + rest
-      + `The probability that this vehicle has fewer is ${percent(safer / total)}.`;
+      + `The probability that it happens less often with this vehicle is ${percent(safer / total)}.`;
   }
 
   numbersOf({ quantiles: q, mean, draws }) {

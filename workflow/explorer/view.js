@@ -15,13 +15,13 @@ function readable(value, digits = 2) {
   if (value === 0) return "0";
   if (value >= 0.001 && value < 10000) return String(Number(value.toPrecision(digits)));
   const [mantissa, exponent] = value.toExponential(digits - 1).split("e");
-  return `${mantissa} × 10${raised(Number(exponent))}`;
+  return `${mantissa}\u00a0×\u00a010${raised(Number(exponent))}`; // never broken into two lines
 }
 
 // Two ends of an interval; the power of ten of the larger one is written once where both share it.
 function interval(low, high) {
   const digits = high < 1.2 * low ? 3 : 2, [first, last] = [readable(low, digits), readable(high, digits)];
-  const power = / × 10.*$/.exec(last), isShared = power && first.endsWith(power[0]);
+  const power = /\u00a0×\u00a010.*$/.exec(last), isShared = power && first.endsWith(power[0]);
   return `${isShared ? first.replace(power[0], "") : first} – ${last}`;
 }
 
