@@ -86,6 +86,8 @@ def _time_gaps(found: Trajectories) -> list[float]:
     gap, behind = found.gaps(), found.behind
     speed = np.where(behind < 0, 0.0, found.speed[behind])
     follows = (found.frame % (WINDOW * RATE) == 0) & (gap > 0) & (gap < FAR) & (speed > FASTER)
+    if not follows.any():
+        return [np.nan] * len(LEVELS)
     return np.quantile(gap[follows] / speed[follows], LEVELS).tolist()
 
 

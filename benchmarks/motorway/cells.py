@@ -34,7 +34,10 @@ LEVEL = 0.95
 
 
 def draw(table: pd.DataFrame) -> tuple[Figure, pd.DataFrame]:
-    """Draw a panel for each prediction, with Poisson limits of the counts."""
+    """Draw a panel for each prediction, with Poisson limits of the counts.
+
+    A prediction that could not be made has no points. If no host has crashed, all panels are empty.
+    """
     data = table[table["counted"] > 0].reset_index(drop=True)
     data["low95"] = gamma.ppf((1 - LEVEL) / 2, data["counted"])
     data["high95"] = gamma.ppf((1 + LEVEL) / 2, data["counted"] + 1)
@@ -42,13 +45,15 @@ def draw(table: pd.DataFrame) -> tuple[Figure, pd.DataFrame]:
         drawn, panels = plt.subplots(
             1, len(PREDICTIONS), figsize=(2 * COLUMN_WIDTH, 2.8), sharex=True, sharey=True
         )
-        largest = 3 * max(data["high95"].max(), data[list(PREDICTIONS)].to_numpy().max())
+        largest = 3 * np.nanmax([1.0, *data["high95"], *data[list(PREDICTIONS)].to_numpy().ravel()])
         for axes, (name, title) in zip(panels, PREDICTIONS.items(), strict=True):
             _draw_panel(axes, data, name, largest)
             axes.set(title=title, xlabel="predicted crashes")
         panels[0].set_ylabel("counted crashes")
         handles, labels = panels[-1].get_legend_handles_labels()
         drawn.legend(handles, labels, loc="outside upper center", ncols=4)
+        if data.empty:
+            panels[1].text(0.5, 0.5, "no crash counted", transform=panels[1].transAxes, ha="center")
         note_source(
             drawn, "cut-ins on simulated motorways (Eclipse SUMO), by host, sign of closing speed and range"
         )

@@ -27,7 +27,10 @@ from traffic import run_command
 
 MEMBERS = members_at((0.9, 0.95))  # fewer thresholds than in the study, as there are fewer records
 DRAWS = 100  # of the laws
-CUT_INS = 2000  # drawn from each of them
+CUT_INS = 5000  # drawn from each of them
+BLOCK = 60.0  # [s]; crashes in different minutes are nearly independent
+FEWEST_BLOCKS = 5  # from which intervals are predicted
+FEWEST_RECORDS = 100  # from which laws are fitted: ten of them exceed the lowest threshold
 LEVELS = {"low95": 0.025, "low80": 0.1, "median": 0.5, "high80": 0.9, "high95": 0.975}
 
 
@@ -43,11 +46,27 @@ def drawn_cut_ins(weighted: WeightedLaws, generator: np.random.Generator) -> Ite
         yield np.stack([lead_speed, 1 / drawn.inverse_range, drawn.inverse_ttc / drawn.inverse_range])
 
 
+def resampled(records: pd.DataFrame, generator: np.random.Generator) -> pd.DataFrame:
+    """Return the records of minutes that are drawn with replacement.
+
+    Cut-ins of the same minute share a state of the traffic, such as a wave of congestion. If single cut-ins
+    were drawn with replacement, the results would vary too little.
+    """
+    blocks = [rows for _, rows in records.groupby(records["time"] // BLOCK)]
+    return pd.concat([blocks[block] for block in generator.integers(len(blocks), size=len(blocks))])
+
+
+def are_enough(records: pd.DataFrame) -> bool:
+    """Return whether the records are enough for laws and intervals."""
+    blocks = (records["time"] // BLOCK).nunique()
+    return len(records) >= FEWEST_RECORDS and blocks >= FEWEST_BLOCKS
+
+
 def probabilities(records: pd.DataFrame, generator: np.random.Generator) -> pd.DataFrame:
     """Return crash probabilities of a cut-in by the law drawn.
 
-    The law of lead motion of each draw is fitted to the records drawn with replacement, so that the draws
-    differ by what is not known of it.
+    The law of lead motion of each draw is fitted to `resampled` records, so that the draws include the
+    uncertainty in this law.
 
     Parameters
     ----------
@@ -65,8 +84,8 @@ def probabilities(records: pd.DataFrame, generator: np.random.Generator) -> pd.D
     weighted = WeightedLaws.drawn(score_family(DistinctRecords.of(records), MEMBERS), generator, DRAWS)
     constant, cars, rows = MOTIONS["constant"](), hosts(generator), []
     for cut_ins in drawn_cut_ins(weighted, generator):
-        again = records.sample(frac=1, replace=True, random_state=generator)
-        motions: dict[str, LeadMotion] = {"snapshot": constant, "recorded": Recorded.of(again)}
+        moving = Recorded.of(resampled(records, generator))
+        motions: dict[str, LeadMotion] = {"snapshot": constant, "recorded": moving}
         speeds = {name: draw_lead_speeds(motion, cut_ins, generator) for name, motion in motions.items()}
         for host, car in cars.items():
             crashes = {
@@ -87,17 +106,20 @@ def chain(records: pd.DataFrame, cut_ins: pd.DataFrame, generator: np.random.Gen
     pandas.DataFrame
         A row for each host and prediction (``snapshot`` and ``recorded``): number of ``records`` and of
         ``cut_ins``, ``counted`` crashes, and median and ends of the 80 and 95 % intervals of the predicted
-        count, which include Poisson variation.
+        count, which include Poisson variation. Median and ends are NaN if the records are not enough; see
+        `are_enough`.
     """
     records, cut_ins = kept(records), kept(cut_ins)
-    found, courses = probabilities(records, generator), recorded_courses(cut_ins)
-    rows = []
+    found = probabilities(records, generator) if are_enough(records) else None
+    courses, rows = recorded_courses(cut_ins), []
     for host, car in hosts(generator).items():
         counted = int(car.simulate_moving(*encounters_of(cut_ins), courses).crash.sum())
         for prediction in ("snapshot", "recorded"):
-            expected = found.loc[found["host"] == host, prediction].to_numpy() * len(cut_ins)
-            possible = poisson.rvs(expected, random_state=generator)
-            ends = dict(zip(LEVELS, np.quantile(possible, list(LEVELS.values())), strict=True))
+            ends = dict.fromkeys(LEVELS, np.nan)
+            if found is not None:
+                expected = found.loc[found["host"] == host, prediction].to_numpy() * len(cut_ins)
+                possible = poisson.rvs(expected, random_state=generator)
+                ends = dict(zip(LEVELS, np.quantile(possible, list(LEVELS.values())), strict=True))
             known = {"records": len(records), "cut_ins": len(cut_ins), "counted": counted}
             rows.append({"host": host, "prediction": prediction} | known | ends)
     return pd.DataFrame(rows)

@@ -5,9 +5,11 @@ import argparse
 import numpy as np
 import pandas as pd
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.motion import MOTIONS, LeadMotion, draw_lead_speeds
+from accelerated_evaluation.laws.motion.recorded import FEWEST as FEWEST_COURSES
 from accelerated_evaluation.laws.motion.recorded import Recorded, recorded_courses
 from hosts import encounters_of, hosts
 from traffic import run_command
@@ -80,7 +82,9 @@ def counted(
 
 def summed(parts: list[pd.DataFrame]) -> pd.DataFrame:
     """Add up the counts of all worlds, with the ratio of each prediction to the count."""
-    table = pd.concat(parts).groupby(KEYS, sort=False, as_index=False).sum()
+    groups = pd.concat(parts).groupby(KEYS, sort=False)
+    # A prediction that could not be made in one world is unknown in the sum.
+    table = groups.sum().where(groups.count().eq(groups.size(), axis=0)).reset_index()
     predictions = table.columns[table.columns.get_loc("counted") + 1 :]
     enough = table["counted"].where(table["counted"] >= FEWEST)
     ratios = {f"{name}_to_counted": (table[name] / enough).round(3) for name in predictions}
@@ -105,9 +109,21 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.command == "count":
         cut_ins = pd.concat(map(pd.read_parquet, arguments.cut_ins), ignore_index=True)
-        motions = {"ngsim": MOTIONS["ngsim"](), "recorded": Recorded.read(arguments.records)}
+        if cut_ins.empty:
+            raise InputError(
+                f"world {arguments.world}",
+                seen="no cut-in in front of a car",
+                expected="traffic in which vehicles change lanes",
+                change="Simulate more hours, or change the flow or the share of lorries in the settings.",
+            )
+        motions: dict[str, LeadMotion] = {"ngsim": MOTIONS["ngsim"]()}
+        records = pd.read_parquet(arguments.records)
+        if len(records) >= FEWEST_COURSES:
+            motions["recorded"] = Recorded.of(records, arguments.records)
         generator = child_generator(arguments.seed, "motorway", "count", arguments.world)
-        table = counted(cut_ins, motions, generator)
+        table = counted(cut_ins, motions, generator).assign(
+            **dict.fromkeys({"recorded"} - set(motions), np.nan)
+        )
     else:
         parts = [pd.read_csv(path) for path in arguments.tables]
         table = summed(parts) if arguments.command == "sum" else pd.concat(parts, ignore_index=True)

@@ -46,13 +46,14 @@ def compared(known: pd.DataFrame, found: pd.DataFrame) -> tuple[pd.DataFrame, di
     row : dict
         ``known``, ``found``, how many are in both, ``recall``, ``false``, the share of those that were found
         and are not known, and ``difference``, the largest one of a lead speed [m/s], range [m] or closing
-        speed [m/s].
+        speed [m/s]. They are NaN if they are ratios or differences of nothing.
     """
     found = found.assign(vehicle=found["vehicle"] - 1)
     both = known.merge(found[[*KEYS, *NAMES]], on=KEYS, suffixes=("_known", ""))
     differences = [(both[name] - both[f"{name}_known"]).abs().max() for name in NAMES]
-    row = {"known": len(known), "found": len(found), "both": len(both), "recall": len(both) / len(known)}
-    row |= {"false": 1 - len(both) / len(found), "difference": max(differences)}
+    row = {"known": len(known), "found": len(found), "both": len(both)}
+    row |= {"recall": len(both) / len(known) if len(known) else np.nan}
+    row |= {"false": 1 - len(both) / len(found) if len(found) else np.nan, "difference": max(differences)}
     return both[both["counts"]].drop(columns=["counts", *(f"{name}_known" for name in NAMES)]), row
 
 

@@ -57,13 +57,19 @@ def extraction_table(extraction: pd.DataFrame) -> str:
     table = []
     for rule, rows in extraction.groupby("rule", sort=False):
         known, found, both = (rows[name].sum() for name in ("known", "found", "both"))
-        shares = (f"{both / known:.1%}", f"{1 - both / found:.1%}", f"{rows['difference'].max():.1e}")
-        table.append((rule, f"{known:,}", f"{found:,}", *shares))
+        pairs = ((known - both, known), (both, found))
+        shares = tuple(f"{1 - part / whole:.1%}" if whole else "–" for part, whole in pairs)
+        difference = f"{rows['difference'].max():.1e}" if both else "–"
+        table.append((rule, f"{known:,}", f"{found:,}", *shares, difference))
     return markdown(headings, table)
 
 
 def chain_table(chain: pd.DataFrame) -> str:
-    """Return in how many worlds the intervals of the whole chain cover the count, by host and prediction."""
+    """Return in how many worlds the intervals of the whole chain cover the count, by host and prediction.
+
+    Worlds whose records were too few for a prediction are left out.
+    """
+    chain = chain.dropna(subset="median")
     headings = ("host", "lead motion", "worlds", "counted", "predicted, sum of the medians")
     headings += ("80 % covers", "95 % covers", "count above the 95 % interval", "count below it")
     table = []

@@ -19,7 +19,6 @@ import numpy as np
 import pandas as pd
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError, StudyError
-from accelerated_evaluation.base.files import atomic_path, write_csv
 from numpy.typing import NDArray
 from settings import Motorway, motorway_of
 
@@ -208,7 +207,15 @@ class Trajectories:
 
 
 def simulate(motorway: Motorway, part: Part) -> Trajectories:
-    """Simulate a part of a world after the warm-up."""
+    """Simulate a part of a world after the warm-up.
+
+    Raises
+    ------
+    InputError
+        If no vehicle drives on the road, or SUMO is not installed.
+    StudyError
+        If SUMO does not end as it should.
+    """
     end = WARM_UP + part.hours * 3600 + FOLLOWED
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -230,9 +237,15 @@ def simulate(motorway: Motorway, part: Part) -> Trajectories:
         run_sumo("sumo", "-n", folder / "m.net.xml", "-r", folder / "m.rou.xml", *options)
         table = pd.read_parquet(folder / "m.parquet")
         safety = ElementTree.parse(folder / "m.xml").getroot().find("safety")
-    return _trajectories(
-        table.rename(columns=lambda each: each.split("_")[-1]), int(safety.get("collisions"))
-    )
+    table = table.rename(columns=lambda each: each.split("_")[-1]).dropna(subset="id")
+    if table.empty:
+        raise InputError(
+            "settings, flow",
+            seen=f"{motorway.flow:g} vehicles an hour, none of them on the road within {part.hours:g} h",
+            expected="traffic",
+            change="Set a larger flow, or simulate more hours.",
+        )
+    return _trajectories(table, int(safety.get("collisions")))
 
 
 def _trajectories(table: pd.DataFrame, collisions: int) -> Trajectories:
@@ -269,23 +282,3 @@ def run_command(main: Callable[[], None]) -> None:
     except StudyError as error:
         print(f"error: {error}", file=sys.stderr)
         raise SystemExit(2) from None
-
-
-def main() -> None:
-    """Write the cut-ins of some hours of a world, and the row about its traffic."""
-    from calibration import traffic_row
-
-    parser = argparse.ArgumentParser(description=__doc__)
-    add_part(parser)
-    parser.add_argument("--output", required=True, help="Parquet file of the cut-ins")
-    parser.add_argument("--traffic", required=True, help="CSV file of the row about the traffic")
-    arguments = parser.parse_args()
-    found = simulate(*named_part(arguments))
-    cut_ins = found.cut_ins().query("counts").drop(columns="counts")
-    with atomic_path(arguments.output) as temporary:
-        cut_ins.to_parquet(temporary, index=False)
-    write_csv(arguments.traffic, pd.DataFrame([traffic_row(found, cut_ins)]))
-
-
-if __name__ == "__main__":
-    run_command(main)

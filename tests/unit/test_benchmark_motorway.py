@@ -26,6 +26,7 @@ from count import counted, crashes, summed  # noqa: E402
 from hosts import HOSTS, encounters_of  # noqa: E402
 from recording import RULES, compared, write_recording  # noqa: E402
 from settings import Motorway, read_settings  # noqa: E402
+from summary import summary  # noqa: E402
 from tables import TABLES  # noqa: E402
 from traffic import CAR, LENGTH, LORRY, NAMES, PATIENCE, RATE, WARM_UP, Part, Trajectories, run_sumo, simulate  # noqa: E402
 
@@ -118,7 +119,7 @@ def test_the_chain_predicts_the_crashes_of_a_known_world(monkeypatch):
     range_ = generator.uniform(10, 70, size)
     columns = {"lead_speed": generator.uniform(10, 30, size), "range": range_}
     table = pd.DataFrame(columns | {"closing_speed": generator.exponential(0.06 * range_)})
-    table = with_courses(table, -1.5)
+    table = with_courses(table, -1.5).assign(time=np.arange(size) * 1.2)
     found = chain.chain(table.iloc[:500], table.iloc[500:], generator).set_index(["host", "prediction"])
     moving = found.xs("recorded", level="prediction")
     assert (moving["counted"] > 20).sum() >= 2
@@ -127,6 +128,62 @@ def test_the_chain_predicts_the_crashes_of_a_known_world(monkeypatch):
     # A constant lead speed would be the wrong chain.
     still = found.xs("snapshot", level="prediction").loc[often.index]
     assert (still["median"] < 0.8 * often["counted"]).any()
+
+
+def test_resampled_minutes_vary_as_much_as_traffic_that_changes_from_minute_to_minute():
+    """All 20 cut-ins of a minute are alike, so that the mean of 50 minutes has the variance of 50 values."""
+    generator = np.random.default_rng(8)
+    minutes = generator.normal(size=50)
+    table = pd.DataFrame({"time": np.arange(1000) * 3.0, "value": np.repeat(minutes, 20)})
+    means = [chain.resampled(table, generator)["value"].mean() for _ in range(400)]
+    expected = minutes.std() / np.sqrt(50)
+    assert np.std(means) == pytest.approx(expected, rel=0.15)
+    singles = [table["value"].sample(frac=1, replace=True, random_state=generator).mean() for _ in range(400)]
+    assert np.std(singles) < 0.5 * expected
+
+
+@pytest.mark.parametrize("step", [6.0, 1.0])  # [s] between two of 90 records, and of 200 in 3.3 minutes
+def test_a_recording_that_is_too_short_gives_counts_without_a_prediction(step):
+    table = with_courses(cut_ins(4000), -4)
+    table = table[table["closing_speed"] > 0].reset_index(drop=True)
+    records = table.iloc[: 90 if step == 6 else 200]
+    records = records.assign(time=step * np.arange(len(records)))
+    found = chain.chain(records, table, np.random.default_rng(9))
+    assert (found["counted"] > 0).any()
+    assert found[list(chain.LEVELS)].isna().all(axis=None)
+    assert TABLES["motorway_chain"].make(found.assign(world=0)).count("\n") == 2  # no row
+
+
+def test_a_prediction_that_one_world_lacks_is_unknown_in_the_sum():
+    table = counted(with_courses(cut_ins(500), -4), CONSTANT, np.random.default_rng(2))
+    both = summed([table.assign(recorded=1.0), table.assign(recorded=np.nan)])
+    assert both["recorded"].isna().all()
+    np.testing.assert_array_equal(both["snapshot"], summed([table, table])["snapshot"])
+
+
+def test_worlds_in_which_nothing_happens_have_a_figure_and_a_summary(tmp_path):
+    """Ten cut-ins without a crash, a recording without a cut-in, and a chain without a prediction."""
+    still = pd.DataFrame({"lead_speed": [20.0] * 10, "range": [50.0] * 10, "closing_speed": [0.5] * 10})
+    table = with_courses(still, 0)
+    counts = summed([counted(table, CONSTANT, np.random.default_rng(3)).assign(ngsim=0.0, recorded=np.nan)])
+    figure, data = draw(counts)
+    assert data.empty
+    assert "no crash counted" in [text.get_text() for text in figure.axes[1].texts]
+    known = trajectories().cut_ins().iloc[:0]
+    _, row = compared(known, known)
+    found = trajectories()
+    results = {
+        "": counts,
+        "_chain": chain.chain(table.assign(time=0.0), table, np.random.default_rng(4)).assign(world=0),
+        "_extraction": pd.DataFrame([{"world": 0, "rule": "default"} | row]),
+        "_calibration": calibration(pd.DataFrame([traffic_row(found, found.cut_ins())])),
+    }
+    for name, result in results.items():
+        result.to_csv(tmp_path / f"motorway{name}.csv", index=False)
+    text = summary(tmp_path)
+    assert "10 cut-ins. No host crashed" in text
+    assert "too few recorded cut-ins" in text
+    assert "The recordings of 1 of 1 worlds are too short: a prediction needs 100 closing cut-ins" in text
 
 
 def trajectories() -> Trajectories:
@@ -254,6 +311,12 @@ def test_a_motorway_of_sumo_has_cut_ins():
     assert (table["range"] > 0).all()
     assert found.front.max() < LENGTH + 50
     assert recorded_courses(table.query("counts")).min() >= 0
+
+
+def test_a_motorway_without_vehicles_ends_with_one_message():
+    pytest.importorskip("sumo", reason="Eclipse SUMO is not installed; see benchmarks/README.md")
+    with pytest.raises(InputError, match=r"flow: seen 1 vehicles an hour, none of them .* Set a larger flow"):
+        simulate(Motorway(flow=1), Part(1, 0, 0, 0.01))
 
 
 def test_no_queue_grows_at_the_entry_of_a_crowded_motorway():

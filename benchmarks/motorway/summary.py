@@ -1,0 +1,53 @@
+"""A summary of the simulated motorways in words and tables, which `make world` shows at its end."""
+
+import argparse
+from pathlib import Path
+
+import pandas as pd
+from accelerated_evaluation.base.files import write_text
+from chain import BLOCK, FEWEST_BLOCKS, FEWEST_RECORDS
+from tables import calibration_table, chain_table, counts_table, extraction_table
+from traffic import run_command
+
+
+def summary(folder: Path) -> str:
+    """Return the summary of the tables in a folder."""
+    names = ("", "_chain", "_extraction", "_calibration")
+    counts, chain, extraction, traffic = (pd.read_csv(folder / f"motorway{name}.csv") for name in names)
+    crashes = counts["counted"].sum()
+    crashed = (
+        f"The hosts crashed {crashes:,.0f} times." if crashes else "No host crashed: simulate more hours."
+    )
+    text = "# Crashes counted on simulated motorways\n\n"
+    text += f"{counts.groupby('host')['cut_ins'].sum().iloc[0]:,.0f} cut-ins. {crashed}\n"
+    if counts["recorded"].isna().any():
+        text += "There were too few recorded cut-ins for a prediction with recorded lead motion.\n"
+    within = f"{traffic['within'].sum()} of {len(traffic)} statistics of the traffic"
+    text += f"{within} are within the limits of NGSIM.\n"
+    text += f"\n## Counted and predicted crashes\n\n{counts_table(counts)}"
+    text += f"\n## Cut-ins that extract found in the recordings\n\n{extraction_table(extraction)}"
+    text += "\n## In how many worlds the whole chain covers the count\n\n"
+    missing = chain.loc[chain["median"].isna(), "world"].nunique()
+    if missing:
+        minutes = f"{FEWEST_BLOCKS * BLOCK / 60:.0f} minutes"
+        text += (
+            f"The recordings of {missing} of {chain['world'].nunique()} worlds are too short: a prediction "
+        )
+        text += f"needs {FEWEST_RECORDS} closing cut-ins and {minutes}. Record more hours.\n"
+    if chain["median"].notna().any():
+        text += f"{chain_table(chain)}"
+    text += f"\n## Traffic\n\n{calibration_table(traffic)}\n"
+    return text + f"The tables and the figure motorway_cells are in {folder}.\n"
+
+
+def main() -> None:
+    """Write the summary."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path, help="of the tables")
+    parser.add_argument("--output", required=True, help="Markdown file")
+    arguments = parser.parse_args()
+    write_text(arguments.output, summary(arguments.folder))
+
+
+if __name__ == "__main__":
+    run_command(main)
