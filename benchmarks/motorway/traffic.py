@@ -28,7 +28,7 @@ RATE = 5  # records of all vehicles a second
 FOLLOWED = 8.0  # [s], how long the other car is followed, the horizon of the study's car
 AHEAD = 400.0  # [m], of road that a cut-in has ahead, so that the other car can be followed so long
 SEEN = 150.0  # [m], largest range of a cut-in
-WARM_UP = 900.0  # [s], until the traffic is stationary
+WARM_UP = 900.0  # [s], until the road is full
 PATIENCE = (
     60.0  # [s], after which a vehicle that finds no gap at the entry is left out; long queues take much time
 )
@@ -40,12 +40,25 @@ NAMES = ("lead_speed", "range", "closing_speed")
 
 @dataclass(frozen=True)
 class Part:
-    """Some hours of a world: the root of all random numbers, and the numbers of the world and of the part."""
+    """Some hours of a world.
+
+    Attributes
+    ----------
+    root
+        Root of all random numbers.
+    world, part
+        Numbers of the world and of the part of it.
+    hours
+        Hours of traffic after the warm-up.
+    warm_up
+        Seconds of traffic that are left out before.
+    """
 
     root: int
     world: int
     part: int
     hours: float
+    warm_up: float = WARM_UP
 
     @property
     def drivers(self) -> np.random.Generator:
@@ -216,7 +229,7 @@ def simulate(motorway: Motorway, part: Part) -> Trajectories:
     StudyError
         If SUMO does not end as it should.
     """
-    end = WARM_UP + part.hours * 3600 + FOLLOWED
+    end = part.warm_up + part.hours * 3600 + FOLLOWED
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_motorway(motorway, folder, part.drivers, end)
@@ -231,7 +244,7 @@ def simulate(motorway: Motorway, part: Part) -> Trajectories:
             "--extrapolate-departpos",
             "true",
         ]
-        options += ["--fcd-output", folder / "m.parquet", "--device.fcd.begin", WARM_UP]
+        options += ["--fcd-output", folder / "m.parquet", "--device.fcd.begin", part.warm_up]
         options += ["--device.fcd.period", 1 / RATE, "--fcd-output.attributes", "id,type,lane,pos,speed"]
         options += ["--statistic-output", folder / "m.xml"]
         run_sumo("sumo", "-n", folder / "m.net.xml", "-r", folder / "m.rou.xml", *options)
@@ -245,13 +258,13 @@ def simulate(motorway: Motorway, part: Part) -> Trajectories:
             expected="traffic",
             change="Set a larger flow, or simulate more hours.",
         )
-    return _trajectories(table, int(safety.get("collisions")))
+    return _trajectories(table.assign(time=table["time"] - part.warm_up), int(safety.get("collisions")))
 
 
 def _trajectories(table: pd.DataFrame, collisions: int) -> Trajectories:
-    """Return the trajectories in the table that SUMO writes."""
+    """Return the trajectories in the table that SUMO writes, whose time begins after the warm-up."""
     vehicle = table["id"].str.removeprefix("f.").astype(np.int64).to_numpy()
-    frame = np.rint((table["time"].to_numpy(dtype=float) - WARM_UP) * RATE).astype(np.int64)
+    frame = np.rint(table["time"].to_numpy(dtype=float) * RATE).astype(np.int64)
     order = np.lexsort((frame, vehicle))
     lane = table["lane"].str.removeprefix("m_").astype(np.int64).to_numpy()
     length = np.where(table["type"] == "lorry", LORRY, CAR)
