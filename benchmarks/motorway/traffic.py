@@ -250,15 +250,16 @@ def simulate(motorway: Motorway, part: Part) -> Trajectories:
         run_sumo("sumo", "-n", folder / "m.net.xml", "-r", folder / "m.rou.xml", *options)
         table = pd.read_parquet(folder / "m.parquet")
         safety = ElementTree.parse(folder / "m.xml").getroot().find("safety")
-    table = table.rename(columns=lambda each: each.split("_")[-1]).dropna(subset="id")
-    if table.empty:
+    table = table.rename(columns=lambda each: each.split("_")[-1])
+    if "id" not in table or table["id"].isna().all():
         raise InputError(
             "settings, flow",
             seen=f"{motorway.flow:g} vehicles an hour, none of them on the road within {part.hours:g} h",
             expected="traffic",
             change="Set a larger flow, or simulate more hours.",
         )
-    return _trajectories(table.assign(time=table["time"] - part.warm_up), int(safety.get("collisions")))
+    table = table.dropna(subset="id").assign(time=table["time"] - part.warm_up)
+    return _trajectories(table, int(safety.get("collisions")))
 
 
 def _trajectories(table: pd.DataFrame, collisions: int) -> Trajectories:
