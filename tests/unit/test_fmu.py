@@ -143,7 +143,7 @@ def test_units_are_those_of_the_configuration(fmus):
     [
         ("refuses", "its step at 0.4 s: seen .*rror"),
         ("no number", "its step at 0.4 s: seen an acceleration of nan"),
-        ("ends", "its step at 0.4 s: seen that it asks to end the simulation"),
+        ("ends", "its step at 0.4 s: seen a request to end the simulation"),
     ],
 )
 def test_an_fmu_that_fails_names_encounter_and_time(fmus, version, trouble, message):

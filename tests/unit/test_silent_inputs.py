@@ -42,7 +42,7 @@ def test_a_file_of_a_vehicle_has_to_exist():
 
 def test_limits_between_which_there_is_no_record_are_refused(motorway):
     motorway["filters"]["lead_speed_min"] = 99
-    with pytest.raises(InputError, match="in which no record has its lead speed"):
+    with pytest.raises(InputError, match="contains the lead speed of no record"):
         resolved(motorway)
 
 

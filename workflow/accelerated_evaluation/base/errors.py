@@ -78,7 +78,7 @@ def forbidden(path: str) -> InputError:
         path,
         seen="no permission to use it",
         expected="permission to read it, and to write it if it holds results",
-        change="Change its permissions or its owner (chmod, chown), or name another.",
+        change="Change its permissions or its owner (chmod, chown), or name another file or folder.",
     )
 
 
@@ -100,7 +100,7 @@ def unusable(error: Exception) -> Exception:
         str(cause.filename),
         seen=f'"{cause.strerror}"',
         expected="a file that can be read, or a folder in which files can be made",
-        change="Name another.",
+        change="Name another file or folder.",
     )
 
 

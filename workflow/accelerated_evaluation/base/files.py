@@ -60,10 +60,10 @@ def atomic_path(path: str | os.PathLike) -> Iterator[Path]:
 def _unwritable(path: Path, error: OSError) -> StudyError:
     """Return the error that says why a file cannot be written."""
     if is_disk_full(error):
-        return StudyError(f"no space left on the disk to write {path}; free some and run again")
+        return StudyError(f"no space left on the disk to write {path}; free some space and run again")
     is_file = path.parent.exists() and not path.parent.is_dir()
     reason = "a file stands where its folder should be" if is_file else error.strerror
-    return StudyError(f"{path} cannot be written ({reason}); make its folder writable, or name another")
+    return StudyError(f"{path} cannot be written ({reason}); make its folder writable, or name another file")
 
 
 def is_disk_full(error: BaseException | None) -> bool:

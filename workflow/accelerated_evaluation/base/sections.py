@@ -93,7 +93,7 @@ def integer(default: int, low: int, high: int, description: str) -> Schema:
 
 
 def share(default: float, description: str, *, below: float = 1) -> Schema:
-    """Return the schema of a number above 0 and below ``below``."""
+    """Return the schema of a number above 0 and below ``below``, with a default and a description."""
     return {
         "type": "number",
         "exclusiveMinimum": 0,
@@ -109,7 +109,7 @@ def text(default: str | None, description: str, **limits: Any) -> Schema:  # noq
 
 
 def choice(default: str, options: Iterable[str], description: str) -> Schema:
-    """Return the schema of a text that is one of the ``options``."""
+    """Return the schema of a text that is one of the ``options``, with a default and a description."""
     return {"type": "string", "enum": [*options], "default": default, "description": description}
 
 

@@ -113,7 +113,7 @@ def _require_equal(path: str | os.PathLike, seen: str, expected: str, is_equal: 
         raise InputError(
             f"{path}, the encounter table of this law",
             seen=f"another table: {seen}",
-            expected=f"the table that the law was fitted to: {expected}",
+            expected=f"the table to which the law was fitted: {expected}",
             change="Name the encounter table, or the configuration, of the study to which the law belongs.",
         )
 
@@ -129,11 +129,11 @@ def _shares(shares: Mapping[str, float]) -> str:
 def _require_cut_ins(law: Law) -> None:
     """Raise ValueError if a law has no description, no cap above 0, or draws impossible cut-ins."""
     if not isinstance(law.description, str):
-        raise ValueError(f"the description {law.description!r}")
+        raise ValueError(f"a description that is not a text: {law.description!r}")
     if not law.closing_speed_max > 0:
-        raise ValueError(f"closing speeds up to {law.closing_speed_max:g} m/s")
+        raise ValueError(f"a cap on closing speeds of {law.closing_speed_max:g} m/s")
     with np.errstate(all="ignore"):
         cut_ins = law.from_normal_scores(np.array([*product(PLACES, repeat=3)]))
     possible = (cut_ins.lead_speed >= 0) & (cut_ins.inverse_range > 0) & (cut_ins.inverse_ttc >= 0)
     if not (possible & np.isfinite([*vars(cut_ins).values()]).all(axis=0)).all():
-        raise ValueError("cut-ins with a range that is not above 0, or with a speed below 0 or without end")
+        raise ValueError("cut-ins with a range that is not positive, or a speed that is negative or infinite")

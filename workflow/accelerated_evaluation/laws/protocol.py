@@ -109,7 +109,10 @@ class Stratum(ABC):
 
     @abstractmethod
     def second(self, lead_speed: ArrayLike, inverse_range: ArrayLike, closing_speed: ArrayLike) -> Array:
-        """Return the second coordinate; it increases with the closing speed [m/s] for fixed v_L and R^-1."""
+        """Return the second coordinate, which increases with the closing speed for fixed v_L and R^-1.
+
+        The arguments are v_L [m/s], R^-1 [1/m] and closing speed [m/s], of shapes that broadcast.
+        """
 
     def second_at(self, lead_speed: Array, inverse_range: Array, closing_speeds: Array) -> Array:
         """Return the second coordinate of m closing speeds for each of n pairs of v_L and R^-1.

@@ -83,7 +83,7 @@ def read_encounters(path: str | os.PathLike) -> pd.DataFrame:
     if not are_numbers or not (np.isfinite(numbers) & (numbers >= 0)).all(axis=None):
         raise InputError(
             str(path),
-            seen="speeds, ranges or times that are missing, infinite, below 0 or no numbers",
+            seen="speeds, ranges or times that are missing, infinite, below 0 or not numbers",
             expected="an encounter table as the ingest step writes it",
             change="Write the file with the ingest step.",
         )

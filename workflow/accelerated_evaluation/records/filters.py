@@ -150,7 +150,7 @@ def drop_invalid(raw: pd.DataFrame, account: Account, *, policy: str, where: str
         raise InputError(
             where,
             seen="; ".join(_describe(raw, mask, reason) for reason, mask in masks.items() if mask.any()),
-            expected="finite numbers, with range and lead speed not negative, and possible speeds",
+            expected="finite numbers, a lead speed and a range that are not negative, and possible speeds",
             change="Correct these rows, or set data.invalid_rows to drop.",
         )
     for reason, mask in masks.items():

@@ -161,9 +161,9 @@ def limits_of(raw: pd.DataFrame, config: Mapping[str, Any]) -> dict[str, Any]:
     if rows.empty:
         raise InputError(
             "filters.lead_speed_min, filters.lead_speed_max",
-            seen=f"[{low:g}, {high:g}) m/s, in which no record has its lead speed",
+            seen=f"[{low:g}, {high:g}) m/s, which contains the lead speed of no record",
             expected="limits between which there are records",
-            change="Lower or widen them, or set them to auto.",
+            change="Lower or widen the limits, or set them to auto.",
         )
     settle("segments.lead_speed_edges", edges_of(rows["lead_speed"], low, high, WIDTH, SEGMENT_ROWS))
     largest = max(rows["closing_speed"].max(), 0.5)
@@ -230,7 +230,7 @@ def _possible(raw: pd.DataFrame, config: Mapping[str, Any]) -> pd.DataFrame:
         raise InputError(
             config["data"][source]["path"],
             seen=f"{len(raw):,} rows, none of them with three valid numbers",
-            expected="cut-ins from which limits can be read",
+            expected="valid cut-ins, from which limits can be derived",
             change=f"Check the columns and units under data.{source}.",
         )
     is_possible = (rows["lead_speed"] <= FASTEST) & (rows["range"] <= FARTHEST) & (rows["closing_speed"] > 0)

@@ -75,7 +75,7 @@ def require_rows(encounters: pd.DataFrame) -> None:
         raise InputError(
             f"segment {', '.join(few['segment'])} m/s",
             seen=f"{', '.join(map(str, few['rows']))} of {len(encounters):,} rows that passed the filters",
-            expected=f"at least {MINIMUM_ROWS} rows in each segment, to fit a law to",
+            expected=f"at least {MINIMUM_ROWS} rows in each segment, to which a law can be fitted",
             change="Add records (or raise data.sample), or join segments (segments.lead_speed_edges).",
         )
     different = {
@@ -89,7 +89,7 @@ def require_rows(encounters: pd.DataFrame) -> None:
             raise InputError(
                 what,
                 seen=f"{count} different {'value' if count == 1 else 'values'}",
-                expected=f"at least {MINIMUM_VALUES}, to fit a law to",
+                expected=f"at least {MINIMUM_VALUES}, to which a law can be fitted",
                 change="Check the columns of the table, or join segments (segments.lead_speed_edges).",
             )
 
@@ -137,7 +137,7 @@ def dependence(encounters: pd.DataFrame, confidence: float = 0.95) -> pd.DataFra
 
 
 def tau_interval(x: np.ndarray, y: np.ndarray, confidence: float) -> tuple[float, float]:
-    """Return Kendall's tau-b of x and y, shape (n,), and the half-width of its confidence interval.
+    """Return Kendall's tau-b of x and y, each of shape (n,), and the half-width of its confidence interval.
 
     The rows are in the order of the record. The standard error comes from a jackknife that leaves out one of
     30 blocks of consecutive rows (Kuensch 1989, Annals of Statistics 17, 1217). It assumes neither that tau

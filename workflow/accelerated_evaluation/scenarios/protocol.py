@@ -396,7 +396,7 @@ class Scenario:
                 source,
                 seen=f"arrays of shapes {', '.join(map(str, shapes))}",
                 expected=f"{', '.join(self.names)}, arrays of one dimension and of equal length",
-                change="Pass one value of each for every encounter.",
+                change="Pass one value of each variable for every encounter.",
             )
         try:
             return np.array(arrays, dtype=np.float64)

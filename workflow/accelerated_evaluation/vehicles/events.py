@@ -36,7 +36,7 @@ def event_named(text: str, scenario: Scenario = CUT_IN) -> Event:
     if quantity in names and math.isfinite(value) and value >= 0:
         return scenario.event(quantity, value)
     others = f", or {' or '.join(names)} with a threshold, such as {names[0]}=1" if names else ""
-    raise InputError("--event", seen=repr(text), expected=f"crash{others}", change="Correct it.")
+    raise InputError("--event", seen=repr(text), expected=f"crash{others}", change="Correct the event.")
 
 
 def events_from(thresholds: Mapping[str, list[float]]) -> list[Event]:

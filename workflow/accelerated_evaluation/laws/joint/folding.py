@@ -45,8 +45,8 @@ def folded(law: TruncatedNormalMixture, variable: int) -> TruncatedNormalMixture
     if beyond > BEYOND:
         raise InputError(
             f"the limits of {box.names[variable]}",
-            seen=f"{box.lower[variable]:g} to {box.upper[variable]:g}, with probability {beyond:.2g} beyond "
-            "the mirror image of the nearer one",
+            seen=f"{box.lower[variable]:g} to {box.upper[variable]:g}, with a probability of {beyond:.2g} "
+            "beyond the mirror image of the nearer limit",
             expected="symmetric limits",
             change="Fit the law within symmetric limits, or to absolute values.",
         )

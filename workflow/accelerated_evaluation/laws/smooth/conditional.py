@@ -136,7 +136,10 @@ class Threshold:
 
     @classmethod
     def of(cls, body: SmoothHazard, level: float, support: Support = SUPPORT) -> "Threshold":
-        """Compute the threshold from a body that was fitted to records within the support."""
+        """Compute the threshold from a body that was fitted to records within the support.
+
+        ``level`` is the probability that the closing speed is below the threshold.
+        """
         nodes = body.grid.edges[:2]
         speeds, roots = (x.ravel() for x in np.meshgrid(*nodes, indexing="ij"))
         table = Places.of(speeds, roots**2, support).body(body).inverse(-np.log1p(-level))

@@ -171,7 +171,7 @@ def require_agreement(
         raise InputError(
             where,
             seen=f"{what} in the ratio {moved / reported:.3g}",
-            expected="a ratio near 1, as the same units and signs give",
+            expected="a ratio near 1, because both have the same unit and sign",
             change=f"Correct {key}.",
         )
 

@@ -42,7 +42,7 @@ def database() -> Iterator[tuple["DuckDBPyConnection", Path]]:
             except (duckdb.IOException, duckdb.OutOfMemoryException, OSError) as error:
                 if is_disk_full(error) or "space" in str(error) or "max_temp_directory_size" in str(error):
                     raise StudyError(
-                        f"no space left for temporary files in {tempfile.gettempdir()}; free some there, or "
+                        f"no space left for temporary files in {tempfile.gettempdir()}; free some space, or "
                         "set the environment variable TMPDIR to a folder on another disk, and run again"
                     ) from error
                 raise
@@ -188,7 +188,7 @@ def readable(path: Path) -> Iterator[None]:
             raise InputError(
                 f"{path}, column {found[1]}",
                 seen=found[2],
-                expected=f"whole numbers below 2^53 ({LARGEST_WHOLE:,}), which are kept exactly",
+                expected=f"whole numbers below 2^53 ({LARGEST_WHOLE:,}), which are represented exactly",
                 change="Correct the cell, or number vehicles, trips and devices by smaller whole numbers.",
             ) from error
         line = re.search(r"CSV Error on Line: (\d+)", str(error))
@@ -203,6 +203,6 @@ def readable(path: Path) -> Iterator[None]:
         raise InputError(
             f"{path}, row {line[1]}" if line else str(path),
             seen=" ".join(seen.split()),
-            expected="as many cells as the header has, numbers where numbers belong, and UTF-8",
+            expected="as many cells as in the header, numbers in the columns of numbers, and UTF-8",
             change="Correct or remove this row, or export the file again.",
         ) from error

@@ -18,6 +18,10 @@ For some targets, contact depends on the direction. The sector to the side is th
 are beyond the host's path, on the side to which the target moves, within the angle arctan(side_slope) from
 the direction across the path. In this sector, host and target touch at the distance side_contact.
 
+Most functions concern the time between two ticks. Their parameter ``path`` is the position of the target as a
+function of the time since the first of these ticks (`Path`), and their times t, ``begin`` and ``end`` are
+measured from this tick [s]. ``car`` has the parameters of the simulation (`Car`).
+
 All functions of the compiled code are in this file, because numba's cache on disk only notices changes of the
 file itself.
 """
@@ -138,7 +142,10 @@ def control(car: Car, range_: float, rate: float, speed: float, memory: tuple) -
 
 @compiled
 def actuate(car: Car, command: float, acceleration: float) -> float:
-    """Return the new acceleration, which follows the command within the limits of friction and jerk."""
+    """Return the new acceleration [m/s^2], which follows the command within limits of friction and jerk.
+
+    ``command`` and ``acceleration`` are the commanded and the present acceleration [m/s^2].
+    """
     wanted = min(max(command, -car.friction_limit), car.friction_limit)
     return min(max(wanted, acceleration - car.acceleration_step), acceleration + car.acceleration_step)
 
@@ -239,8 +246,8 @@ def minimum(path: Path, left: float, right: float) -> float:
 def adds_nothing(path: Path, end: float, reach: float, nearest: float) -> bool:
     """Return whether the time between two ticks cannot change the outcomes, so that it can be skipped.
 
-    This is so if the squared distance is convex, stays above ``reach``^2 at both ends, and either decreases
-    until the end, or increases from a distance of at least ``nearest``.
+    This is so if the squared distance is convex, the distance is above ``reach`` [m] at both ends, and it
+    either decreases until the end, or increases from a distance of at least ``nearest`` [m].
     """
     _, half, constant = curvature(path)
     first = squared(path, 0.0)
@@ -287,7 +294,10 @@ def closest_to_the_side(car: Car, path: Path, end: float) -> float:
 
 @compiled
 def observe(car: Car, path: Path, end: float, outcome: NDArray) -> None:
-    """Update the smallest distance, the clearance and the impact speed over the time between two ticks."""
+    """Update the outcomes by the time between a tick and ``end``.
+
+    The outcomes are the smallest distance and the clearance, and the impact speed at the first contact.
+    """
     reach = max(car.contact, car.side_contact)
     if adds_nothing(path, end, reach, outcome[MIN_DISTANCE]):
         return
@@ -311,7 +321,10 @@ def observe(car: Car, path: Path, end: float, outcome: NDArray) -> None:
 
 @compiled
 def first_contact(car: Car, path: Path, within: float) -> float:
-    """Return the time, not before 0, at which the contact began that exists at time ``within``."""
+    """Return the time at which a contact began, by bisection; it is 0 if the contact exists at the tick.
+
+    ``within`` is a time at which host and target touch.
+    """
     before = 0.0
     for _ in range(40):
         middle = (before + within) / 2
@@ -349,7 +362,9 @@ def first_step(car: Car, path: Path, speed: float, acceleration: float, rate: fl
     """Return the first step [s] that ode45 tries.
 
     It follows from the relative derivatives of the states of the authors' simulation: speed, range, and the
-    distances driven and the integral of the indicator of contact, which begin at 0.
+    distances driven and the integral of the indicator of contact, which begin at 0. ``speed`` [m/s] and
+    ``acceleration`` [m/s^2] are those of the host, and ``rate`` is the speed of the target in the range that
+    the controller measures [m/s].
     """
     fastest = max(speed, abs(rate), abs(path.aside_1), 1.0 if touches(car, path, 0.0) else 0.0) / SMALL
     fastest = max(fastest, abs(acceleration) / max(speed, SMALL), abs(rate - speed) / max(path.ahead, SMALL))
@@ -358,9 +373,19 @@ def first_step(car: Car, path: Path, speed: float, acceleration: float, rate: fl
 
 @compiled
 def seen(car: Car, path: Path, t: float, h: float, integral: float) -> tuple[float, float]:
-    """Return the increment of the integral of contact over a step h of ode45, and its relative error.
+    """Return the increment of the integral of contact over a step of ode45, and its relative error.
 
-    The integral is positive as soon as a stage of the solver detects a contact.
+    The integrand is 1 while host and target touch, and otherwise 0. The integral is therefore positive as
+    soon as a stage of the solver detects a contact.
+
+    Parameters
+    ----------
+    car, path
+        Parameters, and position of the target.
+    t, h
+        Beginning of the step, and its length [s].
+    integral
+        Value of the integral at the beginning of the step [s].
     """
     gain, error = 0.0, 0.0
     for stage in range(7):
@@ -376,9 +401,21 @@ def integrate(
 ) -> float:
     """Integrate the state from a tick to the next one, or until the host stops; return the duration [s].
 
-    ``rate`` is the speed of the target in the range that the controller measures at the start, and ``growth``
-    is its increase until the next tick. A step of ode45 ends at a tick at the latest, and its length is kept
-    for the time after the tick.
+    A step of ode45 ends at a tick at the latest, and its length is kept for the time after the tick.
+
+    Parameters
+    ----------
+    car, path
+        Parameters, and position of the target.
+    acceleration
+        Acceleration of the host [m/s^2].
+    rate, growth
+        Speed of the target in the range that the controller measures [m/s] at the tick, and its increase
+        until the next tick [m/s].
+    tick
+        Number of the tick.
+    state
+        State of the solver, which is updated.
     """
     begin, end = tick * TICK, (tick + 1.0) * TICK
     t, stops = begin, False

@@ -7,6 +7,9 @@ file, because numba's cache on disk only notices changes of the file itself.
 No driver accelerates. The code uses this in two ways. An encounter ends as soon as the host, behind a car in
 its lane, does not close in any more. And the steps before the first danger are computed at once.
 
+The array ``state`` of a block has a row for each quantity and a column (a lane) for each encounter. The
+functions update the first ``count`` lanes, or lane ``i``; ``driver`` has the parameters of the driver.
+
 The functions for one encounter become vector instructions in a loop over lanes. For this purpose they compute
 both sides of a choice, and multiply instead of dividing if possible, because divisions are slow.
 """
@@ -142,7 +145,10 @@ def _ttc(gap: float, closing: float) -> float:
 
 @compiled
 def start(driver: Driver, encounter: NDArray, index: int, state: NDArray, i: int) -> None:
-    """Write the initial state of an encounter to lane ``i``.
+    """Write the initial state of an encounter to lane ``i`` of the state.
+
+    The encounter is given by lead speed [m/s], range [m] and closing speed [m/s], and by its ``index``, which
+    is the column of its outcomes.
 
     With lateral motion, the first state is one step after the other car began to move laterally. If the range
     is given at a smaller offset, the motion began earlier, and the initial range is larger by the distance
@@ -164,7 +170,10 @@ def start(driver: Driver, encounter: NDArray, index: int, state: NDArray, i: int
 
 @compiled
 def skip(driver: Driver, state: NDArray, i: int) -> None:
-    """Compute at once the steps before a driver first perceives danger, behind a car in its lane."""
+    """Advance lane ``i`` at once by all steps before the driver first perceives danger.
+
+    This is possible if the other car is in the lane of the host, because speeds are constant until then.
+    """
     if state[STEPS, i] > 0.0 and driver.lateral_speed == 0.0:  # these steps were skipped before
         return
     if state[WAITED, i] > 0.0 or state[WANTED, i] > 0.0:  # after the first danger, few steps could be skipped
@@ -185,7 +194,7 @@ def skip(driver: Driver, state: NDArray, i: int) -> None:
 
 @compiled
 def watch(state: NDArray, count: int, driver: Driver) -> None:
-    """Update the smallest range and TTC, and mark the encounters that are over.
+    """Update the smallest range and TTC in the first ``count`` lanes, and mark encounters that are over.
 
     An encounter is over after a crash, at the end of the simulated time, or if there can be no danger any
     more.
@@ -209,7 +218,10 @@ def watch(state: NDArray, count: int, driver: Driver) -> None:
 
 @compiled
 def decide(state: NDArray, count: int, driver: Driver) -> None:
-    """Write the deceleration that each driver chooses [m/s^2]; it is 0 without danger."""
+    """Compute the deceleration that the driver chooses [m/s^2] in the first ``count`` lanes of the state.
+
+    The deceleration is 0 without danger.
+    """
     for i in range(count):
         distance, speed, lead, acceleration = (
             state[DISTANCE, i],
@@ -230,7 +242,7 @@ def decide(state: NDArray, count: int, driver: Driver) -> None:
 
 @compiled
 def move(state: NDArray, count: int, driver: Driver) -> None:
-    """Advance ``count`` encounters by one time step; encounters that have ended do not change."""
+    """Advance the first ``count`` lanes by one time step; encounters that have ended do not change."""
     for i in range(count):
         wanted, ramp, waited, speed = state[WANTED, i], state[RAMP, i], state[WAITED, i], state[SPEED, i]
         moving, distance, offset = state[MOVING, i], state[DISTANCE, i], state[OFFSET, i]

@@ -3,6 +3,9 @@
 The time is 0 when the other car crosses the lane marking. The range is the distance of the bumpers. Until the
 driver responds, speeds are constant, so this part is computed without steps. As soon as the driver brakes
 exactly as hard as is needed, the outcomes are known, and the simulation ends.
+
+In all functions ``numbers`` are the parameters that all drivers share (`HumanNumbers`), ``traits`` are the
+traits of the driver, shape (traits,), and ``range_`` [m] and ``closing`` [m/s] are range and closing speed.
 """
 
 import math
@@ -52,8 +55,8 @@ def response_time(numbers: HumanNumbers, traits: NDArray, range_: float, closing
 def wanted(numbers: HumanNumbers, traits: NDArray, margin: float, range_: float, closing: float) -> float:
     """Return the deceleration [m/s^2] that the driver intends.
 
-    It is the deceleration that ends the approach at a range equal to the margin. If this deceleration is at
-    least ``hard_braking``, the driver brakes with the largest deceleration that this driver uses.
+    It is the deceleration that ends the approach at a range equal to ``margin`` [m]. If this deceleration is
+    at least ``hard_braking``, the driver brakes with the largest deceleration that this driver uses.
     """
     if closing <= 0.0:
         return 0.0

@@ -1,6 +1,7 @@
 """Compiled simulation of the ACC + AEB car, in blocks of encounters that are simulated in parallel.
 
-A block has a lane for each encounter, and the loops over lanes become vector instructions of the processor.
+The array ``state`` of a block has a row for each quantity and a column (a lane) for each encounter. The
+functions of a step update the first ``count`` lanes, and loops over lanes become vector instructions.
 `reference.py` is a readable version of the same calculation, and the tests require that both agree in every
 bit. All functions and constants of the compiled code are in this file, because numba's cache on disk only
 notices changes of the file itself.
@@ -50,9 +51,20 @@ class Car(NamedTuple):
 
 @compiled
 def start(encounters: NDArray, first: int, count: int, car: Car, state: NDArray, index: NDArray) -> None:
-    """Write the initial states of ``count`` encounters, from column ``first`` on, to the lanes.
+    """Write the initial states of ``count`` encounters to the lanes of ``state``.
 
-    ``index`` receives the column of the encounter in each lane.
+    Parameters
+    ----------
+    encounters
+        Lead speed [m/s], range [m] and closing speed [m/s], shape (3, n).
+    first, count
+        Column of the first encounter, and number of encounters.
+    car
+        Parameters of the car.
+    state
+        Receives the states, shape (FIELDS, LANES).
+    index
+        Receives the column of the encounter in each lane, shape (LANES,).
     """
     for i in range(count):
         index[i] = first + i
@@ -66,7 +78,7 @@ def start(encounters: NDArray, first: int, count: int, car: Car, state: NDArray,
 
 @compiled
 def watch(state: NDArray, count: int, car: Car) -> None:
-    """Compute the time to collision, update its minimum, and switch the AEB on or off."""
+    """Update the smallest time to collision, and switch the AEB on or off, in the first ``count`` lanes."""
     for i in range(count):
         range_, speed, timer, min_ttc = state[RANGE, i], state[SPEED, i], state[TIMER, i], state[MIN_TTC, i]
         command, onset = state[COMMAND, i], state[ONSET, i]
@@ -84,7 +96,7 @@ def watch(state: NDArray, count: int, car: Car) -> None:
 
 @compiled
 def command(state: NDArray, count: int, car: Car) -> None:
-    """Compute the acceleration that the ACC or the AEB commands.
+    """Compute the acceleration that the ACC or the AEB commands [m/s^2] in the first ``count`` lanes.
 
     After a step with AEB, the last error of the time headway is 0 for the ACC.
     """
@@ -101,7 +113,10 @@ def command(state: NDArray, count: int, car: Car) -> None:
 
 @compiled
 def move(state: NDArray, count: int, car: Car) -> None:
-    """Apply the actuator, and move the cars by one step; encounters that have ended do not change."""
+    """Apply the actuator, and move the cars by one step, in the first ``count`` lanes of the state.
+
+    Encounters that have ended do not change.
+    """
     for i in range(count):
         lead, range_, speed, last = state[LEAD, i], state[RANGE, i], state[SPEED, i], state[ACCELERATION, i]
         min_range = state[MIN_RANGE, i]

@@ -68,7 +68,7 @@ def difference_when_alone(
                 f"{where}: seen {first} in the estimate, and "
                 f"{second} in a new copy of the vehicle that simulated this encounter alone; expected the "
                 "same outcome in every call and in every batch. The estimate cannot be trusted. Keep no "
-                "state between calls, and let no encounter depend on the others in its batch; if chance is a "
-                "part of the vehicle, say so with vehicle.deterministic: false."
+                "state between calls, and let no encounter depend on the others in its batch. If outcomes "
+                "of the vehicle are random, set vehicle.deterministic to false."
             )
     return None

@@ -158,7 +158,7 @@ def after_repetition(
     if difference is not None and declared:
         raise difference
     if difference is not None:
-        warnings.warn(f"{difference} It is treated as a vehicle that depends on chance.", stacklevel=3)
+        warnings.warn(f"{difference} The vehicle is treated as one with random outcomes.", stacklevel=3)
         return False
     return declared
 
@@ -203,7 +203,7 @@ def found_difference(
                 f"{name} of {scenario.described(encounters[:, rows[row]])}",
                 f"{before[row]:g} at first, and {after[row]:g} when simulated again in another batch",
                 "the same outcomes of an encounter in every call and in every batch",
-                change="If chance is a part of this vehicle, say so with vehicle.deterministic: false. "
+                change="If the outcomes of this vehicle are random, set vehicle.deterministic to false. "
                 "Otherwise seed its random numbers in each call, keep no state between calls, and let "
                 "no encounter depend on the others in its batch.",
             )

@@ -153,7 +153,7 @@ class Command(ForeignVehicle):
                 self.scenario.described_batch(encounters),
                 f"no end after {self.time_limit:g} s{printed.last_line()}",
                 "outcomes within this time limit of a batch",
-                "Let it end sooner, raise simulations.time_limit, or lower simulations.batch_size.",
+                "Make the command faster, raise simulations.time_limit, or lower simulations.batch_size.",
             ) from error
         finally:
             end_group(process.pid, mark)

@@ -207,7 +207,7 @@ class Instance:
             read = fmu.getReal if self._model.is_old else fmu.getFloat64
             acceleration = read([output.reference])[0] * output.factor
         if isinstance(ended, tuple) and ended[1]:  # FMUs of FMI 3.0 may request the end of the simulation
-            raise _fault(f"its step at {time:g} s", "that it asks to end the simulation")
+            raise _fault(f"its step at {time:g} s", "a request to end the simulation")
         if not math.isfinite(acceleration):
             raise _fault(f"its step at {time:g} s", f"an acceleration of {acceleration}")
         return acceleration

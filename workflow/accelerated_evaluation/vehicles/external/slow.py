@@ -226,7 +226,7 @@ class SlowVehicle:
                 shown,
                 f"no end after {self.time_limit:g} s",
                 "outcomes within this time limit of a batch",
-                "Let it end sooner, raise simulations.time_limit, or lower simulations.batch_size.",
+                "Make the vehicle faster, raise simulations.time_limit, or lower simulations.batch_size.",
             )
         died = isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker"
         return outcome_error(
@@ -234,7 +234,7 @@ class SlowVehicle:
             shown,
             "the end of the process that simulated it" if died else error_in_words(error),
             "outcomes",
-            "It crashes or ends its process, or somebody has killed it." if died else "Correct the vehicle.",
+            "The vehicle crashes or ends its process, or was killed." if died else "Correct the vehicle.",
         )
 
     def _with_kept(self, fault: InputError) -> InputError:

@@ -136,8 +136,8 @@ class Store:
                 str(self.path),
                 seen=f"{error}",
                 expected="a store of outcomes that can be read and written",
-                change="Free disk space or correct the permissions; delete the file only if it is damaged, "
-                "for its encounters are then simulated again.",
+                change="Free disk space or correct the permissions. Delete the file only if it is damaged, "
+                "because its encounters are then simulated again.",
             ) from error
 
 
