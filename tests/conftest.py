@@ -16,6 +16,7 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.vehicles import load_vehicle
 
 # A user's Python keeps what it prints in buffers. Machines that test often switch that off, and hide errors.
@@ -44,9 +45,21 @@ def pytest_terminal_summary(terminalreporter, config):
 
 @functools.cache
 def compile_vehicles() -> None:
-    """Compile the kernels of the vehicles in this project, so that its copies need not."""
-    for name in ("acc_aeb", "cc_human"):
-        load_vehicle(name).simulate(np.array([20.0]), np.array([20.0]), np.array([3.0]))
+    """Compile the kernels of the vehicles in this project, so that its copies need not.
+
+    The processes of the tests wait for each other, because each would compile all of them.
+    """
+    with open(__file__) as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        cut_in = np.array([20.0]), np.array([20.0]), np.array([3.0])
+        for name in ("acc_aeb", "cc_human", "human"):
+            vehicle = load_vehicle(name)
+            vehicle.simulate(*cut_in)
+            vehicle.simulate_moving(*cut_in, np.full((1, 81), 20.0))
+            vehicle.trace(*np.ravel(cut_in))
+        left_turn = SCENARIOS["left_turn"]
+        middle = [[(variable.low + variable.high) / 2] for variable in left_turn.variables]
+        load_vehicle(left_turn.default_vehicle, left_turn).simulate(*np.array(middle))
 
 
 class Project:
