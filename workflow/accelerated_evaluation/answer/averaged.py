@@ -24,7 +24,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.smooth.mean import MeanLaw
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
 from accelerated_evaluation.methods.surrogate import Surrogate
-from accelerated_evaluation.methods.surrogate.lapses import LapseBounds
+from accelerated_evaluation.methods.surrogate.results import lapse_bounds
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.protocol import Event
@@ -126,7 +126,7 @@ class Course:
     reweighting
         The density ratios of the batches of the sampler, for every draw of the law.
     outcomes
-        The outcomes of all batches, in their order.
+        The outcomes of all batches, in their order, without repetitions and draws of the law.
     """
 
     law: MeanLaw
@@ -154,8 +154,9 @@ class Course:
             self.sampler.tell(*problem.repeat(z))
             return
         outcomes = problem.simulate(problem.law.from_normal_scores(z))
+        if not self.sampler.draws_next:
+            self.outcomes.append(outcomes)
         self.sampler.tell(problem.event.happens(outcomes), problem.event.score(outcomes))
-        self.outcomes.append(outcomes)
 
     def posterior(self) -> SampledPosterior | None:
         """Return the probability of the sampled event under each draw; None if there is no estimate yet."""
@@ -229,7 +230,7 @@ class Course:
         if posterior is None or not self.sampler.may_lapse:
             return 0.0
         probability = float(posterior.probabilities.mean())
-        return LapseBounds.after(progress.z, progress.happened, probability, SHARE).like_hardness
+        return lapse_bounds(progress, probability, SHARE).like_hardness
 
     def crashes(self, sampled: Event) -> pd.DataFrame:
         """Return a table of the runs that ended in the sampled event.

@@ -104,6 +104,7 @@ def _without(state: State, left_out: NDArray[np.intp]) -> Belief:
         progress.z[kept],
         progress.happened[kept],
         progress.score[kept],
+        progress.law_draws,
         estimates=progress.estimates,
         foreseen=progress.foreseen[foreseen],
         learnt_at=NEVER,

@@ -173,6 +173,7 @@ def _require_whole(campaign: Campaign) -> None:
             "runs that are numbered from 1",
         ),
         (set(np.diff(numbers)) <= {0, 1}, "runs in the order of their batches"),
+        (np.isfinite([run.encounter for run in campaign.runs]).all(), "encounters of finite numbers"),
         (len(open_batch) == (0 if pending is None else len(pending.z)), "one open batch, the sampler's"),
         (
             campaign.sampler.simulations + len(open_batch) == len(campaign.runs),

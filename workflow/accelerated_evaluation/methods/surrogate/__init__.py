@@ -12,7 +12,7 @@ from accelerated_evaluation.base.sections import Schema, choice, integer, sectio
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.estimate import Estimate, Method, Stopping
 from accelerated_evaluation.methods.surrogate.certificate import BY_DEFAULT, Certificate
-from accelerated_evaluation.methods.surrogate.constants import ENOUGH_REPEATS, FIRST_REPEATS
+from accelerated_evaluation.methods.surrogate.constants import ENOUGH_DRAWS, ENOUGH_REPEATS, FIRST_REPEATS
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.methods.surrogate.state import read_state, write_state
@@ -151,6 +151,7 @@ class Surrogate(Method):
     def _sampler(self, problem: ScoreProblem, generator: np.random.Generator) -> Sampler:
         """Return the sampler that is saved in the state file, or a new one if there is no such file."""
         own = {"dimension": problem.dimension, "fingerprint": problem.fingerprint}
+        is_formula = isinstance(problem, SystemProblem)
         if self.state_file is None or not Path(self.state_file).exists():
             return Sampler(
                 **own,
@@ -160,7 +161,8 @@ class Surrogate(Method):
                 begin=self.begin,
                 predecessor=self.predecessor,
                 deterministic=getattr(problem, "deterministic", None),
-                enough_repeats=FIRST_REPEATS if isinstance(problem, SystemProblem) else ENOUGH_REPEATS,
+                enough_repeats=FIRST_REPEATS if is_formula else ENOUGH_REPEATS,
+                enough_draws=0 if is_formula else ENOUGH_DRAWS,
             )
         state = read_state(self.state_file)
         state.check(**own, batch_size=self.batch_size, where=str(self.state_file))

@@ -241,8 +241,16 @@ LARGEST_SCORE = float(np.finfo(float).max)
 FIRST_REPEATS = 5
 
 # If this number of repetitions has shown no difference, the vehicle is treated as deterministic. A vehicle
-# that lapses in 1 % of its runs shows a difference with probability 1 - 0.98^350 = 99.9 %.
+# that lapses in 1 % of its runs shows a difference with probability 1 - 0.99^510 = 99.4 %, because the
+# repetitions are of about 160 different runs.
 ENOUGH_REPEATS = 350
+
+# If this number of draws of the law itself agrees with the estimate, the vehicle is treated as one without
+# events in thin stripes. Stripes of probability 1 % are met with probability 1 - 0.99^300 = 95 %.
+ENOUGH_DRAWS = 300
+
+# Events among these draws contradict the estimate if so many of them would have a probability below this.
+CONTRADICTION = 0.01
 
 # The runs of a vehicle that may lapse end after this number of unexpected events. From five events a rate is
 # known within a factor of about three, and the usual numbers of runs would not improve this much.

@@ -129,14 +129,24 @@ def chance_in_words(diagnostics: Mapping[str, float]) -> str:
     Parameters
     ----------
     diagnostics
-        Diagnostics of an estimate: ``repeats``, ``differed``, and, if the vehicle may lapse, the bounds
+        Diagnostics of an estimate: ``repeats``, ``differed``, ``law_draws``, ``law_events``, and, if the
+        vehicle may lapse, the bounds
         ``unseen_lapses`` and ``unseen_lapses_monotone`` and the number ``settling_runs``.
     """
     repeats, differed = int(diagnostics["repeats"]), int(diagnostics["differed"])
     if not repeats:
         return "repeats: none, because the vehicle is stated to be deterministic"
     lines = [f"repeats: {repeats} runs were made a second time, and {differed} of them ended differently"]
-    if not math.isnan(bound := diagnostics.get("unseen_lapses", math.nan)):
+    if draws := int(diagnostics["law_draws"]):
+        events = int(diagnostics["law_events"])
+        lines.append(f"draws of the law itself: {draws}, of which {events} ended in the event")
+    bound = diagnostics.get("unseen_lapses", math.nan)
+    if draws and not differed and not math.isnan(bound):
+        lines.append(
+            "these events contradict the estimate, although no repeat ended differently: the event also "
+            "happens at places that the other runs do not show, such as thin stripes. They count as lapses"
+        )
+    if not math.isnan(bound):
         monotone, runs = diagnostics["unseen_lapses_monotone"], diagnostics["settling_runs"]
         lines.append(
             f"rare lapses can add up to {bound:.1g} if cut-ins of equal hardness are equally prone to them, "

@@ -8,6 +8,7 @@ import numpy as np
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.methods.surrogate.combining import BatchEstimate
 from accelerated_evaluation.methods.surrogate.constants import REACH
+from accelerated_evaluation.methods.surrogate.law_draws import LawBatch, LawDraws
 from accelerated_evaluation.methods.surrogate.repeats import RepeatBatch, Repeats
 from accelerated_evaluation.methods.surrogate.two_phase import Flags, TwoPhaseBatch
 
@@ -26,7 +27,7 @@ class ApproachBatch:
     z: Array
 
 
-Batch = WideBatch | ApproachBatch | TwoPhaseBatch | RepeatBatch
+Batch = WideBatch | ApproachBatch | TwoPhaseBatch | RepeatBatch | LawBatch
 
 
 @dataclass
@@ -37,6 +38,8 @@ class Progress:
     ----------
     z, happened, score
         Normal scores of all runs, shape (n, d), whether the event happened, and their scores, shape (n,).
+    law_draws
+        Draws of the law itself, which are not counted among the runs.
     wide_draws
         Draws from the wide distribution to which the runs are equivalent, in k groups: number of draws,
         smallest and largest rarity, shape (k, 3).
@@ -72,6 +75,7 @@ class Progress:
     z: Array
     happened: Flags
     score: Array
+    law_draws: LawDraws
     wide_draws: Array = field(default_factory=lambda: np.empty((0, 3)))
     estimates: list[BatchEstimate] = field(default_factory=list)
     batches: list[TwoPhaseBatch] = field(default_factory=list)
@@ -89,4 +93,5 @@ class Progress:
     @classmethod
     def start(cls, dimension: int) -> Self:
         """Return the progress of a sampler without any run."""
-        return cls(np.empty((0, dimension)), np.empty(0, bool), np.empty(0))
+        nothing = np.empty((0, dimension)), np.empty(0, bool), np.empty(0)
+        return cls(*nothing, LawDraws.none(dimension))

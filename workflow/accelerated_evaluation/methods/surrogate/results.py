@@ -6,7 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
+from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
 from accelerated_evaluation.methods.surrogate.anytime import anytime_interval
 from accelerated_evaluation.methods.surrogate.certificate import Certificate, Unseen, look_beyond
@@ -19,7 +21,7 @@ from accelerated_evaluation.methods.surrogate.combining import (
 from accelerated_evaluation.methods.surrogate.constants import NOISY_USABLE, USABLE
 from accelerated_evaluation.methods.surrogate.lapses import LapseBounds
 from accelerated_evaluation.methods.surrogate.progress import Progress
-from accelerated_evaluation.methods.surrogate.two_phase import reach_of
+from accelerated_evaluation.methods.surrogate.two_phase import Flags, reach_of
 from accelerated_evaluation.methods.surrogate.wide_laws import bound_without_event
 
 ROUNDING = 1e-12  # relative tolerance
@@ -63,7 +65,7 @@ def estimate(progress: Progress, batch_size: int, stopping: Stopping, certificat
         probability,
         *interval,
         alpha=stopping.alpha,
-        learning=len(progress.z) + len(progress.repeats) - estimating,
+        learning=len(progress.z) + len(progress.repeats) + len(progress.law_draws) - estimating,
         estimating=estimating,
         events=events,
         converged=is_narrow(progress, stopping) and is_certified(progress, certificate),
@@ -90,7 +92,7 @@ def with_lapses(found: Estimate, progress: Progress, stopping: Stopping) -> Esti
     stopping
         The stopping rule.
     """
-    bounds = LapseBounds.after(progress.z, progress.happened, found.probability, stopping.beta)
+    bounds = lapse_bounds(progress, found.probability, stopping.beta)
     own = {
         "unseen_lapses": bounds.like_hardness,
         "unseen_lapses_monotone": bounds.monotone,
@@ -99,6 +101,18 @@ def with_lapses(found: Estimate, progress: Progress, stopping: Stopping) -> Esti
     sampled = found.high if found.probability > 0 else 0.0
     high = min(sampled + bounds.like_hardness, 1.0)
     return replace(found, high=high, diagnostics={**found.diagnostics, **own})
+
+
+def lapse_bounds(progress: Progress, probability: float, share: float) -> LapseBounds:
+    """Return what lapses can add to an estimate, by the runs and the draws of the law; see `LapseBounds`."""
+    draws = progress.law_draws
+    z, happened = np.vstack([progress.z, draws.z]), np.append(progress.happened, draws.happened)
+    return LapseBounds.after(z, happened, probability, share)
+
+
+def is_contradicted(progress: Progress) -> bool:
+    """Whether the draws of the law contradict the mean of the batches that count."""
+    return progress.law_draws.contradict(_mean(progress))
 
 
 def is_narrow(progress: Progress, stopping: Stopping) -> bool:
@@ -187,26 +201,30 @@ def tabulate_runs(progress: Progress, batch_size: int) -> pd.DataFrame:
         One row for each simulation. Columns: ``run`` and ``batch``, counted from 1; ``phase``; the normal
         scores ``z_1``, ``z_2`` and so on; ``event``. The phase is ``search`` until the search has ended,
         ``estimate`` for the simulations on which the estimate is based, and ``learn`` for those in between.
-        Repetitions of runs are the last rows, with the phase ``repeat`` and the batch 0.
+        Repetitions of runs and draws of the law are the last rows, with the phases ``repeat`` and ``law`` and
+        the batch 0.
     """
     run = np.arange(len(progress.z)) + 1
     batch = (run - 1) // batch_size + 1
     batches = len(run) // batch_size
     searched = batches - len(progress.estimates)
     learnt = batches - len(_that_count(progress))
-    columns = {
-        "run": run,
-        "batch": batch,
-        "phase": np.select([batch <= searched, batch <= learnt], ["search", "learn"], "estimate"),
-        **{f"z_{k + 1}": values for k, values in enumerate(progress.z.T)},
-        "event": progress.happened,
-    }
-    table, repeated = pd.DataFrame(columns), progress.repeats.repeated
-    if not len(repeated):
-        return table
-    own = {"run": len(run) + 1 + np.arange(len(repeated)), "batch": 0, "phase": "repeat"}
-    again = table.iloc[repeated].assign(**own, event=progress.repeats.happened)
-    return pd.concat([table, again], ignore_index=True)
+    phase = np.select([batch <= searched, batch <= learnt], ["search", "learn"], "estimate")
+    repeats, draws = progress.repeats, progress.law_draws
+    tables = [
+        _runs_table(batch, phase, progress.z, progress.happened),
+        _runs_table(0, "repeat", progress.z[repeats.repeated], repeats.happened),
+        _runs_table(0, "law", draws.z, draws.happened),
+    ]
+    table = pd.concat([part for part in tables if len(part)] or tables[:1], ignore_index=True)
+    table.insert(0, "run", np.arange(len(table)) + 1)
+    return table
+
+
+def _runs_table(batch: ArrayLike, phase: ArrayLike, z: Array, happened: Flags) -> pd.DataFrame:
+    """Return the columns of `tabulate_runs` except for the number of the run."""
+    scores = {f"z_{k + 1}": values for k, values in enumerate(z.T)}
+    return pd.DataFrame({"batch": batch, "phase": phase, **scores, "event": happened})
 
 
 def _diagnostics(progress: Progress, combined: Combined | None, certificate: Certificate) -> dict[str, float]:
@@ -225,4 +243,6 @@ def _diagnostics(progress: Progress, combined: Combined | None, certificate: Cer
         "unseen_any": unseen.anything,
         "repeats": len(progress.repeats),
         "differed": int(np.count_nonzero(progress.repeats.differed)),
+        "law_draws": len(progress.law_draws),
+        "law_events": progress.law_draws.events,
     }

@@ -49,6 +49,7 @@ from accelerated_evaluation.methods.surrogate.constants import (
 )
 from accelerated_evaluation.methods.surrogate.directions import learn_directions
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
+from accelerated_evaluation.methods.surrogate.law_draws import LawBatch
 from accelerated_evaluation.methods.surrogate.pools import Defence
 from accelerated_evaluation.methods.surrogate.progress import ApproachBatch, Batch, Progress, WideBatch
 from accelerated_evaluation.methods.surrogate.repeats import RepeatBatch, choose_repeats, end_differently
@@ -90,6 +91,9 @@ class Sampler:
     enough_repeats
         If ``deterministic`` is None: number of repetitions without a difference that are required for
         convergence, because the vehicle is then treated as deterministic.
+    enough_draws
+        If ``deterministic`` is None: number of draws of the law itself that are required for convergence, and
+        have to agree with the estimate; see `law_draws`.
     begin
         Number and distribution of the first runs.
     """
@@ -105,6 +109,7 @@ class Sampler:
         predecessor: Predecessor | None = None,
         deterministic: bool | None = True,
         enough_repeats: int = ENOUGH_REPEATS,
+        enough_draws: int = 0,
         begin: Begin = RARE,
     ) -> None:
         if predecessor is not None:
@@ -113,7 +118,8 @@ class Sampler:
             raise ValueError(f"batch_size must be from 1 to {POOL // 4}, got {batch_size}")
         self.dimension, self.batch_size, self.fingerprint = dimension, batch_size, fingerprint
         self.certificate, self.begin = certificate, begin
-        self.deterministic, self.enough_repeats = deterministic, enough_repeats
+        self.deterministic = deterministic
+        self.enough_repeats, self.enough_draws = enough_repeats, enough_draws
         self.progress = Progress.start(dimension)
         self.progress.chance = deterministic is False
         self._generator = generator
@@ -165,6 +171,9 @@ class Sampler:
         if isinstance(batch, RepeatBatch):
             self._take_repeats(batch, happened, score)
             return
+        if isinstance(batch, LawBatch):
+            self._take_draws(batch, happened)
+            return
         progress.z = np.vstack([progress.z, batch.z])
         progress.happened = np.append(progress.happened, happened)
         progress.score = np.append(progress.score, score)
@@ -197,15 +206,27 @@ class Sampler:
             progress.foreseen, progress.learnt_at = np.empty((0, 2)), 0
             self._belief = Belief(self._belief.space, self.predecessor, noisy=is_noisy)
 
+    def _take_draws(self, batch: LawBatch, happened: Flags) -> None:
+        """Compare draws of the law with the estimate. If they contradict it, the vehicle may lapse."""
+        progress = self.progress
+        progress.law_draws = progress.law_draws.extended(batch, happened)
+        progress.pending = None
+        progress.chance |= results.is_contradicted(progress)
+
     @property
     def simulations(self) -> int:
-        """Number of simulations whose outcomes have been received, including repeats."""
-        return len(self.progress.z) + len(self.progress.repeats)
+        """Number of simulations whose outcomes have been received, including repeats and draws of the law."""
+        return len(self.progress.z) + len(self.progress.repeats) + len(self.progress.law_draws)
 
     @property
     def repeats_next(self) -> bool:
         """Whether the requested batch consists of repetitions of earlier runs."""
         return isinstance(self.progress.pending, RepeatBatch)
+
+    @property
+    def draws_next(self) -> bool:
+        """Whether the requested batch consists of draws of the law itself."""
+        return isinstance(self.progress.pending, LawBatch)
 
     def has_converged(self, stopping: Stopping) -> bool:
         """Return whether the estimate has converged.
@@ -237,9 +258,9 @@ class Sampler:
         return is_narrow and self._has_excluded_all_else()
 
     def _has_excluded_all_else(self) -> bool:
-        """Return whether the certificate is met and all repetitions are made; only lapses may then remain."""
+        """Return whether the certificate is met and all checks are made; only lapses may then remain."""
         certified = results.is_certified(self.progress, self.certificate)
-        return certified and not self.repeats_wanted(certify=True)
+        return certified and not self.repeats_wanted(certify=True) and not self._draws_wanted()
 
     def repeats_wanted(self, *, certify: bool) -> int:
         """Return how many repetitions of runs are still required.
@@ -257,6 +278,12 @@ class Sampler:
             return 0
         wanted = self.enough_repeats if certify and not self.progress.chance else FIRST_REPEATS
         return max(wanted - len(self.progress.repeats), 0)
+
+    def _draws_wanted(self) -> int:
+        """Return how many draws of the law are still wanted before an estimate can have converged."""
+        if self.deterministic is not None or self.progress.chance:
+            return 0
+        return max(self.enough_draws - len(self.progress.law_draws), 0)
 
     def is_narrow(self, stopping: Stopping) -> bool:
         """Return whether the interval is as narrow as the rule requires, and enough events were observed."""
@@ -300,6 +327,7 @@ class Sampler:
             predecessor=self.predecessor,
             deterministic=self.deterministic,
             enough_repeats=self.enough_repeats,
+            enough_draws=self.enough_draws,
         )
 
     @classmethod
@@ -323,6 +351,7 @@ class Sampler:
             predecessor=state.predecessor,
             deterministic=state.deterministic,
             enough_repeats=state.enough_repeats,
+            enough_draws=state.enough_draws,
         )
         sampler.progress = state.progress
         space = space_along(state.progress.directions, state.dimension)
@@ -339,7 +368,8 @@ class Sampler:
             with BLAS.limit(limits=1):
                 beyond = results.where_to_search(self.progress, self.certificate)
                 defence = Defence(DEFENCE_ALONE if certify else DEFENCE, beyond)
-                self.progress.pending = self._repeats(certify=certify) or self._design(defence)
+                checks = self._repeats(certify=certify) or self._draws(certify=certify)
+                self.progress.pending = checks or self._design(defence)
         return self.progress.pending
 
     def _repeats(self, *, certify: bool) -> RepeatBatch | None:
@@ -351,6 +381,13 @@ class Sampler:
             return None
         known = progress.z, progress.happened, progress.score, progress.repeats
         return choose_repeats(*known, count, self._generator)
+
+    def _draws(self, *, certify: bool) -> LawBatch | None:
+        """Draw from the law itself, as the last check before convergence; None while it is not due."""
+        count = min(self._draws_wanted(), self.batch_size)
+        if not (count and certify and results.is_certified(self.progress, self.certificate)):
+            return None
+        return LawBatch(self._generator.standard_normal((count, self.dimension)))
 
     def _design(self, defence: Defence) -> Batch:
         """Choose the next batch: wide draws at first, then the search, then the second phase."""

@@ -18,13 +18,14 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import read_json, write_json
 from accelerated_evaluation.methods.surrogate.constants import ENOUGH_REPEATS
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
+from accelerated_evaluation.methods.surrogate.law_draws import LawDraws
 from accelerated_evaluation.methods.surrogate.progress import Batch, Progress
 from accelerated_evaluation.methods.surrogate.repeats import RepeatBatch
 from accelerated_evaluation.methods.surrogate.state_json import MISFIT, decode, encode
 from accelerated_evaluation.methods.surrogate.subspace import space_along
 from accelerated_evaluation.methods.surrogate.two_phase import TwoPhaseBatch
 
-FORMAT, VERSION = "accelerated-evaluation sampler state", 11
+FORMAT, VERSION = "accelerated-evaluation sampler state", 12
 
 
 @dataclass(frozen=True)
@@ -47,9 +48,9 @@ class State:
         State of the bit generator.
     predecessor
         Runs of a similar vehicle.
-    deterministic, enough_repeats
-        Whether the outcomes are stated to be deterministic, and the number of repetitions that are required
-        otherwise; see `Sampler`.
+    deterministic, enough_repeats, enough_draws
+        Whether the outcomes are stated to be deterministic, and the numbers of repetitions and of draws of
+        the law that are required otherwise; see `Sampler`.
     """
 
     fingerprint: str
@@ -64,6 +65,7 @@ class State:
     predecessor: Predecessor | None = None
     deterministic: bool | None = True
     enough_repeats: int = ENOUGH_REPEATS
+    enough_draws: int = 0
 
     def to_json(self) -> dict[str, Any]:
         """Return the contents of a state file: lists and numbers, with a version and a checksum."""
@@ -177,6 +179,9 @@ def _whole(state: State) -> State:
     _require_shape("graded_theta", state.graded_theta, coordinates + 2)
     _require_shape("sites", state.sites, 2, min(state.sites.size // 2, runs + others))
     _require_shape("z", progress.z, runs, d)
+    if not len(progress.law_draws):
+        progress.law_draws = LawDraws.none(d)
+    _require_shape("law_draws", progress.law_draws.z, len(progress.law_draws), d)
     _require_shape("score", progress.score, runs)
     _require_zones(progress.wide_draws)
     _require_shape("foreseen", progress.foreseen, min(len(progress.foreseen), runs), 2)

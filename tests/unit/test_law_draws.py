@@ -1,0 +1,113 @@
+"""Draws of the law itself: they show events in thin stripes, which repeats of runs cannot show."""
+
+import numpy as np
+import pytest
+from accelerated_evaluation.methods.surrogate import Surrogate
+from accelerated_evaluation.methods.surrogate.constants import CONTRADICTION, ENOUGH_DRAWS
+from accelerated_evaluation.methods.surrogate.lapses import chance_in_words
+from accelerated_evaluation.methods.surrogate.law_draws import LawDraws
+from accelerated_evaluation.methods.surrogate.sampler import Sampler
+from accelerated_evaluation.methods.surrogate.state import State
+from accelerated_evaluation.problem import Problem, SystemProblem
+from sampler_checks import STOPPING
+from scipy.special import ndtr
+from scipy.stats import binom
+from test_methods import LAW, Corner
+
+LEVEL, STRIPES = 3.5, 0.02
+
+
+def system(stripes):
+    """A half-plane; besides, a share of all points is in thin stripes that are events as well."""
+
+    def respond(z):
+        score = LEVEL - z[:, 0]
+        return (score < 0) | ((z[:, 1] * 1e4) % 1 < stripes), score
+
+    return SystemProblem(respond, 2, fingerprint="stripes")
+
+
+def sampler_of(event, *, repeats=5, draws=ENOUGH_DRAWS, seed=0):
+    return Sampler(
+        2,
+        np.random.default_rng(seed),
+        5,
+        fingerprint=event.fingerprint,
+        deterministic=event.deterministic,
+        enough_repeats=repeats,
+        enough_draws=draws,
+    )
+
+
+def step(sampler, event):
+    sampler.tell(*event.evaluate(sampler.ask(certify=sampler.is_narrow(STOPPING))))
+
+
+def drive(sampler, event, most=1000):
+    while not sampler.has_ended(is_narrow=sampler.is_narrow(STOPPING)) and sampler.simulations < most:
+        step(sampler, event)
+    return sampler.estimate(STOPPING)
+
+
+def test_stripes_that_no_run_has_met_are_found_by_draws_of_the_law():
+    truth, event, silent = STRIPES + (1 - STRIPES) * ndtr(-LEVEL), system(STRIPES), 0
+    for seed in range(4):
+        found = drive(sampler_of(event, seed=seed), event)
+        assert not found.converged
+        assert found.high >= truth or found.simulations >= 1000
+        without = drive(sampler_of(event, draws=0, seed=seed), event, 400)
+        silent += without.converged and without.high < truth / 10
+    assert silent  # the wrong variant
+
+
+def test_the_message_names_the_draws_that_contradict_the_estimate():
+    event = system(STRIPES)
+    found = drive(sampler_of(event, seed=1), event)
+    draws, events = (int(found.diagnostics[name]) for name in ("law_draws", "law_events"))
+    assert events > 0
+    words = chance_in_words(found.diagnostics)
+    assert f"draws of the law itself: {draws}, of which {events} ended in the event" in words
+    assert "contradict" in words
+
+
+def test_a_system_without_stripes_costs_the_draws_alone():
+    event = system(0)
+    plain, found = (drive(sampler_of(event, draws=draws), event) for draws in (0, ENOUGH_DRAWS))
+    assert plain.converged
+    assert found.converged
+    assert found.simulations == plain.simulations + ENOUGH_DRAWS == len(found.tables["runs"])
+    assert found.probability == plain.probability
+    phases = found.tables["runs"]["phase"]
+    assert phases.eq("law").sum() == found.diagnostics["law_draws"] == ENOUGH_DRAWS
+    assert found.tables["runs"]["run"].tolist() == list(range(1, found.simulations + 1))
+
+
+def test_a_vehicle_that_says_nothing_is_drawn_from_the_law_and_one_that_says_so_is_not():
+    silent, said = Corner(), Corner()
+    silent.deterministic, said.deterministic = None, True
+    for vehicle, draws in ((silent, ENOUGH_DRAWS), (said, 0)):
+        found = Surrogate().estimate(Problem(LAW, vehicle), STOPPING, np.random.default_rng(1))
+        assert found.converged
+        assert found.diagnostics["law_draws"] == draws
+
+
+def test_a_state_keeps_the_draws():
+    event = system(0)
+    sampler = sampler_of(event, draws=30)
+    while len(sampler.progress.law_draws) < 10:
+        step(sampler, event)
+    sampler.ask(certify=True)
+    content = sampler.state().to_json()
+    again = Sampler.resume(State.from_json(content, "here"))
+    assert again.enough_draws == 30
+    assert again.draws_next
+    assert again.state().to_json() == content
+    assert drive(again, event).row() == drive(sampler, event).row()
+
+
+@pytest.mark.parametrize(("count", "events"), [(300, 0), (300, 1), (300, 4), (80, 1)])
+def test_draws_contradict_an_estimate_that_makes_their_events_improbable(count, events):
+    draws = LawDraws(np.zeros((count, 2)), np.arange(count) < events)
+    for probability in (0.0, 1e-6, 1e-3, 0.01, 0.6):
+        chance = binom.sf(events - 1, count, min(2 * probability, 1.0))
+        assert draws.contradict(probability) == (events > 0 and chance < CONTRADICTION)

@@ -1,0 +1,66 @@
+"""Draws of the law itself, which show whether the event also happens where no run of the sampler was.
+
+The runs of the sampler are near the event that it knows. If a vehicle also crashes in thin stripes everywhere
+else, hardly any of these runs meets a stripe, and repeats of runs end in the same way. Draws of the law can
+show such events: if none of n draws is an event, the probability of all events together is below
+log(1 / alpha) / n with confidence 1 - alpha, whatever their shape.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import bdtrc
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.methods.surrogate.constants import AGREEMENT, CONTRADICTION
+from accelerated_evaluation.methods.surrogate.two_phase import Flags
+
+
+@dataclass(frozen=True)
+class LawBatch:
+    """A batch drawn from the law itself; ``z`` has shape (n, d)."""
+
+    z: Array
+
+
+@dataclass(frozen=True)
+class LawDraws:
+    """Outcomes of the draws of the law so far.
+
+    Attributes
+    ----------
+    z
+        Normal scores, shape (n, d).
+    happened
+        Whether the event happened, shape (n,).
+    """
+
+    z: Array
+    happened: Flags
+
+    @classmethod
+    def none(cls, dimension: int) -> "LawDraws":
+        """Return the draws of a sampler that has made none."""
+        return cls(np.empty((0, dimension)), np.empty(0, bool))
+
+    def __len__(self) -> int:
+        """Return the number of draws."""
+        return len(self.happened)
+
+    @property
+    def events(self) -> int:
+        """Number of draws that ended in the event."""
+        return int(np.count_nonzero(self.happened))
+
+    def extended(self, batch: LawBatch, happened: Flags) -> "LawDraws":
+        """Return these draws and those of a batch."""
+        return LawDraws(np.vstack([self.z, batch.z]), np.append(self.happened, happened))
+
+    def contradict(self, probability: float) -> bool:
+        """Whether so many draws ended in the event that an estimate of its probability cannot be right.
+
+        The estimate may be wrong by the factor `AGREEMENT`. It is contradicted if so many events would then
+        have a probability below `CONTRADICTION`.
+        """
+        events, allowed = self.events, min(AGREEMENT * probability, 1.0)
+        return events > 0 and bool(bdtrc(events - 1, len(self), allowed) < CONTRADICTION)
