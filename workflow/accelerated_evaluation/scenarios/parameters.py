@@ -20,7 +20,10 @@ def required_names(vehicle_class: type) -> list[str]:
 
 
 def zero_or_more(default: float) -> Any:  # noqa: ANN401
-    """Return a dataclass field for a parameter that may be 0; without this field it must be positive."""
+    """Return a dataclass field for a parameter that must be 0 or positive.
+
+    A parameter with a plain default must be positive; see `check_number`.
+    """
     return field(default=default, metadata={"least": 0.0})
 
 
