@@ -54,13 +54,16 @@ class DependentStratum(SmoothStratum):
         return CutIns(lead_speed, 1 / range_, speed / range_)
 
     def range_coordinate(self, lead_speed: Array, inverse_range: Array) -> tuple[Array, Array]:
-        """Return the first coordinate, and its derivative with respect to log(R_max / R), shape (n,)."""
+        """Return the first coordinate, and its derivative with respect to log(R_max / R).
+
+        See `SmoothStratum.range_coordinate`.
+        """
         hazards = self.places(lead_speed, 1 / inverse_range).range_hazards(self.ranges)
         logarithm = self.logarithm(inverse_range)
         return hazards.at(logarithm), hazards.rate(logarithm)
 
     def second(self, lead_speed: ArrayLike, inverse_range: ArrayLike, closing_speed: ArrayLike) -> Array:
-        """Return the second coordinate; it is infinite if the closing speed is infinite."""
+        """Return the second coordinate -log P(C > c | v_L, R); it is infinite for an infinite c."""
         arrays = np.broadcast_arrays(*floats(lead_speed, inverse_range, closing_speed))
         (coordinate,) = self._second_coordinates(*(array.ravel() for array in arrays))
         return coordinate.reshape(arrays[0].shape)

@@ -76,7 +76,10 @@ class MeanStratum(SmoothStratum):
         return CutIns(lead_speed, 1 / range_, speed / range_)
 
     def range_coordinate(self, lead_speed: Array, inverse_range: Array) -> tuple[Array, Array]:
-        """Return the first coordinate, and its derivative with respect to log(R_max / R), shape (n,)."""
+        """Return the first coordinate, and its derivative with respect to log(R_max / R).
+
+        See `SmoothStratum.range_coordinate`.
+        """
         scores = np.empty((2, lead_speed.size))
         for part in parts(lead_speed.size, PLACES_AT_ONCE):
             places = self.places(lead_speed[part], 1 / inverse_range[part])
@@ -84,7 +87,7 @@ class MeanStratum(SmoothStratum):
         return scores[0], scores[1]
 
     def second(self, lead_speed: ArrayLike, inverse_range: ArrayLike, closing_speed: ArrayLike) -> Array:
-        """Return the second coordinate; it is infinite if the closing speed is infinite."""
+        """Return the second coordinate -log P(C > c | v_L, R); it is infinite for an infinite c."""
         arrays = np.broadcast_arrays(*floats(lead_speed, inverse_range, closing_speed))
         lead, inverse_range, closing = (array.ravel() for array in arrays)
         return self.second_at(lead, inverse_range, closing[:, None]).reshape(arrays[0].shape)

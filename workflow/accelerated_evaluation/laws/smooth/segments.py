@@ -55,7 +55,7 @@ class SmoothStratum(Stratum):
         return 1 / self.support.range_max
 
     def first(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
-        """Return the first coordinate; it is infinite if R^-1 is infinite."""
+        """Return the first coordinate -log P(R^-1 > r | v_L); it is infinite for an infinite r."""
         speed, inverse_range = np.broadcast_arrays(*floats(lead_speed, inverse_range))
         coordinate = np.full(speed.shape, math.inf)
         near = np.isfinite(inverse_range)

@@ -65,7 +65,7 @@ def stays_sql(frames: str, *, vehicle: str, lane: str, rule: Mapping[str, float]
 
 
 def milliseconds(seconds: float) -> int:
-    """Return seconds as whole milliseconds, so that comparisons of times are exact."""
+    """Convert seconds to whole milliseconds, so that comparisons of times are exact."""
     return round(1000 * seconds)
 
 

@@ -80,7 +80,7 @@ COUNTS = """
 def trajectory_keys(
     lead_classes: Sequence[str], host_classes: Sequence[str], of: str = ""
 ) -> dict[str, Schema]:
-    """Return the configuration keys of a source that finds cut-ins in trajectories; see `sources.source`.
+    """Return the keys of the configuration that all sources of trajectories have, each with its schema.
 
     Parameters
     ----------
