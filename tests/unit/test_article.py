@@ -241,3 +241,15 @@ def test_json_holds_no_missing_number():
         "d": np.bool_(False),
     }
     assert plain(value) == {"a": None, "b": [3, None, True], "c": 1.23457e-7, "d": False}
+
+
+def test_the_kinds_of_worlds_in_which_the_intervals_fail_are_named(numbers, tmp_path):
+    beyond = numbers["worlds"]["beyond"]
+    failed = {world["kind"] for world in beyond["failed"]}
+    assert failed == {"reckless drivers", "host speed limit", "bent tail"}
+    assert len(beyond["covered"]) + len(failed) == beyond["kinds"]
+    root = folder_with(numbers, tmp_path / "article")
+    items = json.loads(typst.query(root / TEXT, "list", root=root, ignore_system_fonts=True))
+    text = " ".join(map(words, items))
+    assert all(f"{kind}:" in text for kind in failed)
+    assert not any(f"{kind}:" in text for kind in beyond["covered"])

@@ -1,6 +1,6 @@
 """The numbers of the article that go beyond the paper: laws, answer, coverage, sampler, vehicles, counts."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import pandas as pd
@@ -14,6 +14,7 @@ LEVELS = (50, 80, 95)  # [%], of the intervals of the answer
 INTERVAL = tuple(f"{end}{level}" for level in LEVELS for end in ("low", "high"))
 MAIN_PROBLEM, SURROGATE = "segment_5_15", "surrogate"
 PUBLIC = ("nais", "nais_25", "cross_entropy", "subset", "form", "enkf")  # methods of public tools
+NOMINAL = 0.8  # coverage that the intervals of the worlds should have
 OWN, THEIRS = "this project", "paper"  # procedures in the benchmark of worlds
 TOGETHER, PAPER_LAW = "all laws, weighted", "paper: independent"
 HUMAN, DRIVER, TESTED, SERIOUS = "cc_human", "human", "under test", "MAIS3+"
@@ -110,6 +111,23 @@ def _worlds(benchmarks: Tables) -> dict[str, Any]:
         "most": own["coverage80"].max(),
         "paper_least": theirs["coverage80"].min(),
         "paper_most": theirs["coverage80"].max(),
+        "beyond": _worlds_beyond(benchmarks, own.index),
+    }
+
+
+def _worlds_beyond(benchmarks: Tables, usual: Iterable[str]) -> dict[str, Any]:
+    """Return the kinds of worlds beyond the family in which the intervals cover, and the others.
+
+    The intervals fail in a kind if the whole 95 % interval of its coverage is below the nominal level.
+    """
+    worlds = benchmarks["worlds_beyond"].query("procedure == 'map'")
+    worlds = worlds[~worlds["kind"].isin(usual)]
+    fails = worlds["coverage80_high"] < NOMINAL
+    return {
+        "worlds": worlds["worlds"].iloc[0],
+        "kinds": len(worlds),
+        "covered": worlds.loc[~fails, "kind"].tolist(),
+        "failed": worlds.loc[fails, ["kind", "coverage80", "median_ratio"]].to_dict("records"),
     }
 
 

@@ -7,7 +7,13 @@ import re
 from pathlib import Path
 
 TEXT = "article.typ"
-BENCHMARKS = ("worlds", "samplers", "successors", "answers")  # tables in benchmarks/results that it quotes
+BENCHMARKS = (
+    "worlds",
+    "worlds_beyond",
+    "samplers",
+    "successors",
+    "answers",
+)  # tables in benchmarks/results that it quotes
 _SHOWN = re.compile(r'plot\("(\w+)"')
 
 
