@@ -226,14 +226,27 @@ def quality_table(
         One row for each treatment, with the columns ``reading`` (its name), ``events`` (number of records)
         and those of `summarise`, which are NaN if too few records remain.
     """
-    rows = []
+    rows, answers = [], {}
     for reading, records in tqdm(choices.items(), desc="data quality", unit=" readings"):
-        if records.size < MINIMUM_ROWS:
-            rows.append({"reading": reading, "events": records.size})
-            continue
-        same = deepcopy(generator)  # all treatments get the same random numbers
-        scored = score_family(records, start.members, start=start.family)
-        weighted = WeightedLaws.drawn(scored, same, draws)
-        posterior = weighted.draw({"crash": lines}, same)["crash"]
-        rows.append({"reading": reading, "events": records.size} | summarise(posterior))
+        # A treatment that concerns no record leaves the records, and therefore the answer, as they are.
+        content = np.stack([records.lead_speed, records.range_, records.closing_speed]).tobytes()
+        if content not in answers:
+            # All treatments get the same random numbers.
+            answers[content] = _answer_from(records, start, lines, draws, deepcopy(generator))
+        rows.append({"reading": reading, "events": records.size} | answers[content])
     return pd.DataFrame(rows)
+
+
+def _answer_from(
+    records: DistinctRecords,
+    start: ScoredFamily,
+    lines: CrashLines,
+    draws: int,
+    generator: np.random.Generator,
+) -> dict[str, float]:
+    """Summarise the answer from other records; return nothing if too few remain. See `quality_table`."""
+    if records.size < MINIMUM_ROWS:
+        return {}
+    scored = score_family(records, start.members, start=start.family)
+    weighted = WeightedLaws.drawn(scored, generator, draws)
+    return summarise(weighted.draw({"crash": lines}, generator)["crash"])
