@@ -1,6 +1,7 @@
 """Law of smooth random lead motion that has the statistics of recorded speed profiles."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
@@ -56,7 +57,17 @@ class Ngsim:
 
     def lead_speeds(self, encounters: Array, inputs: Array) -> Array:
         """Return the lead speeds over time; see `LeadMotion.lead_speeds`."""
-        scores = np.column_stack([np.interp(inputs[:, k], LEVELS, values) for k, values in enumerate(SCORES)])
-        knots = np.hstack([np.zeros((len(scores), 1)), MEAN + scores @ COMPONENTS])
-        changes = PchipInterpolator(KNOTS, knots, axis=1)(STEP * np.arange(STATES))
+        changes = _changes(np.asarray(inputs, dtype=float).tobytes())
         return np.maximum(encounters[0][:, None] + self.scale * changes, 0.0)
+
+
+@lru_cache(maxsize=1)
+def _changes(inputs: bytes) -> Array:
+    """Return the changes of speed over time for inputs, which are given as the bytes of an array.
+
+    The last result is kept, because the same motions are simulated at many closing speeds.
+    """
+    uniform = np.frombuffer(inputs).reshape(-1, len(SCORES))
+    scores = np.column_stack([np.interp(uniform[:, k], LEVELS, values) for k, values in enumerate(SCORES)])
+    knots = np.hstack([np.zeros((len(scores), 1)), MEAN + scores @ COMPONENTS])
+    return PchipInterpolator(KNOTS, knots, axis=1)(STEP * np.arange(STATES))
