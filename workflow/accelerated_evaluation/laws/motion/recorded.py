@@ -7,6 +7,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 import pandas as pd
+from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -117,6 +118,7 @@ class Recorded:
         return np.maximum(encounters[0][:, None] + (course - course[:, :1]), 0.0)
 
 
+@njit(cache=True)
 def _balanced(weights: Array, offsets: Array) -> Array:
     """Return weights of neighbours whose mean is nearly the place of which they are neighbours.
 
@@ -138,17 +140,28 @@ def _balanced(weights: Array, offsets: Array) -> Array:
     offsets
         Neighbours minus place, relative to the distance of the farthest one, shape (n, k, 3).
     """
-    shares = weights / weights.sum(axis=1, keepdims=True)
-    ridge = (shares**2).sum(axis=1)[:, None, None] * np.eye(offsets.shape[2])
-    tilt = np.zeros((len(weights), offsets.shape[2], 1))
-    for _ in range(NEWTON_STEPS):
-        parts = offsets.swapaxes(1, 2) * shares[:, None]
-        mean = parts.sum(axis=2, keepdims=True)
-        spread = parts @ offsets - mean @ mean.swapaxes(1, 2)
-        tilt -= np.linalg.solve(spread + ridge, mean + ridge @ tilt)
-        exponent = (offsets @ tilt)[:, :, 0]
-        shares = weights * np.exp(exponent - exponent.max(axis=1, keepdims=True))
-        shares /= shares.sum(axis=1, keepdims=True)
+    rows, neighbours, features = offsets.shape
+    shares = np.empty_like(weights)
+    for row in range(rows):
+        shares[row] = weights[row] / weights[row].sum()
+        ridge, tilt = (shares[row] ** 2).sum(), np.zeros(features)
+        for _ in range(NEWTON_STEPS):
+            mean, spread = np.zeros(features), ridge * np.eye(features)
+            for near in range(neighbours):
+                for one in range(features):
+                    part = shares[row, near] * offsets[row, near, one]
+                    mean[one] += part
+                    for two in range(features):
+                        spread[one, two] += part * offsets[row, near, two]
+            tilt -= np.linalg.solve(spread - np.outer(mean, mean), mean + ridge * tilt)
+            largest = -np.inf
+            for near in range(neighbours):
+                exponent = 0.0
+                for one in range(features):
+                    exponent += offsets[row, near, one] * tilt[one]
+                shares[row, near], largest = exponent, max(largest, exponent)
+            shares[row] = weights[row] * np.exp(shares[row] - largest)
+            shares[row] /= shares[row].sum()
     return shares
 
 
