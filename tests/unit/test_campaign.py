@@ -230,7 +230,7 @@ def test_files_that_are_not_what_they_were_are_refused(begun, capsys):
     law = json.loads(Path("law.json").read_text())
     Path("law.json").write_text(json.dumps(law | {"description": "another"}))
     assert begun("ask", "next", "--no-scenarios") == 2
-    assert "law.json: seen another content than when the campaign began" in capsys.readouterr().err
+    assert "law.json: seen a file that has changed since the campaign began" in capsys.readouterr().err
 
 
 def test_a_file_keeps_all_of_a_campaign_and_reads_well(begun):
@@ -253,7 +253,7 @@ def test_an_event_that_is_measured_needs_its_measurement(begun, capsys):
     cli.main(["campaign", "ask", "near.json", "next", "--no-scenarios"])
     Path("told.csv").write_text("run,crash\n1,0\n")
     assert cli.main(["campaign", "tell", "near.json", "told.csv"]) == 2
-    assert "the event of this campaign is defined by it" in capsys.readouterr().err
+    assert "it defines the event of this campaign" in capsys.readouterr().err
     drive()
     assert read_results("done.csv", read_campaign("near.json"))
     assert cli.main(["campaign", "tell", "near.json", "done.csv"]) == 0

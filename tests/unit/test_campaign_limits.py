@@ -127,7 +127,7 @@ def test_a_run_beyond_the_limits_cannot_be_told(campaign, capsys):
     beyond = next(run.number for run in read_campaign("c.json").runs if run.outcome is not None)
     Path("told.csv").write_text(f"run,crash\n{beyond},1\n")
     assert campaign("tell", "told.csv") == 2
-    assert f"seen run {beyond}, which lies beyond the limits" in capsys.readouterr().err
+    assert f"seen run {beyond}, which is beyond the limits" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -135,7 +135,7 @@ def test_a_run_beyond_the_limits_cannot_be_told(campaign, capsys):
     [
         (("--range-min", "-1"), "--range-min: seen -1; expected a number above 0"),
         (("--host-speed-max", "inf"), "--host-speed-max: seen inf"),
-        (("--host-speed-max", "6"), "expected at most 0.5 beyond"),
+        (("--host-speed-max", "6"), "expected a share of at most 0.5 beyond"),
     ],
 )
 def test_limits_that_cannot_be_used(campaign, capsys, options, message):

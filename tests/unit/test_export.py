@@ -229,7 +229,7 @@ def test_every_exported_file_is_valid_for_asams_checker(exported, moving):
 def test_export_refuses_what_it_cannot_do(exported, capsys, tmp_path):
     folder, command = exported
     assert cli.main(command) == 2
-    assert "seen something there; expected no folder yet" in capsys.readouterr().err
+    assert "seen a file, or a folder with files; expected no folder yet" in capsys.readouterr().err
     for arguments, message in (
         (["--size", "1000"], "--size: seen 1000; expected 30 to 300 scenarios"),
         (["--safe-deceleration", "99"], "--safe-deceleration: seen 99"),

@@ -165,7 +165,7 @@ def test_a_campaign_without_events_is_no_predecessor(tmp_path, monkeypatch, caps
     monkeypatch.chdir(tmp_path)
     begin_campaign(tmp_path)
     assert begin_next() == 2
-    assert "no event in 0 runs of whole batches" in capsys.readouterr().err
+    assert "no event in 0 runs of complete batches" in capsys.readouterr().err
 
 
 # ---- the table of an earlier estimate

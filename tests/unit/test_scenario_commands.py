@@ -61,7 +61,7 @@ def test_a_campaign_of_left_turns_keeps_all_it_is_told(folder, capsys):
         assert campaign("ask", "next") == 0
         assert cli.main(["simulate", "next/runs.csv", "done.csv", "--scenario", "left_turn"]) == 0
         assert campaign("tell", "done.csv") == 0
-    assert "no OpenSCENARIO files: they are written for cut-ins only" in capsys.readouterr().out
+    assert "no OpenSCENARIO files, because they are written for cut-ins only" in capsys.readouterr().out
     assert [path.name for path in Path("next").iterdir()] == ["runs.csv"]
     read, done = read_campaign("c.json"), pd.read_csv("done.csv")
     assert len(read.runs) == read.sampler.simulations == 40

@@ -1,12 +1,12 @@
-"""A campaign on the proving ground: it proposes real runs, receives their outcomes, and estimates.
+"""A campaign on the proving ground: it requests real runs, receives their outcomes, and gives an estimate.
 
 The surrogate-guided sampler (`methods.surrogate`) chooses the runs batch by batch. The outcomes of real runs
 arrive one by one, in any order and over weeks. A campaign therefore collects the outcomes of a batch, and
 passes them to the sampler when the batch is complete.
 
-A proving ground cannot drive every cut-in. If a campaign has limits, it estimates the probability of the
-event within the limits. A run that the sampler chooses beyond them need not be driven, because it is not an
-event within the limits.
+Not every cut-in can be driven on a proving ground. If a campaign has limits, it estimates the probability
+that a cut-in is within the limits and ends in the event. A run that the sampler chooses beyond the limits
+need not be driven, because it is certainly not an event within the limits.
 """
 
 from collections.abc import Mapping
@@ -28,22 +28,22 @@ from accelerated_evaluation.track.limits import UNLIMITED, Limits, require_limit
 from accelerated_evaluation.track.scenarios import ConcreteScenario
 from accelerated_evaluation.track.sources import Source, law_in
 
-SMALLEST_BATCH, LARGEST_BATCH = 2, 500
-MOST_EMPTY = 100  # batches in a row without a run within the limits
+SMALLEST_BATCH, LARGEST_BATCH = 2, 500  # numbers of runs
+MOST_EMPTY = 100  # largest number of consecutive batches without a run within the limits
 
 
 @dataclass
 class Run:
-    """A run that was requested.
+    """A run that the sampler has requested.
 
     Attributes
     ----------
     number, batch
-        Its number and that of its batch, counted from 1.
+        Number of the run and of its batch, counted from 1.
     encounter
-        The variables of the scenario, in order.
+        Values of the variables of the scenario, in their order.
     outcome
-        Its outcome; None while it is not known.
+        The outcome of the run; None if it has not been reported yet.
     """
 
     number: int
@@ -53,7 +53,7 @@ class Run:
 
     @property
     def concrete(self) -> ConcreteScenario:
-        """The run of a cut-in as a scenario of OpenSCENARIO."""
+        """The run as a scenario that can be written as an OpenSCENARIO file; it has to be a cut-in."""
         return ConcreteScenario(f"run_{self.number:04d}", *self.encounter, notes={"batch": str(self.batch)})
 
 
@@ -64,19 +64,20 @@ class Campaign:
     Attributes
     ----------
     law, encounters
-        The law file, and the encounter table to which the law was fitted; None if the law needs none.
+        The law file, and the encounter table to which the law was fitted; the table is None for a joint law.
     description
         The description of the law.
     event
         The event whose probability is estimated.
     goal
-        The required width of the interval.
+        The stopping rule, which contains the required width of the interval.
     sampler
         The sampler that chooses the runs.
     limits, beyond
-        Limits of the proving ground, and the probability of a cut-in beyond them.
+        Limits of the proving ground, and the probability of a cut-in beyond the limits.
     runs
-        All runs that the sampler chose, by number; the outcome of a run beyond the limits is known at once.
+        All runs that the sampler has chosen, in the order of their numbers. A run beyond the limits has the
+        outcome `driven.BEYOND`.
     scenario
         The scenario.
     """
@@ -107,32 +108,33 @@ class Campaign:
         deterministic: bool | None = None,
         scenario: Scenario = CUT_IN,
     ) -> Self:
-        """Return a new campaign, after reading its law once to check that it can be used.
+        """Begin a new campaign. The law is read once, to check that it can be used.
 
         Parameters
         ----------
         law, encounters
-            The law file, and the encounter table to which the law was fitted, with their checksums; a joint
-            law of another scenario needs no table.
+            The law file, and the encounter table to which the law was fitted, with their checksums. The table
+            is None for a joint law of another scenario.
         event, goal
-            The event whose probability is estimated, and the required width of the interval.
+            The event whose probability is estimated, and the stopping rule.
         batch_size, seed
-            Number of runs per batch, and root seed of all randomness.
+            Number of runs in a batch, and root seed of all randomness.
         limits
             Limits of the proving ground.
         predecessor
-            Campaign of a similar vehicle; the new campaign begins where the predecessor had the event.
+            Campaign of a similar vehicle. The new campaign begins with encounters in which the event happened
+            in this campaign.
         deterministic
-            Whether the vehicle always has the same outcome in the same encounter; None if repeated runs have
-            to show it.
+            Whether the vehicle always has the same outcome in the same encounter; None if this is not known,
+            so that some runs have to be repeated.
         scenario
             The scenario of the law.
 
         Raises
         ------
         InputError
-            If a file cannot be used, the batch size is out of range, the limits leave too little probability,
-            or the predecessor belongs to another law or event or had no event.
+            If a file cannot be used, if the batch size is out of range, if too few cut-ins are within the
+            limits, or if the predecessor belongs to another law or event, or has no event.
         """
         check_batch_size(batch_size)
         read, description = law_in(scenario, law, encounters)
@@ -155,7 +157,7 @@ class Campaign:
 
     @property
     def outstanding(self) -> list[Run]:
-        """The requested runs without a reported outcome."""
+        """The requested runs whose outcomes have not been reported yet."""
         return [run for run in self.runs if run.outcome is None]
 
     def ask(self, law: Law | JointLaw, batch_size: int | None = None) -> list[Run]:
@@ -166,12 +168,17 @@ class Campaign:
         law
             The law of the campaign.
         batch_size
-            Size of the new batch and of all later ones; None for no change. The size of an outstanding batch
-            cannot change, because the inclusion probabilities of its runs were computed for it.
+            Number of runs of the new batch and of all later ones; None leaves it unchanged. It does not
+            change an outstanding batch, because the inclusion probabilities of its runs depend on its size.
+
+        Raises
+        ------
+        InputError
+            If the batch size is out of range, or if `MOST_EMPTY` batches had no run within the limits.
         """
         if batch_size is not None:
             check_batch_size(batch_size)
-            # The derivation of the sampler holds for batches of any sizes that were chosen beforehand.
+            # Batches may have different sizes, if each size is chosen before the batch is drawn.
             state = replace(self.sampler.state(), batch_size=batch_size)
             self.sampler = Sampler.resume(state, **sampler_rules(self.scenario))
         for _ in range(MOST_EMPTY):
@@ -186,7 +193,7 @@ class Campaign:
         )
 
     def _choose(self, law: Law | JointLaw) -> None:
-        """Let the sampler choose a batch; what lies beyond the limits is known to be no event within them."""
+        """Let the sampler choose a batch; runs beyond the limits get their outcome without being driven."""
         x = law.encounters(self.sampler.ask(certify=self.sampler.is_narrow(self.goal)))
         encounters = self.scenario.to_inputs(x.T)
         within = self.limits.hold(*x) if self.limits else [True] * len(encounters)
@@ -199,7 +206,7 @@ class Campaign:
 
     @property
     def batches(self) -> int:
-        """Number of batches that were requested."""
+        """Number of batches that have been requested."""
         return self.runs[-1].batch if self.runs else 0
 
     def tell(self, results: Mapping[int, DrivenOutcome], *, correct: bool = False) -> int:
@@ -208,19 +215,19 @@ class Campaign:
         Parameters
         ----------
         results
-            Outcomes by number of run, checked against the runs by `results.check`.
+            Outcomes by the number of the run, as `results.read_results` returns them.
         correct
-            Whether outcomes of the open batch that were reported earlier may be replaced.
+            Whether the outcomes may replace earlier reports of runs in the open batch.
 
         Returns
         -------
         int
-            Number of runs that are new or corrected.
+            Number of outcomes that are new or corrected.
 
         Raises
         ------
         InputError
-            If an outcome contradicts an earlier report of the same run; no outcome is accepted then.
+            If an outcome contradicts an earlier report that may not be replaced. No outcome is then accepted.
         """
         news = {
             number: outcome for number, outcome in results.items() if self.runs[number - 1].outcome != outcome
@@ -234,14 +241,14 @@ class Campaign:
         return len(news)
 
     def _hand_over(self) -> None:
-        """Pass the outcomes of the open batch to the sampler, if all of them have been reported."""
+        """Pass the outcomes of the open batch to the sampler if all of them have been reported."""
         if not self.outstanding:
             driven = (run.outcome for run in self.runs if run.batch == self.batches)
             outcomes = outcomes_of(driven, self.scenario)
             self.sampler.tell(self.event.happens(outcomes), self.event.score(outcomes))
 
     def _require_open(self, number: int, *, correct: bool) -> None:
-        """Refuse to change what is known of a run, unless it is being corrected before it was used."""
+        """Raise InputError if the run has an outcome, unless it may be corrected and was not used yet."""
         run = self.runs[number - 1]
         if run.outcome is None:
             return
@@ -252,13 +259,24 @@ class Campaign:
         if is_used or not correct:
             raise InputError(
                 f"run {number}",
-                seen="another outcome than was reported before",
-                expected=f"{outcome_in_words(run.outcome)}, as reported before",
+                seen="an outcome that differs from the earlier report",
+                expected=f"{outcome_in_words(run.outcome)}, as reported earlier",
                 change=change,
             )
 
     def as_predecessor(self, law: Source, event: Event) -> Predecessor:
-        """Return the runs of complete batches, for the campaign of a similar vehicle."""
+        """Return the runs of the complete batches as predecessor for the campaign of a similar vehicle.
+
+        Parameters
+        ----------
+        law, event
+            The law file and the event of the new campaign.
+
+        Raises
+        ------
+        InputError
+            If this campaign has another law or event, or if the event did not happen in its complete batches.
+        """
         change = "Name a campaign with the same law and event, or leave --predecessor out."
         own, other = (
             (self.law.sha256, law.sha256),
@@ -270,7 +288,7 @@ class Campaign:
                 raise InputError(where, seen=seen, expected=expected, change=change)
         progress = self.sampler.progress
         if not progress.happened.any():
-            seen = f"no event in {len(progress.z)} runs of whole batches"
+            seen = f"no event in {len(progress.z)} runs of complete batches"
             raise InputError("--predecessor", seen=seen, expected="at least one", change=change)
         return Predecessor(progress.z, progress.happened)
 
@@ -282,12 +300,15 @@ class Campaign:
 
 
 def sampler_rules(scenario: Scenario) -> Mapping[str, Any]:
-    """Return the certificate and the first runs of the sampler, unless they are the default, for cut-ins."""
+    """Return the arguments ``certificate`` and ``begin`` of the sampler for a scenario.
+
+    For cut-ins, the mapping is empty, because the defaults are used. Other scenarios have `FREQUENT_EVENTS`.
+    """
     return {} if scenario is CUT_IN else FREQUENT_EVENTS
 
 
 def check_batch_size(size: int) -> None:
-    """Raise InputError unless a batch may have this size."""
+    """Raise InputError unless the size of a batch is from `SMALLEST_BATCH` to `LARGEST_BATCH`."""
     if not SMALLEST_BATCH <= size <= LARGEST_BATCH:
         expected = f"{SMALLEST_BATCH} to {LARGEST_BATCH} runs"
         raise InputError("--batch-size", seen=str(size), expected=expected, change="Choose another size.")

@@ -1,4 +1,4 @@
-"""The file of a campaign: readable JSON that later versions of the sampler can still use."""
+"""The file of a campaign: readable JSON, from which later versions of the sampler can continue."""
 
 import fcntl
 import hashlib
@@ -37,13 +37,18 @@ RESTORE = "Restore a copy of the file; report outcomes from the track with `camp
 
 @contextmanager
 def locked(path: str | os.PathLike) -> Iterator[None]:
-    """Let no other process read and write the campaigns of this folder during the block.
+    """Lock the campaigns of a folder for the duration of a ``with`` block.
 
-    If two processes read a campaign, add to it and write it at once, what one of them added is lost. The lock
-    is that of the folder, because the file is replaced whenever it is written.
+    If two processes read a campaign, add to it and write it at the same time, the additions of one of them
+    are lost. The folder is locked and not the file, because the file is replaced whenever it is written.
+
+    Parameters
+    ----------
+    path
+        File of a campaign.
     """
     folder = Path(path).resolve().parent
-    if not folder.is_dir():  # the error is that of reading the file
+    if not folder.is_dir():  # reading the file will raise an error
         yield
         return
     handle = os.open(folder, os.O_RDONLY)
@@ -66,16 +71,16 @@ def law_of(campaign: Campaign) -> Law | JointLaw:
         if source is not None and source_of(source.file) != source:
             raise InputError(
                 source.file,
-                seen="another content than when the campaign began",
+                seen="a file that has changed since the campaign began",
                 expected=f"the file with the SHA-256 checksum {source.sha256[:12]}...",
-                change="Restore the file: the runs were chosen for the law as it was. "
-                "For another law begin another campaign.",
+                change="Restore the file, because the runs were chosen for its law. "
+                "For another law, begin another campaign.",
             )
     return law_in(campaign.scenario, campaign.law, campaign.encounters)[0]
 
 
 def write_campaign(path: str | os.PathLike, campaign: Campaign) -> None:
-    """Write a campaign, atomically; `read_campaign` reads it."""
+    """Write a campaign to its file, atomically."""
     # The file of a campaign of cut-ins has no scenario, as in earlier versions.
     scenario = {} if campaign.scenario is CUT_IN else {"scenario": campaign.scenario.name}
     content = scenario | {
@@ -94,12 +99,12 @@ def write_campaign(path: str | os.PathLike, campaign: Campaign) -> None:
 
 
 def read_campaign(path: str | os.PathLike) -> Campaign:
-    """Read a campaign.
+    """Read a campaign from its file.
 
     Raises
     ------
     InputError
-        If the file is missing, is not a campaign of this version, or was edited or damaged.
+        If the file is missing, is not a campaign, is of an unknown version, or was edited or damaged.
     """
     change = "Name the file of a campaign, or begin one with `accelerated-evaluation campaign new`."
     require_file(path, change)
@@ -112,12 +117,12 @@ def read_campaign(path: str | os.PathLike) -> Campaign:
     head = {name: content.pop(name, None) for name in ("format", "version", "checksum")}
     if head["version"] not in READABLE:
         seen = f"version {head['version']}"
-        change = "Go on with the version of the program that wrote it, or a later one."
+        change = "Continue with the version of the program that wrote the file, or with a later one."
         raise InputError(str(path), seen=seen, expected=f"version {VERSION}", change=change)
     if head["checksum"] != _checksum(content):
         raise InputError(
             str(path),
-            seen="a checksum that does not belong to the content",
+            seen="a checksum that does not agree with the content",
             expected="a file as the program wrote it",
             change=RESTORE,
         )
@@ -126,14 +131,14 @@ def read_campaign(path: str | os.PathLike) -> Campaign:
     except MISFIT as error:  # but the checksum is its own
         raise InputError(
             str(path),
-            seen=f"a content that does not fit together ({type(error).__name__}: {error})",
+            seen=f"contents that are not a valid campaign ({type(error).__name__}: {error})",
             expected="a file as the program wrote it",
             change=RESTORE,
         ) from error
 
 
 def _campaign(content: Mapping[str, Any], where: str) -> Campaign:
-    """Return the campaign that a content holds; raise one of `MISFIT` if it holds none."""
+    """Return the campaign from the contents of a file; raise an error of `MISFIT` if they are not valid."""
     goal = decode(dict[str, float], content["goal"])
     limits = {"probability_beyond": 0.0} | decode(dict[str, Any], content.get("limits", {}))
     beyond = decode(float, limits.pop("probability_beyond"))
@@ -185,12 +190,22 @@ def _require_whole(campaign: Campaign) -> None:
 
 
 def stopping(confidence: float, relative_half_width: float, *, anytime: bool) -> Stopping:
-    """Return the goal of a campaign as a stopping rule without a limit on the number of runs."""
+    """Return the goal of a campaign as a stopping rule.
+
+    Parameters
+    ----------
+    confidence
+        Confidence level of the interval, between 0 and 1.
+    relative_half_width
+        Required half-width of the interval, divided by the estimate.
+    anytime
+        Whether the intervals keep their level although they are checked after every batch.
+    """
     return Stopping(round(1 - confidence, 12), relative_half_width, minimum_events=1, anytime=anytime)
 
 
 def _plain(run: Run, scenario: Scenario) -> dict[str, Any]:
-    """Return a run as the file has it; what was not measured is left out."""
+    """Return a run as a dictionary for the file; quantities that were not measured are left out."""
     outcome = None
     if run.outcome is not None:
         note = {"note": run.outcome.note} if run.outcome.note else {}
@@ -200,7 +215,7 @@ def _plain(run: Run, scenario: Scenario) -> dict[str, Any]:
 
 
 def _run(plain: Mapping[str, Any], scenario: Scenario) -> Run:
-    """Return a run from what the file has."""
+    """Return the run that `_plain` converted to a dictionary."""
     outcome = None
     encounter = tuple(decode(float, plain[name]) for name in scenario.names)
     if plain["outcome"] is not None:
@@ -213,7 +228,7 @@ def _run(plain: Mapping[str, Any], scenario: Scenario) -> Run:
 
 
 def _laid_out(value: Any, margin: str = "") -> str:  # noqa: ANN401
-    """Return JSON with a line for each member of an object, and for each run, point and batch of a list."""
+    """Return a value as JSON, with a line for each member of an object and for each item of a nested list."""
     if isinstance(value, Mapping):
         members = [f"{json.dumps(name)}: {_laid_out(item, margin + ' ')}" for name, item in value.items()]
         return _on_lines("{}", members, margin)
@@ -231,30 +246,31 @@ def _on_lines(brackets: str, items: list[str], margin: str) -> str:
 
 
 def _checksum(content: Mapping[str, Any]) -> str:
-    """Return a digest that does not depend on how the file is laid out."""
+    """Return a digest that does not depend on the layout of the file."""
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _sampler(content: Mapping[str, Any], where: str, rules: Mapping[str, Any]) -> Sampler:
-    """Return the sampler; if another version of it wrote the state, it is rebuilt from its runs."""
+    """Return the sampler; if another version of the sampler wrote the state, it is rebuilt from its runs."""
     if content.get("version") == sampler_state.VERSION:
         return Sampler.resume(sampler_state.State.from_json(content, where), **rules)
     old = content["state"]
     progress = _carried_over(old["progress"], old["dimension"])
     if (pending := old["progress"]["pending"]) is not None:
-        # These runs are on their way. They will teach the new version, which cannot weigh what it did not
-        # choose. To leave their batch out does no harm: that was decided before its outcomes were known.
+        # The outcomes of these runs are outstanding. The new version will learn from them, but cannot use
+        # them in its estimate, because it does not know their inclusion probabilities. Leaving the batch out
+        # causes no bias, because this is decided before its outcomes are known.
         progress.pending = ApproachBatch(np.array(pending["z"]))
     generator = sampler_state.generator_in(old["generator"])
     sampler = Sampler(old["dimension"], generator, old["batch_size"], fingerprint=old["fingerprint"])
     sampler.progress = progress
-    # What was carried over is checked as a state of this version is.
+    # The rebuilt state is checked in the same way as a state of this version.
     return Sampler.resume(sampler_state.State.from_json(sampler.state().to_json(), where), **rules)
 
 
 def _carried_over(old: Mapping[str, Any], dimension: int) -> sampler_state.Progress:
-    """Return the runs of another version, and of its batch estimates what this one understands.
+    """Return the runs from the state of another version, and its batch estimates if they can be read.
 
     Everything else is left out, because the surrogate can be learnt again from the runs.
     """

@@ -1,4 +1,4 @@
-"""The outcome of a run that was driven, or that need not be driven."""
+"""The reported outcomes of runs on a proving ground."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -18,9 +18,10 @@ class DrivenOutcome:
     crash
         Whether there was a crash.
     measured
-        The measured outcomes by name, such as the smallest range; those that were not measured are left out.
+        The measured quantities by name, such as the smallest range; quantities that were not measured are
+        left out.
     note
-        A remark of the people on the track.
+        A remark of the testers.
     """
 
     crash: bool
@@ -32,10 +33,17 @@ BEYOND = DrivenOutcome(False, note="beyond the limits, not to be driven")
 
 
 def outcomes_of(driven: Iterable[DrivenOutcome], scenario: Scenario) -> Any:  # noqa: ANN401
-    """Return reported outcomes as the outcomes of the scenario.
+    """Convert reported outcomes to the type of outcomes that a simulation of the scenario returns.
 
-    Quantities that were not measured get their least dangerous value: that of contact after a crash, and
-    otherwise infinity, if an event is scored by the quantity; 0 for all others. Runs on a track have ended.
+    If an event is scored by a quantity that was not measured, the quantity gets the value 0 after a crash and
+    infinity otherwise. All other quantities that were not measured are 0. All runs are marked as ended.
+
+    Parameters
+    ----------
+    driven
+        Reported outcomes of n runs.
+    scenario
+        The scenario.
     """
     rows = list(driven)
     crash = np.array([row.crash for row in rows])
@@ -52,6 +60,6 @@ def outcomes_of(driven: Iterable[DrivenOutcome], scenario: Scenario) -> Any:  # 
 
 
 def outcome_in_words(driven: DrivenOutcome) -> str:
-    """Return the outcome of a run as text for a message."""
+    """Return the outcome of a run as text for a message, such as ``no crash, min_range 2.5``."""
     measured = [f"{name} {value:g}" for name, value in driven.measured.items()]
     return ", ".join(["crash" if driven.crash else "no crash", *measured])

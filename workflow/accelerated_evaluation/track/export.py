@@ -1,4 +1,4 @@
-"""Export a weighted set of scenarios for others: scenario files, weights, and a page of instructions."""
+"""Write a weighted set of scenarios to a folder: scenario files, weights, and a page of instructions."""
 
 import os
 import shutil
@@ -43,34 +43,37 @@ def write_set(
     origin: Mapping[str, str],
     scenario: Scenario = CUT_IN,
 ) -> None:
-    """Write a set into a new folder: ``scenarios.csv`` and ``README.md``, and of cut-ins the scenario files.
+    """Write a weighted set into a new folder, which appears only when it is complete.
 
-    The folder appears only when it is complete.
+    The folder contains ``scenarios.csv`` and ``README.md``; for a set with draws of the law ``weights.csv``;
+    and for cut-ins the OpenSCENARIO files and their road.
 
     Parameters
     ----------
     folder
         A folder that does not exist yet, or is empty.
     drawn
-        The set.
+        The weighted set.
     origin
-        Statements about the origin of the set for the page, by name.
+        Statements about the origin of the set, which the page lists by name.
     scenario
-        The scenario. Only cut-ins are written as OpenSCENARIO files, with their road.
+        The scenario of the set.
 
     Raises
     ------
     InputError
         If the folder is not empty.
     StudyError
-        If the library scenariogeneration is needed and not installed.
+        If the library scenariogeneration is needed but not installed.
     """
     if scenario is CUT_IN:
         require_scenariogeneration()
     folder = Path(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         change = "Name another folder, because files of two sets must not be mixed."
-        raise InputError(str(folder), seen="something there", expected="no folder yet", change=change)
+        raise InputError(
+            str(folder), seen="a file, or a folder with files", expected="no folder yet", change=change
+        )
     folder.parent.mkdir(parents=True, exist_ok=True)
     temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
     try:
@@ -88,7 +91,23 @@ def write_set(
 
 
 def table_of(drawn: WeightedSet, names: list[str], scenario: Scenario = CUT_IN) -> pd.DataFrame:
-    """Return the table of weights, with the derived quantities, and the file of each cut-in."""
+    """Return the table ``scenarios.csv`` of a weighted set.
+
+    Parameters
+    ----------
+    drawn
+        The weighted set.
+    names
+        Names of the scenarios, which are those of their files without the ending.
+    scenario
+        The scenario of the set.
+
+    Returns
+    -------
+    pandas.DataFrame
+        `WeightedSet.table` with the derived quantities of the scenario, such as the host speed, and for
+        cut-ins the column ``file``.
+    """
     files = {"file": [f"{name}.xosc" for name in names]} if scenario is CUT_IN else {}
     return drawn.table.assign(**scenario.derived, **files)
 
@@ -100,9 +119,23 @@ def _scenario(name: str, row: Mapping[str, float]) -> ConcreteScenario:
 
 
 def with_motion(drawn: WeightedSet, motion: LeadMotion, generator: np.random.Generator) -> WeightedSet:
-    """Return a set of cut-ins in which each other car has a drawn motion, in the columns `SPEED_COLUMNS`.
+    """Add a random motion of the lead vehicle to each cut-in of a weighted set.
 
-    The motions are drawn from their law, so that the weights are those of the set.
+    The motions are drawn from their law, so the weights do not change.
+
+    Parameters
+    ----------
+    drawn
+        A weighted set of cut-ins.
+    motion
+        The law of lead motion.
+    generator
+        Source of all randomness.
+
+    Returns
+    -------
+    WeightedSet
+        The set with the lead speeds [m/s] after the cut-in in the columns `SPEED_COLUMNS`.
     """
     encounters = drawn.table[list(CUT_IN.names)].to_numpy(dtype=float).T
     speeds = draw_lead_speeds(motion, encounters, generator)[:, 1:]
@@ -111,7 +144,17 @@ def with_motion(drawn: WeightedSet, motion: LeadMotion, generator: np.random.Gen
 
 
 def page(drawn: WeightedSet, origin: Mapping[str, str], scenario: Scenario = CUT_IN) -> str:
-    """Return the page that explains how to compute the crash probability from the outcomes of a vehicle."""
+    """Return the page of instructions: how to compute the crash probability from a vehicle's outcomes.
+
+    Parameters
+    ----------
+    drawn
+        The weighted set.
+    origin
+        Statements about the origin of the set, by name.
+    scenario
+        The scenario of the set.
+    """
     parts = _parts_of_cut_ins(drawn) if scenario is CUT_IN else _parts_of(scenario)
     counts = drawn.table["shell"].value_counts(sort=False)
     beyond = "more" if drawn.edges[-1] > drawn.edges[0] else "less"

@@ -1,8 +1,8 @@
 """Limits of a proving ground, and the probability of the cut-ins that exceed them.
 
-A campaign estimates the probability of the event *within* the limits. The probability of a cut-in beyond the
-limits under the law is computed in this module. The probability of the event without limits is at most the
-sum of both.
+A campaign estimates the probability that a cut-in is within the limits and ends in the event. This module
+computes the probability of a cut-in beyond the limits under the law. The probability of the event without
+limits is at most the sum of the two.
 """
 
 import math
@@ -15,9 +15,11 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws import Law, Stratum
 
-SPEEDS = 400  # bins of the recorded lead speeds, each of which stands for its mean
-MOST_BEYOND = 0.5  # of the law: a campaign that speaks about less than half of all cut-ins is a mistake
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(100)  # along the distribution function of the range
+SPEEDS = 400  # number of bins of the recorded lead speeds, each of which is represented by its mean
+MOST_BEYOND = 0.5  # largest probability beyond the limits; a campaign must be about most cut-ins of the law
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(
+    100
+)  # quadrature over the distribution function of the range
 
 
 @dataclass(frozen=True)
@@ -27,11 +29,11 @@ class Limits:
     Attributes
     ----------
     host_speed_max
-        Highest speed of the host at the cut-in [m/s].
+        Largest speed of the host at the cut-in [m/s].
     closing_speed_max
-        Highest closing speed at the cut-in [m/s].
+        Largest closing speed at the cut-in [m/s].
     range_min
-        Least range at the cut-in [m].
+        Smallest range at the cut-in [m].
     """
 
     host_speed_max: float | None = None
@@ -62,10 +64,11 @@ class Limits:
         return np.minimum(np.subtract(host, lead_speed), highest)
 
     def beyond(self, law: Law) -> float:
-        """Return the probability of a cut-in beyond the limits.
+        """Return the probability under a law that a cut-in is beyond the limits.
 
-        It is the integral over lead speed and range of the probability of larger closing speeds, computed as
-        a sum over bins of the recorded lead speeds and a Gauss-Legendre rule over the range.
+        It is the probability of smaller ranges than allowed, plus the integral over the other ranges of the
+        probability of larger closing speeds. The integral is computed by a sum over bins of the recorded lead
+        speeds and by Gauss-Legendre quadrature over the range.
         """
         return float(sum(law.shares[name] * self._beyond(law, part) for name, part in law.strata.items()))
 
@@ -79,7 +82,7 @@ class Limits:
         middle = stratum.factors.second.ppf(np.full(speeds.size, 0.5))  # the range does not depend on it
         inverse_range = stratum.cut_ins(speeds, first, middle).inverse_range
         highest = self.closing_speed(speeds)
-        # At the cap a law simulates all faster cut-ins, so a limit at the cap or above excludes none.
+        # All cut-ins above the cap of the law are simulated at the cap, so a limit above it excludes none.
         reached = highest < law.closing_speed_max
         faster = np.zeros(speeds.size)
         faster[reached] = stratum.closing_speed_probability(
@@ -93,7 +96,7 @@ class Limits:
 
     @property
     def in_words(self) -> str:
-        """Return the limits as text."""
+        """The limits as text."""
         words = {
             "host_speed_max": "host speed at most {:g} m/s",
             "closing_speed_max": "closing speed at most {:g} m/s",
@@ -115,12 +118,19 @@ def _binned(values: Array) -> tuple[Array, Array]:
 
 
 def require_limits(limits: Limits, law: Law) -> float:
-    """Return the probability of a cut-in beyond the limits, after checking the limits.
+    """Check the limits, and return the probability under a law that a cut-in is beyond the limits.
+
+    Parameters
+    ----------
+    limits
+        Limits of the proving ground.
+    law
+        Law of cut-ins.
 
     Raises
     ------
     InputError
-        If a limit is not a number above 0, or if almost no cut-in of the law is within the limits.
+        If a limit is not a positive number, or if the probability beyond the limits exceeds `MOST_BEYOND`.
     """
     for name, value in asdict(limits).items():
         if value is not None and not 0 < value < math.inf:
@@ -131,7 +141,7 @@ def require_limits(limits: Limits, law: Law) -> float:
         raise InputError(
             "the limits of the proving ground",
             seen=f"{limits.in_words}, beyond which {beyond:.3g} of all cut-ins of the law lie",
-            expected=f"at most {MOST_BEYOND:g} beyond",
+            expected=f"a share of at most {MOST_BEYOND:g} beyond the limits",
             change="Widen the limits, or fit a law to records within them.",
         )
     return beyond

@@ -1,10 +1,13 @@
-"""The instructions for an exported set: how others compute a crash probability from their own outcomes."""
+"""Templates of the page of instructions for an exported set.
+
+The page explains how others compute a crash probability from the outcomes of their own vehicle.
+"""
 
 RECIPE = """\
 # {size} {noun}s with weights
 
-{intro}Run it in all {size} scenarios, note where it crashed, and follow this page. You need none of our
-programs.
+{intro}Run your vehicle in all {size} scenarios, note in which it crashed, and follow this page. You do not
+need any of our programs.
 
 ## Files
 
@@ -13,10 +16,10 @@ programs.
 ## What to do
 
 1. Run every scenario once, {until}.
-   None may be left out: a scenario that you cannot run has an outcome too, and without it the sum is too
-   small.
+   Do not leave out any scenario: one that you cannot run could also end in a crash, and without it the sum
+   may be too small.
 2. Write `outcomes.csv` with two columns: `scenario`, and `crash`, which is {crash}.
-3. Run this script in the folder of the two tables. It needs Python and nothing else.
+3. Run this script in the folder of the two tables. It needs only Python.
 
 ```python
 import csv, math, statistics
@@ -49,8 +52,9 @@ print(f"crash probability {{probability:.3g}} per {noun}, {{interval}}")
 
 {why}
 
-The interval is that of the drawing. Half a crash is added to each shell, from the one before the first
-with a crash on, because a shell of a few scenarios without a crash is no proof that there are none.
+The interval contains the random error of drawing the scenarios. Half a crash is added to each shell, from the
+one before the first shell with a crash on, because a few scenarios without a crash do not prove that there
+are no crashes in a shell.
 
 ## What is assumed
 
@@ -75,11 +79,11 @@ the host closes in. How often would your vehicle crash in such cut-ins, as often
     "files": """\
 - `scenario_001.xosc` and so on: OpenSCENARIO XML 1.2; `straight_road.xodr`: their road, OpenDRIVE. The
   entity `host` is your vehicle. It has its speed at the start and no action. Let your controller keep
-  this speed in the {run_up:g} s before the other car crosses the marking, which it begins to do
-  {begins:g} s after the start; from then on it is free. If it is free before and brakes early, that is
-  its merit: count what happens. The range is that between the bumpers of two cars of 4.3 m when the
-  middle of the other car crosses the marking. If yours is longer or shorter, move its start so that the
-  range stays.
+  this speed in the {run_up:g} s until the other car crosses the marking; the lane change begins {begins:g} s
+  after the start. From the crossing on, your vehicle drives by itself. If it drives by itself earlier and
+  brakes early, report what happens. The range is the distance between the bumpers of two cars of 4.3 m when
+  the middle of the other car crosses the marking. If your car is longer or shorter, move its start so that
+  the range stays the same.
 - `scenarios.csv`: a row for each scenario with `scenario` (its number), `shell`, `weight`, `lead_speed`
   [m/s], `range` [m], `closing_speed` [m/s] (host minus lead, at the marking), `host_speed` [m/s],
   `file`{columns}.""",
@@ -92,12 +96,12 @@ the law of cut-ins, and its scenarios were drawn from it by that law. The crashe
 its scenarios, estimate without bias how often your vehicle crashes in it. A weight is the shell's
 probability divided by its number of scenarios, so the sum of the weights of all crashes is the crash
 probability of a cut-in (stratified sampling; Cochran, Sampling Techniques, 1977, chapter 5). This holds
-for any vehicle, whoever drew the set and whatever for.""",
+for any vehicle.""",
     "assumed": """\
 **{safe} of all cut-ins are assumed to be safe, and are not in this set**: those that a constant
-deceleration of {least} m/s^2 avoids. The set holds the other {harder}. Whatever your vehicle does wrong
-in the easy cut-ins adds to the number that you get. If it crashes in shell 1, that is a sign that it
-crashes in easier cut-ins too; then ask for a set with a smaller deceleration.""",
+deceleration of {least} m/s^2 avoids. The set represents the other {harder}. If your vehicle crashes in the
+easy cut-ins, its crash probability is larger than the number that you compute. If it crashes in shell 1, it
+probably also crashes in easier cut-ins; then use a set with a smaller deceleration.""",
     "measure": "deceleration needed [m/s^2]",
 }
 
@@ -145,12 +149,12 @@ that are easy for the built-in vehicle. These few scenarios have large weights, 
 }
 
 ONE_LAW = """\
-The number is that of the law of {noun}s below. How well the records know that law is another question,
-whose uncertainty is not in the interval."""
+The probability is the one under the law of {noun}s that is stated below. The interval does not include the
+uncertainty about this law, which was fitted to a finite number of records."""
 
 ALL_LAWS = """\
-The first interval is that of the drawing alone. The intervals by `weights.csv` also contain the uncertainty
-about the law of cut-ins, which a finite number of records leaves."""
+The first interval contains only the random error of drawing the scenarios. The intervals by `weights.csv`
+also contain the uncertainty about the law of cut-ins, which was fitted to a finite number of records."""
 
 WHOLE = """\
 ## The uncertainty of the records

@@ -1,4 +1,4 @@
-"""Tables of outcomes from the track: reading, and checks against the runs and for contradictions."""
+"""Tables of outcomes from the track: reading, with checks against the requested runs, and writing."""
 
 import math
 import os
@@ -23,22 +23,36 @@ FLAGS = {
     "yes": True,
     "no": False,
 }
-# How far a variable that is written beside an outcome may be from what was asked for, in its unit; it is as
-# well as a spreadsheet rounds. A run that was driven otherwise was another run, and has to be driven again.
+# Largest allowed difference between a reported variable of an encounter and the requested value, in the unit
+# of the variable; it allows for the rounding of a spreadsheet. A run that differs more has to be driven
+# again.
 TOLERANCE = 0.01
 
 
 def read_results(path: str | os.PathLike, campaign: Campaign) -> dict[int, DrivenOutcome]:
     """Read a table of outcomes with the columns ``run`` and ``crash``, and optional measurements.
 
-    Rows without a crash flag are runs that are still to be driven. The table that `ask` wrote has this form
-    when it is filled in, and so does the output of ``accelerated-evaluation simulate`` for it.
+    The table may be one that `write_table` wrote and that was filled in, or the output of
+    ``accelerated-evaluation simulate`` for it. Rows without a crash flag are ignored, because these runs have
+    not been driven yet.
+
+    Parameters
+    ----------
+    path
+        The table.
+    campaign
+        The campaign, whose runs the table is checked against.
+
+    Returns
+    -------
+    dict
+        Outcomes by the number of the run.
 
     Raises
     ------
     InputError
-        If a row cannot be understood, names a run that was never requested, or contradicts itself, the run or
-        another row. The message gives the row number as in a spreadsheet.
+        If a row cannot be interpreted, names a run that was not requested, or contradicts itself, the
+        requested run or another row. The message contains the row number as in a spreadsheet.
     """
     require_file(path, "Write the table, or correct its path.")
     table = read_csv(path)
@@ -74,17 +88,17 @@ def _run_of(given: Mapping[str, str], campaign: Campaign, where: str) -> Run:
         raise InputError(
             f"{where}, column run",
             seen=given.get("run", "nothing"),
-            expected=f"the number of a run that was asked for, 1 to {last}"
+            expected=f"the number of a requested run, 1 to {last}"
             if last
-            else "no row: no run was asked for",
-            change="Correct the number, or ask for runs with `campaign ask` first.",
+            else "no row, because no run was requested",
+            change="Correct the number, or request runs with `campaign ask` first.",
         )
     run = campaign.runs[int(number) - 1]
     if run.outcome == BEYOND:
         raise InputError(
             f"{where}, column run",
-            seen=f"run {run.number}, which lies beyond the limits of the campaign",
-            expected="the number of a run that was asked for",
+            seen=f"run {run.number}, which is beyond the limits of the campaign",
+            expected="the number of a requested run",
             change="Remove the row.",
         )
     for name, asked in zip(campaign.scenario.names, run.encounter, strict=True):
@@ -93,8 +107,8 @@ def _run_of(given: Mapping[str, str], campaign: Campaign, where: str) -> Run:
             raise InputError(
                 f"{where}, column {name}",
                 seen=f"{driven:g}",
-                expected=f"{asked:g}, as asked for in run {run.number}",
-                change="Correct the number of the run, or drive the run as it was asked for.",
+                expected=f"{asked:g}, as requested for run {run.number}",
+                change="Correct the number of the run, or drive the run as it was requested.",
             )
     return run
 
@@ -119,17 +133,18 @@ def _driven_outcome(
     for name, (fits, expected) in rules.items():
         if name in measured and not fits(measured[name]):
             _refuse(where, name, f"{measured[name]:g}", expected)
-    # A value above a threshold, such as an impact speed, is that of a crash.
+    # An event above a threshold, such as an impact speed, can only happen in a crash.
     is_needed = event.quantity in scenario.measured and (crash or not event.is_above)
     if is_needed and event.quantity not in measured:
-        _refuse(where, event.quantity, "nothing", "a number: the event of this campaign is defined by it")
-    # A quantity may be infinite, such as the TTC if the gap never closed; JSON has no infinity.
+        _refuse(where, event.quantity, "nothing", "a number, because it defines the event of this campaign")
+    # A quantity may be infinite, such as the time to collision if the gap never closed. Infinite values are
+    # left out, because JSON cannot represent them.
     finite = {name: value for name, value in measured.items() if math.isfinite(value)}
     return DrivenOutcome(crash, finite, note=given.get("note", ""))
 
 
 def _number(given: Mapping[str, str], name: str, where: str) -> float | None:
-    """Return a cell as a number, None where it is empty."""
+    """Return a cell as a number, or None if it is empty."""
     if name not in given:
         return None
     try:
@@ -147,7 +162,17 @@ def _refuse(where: str, column: str, seen: str, expected: str) -> None:
 
 
 def write_table(path: str | os.PathLike, runs: Iterable[Run], scenario: Scenario) -> None:
-    """Write the runs to drive as a table with empty columns for the outcomes."""
+    """Write the runs to drive as a table with empty columns for the outcomes, atomically.
+
+    Parameters
+    ----------
+    path
+        CSV file to write.
+    runs
+        The runs, at least one.
+    scenario
+        The scenario, whose variables and outcomes are the columns.
+    """
     rows = [
         {"run": run.number, **scenario.with_derived(dict(zip(scenario.names, run.encounter, strict=True)))}
         for run in runs

@@ -1,11 +1,12 @@
-"""Cut-ins as files of OpenSCENARIO XML 1.2, on one straight road of OpenDRIVE.
+"""Write cut-ins as files of OpenSCENARIO XML 1.2, on one straight road of OpenDRIVE.
 
-An encounter of the study begins at the moment of the cut-in, with a given range between the bumpers. A
-scenario begins `RUN_UP` seconds earlier, with the other car in the lane on the right. It changes lane so that
-its middle crosses the marking at the moment of the cut-in. It keeps its speed throughout, or changes it from
-that moment on by a speed profile. The host has an initial speed and no action. If it keeps this speed until
-the cut-in, range and range rate are those of the encounter. From that moment at the latest, the vehicle
-under test drives by itself. The scenario ends with a collision, or when the encounters of the study end.
+An encounter of the study begins at the moment of the cut-in, with a given range between the bumpers. The
+scenario file begins `RUN_UP` seconds earlier, with the other car in the lane on the right. The other car
+changes lane such that its middle crosses the marking at the moment of the cut-in. It keeps its speed
+throughout, or changes it from that moment on by a speed profile. The host has an initial speed and no action.
+If it keeps this speed until the cut-in, range and closing speed are those of the encounter. From that moment
+at the latest, the vehicle under test drives by itself. The scenario ends with a collision, or `DURATION`
+seconds after the cut-in.
 """
 
 import datetime
@@ -23,35 +24,35 @@ if TYPE_CHECKING:  # an optional extra
     from scenariogeneration import xosc
 
 ROAD = "straight_road.xodr"
-ROAD_LENGTH, LANE_WIDTH, START = 6000.0, 3.5, 100.0  # [m]; where the host's reference point starts
-LENGTH, WIDTH, HEIGHT = 4.3, 1.9, 1.5  # [m], of both cars, as of the reference drivers
+ROAD_LENGTH, LANE_WIDTH, START = 6000.0, 3.5, 100.0  # [m]; START is the initial position of the host
+LENGTH, WIDTH, HEIGHT = 4.3, 1.9, 1.5  # [m], dimensions of both cars, those of the reference drivers
 RUN_UP = 5.0  # [s] before the moment of the cut-in
 LANE_CHANGE = 4.0  # [s]; the middle of the car crosses the marking at half of it
 HOST_LANE, NEXT_LANE = -1, -2
-DURATION = 35.0  # [s] after the moment
-FASTEST, STRONGEST = 150.0, 12.0  # [m/s], [m/s^2]: limits that the format asks for and no cut-in reaches
+DURATION = 35.0  # [s] after the moment of the cut-in
+FASTEST, STRONGEST = 150.0, 12.0  # [m/s], [m/s^2]: limits that the format requires and that no cut-in reaches
 MINOR_VERSION = 2  # of OpenSCENARIO XML 1
-# The format wants a date. With a fixed one the same scenario is the same file.
+# The format requires a date. It is fixed, so that equal scenarios give equal files.
 DATE = datetime.datetime(2000, 1, 1)
 AUTHOR = "accelerated-evaluation"
-NOT_WRITTEN = "no OpenSCENARIO files: they are written for cut-ins only, so the table has all there is"
+NOT_WRITTEN = "no OpenSCENARIO files, because they are written for cut-ins only; the table is complete"
 
 
 @dataclass(frozen=True)
 class ConcreteScenario:
-    """One cut-in with its name.
+    """One cut-in that is written as an OpenSCENARIO file.
 
     Attributes
     ----------
     name
         Name of the file, without its ending.
     lead_speed, range_, closing_speed
-        v_L [m/s], and at the moment of the cut-in the distance between the bumpers [m] and the host speed
-        minus v_L [m/s].
+        At the moment of the cut-in: lead speed [m/s], distance between the bumpers [m], and host speed minus
+        lead speed [m/s].
     notes
-        Further statements in the head of the file, by name, such as the weight of the scenario.
+        Further properties in the header of the file, by name, such as the weight of the scenario.
     later_speeds
-        Speeds of the lead vehicle [m/s] 0.1, 0.2, ... s after the cut-in; none if it keeps its speed.
+        Lead speeds [m/s] 0.1, 0.2, ... s after the cut-in; empty if the lead speed is constant.
     """
 
     name: str
@@ -95,7 +96,7 @@ def write_scenarios(folder: str | os.PathLike, scenarios: Iterable[ConcreteScena
 
 
 def require_scenariogeneration() -> None:
-    """Raise StudyError if the library that writes the files is not installed, before any other work."""
+    """Raise StudyError if the library that writes OpenSCENARIO files is not installed."""
     try:
         import scenariogeneration  # noqa: F401
     except ImportError as error:
@@ -114,7 +115,7 @@ def _write_road(path: Path) -> None:
     network.adjust_roads_and_lanes()
     with atomic_path(path) as temporary:
         network.write_xml(str(temporary))
-        # The library writes the time of day, which would make each file another one.
+        # The library writes the present time. It is replaced, so that equal roads give equal files.
         text = temporary.read_text(encoding="utf-8")
         head = text.partition("date=")[2].split('"')[1]
         temporary.write_text(text.replace(head, str(DATE)), encoding="utf-8")
@@ -186,10 +187,10 @@ def _storyboard(scenario: ConcreteScenario) -> "xosc.StoryBoard":
 
 
 def _motion(scenario: ConcreteScenario) -> "xosc.Maneuver":
-    """Return the change of the lead speed from the moment of the cut-in on.
+    """Return the manoeuvre that changes the lead speed from the moment of the cut-in on.
 
-    The times of a profile are relative to the preceding entry. It is a manoeuvre of its own, because an event
-    may end others in its manoeuvre.
+    The time of each entry of a speed profile is relative to the preceding entry. The profile is in a
+    manoeuvre of its own, because an event may end other events of its manoeuvre.
     """
     from scenariogeneration import xosc
 
@@ -204,10 +205,10 @@ def _motion(scenario: ConcreteScenario) -> "xosc.Maneuver":
 
 
 def headway_at_start(scenario: ConcreteScenario) -> float:
-    """Return the distance of the cars' reference points [m] when the scenario begins.
+    """Return the distance between the reference points of the two cars at the start of the scenario [m].
 
-    Both cars have the same shape, so at the moment of the cut-in the distance is the range plus the length of
-    a car. At the beginning it is larger by the distance that the host closes in during the run-up.
+    Both cars have the same shape, so at the moment of the cut-in this distance is the range plus the length
+    of a car. At the start it is larger by the closing speed times `RUN_UP`.
     """
     return float(scenario.range_ + LENGTH + scenario.closing_speed * RUN_UP)
 
@@ -220,7 +221,7 @@ def _after(name: str, time: float) -> "xosc.ValueTrigger":
 
 
 def _end() -> "xosc.Trigger":
-    """Return the end of a scenario: a collision of the two cars, or that the time is over."""
+    """Return the trigger that ends a scenario: a collision of the two cars, or the end of the duration."""
     from scenariogeneration import xosc
 
     contact = xosc.EntityTrigger(

@@ -1,4 +1,4 @@
-"""The files that a campaign or a weighted set is made from: a law, and the table to which it was fitted."""
+"""The files on which a campaign or a weighted set is based: a law, and the table to which it was fitted."""
 
 import os
 from dataclasses import dataclass
@@ -16,7 +16,15 @@ from accelerated_evaluation.scenarios.protocol import Scenario
 
 @dataclass(frozen=True)
 class Source:
-    """A file that is used, with the checksum of its content."""
+    """An input file.
+
+    Attributes
+    ----------
+    file
+        Path of the file.
+    sha256
+        SHA-256 checksum of its contents.
+    """
 
     file: str
     sha256: str
@@ -25,7 +33,7 @@ class Source:
 def source_of(path: str | os.PathLike) -> Source:
     """Return a file with its checksum; raise InputError if it does not exist."""
     path = Path(path)
-    require_file(path, "Correct its path.")
+    require_file(path, "Correct the path.")
     return Source(str(path), file_digest(path))
 
 
@@ -44,7 +52,7 @@ def law_in(scenario: Scenario, law: Source, encounters: Source | None) -> tuple[
     Raises
     ------
     InputError
-        If a file cannot be used, or the law is one of another scenario.
+        If a file cannot be used, or if the law belongs to another scenario.
     """
     if encounters is None:
         read = read_scenario_law(scenario, law.file)

@@ -1,4 +1,4 @@
-"""The status of a campaign: its estimate, the runs that are still needed, and whether it may stop."""
+"""The status of a campaign: its estimate, the number of runs still needed, and whether it may stop."""
 
 import math
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from accelerated_evaluation.methods.surrogate.lapses import chance_in_words
 from accelerated_evaluation.track.campaign import Campaign
 from accelerated_evaluation.track.driven import BEYOND
 
-MOST_BATCHES = 10_000  # that a forecast looks ahead
+MOST_BATCHES = 10_000  # largest number of further batches that a forecast considers
 
 
 @dataclass(frozen=True)
@@ -23,16 +23,17 @@ class Status:
     Attributes
     ----------
     asked, reported
-        Number of runs that were requested, and of those whose outcome is known.
+        Number of requested runs, and number of those whose outcome has been reported.
     used
         Number of runs in complete batches, on which the estimate is based.
     spared
-        Number of runs that the sampler chose beyond the limits, which are not counted in the other numbers.
+        Number of runs that the sampler chose beyond the limits, which need not be driven. They are not
+        included in the other numbers.
     estimate
-        The estimate.
+        The estimate from the complete batches.
     needed
-        Number of runs that are probably still needed; 0 if the campaign may stop, None if it cannot be
-        predicted.
+        Predicted number of runs that are still needed; 0 if the campaign may stop, None if the number cannot
+        be predicted.
     """
 
     asked: int
@@ -44,15 +45,15 @@ class Status:
 
     @property
     def may_stop(self) -> bool:
-        """Whether the interval is as narrow as the goal requires."""
+        """Whether the estimate has converged, so that the campaign may stop."""
         return self.estimate.converged
 
 
 def status_of(campaign: Campaign) -> Status:
-    """Return the status of a campaign; the runs of an incomplete batch do not enter the estimate."""
+    """Return the status of a campaign; its estimate does not include the runs of an incomplete batch."""
     to_drive = [run for run in campaign.runs if run.outcome != BEYOND]
     reported = sum(run.outcome is not None for run in to_drive)
-    # The open batch is one of which a run is outstanding.
+    # The last batch is open if one of its runs is outstanding.
     used = sum(run.batch < campaign.batches or not campaign.outstanding for run in to_drive)
     spared, estimate = len(campaign.runs) - len(to_drive), campaign.estimate()
     needed: int | None = 0
@@ -66,11 +67,11 @@ def status_of(campaign: Campaign) -> Status:
 
 
 def forecast(found: Estimate, batch_size: int, goal: Stopping) -> int | None:
-    """Return how many more runs are probably needed, if further batches are similar to those so far.
+    """Predict how many more runs are needed, if further batches are similar to those so far.
 
     The squared relative error of the mean of b batches is proportional to 1 / b, and Student's quantile
-    decreases with b. The result belongs to the least number of further batches for which the half-width meets
-    the goal.
+    decreases with b. The result is the smallest number of further batches with which the half-width meets the
+    goal, times the number of runs in a batch.
 
     Parameters
     ----------
@@ -79,12 +80,12 @@ def forecast(found: Estimate, batch_size: int, goal: Stopping) -> int | None:
     batch_size
         Number of runs of each further batch.
     goal
-        The required width of the interval.
+        The stopping rule, which contains the required width of the interval.
 
     Returns
     -------
     int or None
-        None if there is no estimate yet.
+        None if there is no estimate yet, or if more than `MOST_BATCHES` batches would be needed.
     """
     batches = found.diagnostics["batches"]
     if not (found.probability > 0 and batches >= 2):
@@ -100,14 +101,20 @@ def forecast(found: Estimate, batch_size: int, goal: Stopping) -> int | None:
 
 
 def in_words(campaign: Campaign, status: Status) -> str:
-    """Return the status as text of some lines."""
+    """Return the status of a campaign as text of several lines.
+
+    Parameters
+    ----------
+    campaign, status
+        The campaign, and its status from `status_of`.
+    """
     found, goal = status.estimate, campaign.goal
     event = campaign.scenario.event_in_words(campaign.event)
     lines = [
         f"event       {event}, under the law {campaign.description!r}",
-        f"runs        {status.asked} asked for, {status.reported} reported, "
+        f"runs        {status.asked} requested, {status.reported} reported, "
         f"{status.asked - status.reported} outstanding; "
-        f"{found.events} with the event in the {status.used} runs of whole batches",
+        f"{found.events} with the event in the {status.used} runs of complete batches",
         f"estimate    {_estimate(found, campaign.scenario.noun)}",
         f"unseen      {unseen_in_words(found.diagnostics)}",
         *(f"{'chance':<12}{line}" for line in chance_in_words(found.diagnostics).splitlines()),
@@ -120,7 +127,7 @@ def in_words(campaign: Campaign, status: Status) -> str:
 
 
 def _about_limits(campaign: Campaign, status: Status) -> list[str]:
-    """Return what the limits mean for the estimate: the probability that it cannot have seen."""
+    """Return lines of text about the limits and the probability beyond them, which the estimate excludes."""
     if not campaign.limits:
         return []
     high = min(status.estimate.high + campaign.beyond, 1.0)
@@ -135,9 +142,9 @@ def _about_limits(campaign: Campaign, status: Status) -> list[str]:
 def _estimate(found: Estimate, noun: str) -> str:
     confidence = f"{1 - found.alpha:.0%}"
     if math.isnan(found.probability):
-        return "none yet: events were seen, but their region is not known well enough"
+        return "none yet: events were observed, but their region is not known well enough"
     if found.events == 0:
-        return f"0, no event was seen; at most {found.high:.2g} with {confidence} confidence"
+        return f"0, no event was observed; at most {found.high:.2g} with {confidence} confidence"
     half = (found.high - found.low) / 2 / found.probability
     interval = f"{confidence} interval {found.low:.3g} to {found.high:.3g}"
     return f"{found.probability:.3g} per {noun}, {interval} (half-width {half:.0%} of the estimate)"

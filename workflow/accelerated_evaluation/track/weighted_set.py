@@ -1,12 +1,13 @@
 """A weighted set of concrete encounters, from which the crash probability of any vehicle can be estimated.
 
-Cut-ins are sorted by their severity for any vehicle: the constant deceleration a = C^2 / (2 R), with closing
-speed C and range R, that just avoids the crash if it begins at once. Cut-ins below a smallest deceleration
-are assumed to be safe. The others are divided into shells of a, each of which has a known probability P_k
-under the law. The same number n_k of cut-ins is drawn from each shell under the law, and each has the weight
-P_k / n_k. The sum of the weights of the crashes is an unbiased estimate for every vehicle that does not crash
-in the cut-ins that are assumed to be safe (stratified sampling: Cochran 1977, chapter 5). The encounters of
-other scenarios are sorted by the score of a built-in vehicle instead; see `draw_scored_set`.
+Cut-ins are ordered by a severity that does not depend on the vehicle: the constant deceleration a = C^2 / (2
+R), with closing speed C and range R, that just avoids a crash if it begins immediately. Cut-ins below a
+smallest deceleration are assumed to be safe. The others are divided into shells by a. Shell k has a known
+probability P_k under the law. From each shell, the same number n of cut-ins is drawn under the law, and each
+cut-in has the weight P_k / n. The sum of the weights of the crashes is an unbiased estimate of the crash
+probability of every vehicle that does not crash in the cut-ins that are assumed to be safe (stratified
+sampling: Cochran 1977, chapter 5). The encounters of other scenarios are ordered by the score of a built-in
+vehicle instead; see `draw_scored_set`.
 """
 
 import math
@@ -26,35 +27,36 @@ from accelerated_evaluation.laws.smooth.mean import MeanLaw
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.loading import load_vehicle
 
-DRAWS = 100  # of a mean law, under which the cut-ins are weighted
-PLACES = 20_000  # lead speeds and ranges at which the probabilities of the shells are computed
+DRAWS = 100  # number of draws of a mean law under which the cut-ins are weighted
+PLACES = 20_000  # number of pairs of lead speed and range at which probabilities of shells are computed
 GOLDEN = (math.sqrt(5) - 1) / 2
-SHELLS = 15
-HARDEST = 15.0  # [m/s^2], where the last shell begins: beyond what tyres can do on a dry road
-LEAST = 2 * SHELLS  # cut-ins of a set; two of each shell give a variance
-MOST = 300
-POOL = 200_000  # encounters of another scenario that are sorted by their scores
-HARDEST_SHARE = 1e-3  # of them, in the last shell
-EDGE = 1e-12  # numbers of the lattice stay that far from 0 and 1
+SHELLS = 15  # number of shells
+HARDEST = 15.0  # [m/s^2], begin of the last shell, which tyres cannot reach on a dry road
+LEAST = 2 * SHELLS  # smallest number of encounters; a variance needs two in each shell
+MOST = 300  # largest number of encounters
+POOL = 200_000  # number of draws of another scenario that are ordered by their scores
+HARDEST_SHARE = 1e-3  # share of these draws in the last shell
+EDGE = 1e-12  # smallest distance of a number of the lattice from 0 and 1
 
 
 @dataclass(frozen=True)
 class WeightedSet:
-    """Cut-ins with the shells that they represent.
+    """A weighted set of encounters, with the shells that they represent.
 
     Attributes
     ----------
     table
-        A row for each cut-in: ``scenario`` (its number, from 1), ``shell`` (from 1), ``weight``,
-        ``lead_speed`` [m/s], ``range`` [m] and ``closing_speed`` [m/s].
+        One row for each encounter: ``scenario`` (its number, from 1), ``shell`` (from 1), ``weight``, and the
+        variables of the scenario; for a cut-in, these are ``lead_speed`` [m/s], ``range`` [m] and
+        ``closing_speed`` [m/s].
     edges
         Value at which each shell begins: the deceleration [m/s^2] of a cut-in, or the score of a built-in
-        vehicle. The last shell has no end.
+        vehicle, shape (shells,). The last shell has no end.
     probabilities
-        Probabilities of the shells under the law.
+        Probability of each shell under the law, shape (shells,).
     draws
-        Under a mean law, the weights of each cut-in under draws of the law: ``scenario``, then ``draw_001``
-        and so on. None under a law of which no draws are known.
+        For a mean law, the weight of each cut-in under some draws of the law: columns ``scenario``,
+        ``draw_001`` and so on. None for a law without draws.
     """
 
     table: pd.DataFrame
@@ -78,9 +80,9 @@ def draw_weighted_set(
     law
         Law of the cut-ins.
     size
-        Largest number of cut-ins; every shell gets the same number.
+        Largest number of cut-ins; all shells have the same number.
     safe_deceleration
-        Cut-ins that a smaller constant deceleration [m/s^2] would avoid are assumed to be safe.
+        A cut-in is assumed to be safe if a constant deceleration below this value [m/s^2] avoids a crash.
     generator
         Source of all randomness.
 
@@ -102,7 +104,7 @@ def draw_weighted_set(
         empty = f"{edges[np.argmin(probabilities > 0)]:.3g} m/s^2"
         raise InputError(
             "law",
-            seen=f"no cut-in that needs a deceleration of {empty}",
+            seen=f"no cut-ins that need a deceleration of {empty}",
             expected="cut-ins in every shell",
             change="Choose a smaller --safe-deceleration, or a law with a tail.",
         )
@@ -119,18 +121,19 @@ def draw_scored_set(
 ) -> WeightedSet:
     """Draw a weighted set of encounters of any scenario.
 
-    Draws of the law are simulated with the built-in vehicle of the scenario, and sorted by their scores for
-    the crash. They are divided into shells whose numbers of draws are in geometric progression, and equally
-    many encounters are selected from each shell at random (two-phase sampling for stratification: Cochran
-    1977, chapter 12). No encounter is assumed to be safe. The sum of the weights of the crashes is unbiased
-    for every vehicle, and more accurate if the vehicle resembles the built-in one.
+    `POOL` draws of the law are simulated with the built-in vehicle of the scenario, and ordered by their
+    scores for a crash. They are divided into shells, whose shares of the draws decrease in geometric
+    progression. The same number of encounters is selected from each shell at random (two-phase sampling for
+    stratification: Cochran 1977, chapter 12). No encounter is assumed to be safe. The sum of the weights of
+    the crashes is an unbiased estimate for every vehicle, and more accurate if the vehicle is similar to the
+    built-in one.
 
     Parameters
     ----------
     scenario, law
         The scenario and a joint law of its variables.
     size
-        Largest number of encounters; every shell gets the same number.
+        Largest number of encounters; all shells have the same number.
     generator
         Source of all randomness.
 
@@ -153,7 +156,7 @@ def draw_scored_set(
 
 
 def _table(names: Sequence[str], drawn: Array, probabilities: Array, count: int) -> pd.DataFrame:
-    """Return encounters, shape (d, n), with their shells and weights, equally many of each shell."""
+    """Return a table of encounters, shape (d, n), with their shells and weights."""
     return pd.DataFrame(
         {
             "scenario": np.arange(count * SHELLS) + 1,
@@ -165,7 +168,7 @@ def _table(names: Sequence[str], drawn: Array, probabilities: Array, count: int)
 
 
 def _draws(law: MeanLaw, table: pd.DataFrame) -> pd.DataFrame:
-    """Return the weight of each cut-in under every draw: its weight under their mean times f_k / f_mean."""
+    """Return the weight of each cut-in under every draw k: its weight in the table times f_k / f_mean."""
     lead_speed, range_, speed = (table[name].to_numpy() for name in ("lead_speed", "range", "closing_speed"))
     ratios = np.exp(law.log_ratios(CutIns(lead_speed, 1 / range_, speed / range_)))
     weights = (ratios * table["weight"].to_numpy()).T
@@ -192,8 +195,8 @@ def _check_deceleration(safe_deceleration: float) -> None:
 def _places(law: Law, generator: np.random.Generator) -> tuple[CutIns, NDArray[np.intp]]:
     """Return lead speeds and ranges that represent the law evenly, by rising lead speed, and their strata.
 
-    They are a lattice with the golden ratio, moved at random, so that every mean over them is unbiased. Their
-    closing speeds mean nothing.
+    They are a lattice with the golden ratio and a random shift, so that every mean over them is unbiased. The
+    closing speeds of the returned cut-ins are arbitrary and not used.
     """
     place, shift = np.arange(PLACES), generator.random(2)
     u = np.column_stack([(place + shift[0]) / PLACES, (place * GOLDEN + shift[1]) % 1])
@@ -202,7 +205,7 @@ def _places(law: Law, generator: np.random.Generator) -> tuple[CutIns, NDArray[n
 
 
 def _tails(law: Law, places: CutIns, stratum: NDArray[np.intp], edges: Array) -> Array:
-    """Return the probability of each edge or more at each place, shape (places, edges)."""
+    """Return the probability of at least each deceleration ``edges`` at each place, shape (places, edges)."""
     tails = np.empty((len(places), edges.size))
     for index, part in enumerate(law.strata.values()):
         here = stratum == index
@@ -214,7 +217,7 @@ def _tails(law: Law, places: CutIns, stratum: NDArray[np.intp], edges: Array) ->
 
 @dataclass(frozen=True)
 class _Shell:
-    """Places of a shell with the probabilities at which its closing speeds begin and end, shape (places,)."""
+    """A shell: its places, and the tail probabilities at the ends of its closing speeds, shape (places,)."""
 
     law: Law
     places: CutIns
@@ -223,10 +226,10 @@ class _Shell:
     end: Array
 
     def draw(self, count: int, generator: np.random.Generator) -> Array:
-        """Draw cut-ins by the law: lead speed, range and closing speed, shape (3, count).
+        """Draw cut-ins of the shell under the law: lead speed, range and closing speed, shape (3, count).
 
-        They are spread evenly over the lead speeds and over the closing speeds (Latin hypercube), which keeps
-        the means and makes their errors smaller.
+        A Latin hypercube spreads them evenly over lead speeds and closing speeds. This does not bias means
+        over the cut-ins, and reduces their errors.
         """
         u = (
             generator.permuted(np.tile(np.arange(count), (2, 1)), axis=1) + generator.random((2, count))

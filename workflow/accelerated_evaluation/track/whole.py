@@ -1,4 +1,4 @@
-"""The whole answer of a campaign under the draws of a mean law, with the uncertainty of the records."""
+"""The answer of a campaign under the draws of a mean law, which includes the uncertainty of the records."""
 
 from pathlib import Path
 
@@ -22,25 +22,25 @@ ALONE = (
     "results/STUDY/estimate/law.json, the status also reports the uncertainty of the records"
 )
 JOINT = "laws        the interval above is that of the sampling alone, under one law of the scenario"
-FEWEST = 10  # effective events; with fewer, the standard error is not reliable either
-MOST_UNKNOWN = 0.05  # share of the draws with fewer effective events that needs no warning
+FEWEST = 10  # with fewer effective events under a draw, the standard error is not reliable
+MOST_UNKNOWN = 0.05  # if a larger share of the draws has fewer effective events, a warning is given
 
 
 def read_draws(path: Path, campaign: Campaign) -> MeanLaw:
-    """Read the law under whose draws the runs of a campaign are read.
+    """Read a law with draws, for which the runs of a campaign are reweighted.
 
     Parameters
     ----------
     path
         Law file with draws.
     campaign
-        The campaign, to whose encounter table the law was fitted.
+        The campaign, to whose encounter table the law has to be fitted.
 
     Raises
     ------
     InputError
-        If the file is no law with draws, if it was fitted to other encounters, or if the scenario of the
-        campaign is not the cut-in.
+        If the file is not a law with draws, if the law was fitted to other encounters, or if the scenario of
+        the campaign is not the cut-in.
     """
     if campaign.encounters is None:
         seen, expected = f"the scenario {campaign.scenario.name}", "cut_in"
@@ -55,16 +55,16 @@ def read_draws(path: Path, campaign: Campaign) -> MeanLaw:
 
 
 def whole_in_words(campaign: Campaign, law: Law | JointLaw, draws: MeanLaw | None = None) -> list[str]:
-    """Return the answer of a campaign under all draws of a mean law, in lines of text.
+    """Return lines of text about the answer of a campaign under all draws of a mean law.
 
     Parameters
     ----------
     campaign
-        The campaign; its open batch does not count.
+        The campaign; the runs of its open batch are not used.
     law
-        Its law, under which the runs were chosen.
+        The law under which the runs were chosen.
     draws
-        The law under whose draws the runs are read; by default the law of the campaign, if it has draws.
+        The law for whose draws the runs are reweighted; by default ``law``, if it has draws.
     """
     if isinstance(law, JointLaw):
         return [JOINT]
@@ -73,7 +73,7 @@ def whole_in_words(campaign: Campaign, law: Law | JointLaw, draws: MeanLaw | Non
     course = Course.of(law, campaign.sampler) if draws is None else read_under(campaign, law, draws)
     posterior = course.refined()
     if posterior is None:
-        return ["laws        nothing is known yet under the draws of the law"]
+        return ["laws        there is no estimate under the draws of the law yet"]
     row = {"event": event_name(campaign.event), "per_km": float("nan")} | answer_row(
         posterior, course.unseen_lapses()
     )
@@ -88,10 +88,19 @@ def whole_in_words(campaign: Campaign, law: Law | JointLaw, draws: MeanLaw | Non
 
 
 def read_under(campaign: Campaign, law: Law, draws: MeanLaw) -> Course:
-    """Return the runs of a campaign with their ratios f_k / f to each draw k of another law.
+    """Return the runs of a campaign with their density ratios f_k / f for each draw k of another law.
 
-    A cut-in that closes faster than the cap of the law of the campaign was driven at the cap, and its outcome
-    counts for the faster one too.
+    A cut-in with a closing speed above the cap of the campaign's law was driven with the cap. Its outcome is
+    also used for the larger closing speed.
+
+    Parameters
+    ----------
+    campaign
+        The campaign.
+    law
+        The law f under which the runs were chosen.
+    draws
+        The mean law with the draws f_k.
     """
 
     def log_ratios(z: Array) -> Array:
@@ -102,7 +111,7 @@ def read_under(campaign: Campaign, law: Law, draws: MeanLaw) -> Course:
 
 
 def log_density(law: Law, z: Array) -> Array:
-    """Return the log density of log R and closing speed [m/s] given v_L, before the cap, shape (n,).
+    """Return the log density of log R and closing speed [m/s] given v_L, without a cap, shape (n,).
 
     Parameters
     ----------
@@ -122,7 +131,7 @@ def log_density(law: Law, z: Array) -> Array:
 
 
 def _reach(effective: Array) -> list[str]:
-    """Return how well the runs of one law reach the events of the draws, in lines of text.
+    """Return lines of text about the effective number of events under the draws.
 
     Parameters
     ----------
