@@ -186,7 +186,7 @@ def test_a_table_that_is_filled_in_by_and_by(begun, capsys):
     table.loc[2, ["crash", "note"]] = ["0", "wet road"]
     table.to_csv("next/runs.csv", index=False)
     begun("tell", "next/runs.csv")
-    assert "1 runs taken, 0 known already, 9 outstanding" in capsys.readouterr().out
+    assert "outcomes: 1 new or corrected, 0 known before; 9 runs outstanding" in capsys.readouterr().out
     assert read_campaign("c.json").runs[2].outcome.note == "wet road"
 
 

@@ -95,7 +95,7 @@ def test_three_files_add_a_scenario_that_is_simulated_and_estimated(tmp_path, wi
     run(tmp_path, with_toy, "campaign", "new", "c.json", *law)
     run(tmp_path, with_toy, "campaign", "ask", "c.json", "next")
     run(tmp_path, with_toy, "simulate", "next/runs.csv", "done.csv", *law[:2])
-    assert "10 runs taken" in run(tmp_path, with_toy, "campaign", "tell", "c.json", "done.csv")
+    assert "10 new or corrected" in run(tmp_path, with_toy, "campaign", "tell", "c.json", "done.csv")
     run(tmp_path, with_toy, "export", "set", *law)
     weights = pd.read_csv(tmp_path / "set/scenarios.csv")
     assert weights["weight"].sum() == pytest.approx(1)

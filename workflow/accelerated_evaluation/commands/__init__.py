@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.registry import Registry
 
-if TYPE_CHECKING:  # takes seconds, which --help can do without
+if TYPE_CHECKING:  # these imports take seconds, and --help does not need them
     import pandas as pd
 
     from accelerated_evaluation.laws import Law
@@ -22,22 +22,25 @@ if TYPE_CHECKING:  # takes seconds, which --help can do without
 
 
 class Command(Protocol):
-    """A subcommand."""
+    """A subcommand of ``accelerated-evaluation``."""
 
     help: str
-    """One line for the list of commands."""
+    """One line for the list of subcommands."""
     description: str
-    """What ``--help`` says of it, printed as it stands."""
+    """Text that ``--help`` of the subcommand prints without changing its layout."""
 
     @staticmethod
     def add_arguments(command: argparse.ArgumentParser) -> None:
-        """Add its arguments to the parser of the subcommand."""
+        """Add the arguments of the subcommand to its parser."""
 
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
         """Run the subcommand.
 
-        Raise StudyError or OSError with a message for the user if it cannot continue.
+        Raises
+        ------
+        StudyError or OSError
+            If it cannot continue. The message is printed for the user.
         """
 
 
@@ -49,7 +52,7 @@ The law of another scenario (--scenario) is results/STUDY/scenario/law.json; it 
 
 
 def add_law(command: argparse.ArgumentParser) -> None:
-    """Add the arguments for the scenario, its law, and the table to which a law of cut-ins was fitted."""
+    """Add the options ``--scenario``, ``--law`` and ``--encounters`` to a command; `given_law` reads them."""
     add_scenario_name(command)
     command.add_argument("--law", metavar="LAW.json", type=Path, required=True, help="law of the encounters")
     command.add_argument(
@@ -62,18 +65,18 @@ def add_law(command: argparse.ArgumentParser) -> None:
 
 @dataclass(frozen=True)
 class GivenLaw:
-    """The law that a command was given.
+    """The law that the options of a command name.
 
     Attributes
     ----------
     scenario
-        Its scenario.
+        The scenario of the law.
     sources
-        The law file, and the encounter table of a law of cut-ins, by name.
+        The files ``law`` and, for a law of cut-ins, ``encounters``, with their checksums.
     verdict
-        Verdict on the records of this table; None for other scenarios.
+        Verdict on the records of the encounter table; None for other scenarios.
     table
-        This table; None for other scenarios.
+        The encounter table; None for other scenarios.
     """
 
     scenario: "Scenario"
@@ -88,22 +91,27 @@ class GivenLaw:
         return law_in(self.scenario, self.sources["law"], self.sources.get("encounters"))
 
     def stop_lines(self) -> list[str]:
-        """Return a line for each check of the records that says ``stop``, which the user accepts."""
+        """Return a line for each check of the records whose verdict ``stop`` the user has accepted."""
         return [] if self.verdict is None else self.verdict.stop_lines()
 
     def lines(self) -> list[str]:
-        """Return the verdict on the records in lines of text."""
+        """Return the verdict on the records as lines of text; empty for other scenarios than the cut-in."""
         return [] if self.verdict is None else self.verdict.lines()
 
 
 def given_law(arguments: argparse.Namespace) -> GivenLaw:
-    """Return the law that `add_law` was given.
+    """Return the law that is named by the options of `add_law`.
+
+    Parameters
+    ----------
+    arguments
+        Parsed options of `add_law` and `add_accept`.
 
     Raises
     ------
     InputError
-        If a file is missing, a law of cut-ins has no encounter table or another one has, or the records of
-        the table have a fault that the user does not accept.
+        If a file is missing; if there is no encounter table for a law of cut-ins, or a table for another law;
+        or if a check of the records has the verdict ``stop``, which the user does not accept.
     """
     from accelerated_evaluation.laws.files import read_law, require_shares
     from accelerated_evaluation.records.encounter_table import read_encounters
@@ -121,7 +129,7 @@ def given_law(arguments: argparse.Namespace) -> GivenLaw:
             "--encounters",
             seen="nothing",
             expected="the encounter table that the law of cut-ins was fitted to",
-            change="Name it, or name the scenario of another law (--scenario).",
+            change="Name the table, or name the scenario of another law by --scenario.",
         )
     sources = {name: source_of(getattr(arguments, name)) for name in ("law", "encounters")}
     table = read_encounters(arguments.encounters)
@@ -131,17 +139,27 @@ def given_law(arguments: argparse.Namespace) -> GivenLaw:
 
 
 def refuse_options(arguments: argparse.Namespace, scenario: str, *names: str) -> None:
-    """Raise InputError if an option that is for cut-ins alone is given with another scenario."""
+    """Raise InputError if an option that is only for cut-ins was given.
+
+    Parameters
+    ----------
+    arguments
+        Parsed options.
+    scenario
+        Name of the scenario, which is not the cut-in.
+    names
+        Names of the options, with underscores.
+    """
     for name in names:
         if getattr(arguments, name) not in (None, []):
             option = f"--{name.replace('_', '-')}"
             raise InputError(
-                option, seen=f"the scenario {scenario}", expected="cut_in", change="Leave it out."
+                option, seen=f"the scenario {scenario}", expected="cut_in", change="Leave the option out."
             )
 
 
 def add_scenario_name(command: argparse.ArgumentParser) -> None:
-    """Add the argument for the scenario."""
+    """Add the option ``--scenario`` to a command."""
     from accelerated_evaluation.scenarios import SCENARIOS
 
     command.add_argument(
@@ -153,7 +171,7 @@ def add_scenario_name(command: argparse.ArgumentParser) -> None:
 
 
 def add_scenario(command: argparse.ArgumentParser) -> None:
-    """Add the arguments for the scenario and the vehicle."""
+    """Add the options ``--scenario`` and ``--vehicle`` to a command."""
     from accelerated_evaluation.scenarios import SCENARIOS
     from accelerated_evaluation.vehicles.loading import vehicles_of
 
@@ -169,18 +187,18 @@ def add_scenario(command: argparse.ArgumentParser) -> None:
 
 
 def add_seed(command: argparse.ArgumentParser) -> None:
-    """Add the argument for the root seed of all randomness."""
-    command.add_argument("--seed", type=int, default=1, help="root of all randomness (default: 1)")
+    """Add the option ``--seed``, the root seed of all randomness, to a command."""
+    command.add_argument("--seed", type=int, default=1, help="root seed of all randomness (default: 1)")
 
 
 def add_accept(command: argparse.ArgumentParser) -> None:
-    """Add the checks of the records whose verdict ``stop`` the user accepts."""
+    """Add the option ``--accept``, which names checks whose verdict ``stop`` is accepted, to a command."""
     command.add_argument(
         "--accept",
         metavar="CHECK",
         action="append",
         default=[],
-        help="accept the verdict stop of a check of the records, such as 'speed unit'; repeat it for others",
+        help="accept the verdict stop of a check of the records, such as 'speed unit'; may be repeated",
     )
 
 

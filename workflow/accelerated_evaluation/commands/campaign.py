@@ -1,4 +1,4 @@
-"""The subcommand ``campaign``."""
+"""The subcommand ``campaign``, which estimates a probability from runs on a proving ground."""
 
 import argparse
 from pathlib import Path
@@ -15,31 +15,31 @@ from accelerated_evaluation.commands import (
     require_seed,
 )
 
-LEAST = 1e-6  # half-width and confidence that can be asked for, and what they have to keep from 1
+LEAST = 1e-6  # half-width and confidence have to be from LEAST to 1 - LEAST
 LIMITS = (  # of the proving ground, for cut-ins
     ("host_speed_max", "m/s", "highest host speed"),
     ("closing_speed_max", "m/s", "highest closing speed"),
-    ("range_min", "m", "least range"),
+    ("range_min", "m", "smallest range"),
 )
 DETERMINISTIC = {"yes": True, "no": False, "unknown": None}
 DESCRIPTION = """\
-Estimate how often a real vehicle meets an event, from runs on a proving ground, by as few runs as possible.
+Estimate the probability of an event for a real vehicle, from as few runs on a proving ground as possible.
 
-  campaign new     begin: which law of cut-ins, which event, how narrow the interval has to be
+  campaign new     begin a campaign: choose the law of cut-ins, the event and the width of the interval
   campaign ask     write the next runs to drive, as a table and as OpenSCENARIO XML files
-  campaign tell    read the outcomes of some of them, in any order
+  campaign tell    read the outcomes of some of these runs, in any order
   campaign status  print the estimate, its interval, the number of runs still needed, and whether to stop
 
 The complete state of a campaign is in one readable file, CAMPAIGN.json. Keep a copy of it.
 docs/campaign.md shows a campaign from start to end."""
 
 TABLE = """\
-The table has one row a run, and empty columns to be filled in on the track:
+The table has one row for each run, and empty columns to be filled in on the track:
   crash           1 if the cars touched, else 0; empty while the run was not driven
   min_range       smallest range [m]; 0 or less after a crash                     (may be empty)
   min_ttc         smallest time to collision [s]; it helps to find the event      (may be empty)
   impact_speed    closing speed at the crash [m/s]; 0 without one                  (may be empty)
-  note            anything to remember                                             (may be empty)
+  note            a remark                                                         (may be empty)
 In another scenario, its own outcomes can be measured; `accelerated-evaluation simulate --help` lists them."""
 
 NEW = f"""\
@@ -48,40 +48,40 @@ Begin a campaign and write its file.
 {LAW}"""
 
 ASK = f"""\
-Write the runs to drive next into FOLDER: runs.csv, and of cut-ins run_0001.xosc and so on with their road. If
-outcomes of earlier runs are still missing, it writes these runs again.
+Write the runs to drive next into FOLDER: runs.csv, and for cut-ins run_0001.xosc and so on with their road.
+If outcomes of earlier runs are still missing, these runs are written again.
 
 {TABLE}"""
 
 TELL = f"""\
 Read outcomes from the table that `ask` wrote, or from any table with the columns run and crash. Rows without
-a crash flag are left for later. A table that contradicts the runs or itself is refused as a whole.
+a crash flag are ignored. If a table contradicts the runs or itself, none of its rows is accepted.
 
 {TABLE}"""
 
 
 STATUS = """\
-Say where the campaign stands. A campaign that was begun under a law with draws also reports the answer under
-all of them. So does a campaign that was begun under one law, with --under: its runs are reweighted for each
-draw, and a warning says if they do not reach what the other laws need."""
+Print the status of the campaign. If the campaign was begun under a law with draws, the answer under all draws
+is reported as well. For a campaign that was begun under a single law, --under names a law with draws: the
+runs are reweighted for each draw, and a warning is printed if they are not suitable for these laws."""
 
 
 @COMMANDS.add("campaign")
 class CampaignCommand:
-    """A campaign on the proving ground."""
+    """The subcommand with its four steps: new, ask, tell and status."""
 
     help = "estimate from runs on a proving ground: new, ask, tell, status"
     description = DESCRIPTION
 
     @staticmethod
     def add_arguments(command: argparse.ArgumentParser) -> None:
-        """Add the four steps, each with its arguments."""
+        """Add the four steps with their arguments to the parser."""
         steps = command.add_subparsers(title="steps", metavar="STEP", required=True)
         for name, summary, text, add, step in (
             ("new", "begin a campaign", NEW, _add_new, _new),
             ("ask", "write the next runs to drive", ASK, _add_ask, _ask),
-            ("tell", "read what happened", TELL, _add_tell, _tell),
-            ("status", "say where the campaign stands", STATUS, _add_status, _status),
+            ("tell", "read the outcomes of runs", TELL, _add_tell, _tell),
+            ("status", "print the estimate and the runs still needed", STATUS, _add_status, _status),
         ):
             own = steps.add_parser(
                 name, help=summary, description=text, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -92,7 +92,7 @@ class CampaignCommand:
 
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
-        """Run one step; others that change a campaign of the same folder wait for its end."""
+        """Run one step; other processes with a campaign in the same folder wait until it has ended."""
         from accelerated_evaluation.track.campaign_file import locked
 
         with locked(arguments.campaign):
@@ -113,33 +113,37 @@ def _add_new(command: argparse.ArgumentParser) -> None:
         type=float,
         default=0.2,
         metavar="SHARE",
-        help="wanted, of the estimate (default: 0.2)",
+        help="required half-width of the interval, divided by the estimate (default: 0.2)",
     )
     command.add_argument(
-        "--confidence", type=float, default=0.8, metavar="LEVEL", help="of the interval (default: 0.8)"
+        "--confidence",
+        type=float,
+        default=0.8,
+        metavar="LEVEL",
+        help="confidence level of the interval (default: 0.8)",
     )
     command.add_argument(
         "--interval",
         choices=("anytime", "usual"),
         default="anytime",
-        help="anytime: true at all checks together; usual: true at one check that was planned beforehand, "
-        "for about a quarter fewer runs (default: %(default)s)",
+        help="anytime: the confidence is for all checks together; usual: the confidence is for one check "
+        "that was planned beforehand, with about a quarter fewer runs (default: %(default)s)",
     )
     command.add_argument(
-        "--batch-size", type=int, default=10, metavar="N", help="runs asked for at once (default: 10)"
+        "--batch-size", type=int, default=10, metavar="N", help="number of runs in a batch (default: 10)"
     )
     command.add_argument(
         "--predecessor",
         metavar="OTHER.json",
         type=Path,
-        help="campaign of a vehicle that is like this one; it saves about two fifths of the runs",
+        help="campaign of a similar vehicle; it saves about two fifths of the runs",
     )
     command.add_argument(
         "--deterministic",
         choices=DETERMINISTIC,
         default="unknown",
-        help="whether the vehicle always does the same in the same encounter; with unknown, repeats of runs "
-        "find it out (default: %(default)s)",
+        help="whether the vehicle always has the same outcome in the same encounter; with unknown, some runs "
+        "are repeated to find out (default: %(default)s)",
     )
     add_seed(command)
     add_accept(command)
@@ -152,12 +156,14 @@ def _add_new(command: argparse.ArgumentParser) -> None:
 
 def _add_ask(command: argparse.ArgumentParser) -> None:
     command.add_argument("folder", metavar="FOLDER", type=Path, help="where to write the runs")
-    command.add_argument("--batch-size", type=int, metavar="N", help="of the next batch and those after it")
-    command.add_argument("--no-scenarios", action="store_true", help="write the table alone")
+    command.add_argument(
+        "--batch-size", type=int, metavar="N", help="number of runs of the next batch and of all later ones"
+    )
+    command.add_argument("--no-scenarios", action="store_true", help="write only the table")
 
 
 def _add_tell(command: argparse.ArgumentParser) -> None:
-    command.add_argument("results", metavar="RESULTS.csv", type=Path, help="table of what happened")
+    command.add_argument("results", metavar="RESULTS.csv", type=Path, help="table of outcomes")
     command.add_argument(
         "--correct", action="store_true", help="replace earlier reports of runs of the open batch"
     )
@@ -229,7 +235,7 @@ def _ask(arguments: argparse.Namespace) -> None:
     elif not arguments.no_scenarios:
         print(NOT_WRITTEN)
     if campaign.estimate().converged and not campaign.outstanding:
-        print("the goal is met, so no further run is needed; they are written all the same")
+        print("the goal is met, so no further runs are needed; new runs are written nevertheless")
     runs = campaign.ask(law_of(campaign), arguments.batch_size)
     write_campaign(arguments.campaign, campaign)
     write_table(arguments.folder / "runs.csv", runs, campaign.scenario)
@@ -248,7 +254,10 @@ def _tell(arguments: argparse.Namespace) -> None:
     results = read_results(arguments.results, campaign)
     news = campaign.tell(results, correct=arguments.correct)
     write_campaign(arguments.campaign, campaign)
-    print(f"{news} runs taken, {len(results) - news} known already, {len(campaign.outstanding)} outstanding")
+    print(
+        f"outcomes: {news} new or corrected, {len(results) - news} known before; "
+        f"{len(campaign.outstanding)} runs outstanding"
+    )
 
 
 def _status(arguments: argparse.Namespace) -> None:
@@ -261,7 +270,7 @@ def _status(arguments: argparse.Namespace) -> None:
     print(in_words(campaign, status_of(campaign)))
     try:
         law = law_of(campaign)
-    except InputError as error:  # the status of the sampling needs no law
+    except InputError as error:  # the status without the uncertainty of the records needs no law
         print(f"laws        the uncertainty of the records is not reported: {error}")
     else:
         print(*whole_in_words(campaign, law, draws), sep="\n")

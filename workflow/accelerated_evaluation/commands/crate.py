@@ -1,4 +1,4 @@
-"""The subcommand ``crate``."""
+"""The subcommand ``crate``, which packs a study into an RO-Crate."""
 
 import argparse
 from importlib.util import find_spec
@@ -12,29 +12,29 @@ DESCRIPTION = """\
 Pack a finished study into one file that records the origin of every part of it: an RO-Crate of the profile
 Provenance Run Crate 0.5, as a ZIP file.
 
-It holds
-  the records and, if it is yours, the vehicle, each with its checksum
-  the configuration, the lock of the environment, and what is installed here
+It contains
+  the records and, if it is your own, the vehicle, with checksums
+  the configuration, the lock file of the environment, and the installed packages
   the workflow, its library and its notebooks, with a digest of the code of every rule
-  all results, figures and tables, and which job made each of them from what, and when
+  all results, figures and tables, with the job that made each of them, its inputs and its time
 
 Run it in the folder in which the study ran, for example
   accelerated-evaluation crate spmd
 
-The code and the data have to be what they were when the study ran. The records are copied into the file:
-think of that before you hand it on, and give the licence under which you do so."""
+The code and the data must not have changed since the study ran. The records are copied into the file.
+Consider this before you pass the file on, and state the licence under which you do so."""
 
 
 @COMMANDS.add("crate")
 class Crate:
-    """Pack a study, with where it came from, into one file."""
+    """Pack a study and the record of its origin into one file."""
 
-    help = "pack a study, with where it came from, into one file (RO-Crate)"
+    help = "pack a study and the record of its origin into one file (RO-Crate)"
     description = DESCRIPTION
 
     @staticmethod
     def add_arguments(command: argparse.ArgumentParser) -> None:
-        """Add the study, the file to write and the licence."""
+        """Add the study, the file to write and the licence to the parser."""
         command.add_argument("study", metavar="STUDY", help="name of the study, as in its configuration")
         command.add_argument(
             "--target", metavar="FILE.zip", type=Path, help="file to write (default: results/STUDY.crate.zip)"

@@ -1,4 +1,4 @@
-"""The subcommand ``estimate``."""
+"""The subcommand ``estimate``, which estimates a crash probability from few simulations."""
 
 import argparse
 import math
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.commands import COMMANDS, add_accept
 
-if TYPE_CHECKING:  # takes seconds, which --help can do without
+if TYPE_CHECKING:  # these imports take seconds, and --help does not need them
     import pandas as pd
 
     from accelerated_evaluation.answer.estimation import Alone
@@ -16,21 +16,22 @@ if TYPE_CHECKING:  # takes seconds, which --help can do without
 CUT_IN, ANSWER, SURROGATE = "cut_in", "answer", "surrogate"
 FOR_DRAWS = ("sampling_share", "compare", "reference")  # options that need a law with draws
 DESCRIPTION = """\
-Estimate how often a vehicle crashes when a human driver cuts in, by some 150 simulations: without crash maps
-and crude Monte Carlo, which take millions. For a slow vehicle: a command in any language, an FMU, or a Python
-class. docs/your_vehicle.md shows all three. With --scenario, or scenario.name in the configuration, the same
-for another scenario than the cut-in: left_turn, pedestrian, or your own (docs/your_scenario.md).
+Estimate the crash probability of a vehicle when a human driver cuts in, from about 150 simulations. Crash
+maps and crude Monte Carlo, which need millions, are not used. The command is for slow vehicles: a program in
+any language, an FMU, or a Python class; docs/your_vehicle.md shows all three. With --scenario, or
+scenario.name in the configuration, it estimates the probability in a scenario other than the cut-in:
+left_turn, pedestrian, or your own (docs/your_scenario.md).
 
-The configuration is that of a study; it names the records and the vehicle. Outcomes are stored in
-results/vehicles/, so that a run that is continued or repeated simulates no encounter twice.
+The configuration is that of a study and names the records and the vehicle. Outcomes are stored in
+results/vehicles/, so that no encounter is simulated twice if a run is continued or repeated.
 
 laws of cut-ins (--law):
   answer          all smooth laws with dependence, by their weights (default). The simulations are made under
                   the mean of draws from the posterior of law and parameters, and are reweighted for every
                   draw. The intervals contain the uncertainty in the data, in the choice of law and in the
-                  sampling, as those of the whole study do
-  NAME            one law of the family, such as 'two kinds 0.95', with the uncertainty in its parameters; a
-                  name that is not known lists them all
+                  sampling, like those of a complete study
+  NAME            one law of the family, such as 'two kinds 0.95', with the uncertainty in its parameters; an
+                  unknown name gives an error that lists all names
   FILE.json       law.json of an earlier estimate, with its draws; or a law of a finished study,
                   results/STUDY/models/*.json. The configuration has to be that of this study
   paper           the paper's law, with the pieces that the configuration names; also two_pieces,
@@ -38,29 +39,29 @@ laws of cut-ins (--law):
 Under the paper's law, and any law file without draws, the interval is that of the sampling alone.
 
 The records are checked first. If a check says stop, nothing is estimated unless --accept names this check.
-The simulations end when more of them would not help: when the sampling adds less than 5 % to the width of
-the 80 % interval (--sampling-share), or when the interval of the sampling alone is as narrow as the paper
-asks (importance_sampling.beta).
+The simulations end when the sampling increases the width of the 80 % interval by less than 5 %
+(--sampling-share), or when the interval of the sampling alone is as narrow as in the paper
+(importance_sampling.beta).
 
 For another scenario, --law is answer (all joint laws by their weights, with all uncertainty), a kind of
 joint law (truncated_normals, gaussian_copula, kernel, independent_variables), or the file of a joint law,
-such as results/left_turn/scenario/law.json. Under one law alone, the interval is that of the sampling alone.
+such as results/left_turn/scenario/law.json. Under a single law, the interval is that of the sampling alone.
 The files are then laws.csv, answer.csv, budget.csv, draws.csv and law.json for answer, and estimate.csv,
 runs.csv and law.json for one law.
 
 files written to results/STUDY/estimate/:
-  answer.csv      probability (mean), median, intervals and rate per kilometre; one row a replicate and event
-  budget.csv      where the uncertainty comes from: data, choice of law, sampling
+  answer.csv      probability (mean), median, intervals and rate per kilometre, for each replicate and event
+  budget.csv      sources of the uncertainty: data, choice of law, sampling
   draws.csv       the crash probability under every draw of the law, with its relative sampling error
-  exposure.csv    crashes per kilometre and hour, as far as the exposure of the records is known
+  exposure.csv    crashes per kilometre and hour, if the exposure of the records is known
   compared.csv    ratio to other vehicles, its 80 % interval, and the probability to be safer (--compare,
                   --reference)
   crashes.csv     the simulations that crashed, with their shares of the crash probability
-  estimate.csv    probability, ci_low, ci_high, simulations under the mean law; one row a replicate
+  estimate.csv    probability, ci_low, ci_high, simulations under the mean law, for each replicate
   runs.csv        every simulation: its cut-in, its phase, and whether it crashed
-  account.csv     what became of every record
+  account.csv     the number of records that each filter has removed
   law.json        the law of cut-ins that was sampled, with its draws, for `campaign new` and `export`
-  encounters.parquet  the encounter table that it was fitted to"""
+  encounters.parquet  the encounter table to which the law was fitted"""
 
 
 def _count(text: str) -> int:
@@ -69,7 +70,7 @@ def _count(text: str) -> int:
     return count
 
 
-_count.__name__ = "number from 1 on"  # argparse names the type in its message
+_count.__name__ = "positive integer"  # argparse prints this name in its error message
 
 
 def _share(text: str) -> float:
@@ -83,21 +84,21 @@ _share.__name__ = "number from 0 to 1"
 
 @COMMANDS.add("estimate")
 class EstimateAlone:
-    """Estimate the crash probability of a slow vehicle."""
+    """Estimate the crash probability of a slow vehicle from few simulations."""
 
-    help = "estimate the crash probability of a slow vehicle by some 150 simulations"
+    help = "estimate the crash probability of a slow vehicle from about 150 simulations"
     description = DESCRIPTION
 
     @staticmethod
     def add_arguments(command: argparse.ArgumentParser) -> None:
-        """Add the configuration, the law and the number of replicates."""
+        """Add the configuration, the law, the comparisons and all other options to the parser."""
         command.add_argument(
             "--config",
             metavar="FILE",
             type=Path,
             action="append",
             default=[],
-            help="what differs from config/config.yaml; a later file overrules an earlier one",
+            help="keys that differ from config/config.yaml; a later file has precedence over an earlier one",
         )
         command.add_argument(
             "--law", metavar="LAW", default=ANSWER, help="law of cut-ins, see above (default: %(default)s)"
@@ -107,21 +108,22 @@ class EstimateAlone:
             metavar="N",
             type=_count,
             default=1,
-            help="independent repetitions, of some 150 simulations each (default: %(default)s)",
+            help="independent repetitions, of about 150 simulations each (default: %(default)s)",
         )
         command.add_argument(
             "--sampling-share",
             metavar="SHARE",
             type=_share,
-            help="stop when the sampling adds no more than this to the width of the 80 %% interval; 0 for "
-            "the paper's stopping rule alone (default: 0.05; for cut-ins, under a law with draws)",
+            help="stop when the sampling increases the width of the 80 %% interval by at most this share; "
+            "with 0, only the paper's stopping rule is used (default: 0.05; for cut-ins, under a law with "
+            "draws)",
         )
         command.add_argument(
             "--predecessor",
             metavar="RUNS.csv",
             type=Path,
-            help="runs.csv of an earlier estimate, of a vehicle like this one and under the same law; "
-            "it saves about two fifths of the simulations",
+            help="runs.csv of an earlier estimate for a similar vehicle under the same law; it saves about "
+            "two fifths of the simulations",
         )
         command.add_argument(
             "--compare",
@@ -129,33 +131,34 @@ class EstimateAlone:
             type=Path,
             action="append",
             default=[],
-            help="results/STUDY/estimate of another vehicle, under the same law: the ratio of the crash "
-            "probabilities, draw by draw",
+            help="results/STUDY/estimate of another vehicle under the same law; the ratio of the crash "
+            "probabilities is computed for each draw of the law",
         )
         command.add_argument(
             "--scenario",
             metavar="NAME",
-            help="scenario, if it is not that of the configuration (default: scenario.name, which is cut_in)",
+            help="name of the scenario (default: scenario.name of the configuration, by default cut_in)",
         )
         command.add_argument(
             "--method",
             metavar="NAME",
-            help="in another scenario than the cut-in, and under one law: surrogate, normal_mixture or crude "
-            f"(default: {SURROGATE})",
+            help="in a scenario other than the cut-in, under a single law: surrogate, normal_mixture or "
+            f"crude (default: {SURROGATE})",
         )
         command.add_argument(
             "--event",
             metavar="EVENT",
-            help="for cut-ins: crash (default), impact_speed=MIN_M_S, min_range=MAX_M or min_ttc=MAX_S, for "
-            "which the simulations are chosen; near misses are not found from simulations for crashes",
+            help="event for which the simulations are chosen, for cut-ins: crash (default), "
+            "impact_speed=MIN_M_S, min_range=MAX_M or min_ttc=MAX_S; simulations that are chosen for crashes "
+            "give no estimate for near misses",
         )
         command.add_argument(
             "--reference",
             metavar="NAME",
             action="append",
             default=[],
-            help="vehicle that is fast to simulate, such as cc_human: the ratio to its crash probability, "
-            "draw by draw; its crash map takes some seconds",
+            help="vehicle that is fast to simulate, such as cc_human; the ratio to its crash probability is "
+            "computed for each draw of the law from a crash map, which takes some seconds",
         )
         add_accept(command)
 
@@ -173,7 +176,7 @@ class EstimateAlone:
 
         given = {} if arguments.scenario is None else {"scenario": {"name": arguments.scenario}}
         if given and not arguments.config:
-            given["study"] = arguments.scenario  # and not that of config/config.yaml
+            given["study"] = arguments.scenario  # instead of the study in config/config.yaml
         config = load(arguments.config, given)
         if config["scenario"]["name"] != CUT_IN:
             _estimate_scenario(arguments, config)
@@ -207,7 +210,7 @@ class EstimateAlone:
 
 
 def _estimate_scenario(arguments: argparse.Namespace, config: dict[str, Any]) -> None:
-    """Estimate the probability in another scenario, write the tables, and print a summary."""
+    """Estimate the probability in a scenario other than the cut-in, write tables, and print a summary."""
     from accelerated_evaluation.answer.scenario_estimate import estimate_scenario
     from accelerated_evaluation.base.files import write_csv
     from accelerated_evaluation.laws.joint.files import write_joint_law
@@ -234,14 +237,14 @@ def _written(option: str) -> str:
 
 
 def _refuse(option: str, seen: str, expected: str) -> None:
-    """Raise the error for an option that would have no effect."""
+    """Raise the error for an option that has no effect with the other options."""
     raise InputError(_written(option), seen=seen, expected=expected, change="Leave the option out.")
 
 
 def _compared(
     found: "Alone", folder: Path, others: list[Path], references: list[str], config: dict[str, Any]
 ) -> "pd.DataFrame":
-    """Compare an estimate with other estimates and with references, draw by draw."""
+    """Compare an estimate with other estimates and with reference vehicles under each draw of the law."""
     import pandas as pd
 
     from accelerated_evaluation.answer.averaged import posterior_of
@@ -261,7 +264,7 @@ def _compared(
 
 
 def _in_words(found: "Alone", level: float) -> str:
-    """Return the estimates, what they took and what they may have missed, in lines of text."""
+    """Return the estimates, their numbers of simulations, and bounds on missed events as lines of text."""
     from accelerated_evaluation.answer.study import event_name
     from accelerated_evaluation.methods.surrogate.certificate import unseen_in_words
     from accelerated_evaluation.methods.surrogate.lapses import chance_in_words
@@ -291,7 +294,7 @@ def _in_words(found: "Alone", level: float) -> str:
 
 
 def _answers(found: "Alone") -> list[str]:
-    """Return the whole answer of every replicate in lines of text; none under one law alone."""
+    """Return the answer of every replicate as lines of text; empty under a single law."""
     from accelerated_evaluation.answer.averaged import answer_in_words, budget_in_words
 
     if "answer" not in found.tables:
@@ -309,8 +312,8 @@ def _answers(found: "Alone") -> list[str]:
 
 
 def _not_settled(unseen_lapses: float) -> str:
-    """Say, before an answer that has not converged, why it has not."""
-    reason = "more simulations would change it, or find further parts of the event"
+    """Return the line before an answer that has not converged, with the reason."""
+    reason = "more simulations may change it, or may find further parts of the event"
     if not math.isnan(unseen_lapses):
         reason = (
             f"lapses that no run has shown can add up to {unseen_lapses:.1g}, which the upper ends contain"

@@ -1,4 +1,4 @@
-"""The subcommand ``export``."""
+"""The subcommand ``export``, which writes a weighted set of scenarios."""
 
 import argparse
 from pathlib import Path
@@ -14,31 +14,31 @@ from accelerated_evaluation.commands import (
     require_seed,
 )
 
-SAFE = 1.5  # [m/s^2], the deceleration below which cut-ins are assumed to be safe
+SAFE = 1.5  # [m/s^2], cut-ins that need a smaller deceleration are assumed to be safe
 DESCRIPTION = f"""\
 Write a weighted set of concrete scenarios, from which anyone can compute a vehicle's crash probability.
 
-FOLDER holds the scenarios as OpenSCENARIO XML 1.2 with their OpenDRIVE road, scenarios.csv with the weights,
-and README.md, which says how to compute the crash probability and its interval from one's own outcomes.
-Scenarios other than the cut-in (--scenario) have the table and the instructions only.
+FOLDER contains the scenarios as OpenSCENARIO XML 1.2 with their OpenDRIVE road, scenarios.csv with the
+weights, and README.md, which explains how to compute the crash probability and its interval from the outcomes
+of a vehicle. For scenarios other than the cut-in (--scenario), there are only the table and the instructions.
 
 {LAW}"""
 
 
 @COMMANDS.add("export")
 class Export:
-    """Write a weighted set of scenarios."""
+    """Write a weighted set of scenarios with instructions."""
 
     help = "write a weighted set of scenarios for others to drive"
     description = DESCRIPTION
 
     @staticmethod
     def add_arguments(command: argparse.ArgumentParser) -> None:
-        """Add the folder, the law and what the set should be like."""
-        command.add_argument("folder", metavar="FOLDER", type=Path, help="folder to make")
+        """Add the folder, the law and the properties of the set to the parser."""
+        command.add_argument("folder", metavar="FOLDER", type=Path, help="new folder for the set")
         add_law(command)
         command.add_argument(
-            "--size", type=int, default=300, metavar="N", help="at most so many scenarios (default: 300)"
+            "--size", type=int, default=300, metavar="N", help="largest number of scenarios (default: 300)"
         )
         command.add_argument(
             "--safe-deceleration",
@@ -49,15 +49,15 @@ class Export:
         command.add_argument(
             "--motion",
             choices=["ngsim"],
-            help="of cut-ins, let the other car change its speed, drawn with the statistics of NGSIM "
-            "(default: it keeps its speed)",
+            help="for cut-ins, let the other car change its speed as in the recordings of NGSIM (default: it "
+            "keeps its speed)",
         )
         add_seed(command)
         add_accept(command)
 
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
-        """Draw the set and write it."""
+        """Draw the set, write it, and print its path."""
         from accelerated_evaluation.base.randomness import child_generator
         from accelerated_evaluation.laws.motion import MOTIONS
         from accelerated_evaluation.track.export import with_motion, write_set

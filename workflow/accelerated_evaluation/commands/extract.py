@@ -1,4 +1,4 @@
-"""The subcommand ``extract``."""
+"""The subcommand ``extract``, which finds cut-ins in recordings."""
 
 import argparse
 import sys
@@ -7,22 +7,22 @@ from pathlib import Path
 from accelerated_evaluation.commands import COMMANDS
 
 DESCRIPTION = """\
-Find the cut-ins in raw recordings, and write them as a table that the source table reads.
+Find the cut-ins in raw recordings, and write them as a table for the source `table`.
 
-STUDY.yaml is the configuration of a study, or the part of one that says where the recordings are:
+STUDY.yaml is the configuration of a study, or only the part of it that names the recordings:
 
   data:
     source: spmd_raw               # or highd, exid, osi
     spmd_raw: {path: my/recordings}
 
-files written, whole or not at all:
-  OUT.parquet or OUT.csv   one row a cut-in: lead_speed [m/s], range [m] and closing_speed [m/s] at the moment
-                           of the lane change, host_speed [m/s], and where it is in the recordings
-  OUT_account.csv          what each step found, dropped and kept, and why
-  OUT_exposure.json        how long and how far the hosts drove: hours, kilometres
+files that are written:
+  OUT.parquet or OUT.csv   one row for each cut-in: lead_speed [m/s], range [m] and closing_speed [m/s] at the
+                           moment of the lane change, host_speed [m/s], and its place in the recordings
+  OUT_account.csv          what each step has found, removed and kept, and why
+  OUT_exposure.json        time and distance that the hosts drove: hours, kilometres
 
-A study may also begin with the recordings themselves; then it does the same by itself. docs/your_records.md
-explains the rule of a cut-in and each of its settings."""
+A study can also begin with the recordings and then extracts the cut-ins itself. docs/your_records.md explains
+the definition of a cut-in and each of its settings."""
 
 
 @COMMANDS.add("extract")
@@ -34,8 +34,10 @@ class Extract:
 
     @staticmethod
     def add_arguments(command: argparse.ArgumentParser) -> None:
-        """Add the configuration and the table to write."""
-        command.add_argument("study", metavar="STUDY.yaml", type=Path, help="says where the recordings are")
+        """Add the configuration and the table to write to the parser."""
+        command.add_argument(
+            "study", metavar="STUDY.yaml", type=Path, help="configuration that names the recordings"
+        )
         command.add_argument("target", metavar="OUT.parquet", type=Path, help="table to write, or OUT.csv")
 
     @staticmethod
@@ -54,7 +56,7 @@ class Extract:
                 str(target),
                 seen=f"the ending {target.suffix!r}",
                 expected=".parquet or .csv",
-                change="Rename it.",
+                change="Choose another ending.",
             )
         data = load([arguments.study])["data"]
         cut_ins = SOURCES[data["source"]].read(data[data["source"]])

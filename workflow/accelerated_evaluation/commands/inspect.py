@@ -1,4 +1,4 @@
-"""The subcommand ``inspect``."""
+"""The subcommand ``inspect``, which checks records."""
 
 import argparse
 import sys
@@ -8,19 +8,19 @@ from typing import Any
 from accelerated_evaluation.commands import COMMANDS
 
 DESCRIPTION = """\
-Check records before any study: units, signs, repeats, stuck sensors, heaps, gaps, outliers, sample size,
-drift, and the records that crash when the vehicle replays them. Each check says fine, warning or stop, and
-what to do.
+Check records before any study: units, signs, repeated rows, stuck sensors, heaps, gaps, outliers, sample
+size, drift, and the records that crash when the vehicle replays them. The verdict of each check is fine,
+warning or stop, with advice on what to do.
 
 TABLE_OR_CONFIG is one of:
-  a table         .csv or .parquet, one cut-in a row, with the columns lead_speed [m/s], range [m] and
+  a table         .csv or .parquet, one cut-in in each row, with the columns lead_speed [m/s], range [m] and
                   closing_speed [m/s] (host speed minus lead speed)
-  a configuration .yaml of a study, whose data section says where the records are, and their columns and units
+  a configuration .yaml of a study, whose section data names the records, their columns and units
 
 The records of another scenario (--scenario, or scenario.name of the configuration) have the columns of its
-variables and of its clusters. The checks are then repeats, limits, clusters, and records that crash.
+variables and of its clusters. The checks are then repeated rows, limits, clusters, and records that crash.
 
-Exit status 1 if a check says stop."""
+The exit status is 1 if the verdict of a check is stop."""
 
 
 @COMMANDS.add("inspect")
@@ -32,22 +32,24 @@ class Inspect:
 
     @staticmethod
     def add_arguments(command: argparse.ArgumentParser) -> None:
-        """Add the records, the vehicle and the file to write."""
-        command.add_argument("records", metavar="TABLE_OR_CONFIG", type=Path, help="what to check")
+        """Add the records, the vehicle and the file to write to the parser."""
+        command.add_argument("records", metavar="TABLE_OR_CONFIG", type=Path, help="records to check")
         command.add_argument(
             "--vehicle",
             metavar="NAME",
-            help="vehicle that replays the records: built in, or path/to/file.py:ClassName (default: that of "
-            "the configuration)",
+            help="vehicle that replays the records: a built-in vehicle, or path/to/file.py:ClassName "
+            "(default: the vehicle of the configuration)",
         )
         command.add_argument(
-            "--scenario", metavar="NAME", help="scenario of a table (default: cut_in, or the configuration's)"
+            "--scenario", metavar="NAME", help="scenario of the records (default: that of the configuration)"
         )
-        command.add_argument("--report", metavar="OUT.csv", type=Path, help="write the report as a table too")
+        command.add_argument(
+            "--report", metavar="OUT.csv", type=Path, help="write the report also as a table"
+        )
 
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
-        """Check the records and print the report."""
+        """Check the records, and print the report; exit with status 1 if a verdict is ``stop``."""
         from accelerated_evaluation.base.files import write_csv
         from accelerated_evaluation.base.randomness import child_generator
         from accelerated_evaluation.records.checks import STOP, Records, inspect_records
@@ -86,7 +88,7 @@ class Inspect:
 
 
 def _given(path: Path, scenario: str | None, *, is_config: bool) -> dict[str, Any]:
-    """Return what the command line adds to a configuration: the table, unless the path is a configuration."""
+    """Return the keys that the command line adds to the configuration: scenario and table of records."""
     given = {} if scenario is None else {"scenario": {"name": scenario}}
     if is_config:
         return given

@@ -1,4 +1,4 @@
-"""The subcommand ``paper``."""
+"""The subcommand ``paper``, which writes figures, tables and numbers for a LaTeX paper."""
 
 import argparse
 from pathlib import Path
@@ -6,12 +6,12 @@ from pathlib import Path
 from accelerated_evaluation.commands import COMMANDS
 
 DESCRIPTION = """\
-Write what a LaTeX paper needs of a finished study into one folder:
+Write the figures, tables and numbers of a finished study for a LaTeX paper into one folder:
 
-  figures/one_column     each figure as PDF, 3.48 in wide, with letters of the font of the text
-  figures/two_columns    the same, 7.14 in wide
+  figures/one_column     each figure as PDF, 3.48 in wide, with the font of the text
+  figures/two_columns    each figure as PDF, 7.14 in wide
   tables                 each table, for the package booktabs; claims_short fits into a column
-  numbers.tex            a macro for each number of the table of claims, and for what made them
+  numbers.tex            a macro for each number of the table of claims, and for the versions of code and data
   example.tex            two pages that use all of this; pdflatex example.tex
 
 Run it in the folder in which the study ran, for example
@@ -27,7 +27,7 @@ class Paper:
 
     @staticmethod
     def add_arguments(command: argparse.ArgumentParser) -> None:
-        """Add the study, the folder and the font."""
+        """Add the study, the folder and the font to the parser."""
         command.add_argument("study", metavar="STUDY", help="name of the study, as in its configuration")
         command.add_argument(
             "--target", metavar="FOLDER", type=Path, help="folder to write (default: results/STUDY/paper)"
@@ -36,7 +36,7 @@ class Paper:
             "--font",
             metavar="FAMILY",
             default="STIXGeneral",
-            help="font of the letters in the figures (default: %(default)s, which goes with Times)",
+            help="font of the texts in the figures (default: %(default)s, which is similar to Times)",
         )
 
     @staticmethod

@@ -1,4 +1,4 @@
-"""The subcommand ``replay``."""
+"""The subcommand ``replay``, which simulates one encounter and writes its states over time."""
 
 import argparse
 from pathlib import Path
@@ -15,9 +15,9 @@ from accelerated_evaluation.vehicles.replay import trace_encounter, write_trace
 
 VALUES = "\n".join(f"  {name:<12}{' '.join(each.names)}" for name, each in SCENARIOS.items())
 DESCRIPTION = f"""\
-Simulate one encounter with a built-in vehicle, and write its states, one a row, to OUT.csv.
+Simulate one encounter with a built-in vehicle, and write its states over time to OUT.csv.
 
-values of an encounter by scenario, in this order:
+variables of an encounter by scenario, in this order:
 {VALUES}
 
 columns of a cut-in:
@@ -30,19 +30,19 @@ columns of a left turn and of a pedestrian:
   time_s, ahead_m and aside_m (position of the target relative to the host, along its path and across it),
   host_speed_m_per_s, host_acceleration_m_per_s2 (until the next row), emergency (1 while the AEB is on)
 
-The trace ends in the outcomes that the command simulate gives for the same encounter."""
+The trace ends with the outcomes that the command simulate gives for the same encounter."""
 
 
 @COMMANDS.add("replay")
 class Replay:
-    """Show what happens in one encounter."""
+    """Write the states of both cars over time in one encounter."""
 
-    help = "show what happens in one encounter"
+    help = "write the states over time in one encounter"
     description = DESCRIPTION
 
     @staticmethod
     def add_arguments(command: argparse.ArgumentParser) -> None:
-        """Add the encounter, the files to write and the vehicle."""
+        """Add the encounter, the files to write and the vehicle to the parser."""
         command.add_argument(
             "values",
             metavar="VALUE",
@@ -57,23 +57,23 @@ class Replay:
         command.add_argument(
             "--motion",
             metavar="MOTION",
-            help="of a cut-in, the lead speed over time: ngsim, drawn with the statistics of NGSIM; a CSV "
-            "table with columns time_s, from 0 to 8, and lead_speed_m_per_s; or a Parquet table of recorded "
-            "cut-ins with courses, of which a similar one is drawn (default: constant)",
+            help="lead speed over time in a cut-in: ngsim, drawn with the statistics of NGSIM; a CSV table "
+            "with the columns time_s, from 0 to 8, and lead_speed_m_per_s; or a Parquet table of recorded "
+            "cut-ins with lead speeds over time, of which a similar one is drawn (default: constant)",
         )
         add_seed(command)
         add_scenario(command)
 
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
-        """Simulate the encounter and write its trace."""
+        """Simulate the encounter, and write its trace and the figure."""
         scenario, encounter = SCENARIOS[arguments.scenario], arguments.values
         if len(encounter) != scenario.dimension:
             raise InputError(
                 "the encounter",
                 seen=f"{len(encounter)} values",
-                expected=f"{scenario.dimension}, those of {', '.join(scenario.names)}",
-                change="Write them in this order, and then the table to write.",
+                expected=f"{scenario.dimension}, the values of {', '.join(scenario.names)}",
+                change="Give the values in this order, and then the table to write.",
             )
         vehicle = arguments.vehicle or scenario.default_vehicle
         speeds = None if arguments.motion is None else _lead_speeds(arguments, scenario)
@@ -86,13 +86,13 @@ class Replay:
 
 
 def _lead_speeds(arguments: argparse.Namespace, scenario: Scenario) -> Array:
-    """Return the lead speeds over time that the option ``--motion`` names."""
+    """Return the lead speeds over time [m/s] that the option ``--motion`` specifies."""
     if scenario is not CUT_IN:
         raise InputError(
             "--motion",
             seen=f"the scenario {scenario.name}",
             expected="cut_in",
-            change="Leave it out; only cut-ins have a lead vehicle.",
+            change="Leave the option out, because only cut-ins have a lead vehicle.",
         )
     require_seed(arguments.seed)
     encounter = scenario.checked(*([value] for value in arguments.values))[:, 0]

@@ -1,4 +1,4 @@
-"""The subcommand ``simulate``."""
+"""The subcommand ``simulate``, which simulates the encounters of a table."""
 
 import argparse
 import csv
@@ -28,15 +28,15 @@ from accelerated_evaluation.vehicles.loading import load_vehicle
 from accelerated_evaluation.vehicles.moving import require_motion, speeds_in
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
-CHUNK = 100_000  # rows in memory at a time
-INTRODUCTION = "Simulate encounters, one a row of IN.csv, and write the table with their outcomes."
+CHUNK = 100_000  # number of rows in memory at a time
+INTRODUCTION = "Simulate the encounters in the rows of IN.csv, and write the table with their outcomes."
 RULES = """\
-If the lead vehicle of a cut-in changes its speed, further columns say how: speed_0.1, speed_0.2, ... [m/s],
-the lead speed so many seconds after the start, up to speed_8.0. Speeds in between are interpolated.
+If the lead vehicle of a cut-in changes its speed, further columns contain the lead speed [m/s] 0.1, 0.2, ...
+s after the start: speed_0.1, speed_0.2, ..., up to speed_8.0. Speeds in between are interpolated.
 
-The added columns are at the end, and replace columns of the same name. All other columns are carried through
-unchanged. Runs that were stopped at their longest duration have 0 in the column ended, and are counted in a
-warning."""
+The added columns are at the end, and replace columns of the same name. All other columns are copied
+unchanged. Simulations that were stopped at their time limit have 0 in the column ended, and a warning gives
+their number."""
 
 
 def _description() -> str:
@@ -55,7 +55,7 @@ def _description() -> str:
 
 
 class Row(NamedTuple):
-    """One record of a CSV file, and the number of its last line."""
+    """One record of a CSV file, with the number of its last line."""
 
     number: int
     fields: list[str]
@@ -68,7 +68,7 @@ def _speed(text: str) -> float:
     return speed
 
 
-_speed.__name__ = "positive speed"  # argparse names the type in its message
+_speed.__name__ = "positive speed"  # argparse prints this name in its error message
 
 
 @COMMANDS.add("simulate")
@@ -80,10 +80,10 @@ class Simulate:
 
     @staticmethod
     def add_arguments(command: argparse.ArgumentParser) -> None:
-        """Add the files, the scenario, the vehicle and its cap."""
+        """Add the tables, the scenario, the vehicle and the cap on closing speeds to the parser."""
         command.add_argument("source", metavar="IN.csv", type=Path, help="table of encounters, with a header")
         command.add_argument(
-            "target", metavar="OUT.csv", type=Path, help="table to write, whole or not at all"
+            "target", metavar="OUT.csv", type=Path, help="table to write, which appears only when complete"
         )
         add_scenario(command)
         command.add_argument(
@@ -91,25 +91,25 @@ class Simulate:
             metavar="NAME=VALUE",
             action="append",
             default=[],
-            help="parameter of the vehicle, its value as in YAML, such as headway=1.5; for each another one",
+            help="parameter of the vehicle, with its value as in YAML, such as headway=1.5; may be repeated",
         )
         command.add_argument(
             "--closing-speed-max",
             metavar="SPEED",
             type=_speed,
-            help="of cut-ins, simulate larger closing speeds as this one [m/s]; the study uses 23.49 "
+            help="for cut-ins, simulate larger closing speeds with this one [m/s]; the study uses 23.49 "
             "(default: no limit)",
         )
 
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
-        """Simulate the table."""
+        """Simulate the encounters of the table, and write the table with their outcomes."""
         parameters = _parameters(arguments.parameter)
         scenario = SCENARIOS[arguments.scenario]
         name = arguments.vehicle or scenario.default_vehicle
         caps = {} if arguments.closing_speed_max is None else {"closing_speed": arguments.closing_speed_max}
         if caps and scenario is not CUT_IN:
-            change = "Leave it out; it caps the closing speeds of cut-ins."
+            change = "Leave the option out, because it limits the closing speeds of cut-ins."
             raise InputError(
                 "--closing-speed-max", seen=f"the scenario {scenario.name}", expected="cut_in", change=change
             )
@@ -125,7 +125,7 @@ class Simulate:
 
 
 def _parameters(texts: Iterable[str]) -> dict[str, Any]:
-    """Return the vehicle's parameters of the command line."""
+    """Return the parameters of the vehicle from texts NAME=VALUE."""
     parameters = {}
     for text in texts:
         name, equals, value = text.partition("=")
@@ -155,22 +155,23 @@ def simulate_table(
     scenario: Scenario = CUT_IN,
     caps: Mapping[str, float] = MappingProxyType({}),
 ) -> None:
-    """Simulate the encounters of a CSV file, and write them with their outcomes to another one.
+    """Simulate the encounters of a CSV file, and write them with their outcomes to another CSV file.
 
-    The files are processed in chunks.
+    The files are processed in chunks of `CHUNK` rows.
 
     Parameters
     ----------
     source
         CSV file with a header and the columns of the scenario's variables; it may be compressed (.gz).
     target
-        CSV file to write; the columns of the scenario's outcomes are added.
+        CSV file to write, with the outcomes of the scenario as additional columns.
     vehicle
-        The car under test.
+        The vehicle.
     scenario
         The scenario.
     caps
-        Variables of which larger values are simulated as this one; the table keeps the original values.
+        Largest simulated values of some variables, by name. Larger values are simulated with these, but the
+        table keeps the original values.
 
     Raises
     ------
@@ -210,7 +211,7 @@ def simulate_table(
 
 
 def _courses(header: list[str], scenario: Scenario) -> list[int]:
-    """Return where a table of cut-ins has the lead speed and its course; nothing if it has no course."""
+    """Return the indices of the columns of the lead speed over time; empty if the table has none."""
     courses = [place for place, name in enumerate(header) if COURSE_COLUMN.fullmatch(name)]
     return [header.index("lead_speed"), *courses] if courses and scenario is CUT_IN else []
 
@@ -225,7 +226,7 @@ def _opened(source: Path) -> TextIO:
 
 
 def _rows(file: TextIO, source: Path) -> Iterator[Row]:
-    """Yield the records of a CSV file, the header first, blank lines left out."""
+    """Yield the records of a CSV file, the header first, without blank lines."""
     reader = csv.reader(_with_progress(file))
     width = None
     try:
@@ -249,7 +250,7 @@ def _rows(file: TextIO, source: Path) -> Iterator[Row]:
 
 
 def _with_progress(file: TextIO) -> Iterator[str]:
-    """Yield the lines of a file; a bar on a terminal shows how much is read, from one second on."""
+    """Yield the lines of a file, and show a progress bar on a terminal after one second."""
     size = os.fstat(file.fileno()).st_size or None
     size = None if isinstance(getattr(file, "buffer", None), gzip.GzipFile) else size
     with tqdm(desc="simulate", total=size, unit="B", unit_scale=True, delay=1, disable=None) as progress:
@@ -259,7 +260,7 @@ def _with_progress(file: TextIO) -> Iterator[str]:
 
 
 def _position(header: list[str], name: str, source: Path, scenario: Scenario) -> int:
-    """Return where the header has the column ``name``, which must be there once."""
+    """Return the index of the column ``name`` in the header; raise InputError unless it is there once."""
     if header.count(name) != 1:
         from accelerated_evaluation.base.tables import listed
 
@@ -274,11 +275,11 @@ def _position(header: list[str], name: str, source: Path, scenario: Scenario) ->
 
 
 def _numbers(chunk: list[Row], column: int, header: list[str], source: Path) -> list[float]:
-    """Return one column of ``chunk`` as numbers."""
+    """Return one column of some rows as numbers; raise InputError for a cell that is not a number."""
     numbers = []
     for row in chunk:
         try:
-            if "_" in row.fields[column]:  # Python would take 1_0 for 10
+            if "_" in row.fields[column]:  # Python would interpret 1_0 as 10
                 raise ValueError
             numbers.append(float(row.fields[column]))
         except ValueError as error:
@@ -292,7 +293,7 @@ def _numbers(chunk: list[Row], column: int, header: list[str], source: Path) -> 
 
 
 def _records(outcomes: Any, scenario: Scenario) -> Iterator[tuple[float, ...]]:  # noqa: ANN401
-    """Iterate over the encounters' outcomes, in the order of the scenario; a flag is 0 or 1."""
+    """Return an iterator over the outcomes of the encounters, with flags as 0 or 1."""
     pairs = ((getattr(outcomes, each.name), each.is_flag) for each in scenario.outcomes)
     columns = (values.astype(int) if is_flag else values for values, is_flag in pairs)
     return zip(*(column.tolist() for column in columns), strict=True)

@@ -1,1 +1,1 @@
-"""Infrastructure of the workflow: configuration, dependencies of rules, locks and jobs."""
+"""Infrastructure of the workflow: the configuration, the dependencies of rules, locks and jobs."""

@@ -1,4 +1,4 @@
-"""The configuration: loaded, validated and documented against ``workflow/schemas/config.schema.yaml``.
+"""Load, validate and document the configuration by the schema ``workflow/schemas/config.schema.yaml``.
 
 ``python -m accelerated_evaluation.study.configuration`` updates the table of keys in ``config/README.md``.
 """
@@ -29,9 +29,9 @@ DEFAULTS = WORKFLOW.parent / "config" / "config.yaml"
 README = WORKFLOW.parent / "config" / "README.md"
 MARKS = ("<!-- parameters: made from the schema -->\n", "<!-- end of parameters -->\n")
 
-LARGEST = 1_000_000  # bytes of a file; to read more takes minutes, and no configuration has as many
+LARGEST = 1_000_000  # largest size of a file in bytes; reading more would take minutes
 
-# YAML knows .nan and .inf, and jsonschema takes 5.0 for an integer: neither is of use here
+# YAML allows .nan and .inf, and jsonschema accepts 5.0 as an integer. None of these is allowed here.
 _NUMBERS = Draft202012Validator.TYPE_CHECKER.redefine_many(
     {
         "integer": lambda _, value: type(value) is int,
@@ -42,10 +42,10 @@ StrictValidator = validators.extend(Draft202012Validator, type_checker=_NUMBERS)
 
 
 class ConfigurationError(StudyError):
-    """All violations of a configuration; ``args`` has one line for each."""
+    """Error for a configuration that is not valid; ``args`` contains one line for each violation."""
 
     def __str__(self) -> str:
-        """Return all lines."""
+        """Return a heading and the lines of all violations."""
         return "\n  ".join(("The configuration cannot be used:", *self.args))
 
 
@@ -55,9 +55,10 @@ def load(paths: Sequence[str | os.PathLike] = (), given: Mapping[str, Any] | Non
     Parameters
     ----------
     paths
-        Files that state what differs from ``config/config.yaml``; a later one overrules an earlier one.
+        Configuration files with the keys that differ from ``config/config.yaml``. A later file has precedence
+        over an earlier one.
     given
-        Further keys and values, which overrule all files.
+        Further keys and values, which have precedence over all files.
 
     Returns
     -------
@@ -80,7 +81,7 @@ def load(paths: Sequence[str | os.PathLike] = (), given: Mapping[str, Any] | Non
 
 
 def default_configuration() -> dict[str, Any]:
-    """Return ``config/config.yaml``, completed with the defaults of the sections that modules own."""
+    """Return ``config/config.yaml``, completed with the defaults of sections that modules define."""
     own: dict[str, Any] = {}
     for place, sections in own_sections().items():
         defaults = {name: default_of(part) for name, part in sections.items()}
@@ -89,11 +90,17 @@ def default_configuration() -> dict[str, Any]:
 
 
 def completed(config: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a configuration in which missing keys have the values of ``config/config.yaml``.
+    """Return a configuration in which missing keys have their default values.
 
-    The limits in that file belong to its source. For another source, missing limits are `limits.AUTO` and are
-    derived from the records (`limits.with_limits`). Another scenario has its own default vehicle. In a study
-    of a slow vehicle the outcomes of a class are kept, too.
+    The defaults are those of ``config/config.yaml``, with three exceptions. The limits in that file are only
+    for its source of records. For another source, missing limits are `limits.AUTO`, and are later derived
+    from the records (`limits.with_limits`). A scenario other than the cut-in has its own default vehicle. In
+    a study of a slow vehicle, the outcomes of a Python class are stored, too.
+
+    Parameters
+    ----------
+    config
+        The configuration of a user, which need not be valid.
     """
     defaults = default_configuration()
     data = config.get("data")
@@ -123,14 +130,14 @@ def _default_vehicle(config: Mapping[str, Any]) -> str | None:
 def resolved(
     config: Mapping[str, Any], files: Sequence[str] = (), kept: Path | None = None, *, trust: bool = False
 ) -> dict[str, Any]:
-    """Return a complete and validated configuration, with limits in place of ``auto``.
+    """Validate a complete configuration, and replace limits that are ``auto`` by values from the records.
 
     Parameters
     ----------
     config
-        As `completed` returns it.
+        A configuration from `completed`.
     files, kept, trust
-        As in `limits.with_limits`.
+        Arguments of `limits.with_limits`.
 
     Raises
     ------
@@ -162,7 +169,7 @@ def validate(config: Mapping[str, Any]) -> None:
             continue
         values = [reduce(getitem, path, config) for path in paths]
         if any(isinstance(value, str) and value == AUTO for value in values):
-            continue  # the key is checked again when its value has been derived from the records
+            continue  # the key is checked again after its value has been derived from the records
         if not check.holds(*values):
             lines.append(
                 f"{', '.join(check.keys)}: seen {', '.join(map(shown, values))}; expected {check.expected}"
@@ -185,12 +192,12 @@ def parameter_table() -> str:
 
 
 class _StrictLoader(yaml.SafeLoader):
-    """Loads YAML, and refuses a key that a mapping has twice, of which the second would silently win."""
+    """A YAML loader that raises an error if a mapping has a key twice, instead of using the second one."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
         keys = set()
         for key_node, _ in node.value:
-            if key_node.tag == "tag:yaml.org,2002:merge":  # <<, of which there may be several
+            if key_node.tag == "tag:yaml.org,2002:merge":  # the key <<, which may be repeated
                 continue
             key = self.construct_object(key_node, deep=True)
             if isinstance(key, Hashable) and key in keys:
@@ -205,13 +212,13 @@ def read_yaml(path: Path) -> dict[str, Any]:
     Raises
     ------
     InputError
-        If the file is missing, is not UTF-8 or not YAML, has a key twice, or contains anything but keys and
-        values.
+        If the file is missing or too large, is not YAML in UTF-8, contains a key twice, or is not a mapping
+        of keys to values.
     """
     try:
         if path.stat().st_size > LARGEST:
             raise ValueError(f"{path.stat().st_size:,} bytes, more than {LARGEST:,}")
-        config = yaml.load(path.read_text(encoding="utf-8"), Loader=_StrictLoader)  # a safe one
+        config = yaml.load(path.read_text(encoding="utf-8"), Loader=_StrictLoader)  # a safe loader
         if _holds_itself(config):
             raise ValueError("a part that holds itself by an alias (*)")
     except (OSError, ValueError, yaml.YAMLError, RecursionError) as error:
@@ -227,7 +234,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 
 def _holds_itself(value: object, above: frozenset[int] = frozenset(), known: set[int] | None = None) -> bool:
-    """Return whether a value of YAML is a part of itself; each part is visited once."""
+    """Return whether a YAML value contains itself by an alias; each part is visited once."""
     known = set() if known is None else known
     if not isinstance(value, dict | list) or id(value) in known:
         return id(value) in above
@@ -237,7 +244,7 @@ def _holds_itself(value: object, above: frozenset[int] = frozenset(), known: set
 
 
 def _merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
-    """Return ``base`` with ``change`` over it, mapping by mapping, as snakemake.utils.update_config does."""
+    """Merge ``change`` into a copy of ``base``, mapping by mapping, as snakemake.utils.update_config does."""
     merged = dict(base)
     for key, value in change.items():
         if isinstance(value, Mapping):
@@ -248,7 +255,7 @@ def _merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any
 
 
 def _violations(error: ValidationError) -> Iterator[tuple[list, str]]:
-    """Yield the path and the line of each violation that an error of jsonschema stands for."""
+    """Yield the path and the message of each violation that an error of jsonschema contains."""
     path = list(error.absolute_path)
     if error.validator == "additionalProperties":
         known = error.schema["properties"]
@@ -266,12 +273,12 @@ def _violations(error: ValidationError) -> Iterator[tuple[list, str]]:
 
 
 def _key(path: Sequence[str | int]) -> str:
-    """Write a path as in ``models.inverse_range.two_pieces.values[0]``."""
+    """Return a path as text, such as ``models.inverse_range.two_pieces.values[0]``."""
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).removeprefix(".")
 
 
 def _suggestion(path: Sequence[str | int], name: str, siblings: Iterable[str]) -> str:
-    """Name the nearest known key, of the same section if one is near, else of any."""
+    """Return a hint with a similar known key, preferably of the same section; empty if there is none."""
     near = [_key([*path, sibling]) for sibling in get_close_matches(name, siblings, n=1)]
     elsewhere = {key.rsplit(".", 1)[-1]: key for key, _ in keys()}
     near += [elsewhere[match] for match in get_close_matches(name, elsewhere, n=1)]

@@ -1,4 +1,4 @@
-"""Conditions on the configuration that a schema cannot express: between keys, or on registered names."""
+"""Conditions on the configuration that a schema cannot express: between several keys, or on names."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -11,28 +11,32 @@ from accelerated_evaluation.records.sources import SOURCES
 from accelerated_evaluation.study.preflight import compared_sections
 
 COMPARED = {"crude", "heuristic", "piecewise", "single", "surrogate"}
-FOLDERS = {"benchmarks", "vehicles"}  # of results/, which no study has for itself
-LONGEST = 64  # name of a study: file systems take 255 bytes, and temporary files need some for themselves
+FOLDERS = {"benchmarks", "vehicles"}  # folders of results/ that do not belong to a single study
+LONGEST = 64  # longest name of a study; file systems allow 255 bytes, of which temporary files need some
 KNOTS = (*(f"models.inverse_range.{name}" for name in PIECEWISE), "models.inverse_ttc.knots")
 
 
 def _are_methods(names: Sequence[str]) -> bool:
-    """Whether all are methods of the registry, and those that the notebooks compare are among them."""
-    from accelerated_evaluation.methods import METHODS  # takes a second, which few users of this module need
+    """Return whether all names are registered methods and include those that the notebooks compare."""
+    from accelerated_evaluation.methods import METHODS  # imported here, because it takes a second
 
     return set(names) >= COMPARED and all(name in METHODS for name in names)
 
 
 def _is_scenario(name: str) -> bool:
-    """Whether there is a scenario of this name."""
+    """Return whether there is a scenario of this name."""
     from accelerated_evaluation.scenarios import SCENARIOS
 
     return name in SCENARIOS
 
 
 def _mean_what_they_say(compared: Mapping[str, Mapping]) -> bool:
-    """Whether no label is that of the car under test, or of a built-in vehicle that the entry is not."""
-    from accelerated_evaluation.vehicles import VEHICLES  # imports the compiler, which takes a second
+    """Return whether no label is misleading.
+
+    A label must not be ``under_test``. If it is the name of a built-in vehicle, the entry has to be this
+    vehicle.
+    """
+    from accelerated_evaluation.vehicles import VEHICLES  # imported here, because the compiler takes a second
 
     sections = compared_sections(compared)
     built_in = sections.keys() & set(VEHICLES)
@@ -40,7 +44,7 @@ def _mean_what_they_say(compared: Mapping[str, Mapping]) -> bool:
 
 
 def _differ(compared: Mapping[str, Mapping]) -> bool:
-    """Whether no two entries are the same vehicle, whose results would be the same files."""
+    """Return whether no two entries are the same vehicle, whose results would be in the same files."""
     return all(one != other for one, other in combinations(compared_sections(compared).values(), 2))
 
 
@@ -49,27 +53,30 @@ def _rising(values: Sequence[float] | None) -> bool:
 
 
 def _segments_rise(edges: Sequence[float]) -> bool:
-    """Whether edges rise as they are printed, because the names of segments are made of the printed edges."""
+    """Return whether edges rise after rounding as in the names of segments, which must be different."""
     return _rising([float(f"{edge:g}") for edge in edges])
 
 
 def _enclose(edges: Sequence[float], low: float, high: float) -> bool:
-    """Whether all lead speeds that pass the filters, [low, high), lie between the first edge and the last."""
+    """Return whether all lead speeds within the filters, [low, high), are between the outer edges."""
     return edges[0] <= low and high <= edges[-1]
 
 
 def _is_plain_line(text: str) -> bool:
-    """Whether a description can stand in a table cell: printable, one line, no formula of a spreadsheet."""
+    """Return whether a text is one printable line that a spreadsheet does not interpret as a formula."""
     return text.isprintable() and text == text.strip() and text[0] not in "=+-@"
 
 
 def _is_own_folder(study: str) -> bool:
-    """Whether a study can have a folder of its name alone; the pattern overlooks a line break at the end."""
+    """Return whether the name of a study can be the name of its folder.
+
+    The pattern of the schema does not detect a line break at the end, which is therefore checked here.
+    """
     return len(study) <= LONGEST and study.isprintable() and study not in FOLDERS
 
 
 def _of_sources() -> Iterator[Check]:
-    """Yield the conditions on the section of each source; most hold for the source that is used alone."""
+    """Yield the conditions on the section of each source; most apply only to the source that is used."""
     for name, source in SOURCES.items():
         yield Check(
             (f"data.{name}.description",),

@@ -1,6 +1,6 @@
-"""The dependencies of a rule: the modules that its code imports, and the content of users' files.
+"""The dependencies of a rule: the modules that its code imports, and the contents of users' files.
 
-Snakemake notices that a script has changed. It does not notice that an imported module has been edited, or
+Snakemake detects that a script has changed. It does not detect that an imported module has been edited, or
 that a user's file has been replaced by an older one. The rules therefore name the modules as inputs, and
 digests of the files as parameters.
 """
@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 Paths = Iterable[str | os.PathLike]
-BLOCKS = (ast.stmt, ast.excepthandler, ast.match_case)  # of which other statements are parts
+BLOCKS = (ast.stmt, ast.excepthandler, ast.match_case)  # nodes that may contain statements
 
 
 def imported_modules(
@@ -23,9 +23,9 @@ def imported_modules(
 ) -> list[Path]:
     """Return the modules of a package that some scripts or notebooks import, directly or indirectly.
 
-    The sources are parsed and never run, so imports inside functions are found as well. A module that creates
-    a `registry.Registry` imports the modules of its package when a name is looked up, and therefore depends
-    on those that register a member.
+    The sources are parsed but never run, so imports inside functions are found as well. A module that creates
+    a `registry.Registry` imports the modules of its package when a name is looked up. It therefore depends on
+    the modules that register a member.
 
     Parameters
     ----------
@@ -34,8 +34,8 @@ def imported_modules(
     package
         Folder of the package; modules outside it are ignored.
     members
-        The members that are looked up in the registry of a package, by the name of the package. Without an
-        entry, all members of the package count.
+        Names of the members that are looked up in the registry of a package, by the name of the package. For
+        a package without an entry, all members are dependencies.
 
     Returns
     -------
@@ -56,7 +56,7 @@ def imported_modules(
 def in_order(value: Any) -> Any:  # noqa: ANN401
     """Return a value of the configuration with the keys of all mappings in alphabetical order.
 
-    Snakemake compares parameters as text, so the same settings in another order would count as a change.
+    Snakemake compares parameters as text, so equal settings in a different order would count as a change.
     """
     if isinstance(value, Mapping):
         return {key: in_order(value[key]) for key in sorted(value)}
@@ -82,17 +82,17 @@ def without_unused(config: Mapping[str, Any], sources: Iterable[str]) -> dict[st
 
 @dataclass(frozen=True)
 class _Facts:
-    """What the code of one file states, as far as it concerns other files.
+    """The relations of the code of one file to other files.
 
     Attributes
     ----------
     imports
-        Modules of the package that it imports by itself.
+        Modules of the package that the file imports directly.
     rooms
-        Folders of the registries that it creates: its own, or the package that it names.
+        Folders of the registries that the file creates: the folder of the file, or the package that is named.
     names
-        Names under which it registers members: the texts that its decorators are given, and those of calls
-        such as ``SCENARIOS.add("cut_in")(...)``.
+        Names under which the file registers members: the text arguments of its decorators, and of calls such
+        as ``SCENARIOS.add("cut_in")(...)``.
     """
 
     imports: frozenset[Path]
@@ -102,7 +102,7 @@ class _Facts:
 
 @cache
 def _facts(source: Path, package: Path) -> _Facts:
-    """Parse a file once for all that is asked about it. Registries and members are made at its top level."""
+    """Parse a file, and return its relations. Registries and members are only found at its top level."""
     tree = ast.parse(_code(source), filename=str(source))
     named = (name for block in _blocks(tree) for name in _imported_names(block, source, package))
     imports = {module for name in named for module in _modules(name, package)}
@@ -132,7 +132,7 @@ def _registered(module: Path, package: Path, members: Mapping[str, Iterable[str]
 
 @cache
 def _files(room: Path) -> list[Path]:
-    """Return the Python files in a folder and those below it."""
+    """Return the Python files in a folder and in its subfolders."""
     return sorted(room.rglob("*.py"))
 
 
@@ -146,7 +146,7 @@ def _code(source: Path) -> str:
 
 
 def _blocks(tree: ast.Module) -> Iterator[ast.AST]:
-    """Yield the statements of a module, with those inside of others, such as functions."""
+    """Yield all statements of a module, including those inside functions and other statements."""
     waiting: list[ast.AST] = list(tree.body)
     while waiting:
         block = waiting.pop()
@@ -155,14 +155,14 @@ def _blocks(tree: ast.Module) -> Iterator[ast.AST]:
 
 
 def _top_calls(tree: ast.Module) -> tuple[list[ast.Call], list[ast.expr]]:
-    """Return the calls in the values of the names that a module has, and the decorators of the others."""
+    """Return the calls in assignments and expressions at the top level of a module, and its decorators."""
     values = [statement.value for statement in tree.body if getattr(statement, "value", None)]
     calls = [node for value in values for node in ast.walk(value) if isinstance(node, ast.Call)]
     return calls, [each for statement in tree.body for each in getattr(statement, "decorator_list", [])]
 
 
 def _imported_names(statement: ast.AST, source: Path, package: Path) -> Iterator[str]:
-    """Yield the dotted names of all that may be a module in an import statement of a file."""
+    """Yield the dotted names in an import statement that may be modules."""
     if isinstance(statement, ast.Import):
         yield from (alias.name for alias in statement.names)
     elif isinstance(statement, ast.ImportFrom):
@@ -173,7 +173,7 @@ def _imported_names(statement: ast.AST, source: Path, package: Path) -> Iterator
 
 
 def _modules(name: str, package: Path) -> Iterator[Path]:
-    """Yield the files that an import of a dotted name runs: those of the packages around it, then its own."""
+    """Yield the files that the import of a dotted name runs: those of its packages, then the module."""
     first, *parts = name.split(".")
     if first != package.name:
         return
@@ -184,18 +184,18 @@ def _modules(name: str, package: Path) -> Iterator[Path]:
             yield folder / f"{part}.py"
         folder /= part
         if not (folder / "__init__.py").is_file():
-            return  # the rest of the name is a module that was found, or what it defines
+            return  # the rest of the name is a module that was found, or a name that the module defines
         yield folder / "__init__.py"
 
 
 def _makes_registry(call: ast.Call) -> bool:
-    """Tell whether the class Registry is called."""
+    """Return whether a call creates a `Registry`."""
     called = call.func
     name = called.attr if isinstance(called, ast.Attribute) else getattr(called, "id", None)
     return name == "Registry"
 
 
 def _room(call: ast.Call, source: Path, package: Path) -> Path:
-    """Return the folder of a registry: that of the package that its call names, or that of its file."""
+    """Return the folder of a registry: the package that its call names, or the folder of the file."""
     name = getattr(call.args[1], "value", None) if len(call.args) > 1 else None
     return package.parent.joinpath(*name.split(".")) if isinstance(name, str) else source.parent

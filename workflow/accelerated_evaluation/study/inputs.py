@@ -1,4 +1,4 @@
-"""What the rules depend on: the checked configuration, the records, and the vehicles with their files."""
+"""The inputs of a study: the checked configuration, the records, and the vehicles with their files."""
 
 import os
 from collections.abc import Iterable, Mapping
@@ -26,31 +26,31 @@ from accelerated_evaluation.vehicles.external.slow import is_slow
 from accelerated_evaluation.vehicles.loading import section_files
 
 UNDER_TEST = "under_test"
-OF_THE_STUDY = ("slow", "workers")  # settings of the simulations that no outcome depends on
-LIMITS = ("lead_speed_min", "lead_speed_max", "range_max")  # of the filters, within which a vehicle is mapped
+OF_THE_STUDY = ("slow", "workers")  # settings of the simulations that do not influence any outcome
+LIMITS = ("lead_speed_min", "lead_speed_max", "range_max")  # filters that are the limits of a crash map
 
 
 @dataclass(frozen=True)
 class StudyInputs:
-    """The inputs of a study, all of which have been checked.
+    """The inputs of a study, which have been checked.
 
     Attributes
     ----------
     config
         The complete configuration, without the sections of sources that are not used.
     records
-        Files of the records.
+        Paths of the records.
     vehicles
-        Sections of the vehicles: ``under_test``, and those that it is compared with by their labels.
+        Sections of the configuration for the vehicles: ``under_test``, and the compared vehicles by label.
     files
-        Files that each vehicle depends on.
+        Paths of the files on which each vehicle depends.
     accepted
-        Checks of the records whose warnings the user accepts. They are not in ``config``: they concern the
-        last job alone, and an edit of them runs no other job again.
+        Names of the checks of the records whose warnings the user accepts. They are not in ``config``,
+        because they are used only by the last job, and editing them must not run other jobs again.
     verdicts
-        Files of published verdicts on the vehicles of another scenario than the cut-in.
+        Paths of published verdicts for a scenario other than the cut-in.
     experiments
-        Records that come with such a scenario, and the estimates of its stored experiments.
+        Paths of the records and of the stored experiments that belong to such a scenario.
     """
 
     config: dict[str, Any]
@@ -71,25 +71,25 @@ class StudyInputs:
         cores: int | None,
         is_main_process: bool,
     ) -> Self:
-        """Complete and check a configuration, and look up all that it names.
+        """Complete and check a configuration, and find all files that it names.
 
         Parameters
         ----------
         config
-            As Snakemake merged it.
+            The configuration as Snakemake has merged it.
         paths
-            The files that it is from. They are read again, because Snakemake takes the last of equal keys.
+            The configuration files. They are checked for repeated keys, which Snakemake does not report.
         project
-            Folder of this project, whose records are found from any working directory.
+            Folder of this project. Paths of records are relative to the working directory or to this folder.
         cores
-            Number of cores that Snakemake may use.
+            Number of cores that Snakemake may use; None if it is not limited.
         is_main_process
-            False in the process of a job, which need not repeat the checks that take time.
+            Whether this is the main process of Snakemake. The processes of jobs skip slow checks.
 
         Raises
         ------
         StudyError
-            If the configuration, or what it names, cannot be used.
+            If the configuration is not valid, or if a file or vehicle that it names cannot be used.
         """
         for path in paths:
             read_yaml(Path(path))
@@ -118,7 +118,7 @@ class StudyInputs:
     def _of_scenario(
         cls, config: dict[str, Any], project: Path, *, cores: int | None, is_main_process: bool
     ) -> Self:
-        """Check what the configuration of another scenario than the cut-in names; see `checked`."""
+        """Check the configuration of a scenario other than the cut-in, as `checked` does for the cut-in."""
         scenario = SCENARIOS[config["scenario"]["name"]]
         path = config["scenario"]["records"] or scenario.records
         if path is None:
@@ -126,7 +126,7 @@ class StudyInputs:
                 "scenario.records",
                 seen="null",
                 expected="the file of the records",
-                change=f"Name it; no records of the scenario {scenario.name} come with the project.",
+                change=f"Name the file; the project contains no records of the scenario {scenario.name}.",
             )
         if not Path(path).exists() and (project / path).exists():
             path = project / path
@@ -146,33 +146,33 @@ class StudyInputs:
 
     @property
     def source(self) -> dict[str, Any]:
-        """Section of the source of the records."""
+        """Section of the configuration for the source of the records."""
         return self.config["data"][self.config["data"]["source"]]
 
     @property
     def description(self) -> str:
-        """Description of the records in the outputs."""
+        """Description of the records, as it is printed in the outputs."""
         return describe(self.config["data"])
 
     def files_of(self, *names: str) -> list[str]:
-        """Return the files that some vehicles depend on."""
+        """Return the paths of the files on which the named vehicles depend."""
         return [path for name in names for path in self.files[name]]
 
     def content_of(self, *names: str) -> str:
-        """Return the digest of the files of some vehicles."""
+        """Return a digest of the contents of the files on which the named vehicles depend."""
         return content_digest(self.files_of(*names))
 
     def is_slow(self, name: str) -> bool:
-        """Return whether a study of a slow vehicle simulates a vehicle as rarely as it can."""
+        """Return whether a vehicle is treated as slow, so that it is simulated as rarely as possible."""
         settings, scenario = self.config["simulations"], SCENARIOS[self.config["scenario"]["name"]]
         stored = is_slow(self.vehicles[name]["name"], settings, scenario)
         return stored or (name == UNDER_TEST and settings["slow"])
 
     def simulating(self, *names: str) -> tuple[int, dict[str, Any]]:
-        """Return the threads and settings of a job that simulates vehicles.
+        """Return the number of threads and the settings of a job that simulates the named vehicles.
 
-        Only slow vehicles have workers, and need their settings. How many workers there are is the number of
-        threads, an edit of which runs nothing again.
+        Slow vehicles run in several workers, whose number is the number of threads. It is not one of the
+        settings, so that changing it does not run the job again. Jobs with fast vehicles have one thread.
         """
         settings = self.config["simulations"]
         slow = any(map(self.is_slow, names))
@@ -180,7 +180,17 @@ class StudyInputs:
         return settings["workers"] if slow else 1, part(settings, *used)
 
     def mapped(self, name: str, crash_map: Mapping[str, Any]) -> dict[str, Any]:
-        """Return all that a crash map depends on. It belongs to the vehicle; all studies of one share it."""
+        """Return all settings on which the crash map of a vehicle depends.
+
+        Studies of the same vehicle with equal settings share the crash map.
+
+        Parameters
+        ----------
+        name
+            Label of the vehicle.
+        crash_map
+            Settings of the map.
+        """
         return {
             "vehicle": self.vehicles[name]["name"],
             "parameters": self.vehicles[name]["parameters"],
@@ -192,11 +202,20 @@ class StudyInputs:
 
 
 def part(section: Mapping[str, Any], *keys: str) -> dict[str, Any]:
-    """Return the keys of a section of the configuration that a rule uses; edits of others rerun nothing."""
+    """Return some keys of a section of the configuration.
+
+    A rule depends only on the keys that it uses, so that editing other keys does not run its jobs again.
+    """
     return {key: section[key] for key in keys}
 
 
 def map_folder(description: Mapping[str, Any]) -> str:
-    """Return the folder of a crash map, whose name has a digest of what `StudyInputs.mapped` returns."""
+    """Return the folder of a crash map, whose name contains a digest of its settings.
+
+    Parameters
+    ----------
+    description
+        The settings from `StudyInputs.mapped`.
+    """
     vehicle = Path(description["vehicle"].replace(":", "/")).name
     return f"results/vehicles/{vehicle}-{value_digest(description)[:10]}"

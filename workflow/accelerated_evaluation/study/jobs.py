@@ -1,4 +1,4 @@
-"""Common frame of all scripts of the workflow: the log, and one message for an error."""
+"""Common context of all scripts of the workflow, which writes the log and reports errors."""
 
 import os
 import sys
@@ -11,33 +11,43 @@ from threadpoolctl import threadpool_limits
 from accelerated_evaluation.base.errors import StudyError, explained
 from accelerated_evaluation.base.files import is_disk_full
 
-# Set by the logger plugin, which shows the progress of jobs, and their errors after all else.
+# Environment variable of the logger plugin, which shows the progress of jobs, and their errors at the end.
 LOGGER_VARIABLE = "ACCELERATED_EVALUATION_LOGGER"
 
 
 @contextmanager
 def job(log: str | os.PathLike) -> Iterator[Callable[[str], object]]:
-    """Run the script of a rule; standard error, including warnings and progress bars, is written to ``log``.
+    """Run the script of a rule in a ``with`` block whose standard error is written to a log.
 
-    Jobs run at the same time, so they leave the terminal to the logger of the workflow. If there is no such
-    logger, or if the log cannot be written, a job reports its failure on the terminal.
+    Jobs run at the same time, so only the logger of the workflow writes to the terminal. If there is no such
+    logger, or if the log cannot be written, a job reports its failure on the terminal. An error ends the
+    process with status 1. A `StudyError` is reported by its message, a full disk by a short message, and
+    other errors with a traceback.
 
-    An error ends the process with status 1. A `StudyError` is reported by its message only, a full disk by
-    the file that could not be written, and other errors with a traceback.
+    Parameters
+    ----------
+    log
+        Path of the log.
+
+    Yields
+    ------
+    callable
+        Function that prints a line on the terminal.
     """
     terminal = os.dup(2)
     message = ""
     try:
         with open(log, "wb", buffering=0) as file:
             os.dup2(file.fileno(), 2)
-        # A job has a thread for each worker of a slow vehicle, on which no digit of its algebra may depend.
+        # Linear algebra uses one thread, because its digits must not depend on the number of threads of a
+        # job.
         with threadpool_limits(1, "blas"):
             yield lambda text: os.write(terminal, f"{text}\n".encode(errors="replace"))
     except StudyError as error:
         message = f"error: {error}\n"
     except SystemExit as error:
         message = (
-            f"error: the job was ended by sys.exit({error.code!r}), which nothing that it runs may call\n"
+            f"error: the job was ended by sys.exit({error.code!r}), which the code of a job must not call\n"
         )
     except Exception as error:
         message = traceback.format_exc()
@@ -47,13 +57,13 @@ def job(log: str | os.PathLike) -> Iterator[Callable[[str], object]]:
             message = "error: no space left on the disk; free some and run the study again\n"
     if message:
         _report(message, terminal)
-    os.dup2(terminal, 2)  # also after an error: what a full disk has left in a buffer would end in status 120
+    os.dup2(terminal, 2)  # also after an error, because unwritten output would change the exit status to 120
     if message:
         sys.exit(1)
 
 
 def _report(message: str, terminal: int) -> None:
-    """Write how a job failed to its log, and to the terminal where nothing else shows it."""
+    """Write the error message of a job to its log, and to the terminal if no logger shows it."""
     content = message.encode(errors="replace")
     try:
         sys.stderr.flush()
@@ -66,10 +76,15 @@ def _report(message: str, terminal: int) -> None:
 
 @contextmanager
 def without(module: str) -> Iterator[None]:
-    """Hide a module inside the block, so that packages that use it optionally do without it.
+    """Hide an optional module from packages that are imported in a ``with`` block.
 
-    The package jsonschema would read a grammar of web addresses. This takes more than a second at each start
-    of Snakemake and of each notebook, and no schema of the study needs it.
+    The package jsonschema would otherwise load a grammar of web addresses. This takes more than a second at
+    each start of Snakemake and of each notebook, and no schema of the study needs it.
+
+    Parameters
+    ----------
+    module
+        Name of the module.
     """
     if module in sys.modules:
         yield

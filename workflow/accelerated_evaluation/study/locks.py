@@ -32,6 +32,6 @@ def release_dead_locks(folder: str | os.PathLike = ".snakemake") -> BinaryIO:
         fcntl.flock(mark, fcntl.LOCK_EX | fcntl.LOCK_NB)
         shutil.rmtree(folder / "locks", ignore_errors=True)
     except BlockingIOError:
-        pass  # another run is alive, and the locks may be its own
+        pass  # another run is active, to which the locks may belong
     fcntl.flock(mark, fcntl.LOCK_SH)
     return mark

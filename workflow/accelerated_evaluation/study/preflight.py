@@ -1,6 +1,6 @@
-"""Checks before the first job that everything named in the configuration exists.
+"""Checks that everything named in the configuration exists, before the first job is started.
 
-They come first because jobs may take minutes.
+Jobs may take minutes, so a wrong name should be reported before.
 """
 
 from collections.abc import Iterable, Mapping
@@ -27,10 +27,17 @@ ENDINGS = {
 
 
 def compared_sections(compared: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Return the entries of the section ``compared_vehicles``, each with all keys of the section ``vehicle``.
+    """Complete the entries of the section ``compared_vehicles`` with all keys of a vehicle.
 
-    An entry is a label and a section. If the section has no key ``name``, the label is the name of a built-in
-    vehicle.
+    Parameters
+    ----------
+    compared
+        Sections by label. If a section has no key ``name``, its label is the name of a built-in vehicle.
+
+    Returns
+    -------
+    dict
+        Sections by label, with the keys ``name``, ``parameters``, ``files`` and ``deterministic``.
     """
     return {
         label: {"name": label, "parameters": {}, "files": [], "deterministic": None, **entry}
@@ -46,7 +53,7 @@ def require_named(config: Mapping[str, Any]) -> None:
     InputError
         If a file does not exist, or a vehicle cannot be created with its parameters.
     """
-    from accelerated_evaluation.vehicles.loading import load_vehicle  # imports the compiler: a second
+    from accelerated_evaluation.vehicles.loading import load_vehicle  # the compiler takes a second
 
     source = config["data"]["source"]
     path = config["data"][source]["path"]
@@ -55,7 +62,7 @@ def require_named(config: Mapping[str, Any]) -> None:
             f"data.{source}.path",
             seen=f"{path}, where there is no file",
             expected="the file of the records",
-            change=f"Correct the path, which begins at {Path.cwd()}.",
+            change=f"Correct the path, which is relative to {Path.cwd()}.",
         )
     with located("vehicle.name or vehicle.parameters"):
         load_vehicle(config["vehicle"]["name"], **config["vehicle"]["parameters"])
@@ -65,12 +72,17 @@ def require_named(config: Mapping[str, Any]) -> None:
 
 
 def require_cores(cores: int | None) -> None:
-    """Raise InputError for a number of cores with which Snakemake would wait forever.
+    """Check the number of cores; with fewer than one, Snakemake would wait forever.
+
+    Parameters
+    ----------
+    cores
+        Number of cores; None if none was given.
 
     Raises
     ------
     InputError
-        If the number is below 1; None is accepted if no number is needed.
+        If the number is below 1.
     """
     if cores is not None and cores < 1:
         raise InputError(
@@ -84,7 +96,7 @@ def require_places(*folders: Path) -> None:
     Raises
     ------
     InputError
-        If a file is where a folder has to be, or a folder where one of the results has to be.
+        If a file has the path of a folder of results, or a folder the path of a result file.
     """
     for folder in folders:
         for place in (folder, *folder.parents):
@@ -103,12 +115,12 @@ def require_places(*folders: Path) -> None:
 
 
 def require_plain(paths: Iterable[str]) -> None:
-    """Raise InputError for paths of the user's files with braces, which Snakemake would treat as wildcards.
+    """Check that the paths of a user's files contain no braces, which Snakemake would treat as wildcards.
 
     Raises
     ------
     InputError
-        For the first of these paths.
+        For the first path with a brace.
     """
     for path in paths:
         if set("{}") & set(path):

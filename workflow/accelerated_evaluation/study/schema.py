@@ -1,4 +1,4 @@
-"""The schema of the configuration, combined from the parts that modules own, and its description."""
+"""The schema of the configuration, which is combined from a file and parts that modules define."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -13,17 +13,18 @@ from accelerated_evaluation.records.sources import SOURCES
 
 WORKFLOW = Path(__file__).resolve().parents[2]
 SCHEMA = WORKFLOW / "schemas" / "config.schema.yaml"
-LONGEST = 1000  # characters of a value that a message shows
+LONGEST = 1000  # largest number of characters of a value in a message
 TYPES = {"boolean": "true or false", "object": "mapping"}
 BOUNDS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
 
 
 def own_sections() -> dict[str, dict[str, Schema]]:
-    """Return the sections that modules own, by their place in the configuration and by name.
+    """Return the schemas of the sections that modules define, by their parent section and by name.
 
-    The sections of sources are below ``data``; those of methods are on the top level, with the place ``""``.
+    The sections of sources are below ``data``. The sections of methods are on the top level, which has the
+    name ``""``.
     """
-    from accelerated_evaluation.methods import METHODS  # takes a second, which --help can do without
+    from accelerated_evaluation.methods import METHODS  # imported here, because it takes a second
 
     of_methods = {name: part for method in METHODS.values() for name, part in method.settings.items()}
     return {"data": {name: source.section for name, source in SOURCES.items()}, "": of_methods}
@@ -31,7 +32,7 @@ def own_sections() -> dict[str, dict[str, Schema]]:
 
 @cache
 def schema() -> dict[str, Any]:
-    """Return the schema of the whole configuration."""
+    """Return the JSON schema of the complete configuration."""
     whole = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))
     for place, sections in own_sections().items():
         part = whole["properties"][place] if place else whole
@@ -41,7 +42,15 @@ def schema() -> dict[str, Any]:
 
 
 def keys(part: Schema | None = None, prefix: str = "") -> Iterator[tuple[str, Schema]]:
-    """Yield every key of the schema with its part of the schema; a section comes before its keys."""
+    """Yield the dotted name of every key, with its part of the schema; a section comes before its keys.
+
+    Parameters
+    ----------
+    part
+        Part of the schema whose keys are yielded; by default the complete schema.
+    prefix
+        Text before each name.
+    """
     for name, below in (schema() if part is None else part).get("properties", {}).items():
         if "$ref" in below:
             below = schema()["$defs"][below["$ref"].rsplit("/", 1)[1]]
@@ -50,7 +59,7 @@ def keys(part: Schema | None = None, prefix: str = "") -> Iterator[tuple[str, Sc
 
 
 def in_words(schema: Mapping[str, Any]) -> str:
-    """Return a description of the values that a part of the schema allows."""
+    """Return a description of the values that a part of the schema allows, such as ``integer >= 1``."""
     if "enum" in schema:
         return f"one of {', '.join(schema['enum'])}"
     if schema.get("type") == "string" and "pattern" in schema:
