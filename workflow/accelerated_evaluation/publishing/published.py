@@ -1,6 +1,6 @@
-"""Figures and tables to be published: a decorator registers each, and one call in a notebook shows it.
+"""Registration of figures and tables: a decorator registers each, and one call in a notebook publishes it.
 
-A new figure is a function here in this room, its place in a notebook, and its caption::
+A new figure needs a function in `publishing.figures`, a call in a notebook, and a caption::
 
     @figure
     def fig25_example(estimates: pd.DataFrame, alpha: float, source: str) -> tuple[Figure, pd.DataFrame]:
@@ -9,8 +9,8 @@ A new figure is a function here in this room, its place in a notebook, and its c
     show(study, fig25_example)      # in the notebook
 
 The name of the function is the name of its files and of its caption, ``workflow/report/fig25_example.rst``.
-Its parameters say what it reads of a `Study`. The workflow finds out both by itself, see
-`publishing.book.catalogue`.
+The names of its parameters are those of the properties of `Study` that it uses. The workflow determines both
+from the code (`publishing.book.catalogue`).
 """
 
 import inspect
@@ -28,12 +28,24 @@ from accelerated_evaluation.publishing.study import Study
 from accelerated_evaluation.publishing.tables.formats import readable, save_table
 
 Make = TypeVar("Make", bound=Callable[..., Any])
-WIDTH = 150 * COLUMN_WIDTH  # [px], of a figure in a notebook
-MAX_ROWS = 60  # of a table in a notebook
+WIDTH = 150 * COLUMN_WIDTH  # [px], width of a figure in a notebook
+MAX_ROWS = 60  # largest number of rows of a table in a notebook
 
 
 def figure(make: Make) -> Make:
-    """Register a function that returns a figure and its data; the files have the name of the function."""
+    """Register a function that returns a Matplotlib figure and the table of its data.
+
+    Parameters
+    ----------
+    make
+        The function, whose name is that of the figure and its files. Its parameters are properties of
+        `Study`.
+
+    Returns
+    -------
+    Callable
+        The same function with an attribute ``publish``, which saves the figure and which `show` calls.
+    """
 
     def publish(study: Study, made: tuple[Figure, pd.DataFrame]) -> ShownFigure:
         drawn, data = made
@@ -58,9 +70,9 @@ def table(
     name
         Name of its files.
     digits
-        Significant digits of numbers in Markdown, LaTeX and notebooks; all by default.
+        Number of significant digits in Markdown, LaTeX and notebooks; by default all digits are written.
     digest
-        Function that shortens a table which is too long for Markdown, LaTeX and notebooks.
+        Function that returns a shorter table for Markdown, LaTeX and notebooks.
     """
 
     def register(make: Make) -> Make:
@@ -85,7 +97,7 @@ def table(
 def result_table(
     name: str, *, digits: int | None = None, digest: Callable[[pd.DataFrame], pd.DataFrame] | None = None
 ) -> Callable[..., pd.DataFrame]:
-    """Register a table that is a result of the study as it is.
+    """Register a table of results that is published without changes.
 
     Parameters
     ----------
@@ -93,6 +105,11 @@ def result_table(
         Name of the result in `Study`, and of the files.
     digits, digest
         As in `table`.
+
+    Returns
+    -------
+    Callable
+        A registered function, to be used with `show`, that returns the table.
     """
 
     def make(**results: pd.DataFrame) -> pd.DataFrame:
@@ -104,22 +121,38 @@ def result_table(
 
 @dataclass(frozen=True)
 class ShownFigure:
-    """A published figure, which notebooks display, with its data."""
+    """A published figure, which a notebook displays.
+
+    Attributes
+    ----------
+    data
+        The data that are drawn.
+    png
+        Path of the published image.
+    """
 
     data: pd.DataFrame = field(repr=False)
     png: Path
 
     def _repr_png_(self) -> tuple[bytes, dict[str, float | str]]:
-        """Return the published file itself, because drawing the figure once more takes time.
+        """Return the published image and its metadata; the book identifies the figure by the name in these.
 
-        The book identifies the figure by its name.
+        The file is read because drawing the figure again would take time.
         """
         return self.png.read_bytes(), {"width": WIDTH, "published": self.png.stem}
 
 
 @dataclass(frozen=True)
 class ShownTable:
-    """A published table, of which notebooks display the digest, with all its data."""
+    """A published table, of which a notebook displays a shorter version.
+
+    Attributes
+    ----------
+    data
+        The whole table.
+    digest
+        The table that is displayed.
+    """
 
     data: pd.DataFrame
     digest: pd.DataFrame

@@ -1,4 +1,4 @@
-"""Tables of results in texts, made from the published tables; here those of the README.
+"""Tables of results in Markdown texts, made from published tables; this module has those of the README.
 
 ``python -m accelerated_evaluation.publishing.readme`` updates them. Those of the benchmarks are in
 ``benchmarks/readme.py``.
@@ -35,7 +35,13 @@ PAPER_INTERVAL = "7e-07 to 7.8e-07, of the simulations alone"  # section VI.C, 8
 
 
 def answers_table(answer: pd.DataFrame) -> str:
-    """Return the crash probability with its intervals, and the paper's number, as a Markdown table."""
+    """Return a Markdown table of the crash probability with its intervals, and of the paper's numbers.
+
+    Parameters
+    ----------
+    answer
+        Published table ``answer.csv``.
+    """
     crash = answer.set_index("event").loc["crash"]
     rows = [("crash of a cut-in, median", _number(PAPER_PROBABILITY), f"**{crash['median']:.1e}**")]
     for level in (50, 80, 95):
@@ -46,7 +52,13 @@ def answers_table(answer: pd.DataFrame) -> str:
 
 
 def results_table(claims: pd.DataFrame) -> str:
-    """Return the claims that the README shows as a Markdown table: paper, ours, spread, verdict."""
+    """Return a Markdown table of the claims `SHOWN`: the paper's number, ours, its spread and the verdict.
+
+    Parameters
+    ----------
+    claims
+        Published table ``claims.csv``.
+    """
     rows = []
     for claim, row in claims.set_index("claim").loc[list(SHOWN)].iterrows():
         spread = f"{_number(row.ours_low)} to {_number(row.ours_high)} ({row.spread})"
@@ -55,14 +67,26 @@ def results_table(claims: pd.DataFrame) -> str:
 
 
 def markdown(headings: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
-    """Return a Markdown table."""
+    """Return a Markdown table with the given headings and rows of text."""
     lines = [headings, ("---",) * len(headings), *rows]
     return "".join(f"| {' | '.join(cells)} |\n".replace("|  |", "| |") for cells in lines)
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table in a text: the text, the published table that it is made from, and how."""
+    """A table in a Markdown text.
+
+    Attributes
+    ----------
+    text
+        File with the text.
+    source
+        File with the published table, from which the Markdown table is made.
+    make
+        Function that makes the Markdown table.
+    command
+        Command that updates the table, for a comment in the text.
+    """
 
     text: Path
     source: Path
@@ -70,7 +94,7 @@ class Table:
     command: str = COMMAND
 
     def marks(self, name: str) -> tuple[str, str]:
-        """Return the lines between which the table stands."""
+        """Return the two comment lines that enclose the table in its text."""
         origin = f"made from {self.source.parent.relative_to(ROOT).as_posix()} by {self.command}"
         return f"<!-- {name}: {origin} -->\n", f"<!-- end of {name} -->\n"
 
@@ -82,14 +106,26 @@ TABLES = {
 
 
 def with_table(text: str, name: str, content: str, tables: Mapping[str, Table] = TABLES) -> str:
-    """Return a text with the table of a name between its marks."""
+    """Return a text in which one table is replaced.
+
+    Parameters
+    ----------
+    text
+        Text with the comment lines that enclose the table.
+    name
+        Name of the table in ``tables``.
+    content
+        New table in Markdown.
+    tables
+        All tables, by name.
+    """
     begin, end = tables[name].marks(name)
     before, rest = text.split(begin)
     return before + begin + content + end + rest.split(end)[1]
 
 
 def with_tables(path: Path, tables: Mapping[str, Table] = TABLES) -> str:
-    """Return the text of a file with all its tables as they are published now."""
+    """Return the text of a file with all its tables made anew from the published tables."""
     text = path.read_text(encoding="utf-8")
     for name, table in tables.items():
         if table.text == path:
@@ -102,7 +138,7 @@ def _number(value: float) -> str:
 
 
 def update(tables: Mapping[str, Table] = TABLES) -> None:
-    """Write the tables into their texts."""
+    """Replace all given tables in their files by new ones from the published tables."""
     for path in dict.fromkeys(table.text for table in tables.values()):
         write_text(path, with_tables(path, tables))
 

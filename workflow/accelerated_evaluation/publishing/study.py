@@ -31,8 +31,8 @@ class Study:
     The parameters of a figure or table are the names of the results that it uses: a parameter ``estimates``
     is read from the property ``estimates`` of this class (`publishing.published.show`).
     `publishing.book.catalogue` determines from the code of this class, without running it, on which files a
-    notebook depends. Each file is therefore named as a literal in a call of `path`, `_table` or `_law`. A
-    part in braces stands for several files.
+    notebook depends. Each file is therefore named by a literal in a call of `path`, `table` or `_law`. Parts
+    of a name in braces are replaced, so that one literal represents several files.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Study:
     Raises
     ------
     InputError
-        By every property whose result does not exist yet, with the command that makes it.
+        By each property if its result does not exist yet; the error contains the command that makes it.
     """
 
     def __init__(self, results: str | Path, figures: str | Path) -> None:
@@ -50,11 +50,24 @@ class Study:
 
     @classmethod
     def named(cls, name: str) -> "Study":
-        """Return the study of a name that ran in the present folder."""
+        """Return the study with the given name that ran in the working folder."""
         return cls(Path("results") / name, Path("figures") / name)
 
     def path(self, name: str, **parts: str) -> Path:
-        """Return the path of an existing result; ``parts`` replace names in braces."""
+        """Return the path of an existing result.
+
+        Parameters
+        ----------
+        name
+            Path relative to the folder of the results, such as ``cross_entropy/{method}_0.json``.
+        parts
+            Values for the names in braces.
+
+        Raises
+        ------
+        InputError
+            If the file does not exist.
+        """
         path = self.results / name.format(**parts)
         if not path.is_file():
             raise InputError(
@@ -66,16 +79,22 @@ class Study:
         return path
 
     def __getattr__(self, name: str) -> pd.DataFrame:
-        """Read the table of a name in `TABLES`, and keep it."""
+        """Read a table by its name in `TABLES`, and cache it."""
         if name not in TABLES:
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
         self.__dict__[name] = self.table(TABLES[name])
         return self.__dict__[name]
 
     def table(self, name: str) -> pd.DataFrame:
-        """Read a table of results from the file of a name."""
+        """Read a table of results from the CSV file ``name``, a path relative to the folder of the results.
+
+        Raises
+        ------
+        InputError
+            If the file does not exist.
+        """
         table = pd.read_csv(self.path(name))
-        if "study" in table:  # pandas would take a name such as NaN or 007 for a number
+        if "study" in table:  # pandas would read a name such as NaN or 007 as a number
             table["study"] = self.results.name
         return table
 
@@ -104,7 +123,7 @@ class Study:
 
     @property
     def scenario(self) -> Scenario:
-        """The scenario; results of version 0.2 do not name it, and are all of cut-ins."""
+        """The scenario. Results of version 0.2 do not name it; their scenario is the cut-in."""
         return SCENARIOS[self.config.get("scenario", {}).get("name", CUT_IN.name)]
 
     @property
@@ -122,7 +141,7 @@ class Study:
 
     @property
     def alpha(self) -> float:
-        """1 - level of the intervals."""
+        """One minus the level of the intervals of the paper's methods."""
         return self.config["importance_sampling"]["alpha"]
 
     @property
@@ -165,7 +184,7 @@ class Study:
 
     @property
     def stops(self) -> list[str]:
-        """Names of the checks of the records that say stop."""
+        """Names of the checks of the records whose verdict is "stop"."""
         report = self.records_report
         return report.loc[report["verdict"] == STOP, "check"].tolist()
 
@@ -211,7 +230,7 @@ class Study:
     @cached_property
     def proposals(self) -> "dict[str, Mapping[str, Factors]]":
         """The accelerated distributions f* of the first seed, by method and segment."""
-        # Imported here, because it takes the compiled vehicle along, which the other results do not need.
+        # Imported here because this import loads the compiled vehicle, which takes time.
         from accelerated_evaluation.methods.cross_entropy.proposals import read_proposals
 
         methods = self.trace["method"].unique()

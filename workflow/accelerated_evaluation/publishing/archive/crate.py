@@ -76,7 +76,18 @@ def write_crate(study: Study, target: Path, licence: str) -> int:
 
 
 def _add_files(crate: ROCrate, jobs: Sequence[Job]) -> dict[str, Entity]:
-    """Add all files, each with its checksum, and return them by the paths that jobs know them by."""
+    """Add the files of the project and of the study to the crate, each with its SHA-256.
+
+    Returns
+    -------
+    dict
+        The entity of each file, both by its path in the crate and by the path in the records of the jobs.
+
+    Raises
+    ------
+    InputError
+        If a job read or wrote a file that no longer exists.
+    """
     project = [path for part in PARTS for path in _files(PROJECT / part)]
     paths = {_name(path): path for path in project}
     places = {str(path): name for name, path in paths.items()}
@@ -96,7 +107,7 @@ def _add_files(crate: ROCrate, jobs: Sequence[Job]) -> dict[str, Entity]:
 
 
 def _describe(crate: ROCrate, study: Study, jobs: Sequence[Job], licence: str) -> None:
-    """Say on the crate itself what it is, and add the list of what is installed here."""
+    """Add title, licence and profiles to the crate, and a file that lists the installed packages."""
     last = max(job.ended for job in jobs)
     crate.name = f"Crash probability of cut-ins, study {study.name}"
     crate.description = f"The study {study.name}, with all that it was made from. Data: {study.source}."
@@ -159,7 +170,7 @@ def _tool(crate: ROCrate, rule: str, files: dict[str, Entity], code: Sequence[st
 def _add_run(
     crate: ROCrate, workflow: Entity, files: dict[str, Entity], jobs: Sequence[Job], study: Study
 ) -> None:
-    """Add what ran: the workflow as a whole, and each job of it, which a step of the workflow controlled."""
+    """Add an action for each job and one for the whole run, and link each to its inputs and outputs."""
     made = {path for job in jobs for path in job.outputs}
     given = sorted({path for job in jobs for path in _data(job) if path not in made})
     settings = str(study.results / "config.json")
@@ -186,7 +197,7 @@ def _add_run(
 
 
 def _action(crate: ROCrate, name: str, title: str, jobs: Sequence[Job]) -> Entity:
-    """Add an action that some jobs took part in, and mention it on the crate."""
+    """Add an action that covers the time of all given jobs, and mention it in the root of the crate."""
     facts = {
         "@type": "CreateAction",
         "name": title,
@@ -201,7 +212,7 @@ def _action(crate: ROCrate, name: str, title: str, jobs: Sequence[Job]) -> Entit
 
 
 def _link(entity: Entity, key: str, others: Sequence[Entity]) -> None:
-    """Link an entity to others; the standard wants a single one without a list around it."""
+    """Link an entity to others by the property ``key``; JSON-LD writes a single value without a list."""
     if others:
         entity[key] = others[0] if len(others) == 1 else list(others)
 
@@ -222,13 +233,16 @@ def _is_code(path: str, files: dict[str, Entity]) -> bool:
 
 
 def _part(job: Job) -> str:
-    """Return the name of the log, which identifies the job of a rule."""
+    """Return what distinguishes a job from others of its rule: its log's name, unless that is the rule's."""
     name = Path(job.logs[0]).stem if job.logs else ""
     return "" if name == job.rule else name
 
 
 def _name(path: Path) -> str:
-    """Return the path of a file in the crate: that in the project or the study, or one among the inputs."""
+    """Return the path of a file in the crate.
+
+    It is the path relative to the project or to the working folder; files from elsewhere are in ``inputs``.
+    """
     for root in (PROJECT, Path.cwd()):
         if path.resolve().is_relative_to(root.resolve()):
             return path.resolve().relative_to(root.resolve()).as_posix()

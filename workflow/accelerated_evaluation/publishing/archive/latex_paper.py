@@ -27,7 +27,7 @@ SHORT = ("claim", "paper", "ours", "verdict")  # columns of the table of claims 
 
 
 def write_paper(study: Study, target: Path, font: str) -> None:
-    """Write the folder, and replace its previous content.
+    """Write figures, tables and numbers of a study to a folder for a LaTeX paper, and replace existing files.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def write_paper(study: Study, target: Path, font: str) -> None:
         Folder to write: ``figures/one_column``, ``figures/two_columns``, ``tables``, ``numbers.tex`` and
         ``example.tex``.
     font
-        Font family of the figures, which should be that of the text.
+        Font family of the figures; choose that of the paper's text.
 
     Raises
     ------
@@ -93,7 +93,17 @@ def macro(claim: str) -> str:
 
 
 def draw(study: Study, settings: Print, notebooks: Sequence[Path]) -> None:
-    """Run notebooks again to draw their figures in the style of the paper."""
+    """Run notebooks again to draw their figures in the style of the paper.
+
+    Parameters
+    ----------
+    study
+        The finished study whose results the notebooks read.
+    settings
+        Font, widths and target folders of the figures.
+    notebooks
+        The notebooks to run. Their other outputs go to a temporary folder, which is deleted.
+    """
     with tempfile.TemporaryDirectory() as folder, printed(settings):
         parameters = {"results": str(study.results.resolve()), "figures": f"{folder}/figures/{study.name}"}
         for notebook in tqdm(notebooks, desc="Drawing", unit=" notebooks"):
@@ -107,7 +117,7 @@ def _short(claims: pd.DataFrame) -> str:
 
 
 def _require_font(font: str) -> None:
-    """Refuse a font that Matplotlib does not find."""
+    """Raise InputError if Matplotlib does not find the font."""
     try:
         findfont(font, fallback_to_default=False)
     except ValueError as error:

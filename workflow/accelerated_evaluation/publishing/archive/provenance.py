@@ -11,8 +11,9 @@ from accelerated_evaluation.publishing.study import Study
 from accelerated_evaluation.study.configuration import WORKFLOW
 
 PROJECT = WORKFLOW.parent
-# A result depends on these parts of the project. Commits that touch only others, such as a text, a test or a
-# published figure itself, do not count: the same results are made before and after them.
+# The results depend on these parts of the project. Commits that change only other files, such as
+# documentation, tests or the published figures themselves, are ignored, because they do not change the
+# results.
 PARTS = ("workflow", "notebooks", "config", "data")
 UNKNOWN = "unknown (not a git repository)"
 
@@ -31,14 +32,14 @@ def origin_of(study: Study) -> dict[str, str]:
 def commit_of(project: Path) -> str:
     """Return the last commit of a project that changed anything on which its results depend.
 
-    Published figures name it, and are themselves committed later. The last commit of all would therefore be a
-    different one whenever the figures are made again, and the figures would change with it.
+    Published figures contain this commit, and are committed themselves afterwards. If they contained the
+    latest commit of the repository instead, each new version of the figures would change the next one.
 
     Returns
     -------
     str
-        Its 40 hexadecimal digits; followed by " with changes" where files differ from what is committed;
-        `UNKNOWN` without git or outside of a repository.
+        The 40 hexadecimal digits of the commit, with " with changes" appended if files differ from the
+        committed ones; `UNKNOWN` without git or outside of a repository.
     """
     try:
         commit = _git(project, "log", "-1", "--format=%H", "--", *PARTS)
@@ -51,14 +52,14 @@ def commit_of(project: Path) -> str:
 
 
 def described(name: str, origin: Mapping[str, str]) -> dict[str, dict[str, Any]]:
-    """Return the metadata of a figure's files, by format, under the keys that each format has.
+    """Return the metadata for the files of a figure: for each file format a dictionary with its own keys.
 
     Parameters
     ----------
     name
         Name of the figure.
     origin
-        What made it, as from `origin_of`; empty if that is not known.
+        Study, commit and configuration, as from `origin_of`; empty if they are not known.
     """
     if not origin:
         return {"png": {}, "pdf": {}, "svg": {}}
@@ -80,6 +81,6 @@ def described(name: str, origin: Mapping[str, str]) -> dict[str, dict[str, Any]]
 
 
 def _git(project: Path, *arguments: str) -> str:
-    """Return what git says about a project."""
+    """Return the output of a git command that is run in the folder of a project."""
     command = ["git", "-C", str(project), *arguments]
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()

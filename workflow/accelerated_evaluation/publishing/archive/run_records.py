@@ -14,14 +14,25 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import read_json
 
 RECORDS = Path(".snakemake/metadata")
-NAME_LENGTH = 254  # of a part of the path of a record; a longer one is cut
+NAME_LENGTH = 254  # largest length of a file name; Snakemake divides the longer name of a record into folders
 
 
 @dataclass
 class Job:
     """A job that ran, as Snakemake recorded it.
 
-    It contains the rule, the script, the files, the SHA-256 of the inputs at that time, and the times.
+    Attributes
+    ----------
+    rule
+        Name of the Snakemake rule.
+    script
+        Path of its script, ``workflow/scripts/...``; empty if the rule has none.
+    logs, inputs, outputs
+        Paths of the files.
+    checksums
+        ``"sha256:..."`` of each input when the job read it, by path.
+    started, ended
+        Times in UTC.
     """
 
     rule: str
@@ -35,10 +46,10 @@ class Job:
 
 
 def jobs_of(folders: Iterable[Path]) -> list[Job]:
-    """Return the jobs that made the files in some folders, and the jobs that these depend on, by start time.
+    """Return all jobs that contributed to the files in some folders, in the order of their start.
 
-    Files that no job made, such as logs, are ignored. The crash map of a vehicle is in another folder, and is
-    found because other jobs read it.
+    These are the jobs that wrote the files, and those that wrote the inputs of these jobs, and so on. Files
+    without a record, such as logs, are ignored.
 
     Raises
     ------
@@ -65,7 +76,7 @@ def jobs_of(folders: Iterable[Path]) -> list[Job]:
         raise InputError(
             str(RECORDS),
             seen="no record of a job of this study",
-            expected="what Snakemake noted when it ran the study in this folder",
+            expected="records that Snakemake wrote when it ran the study in this folder",
             change="Run the study here, and without --drop-metadata.",
         )
     for job in jobs.values():
@@ -96,7 +107,10 @@ def require_unchanged(jobs: Iterable[Job]) -> None:
 
 
 def _record(path: str) -> dict[str, Any] | None:
-    """Return what Snakemake noted about a file, under a name made of the file's path; None without a note."""
+    """Return Snakemake's record of the job that wrote a file; None if there is none, or it is incomplete.
+
+    The name of the record is the path of the file in Base64.
+    """
     name = urlsafe_b64encode(os.fsencode(path)).decode()
     parts = [name[start : start + NAME_LENGTH] for start in range(0, len(name), NAME_LENGTH)]
     note = RECORDS.joinpath(*(f"@{part}" for part in parts[:-1]), parts[-1])
@@ -105,13 +119,13 @@ def _record(path: str) -> dict[str, Any] | None:
 
 
 def _job(record: Mapping[str, Any]) -> Job:
-    """Return the job of a record; its outputs are added one by one."""
+    """Return the job of a record, without outputs, which the caller adds: each output has its own record."""
     scripts = re.findall(r"scripts/(\w+\.py)", record["code"] or "")
     return Job(
         rule=record["rule"],
         script=f"workflow/scripts/{scripts[0]}" if scripts else "",
         logs=tuple(record["log"]),
-        # A folder, such as the book, is no file of the crate.
+        # Folders, such as the book, are left out, because the crate lists files.
         inputs=tuple(path for path in record["input"] if not Path(path).is_dir()),
         outputs=[],
         checksums=record["input_checksums"],

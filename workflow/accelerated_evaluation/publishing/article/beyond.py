@@ -1,4 +1,4 @@
-"""The numbers of the article that go beyond the paper: laws, answer, coverage, sampler, vehicles, counts."""
+"""The numbers of the article that the paper does not have: laws, answer, coverage, vehicles, injuries."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -10,7 +10,7 @@ from accelerated_evaluation.answer.calibration import HOST
 from accelerated_evaluation.publishing.article.tables import Tables, typeset
 from accelerated_evaluation.publishing.tables.injuries import best_known
 
-LEVELS = (50, 80, 95)  # [%], of the intervals of the answer
+LEVELS = (50, 80, 95)  # [%], levels of the intervals of the answer
 INTERVAL = tuple(f"{end}{level}" for level in LEVELS for end in ("low", "high"))
 MAIN_PROBLEM, SURROGATE = "segment_5_15", "surrogate"
 PUBLIC = ("nais", "nais_25", "cross_entropy", "subset", "form", "enkf")  # methods of public tools
@@ -23,7 +23,17 @@ NEAR_CRASH = "near-crash: cut-in in front of the subject, rear-end conflict"
 
 
 def collect(tables: Tables, benchmarks: Tables, config: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the numbers that go beyond the paper, nested by subject; parameters as for `numbers.collect`."""
+    """Return the numbers that the paper does not have, nested by subject.
+
+    Parameters
+    ----------
+    tables
+        Published tables of the study.
+    benchmarks
+        Tables of the benchmarks.
+    config
+        Resolved configuration of the study.
+    """
     return {
         "laws": _laws(tables),
         "answer": _answer(tables),
@@ -87,9 +97,11 @@ def _answer(tables: Tables) -> dict[str, Any]:
 
 
 def _second_set(answer: pd.DataFrame, size: int) -> dict[str, Any]:
-    """Return between which counts of the most frequent near miss a second set of records should lie.
+    """Return limits for the number of near misses in a second data set of the same size.
 
-    The counts are 95 % limits of a Poisson number whose mean is anywhere in the 95 % interval of the answer.
+    The event is the most frequent near miss. Its number of occurrences among ``size`` cut-ins is a Poisson
+    variable with mean ``size`` times the probability. The limits are the 2.5 % quantile for the lower end of
+    the answer's 95 % interval and the 97.5 % quantile for the upper end.
     """
     nearest = answer[answer["event"] != "crash"].nlargest(1, "probability").iloc[0]
     low, high = size * nearest["low95"], size * nearest["high95"]
@@ -157,7 +169,7 @@ def _sampler(benchmarks: Tables) -> dict[str, Any]:
 
 
 def _own_sampler(tables: Tables, config: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what the sampler needed in this study, over all segments."""
+    """Return the numbers of simulations that the sampler needed in this study, for all segments together."""
     methods = tables["surrogate"].query("scope == 'all'").set_index("method")
     ours, piecewise = methods.loc[SURROGATE], methods.loc["piecewise"]
     return {

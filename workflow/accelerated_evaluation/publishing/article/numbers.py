@@ -1,8 +1,8 @@
 """Every number of the article, collected from published tables under the names that its text uses.
 
-The text, ``article/article.typ``, holds no number of a result. It reads this collection as JSON, formats each
-number where it is used, and decides by it which sentences a study needs: a study of another vehicle is no
-reproduction of the paper, and a vehicle that never crashes has no interval.
+The text, ``article/article.typ``, contains no results itself. It reads this collection as JSON, formats each
+number where it is used, and chooses its sentences accordingly: a study of another vehicle is not described as
+a reproduction of the paper, and a vehicle that never crashes has no interval.
 """
 
 from collections.abc import Mapping
@@ -23,7 +23,7 @@ METHODS = ("piecewise", "single", "heuristic")
 
 
 def collect(tables: Tables, benchmarks: Tables, config: Mapping[str, Any]) -> dict[str, Any]:
-    """Return all numbers of the article, nested by subject, as JSON can hold them.
+    """Return all numbers of the article, nested by subject, in types that JSON can represent.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def _verdicts(claims: pd.DataFrame) -> dict[str, int]:
 
 
 def _reason(why: str) -> str:
-    """Return a reason without the distance of the two numbers, which the table shows."""
+    """Return a reason without its first part, the difference of the two numbers, which the table shows."""
     _, separator, reason = why.partition(": ")
     return typeset(reason if separator and why.startswith("ours is") else why)
 
@@ -152,7 +152,11 @@ def _exact(tables: Tables) -> dict[str, Any]:
 
 
 def _choices(tables: Tables) -> dict[str, Any]:
-    """Return between which probabilities the choices that the paper does not print move the answer."""
+    """Return the lowest and highest probability over the values of choices that the paper does not state.
+
+    The choices are the knot of TTC^-1 and the closing-speed cap. The probabilities with a single distribution
+    and with three pieces are returned too.
+    """
     sensitivity = tables["sensitivity"]
     ends = {}
     for name, choice in {"knot": KNOT, "cap": CAP}.items():

@@ -1,4 +1,4 @@
-"""The PDF of the article, which Typst makes of the text, the numbers and the figures of a study."""
+"""The PDF of the article, which Typst makes from the text, the numbers and the figures of a study."""
 
 import shutil
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ class Sources:
 
 
 def numbers_of(study: Study, sources: Sources) -> dict[str, Any]:
-    """Return all that the text of the article reads: numbers, captions of its figures, and provenance."""
+    """Return all data that the text of the article uses: numbers, captions of its figures, and provenance."""
     figures = shown_figures(sources.text)
     numbers = collect(Tables(study.figures / "tables"), Tables(sources.benchmarks), study.config)
     captions = {name: _first_paragraph(sources.captions, name, study.config) for name in figures}
@@ -79,12 +79,21 @@ def write_article(study: Study, sources: Sources, pdf: Path, numbers: Path) -> N
 
 
 def compile_text(folder: Path, pdf: Path) -> None:
-    """Compile the text in a folder, with the fonts that Typst brings along and without a date.
+    """Compile ``article.typ`` to a PDF that depends on the files in its folder only.
+
+    The fonts are those that Typst contains, and no date is written.
+
+    Parameters
+    ----------
+    folder
+        Folder with the text, its numbers and figures.
+    pdf
+        File to write.
 
     Raises
     ------
     StudyError
-        With the message of Typst.
+        If Typst cannot compile the text; the error contains the message of Typst.
     """
     with atomic_path(pdf) as temporary:
         try:

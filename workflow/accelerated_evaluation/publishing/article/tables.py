@@ -10,7 +10,7 @@ import pandas as pd
 
 from accelerated_evaluation.base.errors import InputError
 
-DIGITS = 6  # significant, as in all published tables
+DIGITS = 6  # significant digits, as in all published tables
 
 
 class Tables:
@@ -26,12 +26,12 @@ class Tables:
         self.folders = folders
 
     def __getitem__(self, name: str) -> pd.DataFrame:
-        """Return the table of a name, without the column that names the data.
+        """Return a table by its name, without its column ``data``.
 
         Raises
         ------
         InputError
-            If no folder has it.
+            If no folder has the table.
         """
         for folder in self.folders:
             path = folder / f"{name}.csv"
@@ -45,17 +45,28 @@ class Tables:
         )
 
     def row(self, name: str, key: str, value: str) -> dict[str, Any]:
-        """Return the row of a table whose column ``key`` has a value, as plain numbers."""
+        """Return the first row of a table whose column ``key`` has the given value, as from `plain`."""
         table = self[name]
         return plain(table[table[key] == value].iloc[0].to_dict())
 
     def rows(self, name: str, columns: Mapping[str, str]) -> list[dict[str, Any]]:
-        """Return the rows of a table as plain numbers; ``columns`` maps its columns to shorter names."""
+        """Return some columns of a table as a list of rows, as from `plain`.
+
+        Parameters
+        ----------
+        name
+            Name of the table.
+        columns
+            New name of each column that is returned.
+        """
         return plain(self[name][list(columns)].rename(columns=columns).to_dict("records"))
 
 
 def plain(value: Any) -> Any:  # noqa: ANN401
-    """Return a value as JSON holds it: missing and infinite numbers as None, floats with `DIGITS` digits."""
+    """Convert a value to the types of JSON: floats rounded to `DIGITS` digits; None for NaN and infinity.
+
+    Mappings, lists and arrays are converted element by element.
+    """
     if isinstance(value, Mapping):
         return {str(key): plain(part) for key, part in value.items()}
     if isinstance(value, list | tuple | np.ndarray | pd.Series):
@@ -70,5 +81,5 @@ def plain(value: Any) -> Any:  # noqa: ANN401
 
 
 def typeset(text: str) -> str:
-    """Return a text in which the inverses of variables are typeset: R⁻¹ in place of R^-1."""
+    """Return a text with ``^-1`` replaced by a superscript: R⁻¹ in place of R^-1."""
     return text.replace("^-1", "\N{SUPERSCRIPT MINUS}\N{SUPERSCRIPT ONE}")

@@ -1,6 +1,6 @@
 """The text of the article: which published figures it shows, and which benchmarks it quotes.
 
-The workflow asks for them before anything runs, so that this module imports nothing that is slow to load.
+The Snakefile needs both before any job runs. This module therefore imports no package that loads slowly.
 """
 
 import re
@@ -13,7 +13,7 @@ BENCHMARKS = (
     "samplers",
     "successors",
     "answers",
-)  # tables in benchmarks/results that it quotes
+)  # tables in benchmarks/results that the text quotes
 _SHOWN = re.compile(r'plot\("(\w+)"')
 
 

@@ -1,9 +1,9 @@
 """Inputs and outputs of each notebook, determined from its code and its texts without running them.
 
-The workflow needs them before anything runs, and again in every job. The code is therefore parsed and never
-imported. A notebook shows figures and tables by ``show(study, name)``. The parameters of the function of this
-name are the results of the `Study` that it uses, and the module of `Study` names the files. A notebook may
-also read a table of results by the name of its file, ``study.table("file.csv")``.
+The workflow needs them before any job runs, and again in every job. The code is therefore parsed and never
+imported, which is faster. A notebook shows figures and tables by ``show(study, function)``. The names of the
+function's parameters are properties of `Study`, and the code of `Study` says which files each property reads.
+A notebook may also read a table of results by the name of its file, ``study.table("file.csv")``.
 """
 
 import ast
@@ -18,14 +18,22 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.publishing.book.texts import attributes
 
 PACKAGE = Path(__file__).resolve().parents[2]
-READER = ("study.py", "study_tables.py")  # modules of `Study`
-READERS = ("path", "table", "_law")  # methods of Study that are called with the name of a file
-FOLDERS = ("results", "figures")  # attributes of Study that read nothing
+READER = ("study.py", "study_tables.py")  # modules that define `Study` and its tables
+READERS = ("path", "table", "_law")  # methods of `Study` that are called with the name of a file to read
+FOLDERS = ("results", "figures")  # attributes of `Study` that are folders, and read no file
 
 
 @dataclass(frozen=True)
 class Contents:
-    """The inputs of a notebook, as paths below the folder of the results, and its outputs, as names."""
+    """The inputs and outputs of a notebook.
+
+    Attributes
+    ----------
+    reads
+        Files that the notebook reads, as paths relative to the folder of the results.
+    figures, tables
+        Names of the published figures and tables that the notebook makes.
+    """
 
     reads: tuple[str, ...]
     figures: tuple[str, ...]
@@ -34,7 +42,17 @@ class Contents:
 
 @dataclass(frozen=True)
 class Registered:
-    """What `figure`, `table` or `result_table` registered: kind, published name, parameters."""
+    """A registered figure or table.
+
+    Attributes
+    ----------
+    kind
+        ``"figure"`` or ``"table"``.
+    name
+        Its published name.
+    parameters
+        Parameters of its function, which are properties of `Study`.
+    """
 
     kind: str
     name: str
@@ -47,7 +65,8 @@ def read_contents(notebook: Path) -> Contents:
     Raises
     ------
     InputError
-        If it shows a figure or table that is not registered, or not imported by ``from ... import ...``.
+        If the notebook shows a figure or table that is not registered, or not imported by
+        ``from ... import ...``, or uses an attribute that `Study` does not have.
     """
     code = ast.parse(_source(notebook, "code"), filename=str(notebook))
     imported = dict(_imported_names(code))
@@ -64,12 +83,19 @@ def read_contents(notebook: Path) -> Contents:
 
 
 def require_captions(names: Iterable[str], folder: Path) -> None:
-    """Raise InputError if a figure or a table has no caption, or if two of them have the same name.
+    """Check that every figure and table has a caption, and that no name occurs twice.
+
+    Parameters
+    ----------
+    names
+        Names of all figures and tables that the notebooks show.
+    folder
+        Folder with the captions, ``<name>.rst``.
 
     Raises
     ------
     InputError
-        With the name, and the file in which its caption should be.
+        If a caption is missing, or a name occurs twice.
     """
     seen = set()
     for name in names:
@@ -80,13 +106,13 @@ def require_captions(names: Iterable[str], folder: Path) -> None:
             )
         if name in seen:
             raise InputError(
-                name, seen="it twice", expected="one notebook to show it", change="Show it once."
+                name, seen="two uses", expected="a single notebook that shows it", change="Show it once."
             )
         seen.add(name)
 
 
 def _require_known(names: Iterable[str], notebook: Path) -> None:
-    """Refuse names that `Study` does not have."""
+    """Raise InputError if `Study` has no property or table of one of the names."""
     for name in sorted(names):
         known = [*_study(), *_tables()]
         if name not in known:
@@ -102,7 +128,7 @@ def _require_known(names: Iterable[str], notebook: Path) -> None:
 
 
 def _source(notebook: Path, kind: str) -> str:
-    """Return all cells of a kind of a notebook."""
+    """Return the text of all cells of one kind, ``"code"`` or ``"markdown"``, of a notebook."""
     cells = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
     return "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == kind)
 
@@ -116,7 +142,7 @@ def _imported_names(code: ast.AST) -> Iterator[tuple[str, Path]]:
 
 
 def _attributes(code: ast.AST, owner: str) -> Iterator[str]:
-    """Yield the attributes of a variable that are used."""
+    """Yield the attributes of the variable ``owner`` that the code uses."""
     for node in ast.walk(code):
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == owner:
             yield node.attr
@@ -130,13 +156,13 @@ def _calls(code: ast.AST, function: str) -> Iterator[ast.Call]:
 
 
 def _registered(imported: dict[str, Path], call: ast.Call, notebook: Path) -> Registered:
-    """Return what a call of ``show`` shows."""
+    """Return the registered figure or table that a call of ``show`` shows."""
     shown = call.args[1].id if len(call.args) > 1 and isinstance(call.args[1], ast.Name) else "no name"
     module = imported.get(shown)
     if module is None or not module.is_file() or shown not in _register(module):
         raise InputError(
             f"{notebook}, show(study, {shown})",
-            seen=f"{shown}, which is no registered figure or table",
+            seen=f"{shown}, which is not a registered figure or table",
             expected="a function with the decorator @figure or @table, or a result_table",
             change="Import it by name from its module, and register it there.",
         )
@@ -162,7 +188,7 @@ def _register(module: Path) -> dict[str, Registered]:
 
 @cache
 def _reader() -> ast.Module:
-    """Return the code of the module of `Study`, and of the module of its tables."""
+    """Return the code of the two modules `READER` as one syntax tree."""
     sources = [(PACKAGE / "publishing" / name).read_text(encoding="utf-8") for name in READER]
     return ast.parse("\n".join(sources))
 
@@ -183,7 +209,7 @@ def _tables() -> dict[str, str]:
 
 @cache
 def _files(name: str) -> frozenset[str]:
-    """Return the files that a property or method of `Study` reads, by itself and through others."""
+    """Return the files that a property or method of `Study` reads, directly or through other properties."""
     if name in _tables():
         return frozenset({_tables()[name]})
     if name not in _study():
@@ -194,7 +220,7 @@ def _files(name: str) -> frozenset[str]:
 
 
 def _literals(code: ast.AST, owner: str) -> frozenset[str]:
-    """Return the names of files that a variable, a `Study`, is asked to read in calls of `READERS`."""
+    """Return the constant arguments in calls of the methods `READERS` of ``owner``, a `Study`."""
     calls = [node for node in ast.walk(code) if isinstance(node, ast.Call)]
     read = [
         part

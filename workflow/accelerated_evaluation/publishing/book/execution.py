@@ -37,11 +37,20 @@ class ThisProcess(Engine):
         kernel_name: str,
         **_: Any,  # noqa: ANN401
     ) -> None:
-        """Run the cells up to the first error, which papermill raises after it has saved the notebook.
+        """Run the cells of a notebook in order, up to the first error.
 
-        The texts between the cells are filled in when they are reached (`publishing.book.texts`).
+        Papermill calls this method, saves the notebook, and raises the error afterwards. The placeholders in
+        a cell of text are filled in with the values that the variables have at this place
+        (`publishing.book.texts`).
+
+        Parameters
+        ----------
+        nb_man
+            Papermill's manager of the notebook, whose cells are run and changed.
+        kernel_name
+            Ignored, because no kernel is started.
         """
-        # Figures that are shown without being saved are displayed in the notebook, as a kernel does it.
+        # Figures that a cell shows without saving them are embedded in the notebook, as in a kernel.
         os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
         shell = InteractiveShell.instance(config=Config({"HistoryManager": {"enabled": False}}))
         shell.reset()
@@ -68,21 +77,21 @@ papermill_engines.register(ENGINE, ThisProcess)
 
 
 def run_notebook(notebook: str, parameters: dict[str, str], executed: str) -> None:
-    """Execute a notebook, whose code makes figures and tables, and whose texts have placeholders.
+    """Execute a notebook: run its code, and fill in the placeholders of its texts.
 
     Parameters
     ----------
     notebook
         Path of the notebook.
     parameters
-        Values for the names in its cell of parameters.
+        Values of the variables in the notebook's cell of parameters.
     executed
-        Path for the notebook with all outputs, and with all texts filled in.
+        File to write: the notebook with its outputs and the completed texts.
 
     Raises
     ------
     StudyError
-        With cell and message, if the code or a text of the notebook fails.
+        If a cell of code or a placeholder fails; the error names the cell.
     """
     with atomic_path(executed) as temporary, _main_module_kept():
         try:
@@ -95,9 +104,10 @@ def run_notebook(notebook: str, parameters: dict[str, str], executed: str) -> No
 
 @contextmanager
 def _main_module_kept() -> Iterator[None]:
-    """Put the main module of this process back, in whose place the interactive shell puts its own.
+    """Restore the module ``__main__`` at the end, which the interactive shell replaces by its own.
 
-    Without it no process could be spawned afterwards: its start reads the specification of the main module.
+    Otherwise no process could be spawned afterwards, because `multiprocessing` reads the attributes of
+    ``__main__``.
     """
     main = sys.modules["__main__"]
     try:
@@ -107,7 +117,7 @@ def _main_module_kept() -> Iterator[None]:
 
 
 def _filled(text: str, names: dict[str, Any], ran: int) -> str:
-    """Fill in the text that follows so many cells of code."""
+    """Fill in the placeholders of a text; an error names the number ``ran`` of the last cell before it."""
     try:
         return fill(text, names)
     except StudyError as error:
@@ -115,7 +125,7 @@ def _filled(text: str, names: dict[str, Any], ran: int) -> str:
 
 
 def _outputs(captured: CapturedIO) -> Iterator[NotebookNode]:
-    """Yield what a cell printed and displayed, pictures as text."""
+    """Yield the outputs of a cell: printed text, and displayed objects with images in Base64."""
     for name in ("stdout", "stderr"):
         if text := getattr(captured, name):
             yield nbformat.v4.new_output("stream", name=name, text=text)

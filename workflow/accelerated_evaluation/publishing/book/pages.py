@@ -18,7 +18,8 @@ from accelerated_evaluation.publishing.tables.paper_numbers import PAPER_PROBABI
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 
 PROJECT = Path(__file__).resolve().parents[4]
-# Those that the numbers, the figures and the pages are made with; environment.txt pins all others too.
+# Packages whose versions the last page lists: those behind numbers, figures and pages. environment.txt pins
+# all.
 PACKAGES = ("numpy", "scipy", "pandas", "pyarrow", "numba", "matplotlib")
 PACKAGES += ("snakemake", "papermill", "jinja2", "sphinx", "myst-nb", "sphinx-book-theme")
 CLAIM_COLUMNS = {
@@ -33,14 +34,14 @@ CLAIM_COLUMNS = {
 
 
 def known_to_pages(study: Study, records: Iterable[str]) -> dict[str, Any]:
-    """Return the names that the templates of the first and the last page use.
+    """Return the values that are inserted into the templates of the first and the last page, by name.
 
     Parameters
     ----------
     study
         The finished results.
     records
-        Files of the records, whose checksums are on the last page.
+        Data files of the study. The last page lists their SHA-256.
     """
     common = {
         "vehicle": study.config["vehicle"],
@@ -57,12 +58,12 @@ def known_to_pages(study: Study, records: Iterable[str]) -> dict[str, Any]:
 
 
 def _of_few_runs(study: Study) -> dict[str, Any]:
-    """Return what only the first page of a slow vehicle's book has."""
+    """Return the values that only the first page for a slow vehicle uses."""
     return {"compared": study.compared}
 
 
 def _of_the_paper(study: Study) -> dict[str, Any]:
-    """Return what needs the results of the paper's methods and of crude Monte Carlo."""
+    """Return the values that need results of the paper's methods and of crude Monte Carlo."""
     claims = pd.read_csv(study.figures / "tables" / "claims.csv")
     claims = claims[list(CLAIM_COLUMNS)].rename(columns=CLAIM_COLUMNS).map(readable)
     return {
@@ -73,5 +74,5 @@ def _of_the_paper(study: Study) -> dict[str, Any]:
 
 
 def _checksum(path: Path) -> str:
-    """Return the SHA-256 of a file of the records, which may be gone when the study is finished."""
+    """Return the SHA-256 of a data file, or "no such file", since it may have been deleted meanwhile."""
     return file_digest(path) if path.is_file() else "no such file"

@@ -1,10 +1,10 @@
-"""The book: the executed notebooks and the guides as one site, made by Sphinx and complete without a network.
+"""The book: the executed notebooks and the guides as a web site made by Sphinx, which works offline.
 
-A folder of sources is put together first. Every notebook is a chapter: a figure that it shows gets number,
-caption, alternative text and files, and its tables are listed at its end. Every guide is a chapter too. The
-first and the last page are templates in ``workflow/book``, filled in as the texts of notebooks are
-(`publishing.book.texts`). Sphinx then makes the site, without a date in it, so that the same study always
-gives the same bytes.
+First, the sources are written to a temporary folder. Every notebook is a chapter: each of its figures gets a
+number, a caption, an alternative text and links to its files, and its tables are listed at its end. Every
+guide is a chapter too. The first and the last page are templates in ``workflow/book`` with placeholders, as
+in the texts of the notebooks (`publishing.book.texts`). Sphinx then makes the site. The site contains no
+date, so the same study always gives the same bytes.
 """
 
 import re
@@ -27,11 +27,14 @@ from accelerated_evaluation.publishing.study import Study
 
 FIGURE_FILES = {"PDF": "pdf", "SVG": "svg", "PNG": "png", "data": "csv"}
 TABLE_FILES = {"CSV": "csv", "Markdown": "md", "LaTeX": "tex"}
-PARAMETERS = {"parameters", "injected-parameters"}  # tags of the cells that only say where the results are
+PARAMETERS = {
+    "parameters",
+    "injected-parameters",
+}  # tags of cells that set paths, not in the book
 MATHJAX = "tex-svg.js"  # one file that draws formulas and adds MathML for screen readers; it needs no fonts
 STYLE, SCRIPT = "book.css", "book.js"
 CHAPTER_LINK = re.compile(r"(?<!!)\[(?P<text>[^\]]+)\]\((?P<chapter>\w+\.ipynb)(#[^)]*)?\)")
-PIXELS = 2  # of a PNG file for one on the page, so that figures have one size, and are sharp when enlarged
+PIXELS = 2  # pixels of a PNG file per pixel of its width on the page, so that enlarged figures are sharp
 
 
 @dataclass(frozen=True)
@@ -51,10 +54,10 @@ class Parts:
     captions
         Folder with the caption of every figure and table, ``<name>.rst``.
     pages
-        Folders with the templates of the first and the last page, the style and a script; a file of a later
-        folder replaces that of an earlier one.
+        Folders with the templates of the first and the last page, the style and a script. A file in a later
+        folder replaces the file of the same name in an earlier one.
     explorer
-        The page ``explorer.html``, which the site contains as it is; None if there is none.
+        The page ``explorer.html``, which is copied into the site; None if the study has none.
     """
 
     study: Study
@@ -80,15 +83,15 @@ class Parts:
         return [paragraph.replace("*", r"\*") for paragraph in paragraphs]
 
     def figure(self, name: str, label: str | None = None) -> str:
-        """Return a figure as MyST: picture, number, caption, alternative text and files.
+        """Return a figure as MyST Markdown: image, number, caption, alternative text and links to its files.
 
         Parameters
         ----------
         name
-            Name of its files.
+            Name of the figure, and of its files.
         label
-            Target of links, the name of the figure by default; the same figure on a second page needs another
-            label.
+            Target for links to the figure, its name by default. If the figure is shown on a second page, it
+            needs another label there.
         """
         first, *rest = self.caption(name)
         sentence = " ".join(re.split(r"(?<=[.:]) ", " ".join(first.split()), maxsplit=1)[0].split())
@@ -157,8 +160,8 @@ def _write_sources(parts: Parts, sources: Path, names: dict[str, Any]) -> None:
 
 
 def _chapter(parts: Parts, name: str, notebook: NotebookNode) -> Iterator[NotebookNode]:
-    """Yield the cells of a chapter: code folded away, figures as text with a caption, tables listed last."""
-    silent = ""  # code that shows nothing is folded away together with the code after it
+    """Yield the cells of a chapter: code hidden behind a button, figures with captions, list of tables."""
+    silent = ""  # code without outputs is joined with the next cell of code, under one button
     for cell in notebook.cells:
         if cell.cell_type == "code" and not PARAMETERS & set(cell.metadata.get("tags", [])):
             figures = [shown for output in cell.outputs if (shown := _published(output))]
@@ -171,7 +174,7 @@ def _chapter(parts: Parts, name: str, notebook: NotebookNode) -> Iterator[Notebo
                 silent = f"{cell.source}\n\n"
             yield from (nbformat.v4.new_markdown_cell(parts.figure(shown), id=shown) for shown in figures)
         elif cell.cell_type != "code":
-            # Guides and chapters share a folder.
+            # In the sources of the book, guides and notebooks are in one folder.
             source = re.sub(r"\]\((\.\./)+docs/", "](", cell.source)
             cell.source = parts.without_missing(source)
             yield cell
@@ -183,7 +186,7 @@ def _chapter(parts: Parts, name: str, notebook: NotebookNode) -> Iterator[Notebo
 
 
 def _published(output: NotebookNode) -> str | None:
-    """Return the name of the figure that an output shows, if it is a published one."""
+    """Return the name of the published figure that an output shows; None for other outputs."""
     return output.get("metadata", {}).get("image/png", {}).get("published")
 
 
@@ -230,7 +233,7 @@ def _run_sphinx(sources: Path, made: Path, doctrees: Path, study: str) -> None:
         "nb_code_prompt_show": "Show the code",
         "nb_code_prompt_hide": "Hide the code",
     }
-    nocolor()  # what Sphinx warns of goes to a log
+    nocolor()  # warnings of Sphinx go to a log file, without codes for colours
     try:
         app = Sphinx(sources, None, made, doctrees, "html", settings, status=None, freshenv=True)
         app.build(force_all=True)

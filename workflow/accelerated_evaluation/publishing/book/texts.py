@@ -1,13 +1,12 @@
-"""Texts with numbers in them: Markdown whose placeholders are filled in from the names of a notebook.
+"""Texts with placeholders: Markdown into which the values of variables are inserted.
 
-A placeholder is written in the language of Jinja. It holds a name or an expression, and says how a number
-is to be written::
+Placeholders have the syntax of Jinja: a name or an expression, and a filter for the format of a number::
 
     The search takes {{ simulations | number }} simulations, {{ share | percent }} of all.
     {% if crashed %}Half of the crashes end below {{ speed | readable(2) }} m/s.{% endif %}
 
-What a placeholder inserts is text and no Markdown: in the description of somebody's data, a dollar or a tag
-is shown as it is. The filter ``safe`` is for text that is Markdown already.
+An inserted text is not interpreted as Markdown: its special characters, such as a dollar sign or a tag in the
+description of a data set, are escaped. The filter ``safe`` inserts a text as Markdown.
 """
 
 import math
@@ -24,10 +23,12 @@ from accelerated_evaluation.publishing.tables.formats import as_markdown, readab
 
 
 def number(value: float, decimals: int = 0, sign: str = "") -> str:
-    """Write a number with a fixed number of decimals: 1,234.5; a missing one as a dash.
+    """Write a number with a fixed number of decimals, such as 1,234.5; NaN and infinity as by `readable`.
 
     Parameters
     ----------
+    value
+        The number.
     decimals
         Digits after the point.
     sign
@@ -37,12 +38,12 @@ def number(value: float, decimals: int = 0, sign: str = "") -> str:
 
 
 def percent(value: float, decimals: int = 0, sign: str = "") -> str:
-    """Write a share as a percentage: 12.3%; the parameters are those of `number`."""
+    """Write a share between 0 and 1 as a percentage, such as 12.3%; the other parameters as for `number`."""
     return f"{number(100 * value, decimals, sign)}%" if math.isfinite(value) else readable(float(value))
 
 
 def unbroken(value: Any, digits: int = 3) -> Any:  # noqa: ANN401
-    """Write a number as `readable` does, with non-breaking spaces."""
+    """Write a number with ``digits`` significant digits as `readable` does, with non-breaking spaces."""
     written = readable(value, digits)
     return written.replace(" ", "\N{NO-BREAK SPACE}") if isinstance(written, str) else written
 
@@ -50,15 +51,22 @@ def unbroken(value: Any, digits: int = 3) -> Any:  # noqa: ANN401
 def fill(text: str, names: Mapping[str, Any]) -> str:
     """Return a Markdown text with its placeholders filled in.
 
+    Parameters
+    ----------
+    text
+        Text with placeholders of Jinja.
+    names
+        Value of each name that placeholders may use.
+
     Raises
     ------
     StudyError
-        If a placeholder has an unknown name or fails.
+        If a placeholder uses an unknown name, or its expression fails.
     """
     try:
         return _ENVIRONMENT.from_string(text).render(names)
     except Exception as error:
-        # The message of a missing key is that key alone, so the kind of error is needed as well.
+        # The message of a KeyError is only the key, so the type of the error is written too.
         raise StudyError(f"{type(error).__name__}: {error}") from error
 
 
@@ -68,8 +76,8 @@ def caption(folder: Path, name: str, config: Mapping[str, Any]) -> list[str]:
     Parameters
     ----------
     folder
-        Folder with the captions, ``<name>.rst``. The Snakemake report reads the same files, so that their
-        placeholders call the configuration ``snakemake.config``.
+        Folder with the captions, ``<name>.rst``. The Snakemake report reads the same files, so their
+        placeholders use the configuration by the name ``snakemake.config``.
     name
         Name of the figure or table.
     config
@@ -80,12 +88,12 @@ def caption(folder: Path, name: str, config: Mapping[str, Any]) -> list[str]:
 
 
 def attributes(text: str, owner: str) -> Iterator[str]:
-    """Yield the attributes of a name that the placeholders of a text use.
+    """Yield the attributes of the variable ``owner`` that the placeholders of a text use.
 
     Raises
     ------
     StudyError
-        If a placeholder cannot be read.
+        If the syntax of a placeholder is wrong.
     """
     try:
         parsed = _ENVIRONMENT.parse(text)

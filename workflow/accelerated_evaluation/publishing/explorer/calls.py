@@ -23,7 +23,13 @@ class Calls(Expressions):
     """The expressions of a function, with its calls and elements of arrays."""
 
     def of_Call(self, node: ast.Call) -> Type | None:  # noqa: N802
-        """Translate a call of a known operation, or of another translated function."""
+        """Translate a call of min, max, abs, int, np.floor or np.empty, or of another compiled function.
+
+        Returns
+        -------
+        Type
+            Type of the result; a tuple for several results, None for a function that returns nothing.
+        """
         called = self.object(node.func)
         if node.keywords:
             raise self.error(node, ast.unparse(node), "arguments without names")
@@ -50,7 +56,18 @@ class Calls(Expressions):
         return result
 
     def extreme(self, node: ast.Call, comparison: str) -> Type:
-        """Translate ``min`` or ``max``: as in Python, the first value unless the other one is beyond it."""
+        """Translate ``min`` or ``max`` of two values.
+
+        As in Python, the result is the first value unless the second is smaller (``min``) or larger
+        (``max``), which matters for NaN. Lanes of two floats have instructions of their own.
+
+        Parameters
+        ----------
+        node
+            The call.
+        comparison
+            ``"lt"`` for ``min``, ``"gt"`` for ``max``.
+        """
         kind = self.pair(*node.args)
         if kind == FLOATS:
             self.emit("f64x2.pmin" if comparison == "lt" else "f64x2.pmax")
@@ -65,7 +82,7 @@ class Calls(Expressions):
         return kind
 
     def empty(self, node: ast.Call) -> Type:
-        """Translate ``np.empty`` of a constant shape: an array at a fixed place."""
+        """Translate ``np.empty`` with a constant shape: push the address of an array at a fixed place."""
         shape = self.constant(node.args[0])
         of_integers = len(node.args) == 2 and self.object(node.args[1]) is np.int64
         if len(node.args) > 1 + of_integers:
@@ -76,7 +93,7 @@ class Calls(Expressions):
         return kind
 
     def of_Subscript(self, node: ast.Subscript) -> Type:  # noqa: N802
-        """Translate an element or a column of an array, or a part of what a function returns."""
+        """Translate an element or a column of an array, or one of several results of a function."""
         if isinstance(node.value, ast.Call):
             kinds, place = self.value(node.value), self.constant(node.slice)
             if not isinstance(kinds, tuple) or not 0 <= place < len(kinds):
@@ -95,7 +112,14 @@ class Calls(Expressions):
         return kind
 
     def address(self, node: ast.Subscript) -> tuple[Type, int]:
-        """Push the address of an element or a column; return its type, and an offset in bytes to add."""
+        """Push the address of an element or a column of an array.
+
+        Returns
+        -------
+        type, offset
+            Type of the element or the column, and the number of bytes that is still to be added to the
+            address; instructions that load and store take it as an operand.
+        """
         name = node.value.id if isinstance(node.value, ast.Name) else ""
         local, kind = self.variables.get(name, (0, None))
         if not isinstance(kind, ArrayOf):
@@ -123,7 +147,7 @@ class Calls(Expressions):
         return element, 0
 
     def add_scaled(self, push: Callable[[], None], stride: int) -> None:
-        """Add an index to the address on the stack, times the distance of two elements."""
+        """Add an index times ``stride`` elements to the address on the stack; ``push`` pushes the index."""
         push()
         self.emit("i32.const", WORD * stride)
         self.emit("i32.mul")

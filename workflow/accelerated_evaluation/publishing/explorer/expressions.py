@@ -1,4 +1,11 @@
-"""Translation of the expressions of one function: code that leaves values on the stack, and their types."""
+"""Translation of the expressions of one function to WebAssembly.
+
+WebAssembly is a stack machine: the code of an expression leaves its value on the stack. Each method ``of_X``
+appends the code for a node X of Python's syntax tree, and returns the type of the value.
+
+A loop over encounters computes two of them, two lanes, at once where possible. A value then has the type
+`FLOATS` or `BOOLS`, with a number or a truth for each lane.
+"""
 
 import ast
 import builtins
@@ -37,7 +44,7 @@ class Expressions:
     Parameters
     ----------
     module
-        Translates the functions that this one calls.
+        Translator that also translates the functions that this one calls.
     source
         The Python function.
     types
@@ -50,38 +57,54 @@ class Expressions:
         self.function = Function([SCALARS.get(kind, I32) for kind in types])
         self.variables: dict[str, tuple[int, Type]] = {}
         self.depth, self.first_line = 0, 1
-        self.lane: str | None = None  # counter of a loop that takes two lanes at once
-        self.outside: set[str] = set()  # variables that the lanes of this loop share
-        self.loops: list[tuple[int, int]] = []  # depths of the blocks that break and continue leave
+        self.lane: str | None = None  # name of the counter in a loop that computes two lanes at once
+        self.outside: set[str] = set()  # variables that were assigned before this loop, and that lanes share
+        self.loops: list[tuple[int, int]] = []  # per loop: depths of the blocks that break and continue leave
 
     def error(self, node: ast.AST, seen: str, expected: str = "") -> TranslationError:
-        """Return the error for a part of the source."""
+        """Return a `TranslationError` that names the function and the line of a part of its source."""
         line = self.first_line + getattr(node, "lineno", 1) - 1
         where = f"{self.source.__module__}.{self.source.__name__}, line {line}"
         return TranslationError(where, seen, expected)
 
     def emit(self, name: str, *operands: int | float) -> None:
-        """Append an instruction."""
+        """Append an instruction with its operands to the code of the function."""
         self.function.code += wasm.instruction(name, *operands)
 
     def new_local(self, kind: Type) -> int:
-        """Return the index of a new local variable."""
+        """Add a local variable of a type to the function, and return its index."""
         self.function.local_types.append(SCALARS.get(kind, I32))
         return len(self.function.local_types) - 1
 
     def value(self, node: ast.expr) -> Type | None:
-        """Translate an expression, and return its type: a tuple or None for calls that return so."""
+        """Translate an expression, and return its type.
+
+        The type is a tuple for a call with several results, and None for a call without a result.
+
+        Raises
+        ------
+        TranslationError
+            If the expression is of a kind that cannot be translated.
+        """
         translate = getattr(self, f"of_{type(node).__name__}", None)
         if translate is None:
             raise self.error(node, ast.unparse(node))
         return translate(node)
 
     def expect(self, node: ast.expr, kind: str) -> None:
-        """Translate an expression of a given type."""
+        """Translate an expression, and convert its value to the given type."""
         self.convert(node, self.value(node), kind)
 
     def convert(self, node: ast.AST, kind: Type | None, expected: Type) -> None:
-        """Convert the value on the stack, where this loses nothing."""
+        """Convert the value on the stack from type ``kind`` to type ``expected``.
+
+        An integer or a truth becomes a float, and a single value becomes a value for each of two lanes.
+
+        Raises
+        ------
+        TranslationError
+            If the types differ, and the conversion is not one of these.
+        """
         if kind in SCALARS and VECTORS.get(kind) == expected:
             self.function.code += _spread(kind)
         elif expected == FLOAT and kind in (INT, BOOL):
@@ -90,11 +113,11 @@ class Expressions:
             raise self.error(node, f"{ast.unparse(node)} of type {kind}", f"type {expected}")
 
     def of_Constant(self, node: ast.Constant) -> Type:  # noqa: N802
-        """Translate a number."""
+        """Translate a literal number."""
         return self.number(node, node.value)
 
     def number(self, node: ast.expr, value: object) -> Type:
-        """Push a constant."""
+        """Push a constant, and return its type."""
         kind = type(value).__name__
         if kind not in SCALARS:
             raise self.error(node, f"{ast.unparse(node)}, a {kind}", "a number, a variable or a function")
@@ -102,7 +125,7 @@ class Expressions:
         return kind
 
     def of_Name(self, node: ast.Name) -> Type:  # noqa: N802
-        """Translate a variable, or a constant of the module."""
+        """Translate a local variable, or a constant of the module."""
         if node.id in self.variables:
             if node.id == self.lane:
                 raise self.error(node, f"the number {node.id} of a lane", "no number in a loop of two lanes")
@@ -125,7 +148,7 @@ class Expressions:
         return self.number(node, self.object(node))
 
     def object(self, node: ast.expr) -> Any:  # noqa: ANN401
-        """Return the Python object that a name of the module stands for."""
+        """Return the Python object of a global name, or of an attribute of a module such as ``np.floor``."""
         if isinstance(node, ast.Name):
             known = vars(builtins) | self.source.__globals__
             if node.id in known and node.id not in self.variables:
@@ -135,7 +158,7 @@ class Expressions:
         raise self.error(node, ast.unparse(node), "a variable with a value, or a name of the module")
 
     def constant(self, node: ast.expr) -> Any:  # noqa: ANN401
-        """Return an integer, or a tuple of integers, that is known before the code runs."""
+        """Return the value of a constant integer or of a tuple of constant integers."""
         if isinstance(node, ast.Tuple):
             return tuple(self.constant(part) for part in node.elts)
         value = node.value if isinstance(node, ast.Constant) else self.object(node)
@@ -144,7 +167,7 @@ class Expressions:
         return value
 
     def of_UnaryOp(self, node: ast.UnaryOp) -> Type:  # noqa: N802
-        """Translate a sign or a negation."""
+        """Translate the negative of a float, or the negation of a truth."""
         kind = self.value(node.operand)
         if isinstance(node.op, ast.USub) and kind in (FLOAT, FLOATS):
             self.emit(f"{INSTRUCTIONS[kind]}.neg")
@@ -159,7 +182,8 @@ class Expressions:
     ) -> Type:
         """Translate two operands, convert them to a common type, and return this type.
 
-        The common type is a float if one operand is a float. It has a value for each lane if one operand has.
+        The common type is a float if one operand is a float. It has a value for each lane if one of the
+        operands has a value for each lane.
 
         Parameters
         ----------
@@ -188,14 +212,14 @@ class Expressions:
         return common
 
     def of_BinOp(self, node: ast.BinOp) -> Type:  # noqa: N802
-        """Translate arithmetic, and ``&`` and ``|`` of truths."""
+        """Translate ``+``, ``-``, ``*`` and ``/``, ``%`` of integers, and ``&`` and ``|`` of truths."""
         operation = type(node.op)
         kind = self.pair(node.left, node.right, to_float=operation is ast.Div)
         if operation in (ast.BitAnd, ast.BitOr) and kind in (BOOL, BOOLS):
             self.emit(f"{INSTRUCTIONS[kind]}.{'and' if operation is ast.BitAnd else 'or'}")
         elif operation is ast.Div and kind in (FLOAT, FLOATS):
             self.emit(f"{INSTRUCTIONS[kind]}.div")
-        elif operation is ast.Mod and kind == INT:  # of counters, which are not negative
+        elif operation is ast.Mod and kind == INT:  # equals Python's % for integers that are not negative
             self.emit("i32.rem")
         elif operation in ARITHMETIC and kind not in (BOOL, BOOLS):
             self.emit(f"{INSTRUCTIONS[kind]}.{ARITHMETIC[operation]}")
@@ -204,7 +228,7 @@ class Expressions:
         return kind
 
     def of_Compare(self, node: ast.Compare) -> Type:  # noqa: N802
-        """Translate one comparison."""
+        """Translate one comparison of two numbers; its type is a truth, or a truth for each lane."""
         if len(node.ops) > 1 or type(node.ops[0]) not in COMPARISONS:
             raise self.error(node, ast.unparse(node), "one comparison of numbers")
         kind = self.pair(node.left, node.comparators[0])
@@ -214,7 +238,7 @@ class Expressions:
         return BOOLS if kind == FLOATS else BOOL
 
     def of_BoolOp(self, node: ast.BoolOp) -> Type:  # noqa: N802
-        """Translate ``and`` and ``or``, which do not evaluate what they do not need."""
+        """Translate ``and`` and ``or``; as in Python, later operands are evaluated only if needed."""
         *others, last = node.values
         for part in others:
             self.expect(part, BOOL)
@@ -231,7 +255,7 @@ class Expressions:
         return BOOL
 
     def of_IfExp(self, node: ast.IfExp) -> Type:  # noqa: N802
-        """Translate a choice; both values are computed, which numbers allow."""
+        """Translate ``a if test else b``. Unlike in Python, both values are computed and one is selected."""
         tested = self.value(node.test)
         if tested not in (BOOL, BOOLS):
             raise self.error(node.test, ast.unparse(node.test), "a truth")
@@ -249,7 +273,7 @@ class Expressions:
 
 
 def _spread(kind: str) -> bytes:
-    """Return the code that gives both lanes the number on the stack."""
+    """Return the code that replaces the number on the stack by a vector with this number in both lanes."""
     if kind == BOOL:  # 1 becomes -1, all of whose bits are 1
         parts = [("i32.const", -1), ("i32.mul",), ("i32x4.splat",)]
     else:

@@ -1,4 +1,4 @@
-"""The compiled code of the vehicles as one module of WebAssembly, and where its arrays are in the memory."""
+"""The compiled code of the vehicles as one module of WebAssembly, and the addresses of its arrays."""
 
 from dataclasses import dataclass
 
@@ -7,20 +7,21 @@ from accelerated_evaluation.publishing.explorer.translator import Translator
 from accelerated_evaluation.vehicles.builtin import driver_kernel, kernel
 from accelerated_evaluation.vehicles.builtin.driver_numbers import Driver
 
-CAPACITY = 16_384  # encounters of a batch
+CAPACITY = 16_384  # largest number of encounters in a batch
 
 
 @dataclass(frozen=True)
 class Kernels:
-    """The module, and what a page needs to use it.
+    """The WebAssembly module, and the layout of its memory.
 
     Attributes
     ----------
     module
         The binary module. It exports ``car`` and ``driver``, which simulate a slice of the encounters, and
-        the functions of single steps, as ``car_watch``, with which a page traces an encounter.
+        functions for parts of a time step, such as ``car_watch``, with which the page shows an encounter over
+        time.
     layout
-        Addresses of the arrays, kinds of the fields of the records, and the constants of the steps.
+        Addresses of the arrays in bytes, types of the fields of the records, and constants of the steps.
     """
 
     module: bytes
@@ -28,7 +29,7 @@ class Kernels:
 
 
 def translated_kernels() -> Kernels:
-    """Translate the kernels of the car and of the drivers.
+    """Translate the simulation code of the car and of the drivers to WebAssembly.
 
     Raises
     ------
@@ -65,7 +66,7 @@ def translated_kernels() -> Kernels:
 
 
 def _of_kernel(module: object, translator: Translator, record: RecordOf, state: ArrayOf) -> dict:
-    """Return addresses of a kernel's numbers and state, and the rows of the state by their names."""
+    """Return the addresses of a kernel's parameters and state, and the row of each state variable by name."""
     rows = {name: value for name, value in vars(module).items() if name.isupper() and isinstance(value, int)}
     return {
         "record": translator.allocate(record),

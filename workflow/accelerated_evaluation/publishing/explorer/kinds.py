@@ -6,16 +6,26 @@ from dataclasses import dataclass
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.publishing.explorer.wasm import F64, I32, V128
 
-WORD = 8  # bytes of every value in the memory
+WORD = 8  # bytes that every value takes in the memory, also an integer or a truth
 
 FLOAT, INT, BOOL = "float", "int", "bool"
-FLOATS, BOOLS = "two floats", "two truths"  # of two lanes, which are computed at once
+FLOATS, BOOLS = "two floats", "two truths"  # a vector with a value for each of two lanes
 SCALARS = {FLOAT: F64, INT: I32, BOOL: I32, FLOATS: V128, BOOLS: V128}
 
 
 @dataclass(frozen=True)
 class ArrayOf:
-    """An array, or a column of one: its elements, `FLOAT` or `INT`, shape, and distances in elements."""
+    """Type of an array, or of a column of an array.
+
+    Attributes
+    ----------
+    element
+        Type of its elements, `FLOAT` or `INT`.
+    shape
+        Number of elements along each dimension.
+    strides
+        Distance of neighbours along each dimension, in elements.
+    """
 
     element: str
     shape: tuple[int, ...]
@@ -34,13 +44,19 @@ class ArrayOf:
 
 @dataclass(frozen=True)
 class RecordOf:
-    """A named tuple of numbers: the names of its fields, and whether each is `FLOAT`, `INT` or `BOOL`."""
+    """Type of a named tuple of numbers.
+
+    Attributes
+    ----------
+    fields
+        Name and type, `FLOAT`, `INT` or `BOOL`, of each field.
+    """
 
     fields: tuple[tuple[str, str], ...]
 
     @classmethod
     def of(cls, named_tuple: type) -> "RecordOf":
-        """Return the record of a class of named tuples."""
+        """Return the type for a class of named tuples, whose annotations are float, int or bool."""
         return cls(tuple((name, kind.__name__) for name, kind in named_tuple.__annotations__.items()))
 
     @property
@@ -53,10 +69,10 @@ Type = str | ArrayOf | RecordOf | tuple
 
 
 class TranslationError(InputError):
-    """Code outside the part of Python that the translator knows."""
+    """Raised for code that uses a part of Python that the translator does not support."""
 
     def __init__(self, where: str, seen: str, expected: str = "") -> None:
-        change = "Use operations that publishing/explorer translates, or teach it this one."
+        change = "Use operations that publishing/explorer translates, or add a translation of this one."
         super().__init__(where, seen=seen, expected=expected or "the supported part of Python", change=change)
 
 
@@ -64,10 +80,10 @@ INSTRUCTIONS = {FLOAT: "f64", INT: "i32", BOOL: "i32", FLOATS: "f64x2", BOOLS: "
 
 
 def load(element: str) -> str:
-    """Return the instruction that loads an element."""
+    """Return the name of the instruction that loads a value of the given type from the memory."""
     return "v128.load" if element == FLOATS else f"{INSTRUCTIONS[element]}.load"
 
 
 def store(element: str) -> str:
-    """Return the instruction that stores an element."""
+    """Return the name of the instruction that stores a value of the given type in the memory."""
     return "v128.store" if element == FLOATS else f"{INSTRUCTIONS[element]}.store"

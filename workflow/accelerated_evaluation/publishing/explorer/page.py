@@ -1,4 +1,4 @@
-"""The page of the explorer: the templates in ``workflow/explorer`` with the data of a study in them."""
+"""The page of the explorer: the templates in ``workflow/explorer``, filled with the data of a study."""
 
 import base64
 from collections.abc import Mapping
@@ -20,8 +20,8 @@ from accelerated_evaluation.publishing.explorer.kernels import translated_kernel
 from accelerated_evaluation.publishing.explorer.vehicles import TITLES, compiled_vehicles, pilots
 from accelerated_evaluation.vehicles.events import events_from
 
-LARGEST = 3_000_000  # bytes of a page
-SHOWN_EVENTS = ("crash", "impact_speed")  # the lines of the page are placed for crashes
+LARGEST = 3_000_000  # largest size of a page in bytes
+SHOWN_EVENTS = ("crash", "impact_speed")  # events of the page, whose lines are chosen for crashes
 PLACES = {
     "/*STYLE*/": "explorer.css",
     "/*SIMULATOR*/": "simulator.js",
@@ -34,20 +34,21 @@ PLACES = {
 
 @dataclass(frozen=True)
 class Explored:
-    """The data of a page.
+    """The results of a study from which a page is made.
 
     Attributes
     ----------
     config
         Configuration of the study.
     weighted, drawn
-        The laws with their weights, and draws of them.
+        The laws with their weights, and random draws from them.
     exposure
         ``kilometres`` and ``hours`` of the records.
     answer, vehicles
         Tables of the published answer by event and by vehicle.
     crash_map
-        Map of the vehicle under test, for a page that cannot simulate it; None if the study has no map.
+        Crash map of the vehicle under test, which the page shows if it cannot simulate the vehicle; None if
+        the study has no map.
     runs
         Simulations of a slow vehicle under test, ``sampled/runs.csv``; None if the vehicle is not slow.
     """
@@ -63,7 +64,7 @@ class Explored:
 
     @property
     def tested(self) -> Mapping[str, Any]:
-        """Section of the vehicle under test."""
+        """Section ``vehicle`` of the configuration, the vehicle under test."""
         return self.config["vehicle"]
 
     @property
@@ -78,13 +79,13 @@ def write_page(explored: Explored, templates: Path, path: Path, generator: np.ra
     Parameters
     ----------
     explored
-        What it is made of.
+        The results of the study.
     templates
         Folder with the templates.
     path
-        The page.
+        File to write.
     generator
-        Source of the places of the lines, and of the records that are shown.
+        Random generator for the lines, and for the sample of the records that is shown.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The data of the explorer: what is text as JSON, and all arrays in one compressed block."""
+"""The data of the explorer: names and single numbers as JSON, and all arrays in one compressed block."""
 
 import base64
 import gzip
@@ -20,48 +20,62 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 
-RATIO_STEP = 0.05  # of the stored logarithms
-SPEED_STEP = 1 / 256  # [m/s], of the stored closing speeds
-RECORDS, URGENT = 10_000, 300  # shown over the map: a random sample, and those of the smallest TTC
-SHOWN_LINES = 6_000  # of the map of a vehicle that is not compiled
-GAMMA_LEVELS = (np.arange(15) + 0.5) / 15  # quantiles that stand for the rate of cut-ins
+RATIO_STEP = 0.05  # step to which the logarithms of ratios are rounded
+SPEED_STEP = 1 / 256  # [m/s], step to which closing speeds are rounded
+RECORDS, URGENT = 10_000, 300  # records on the page: a random sample, and those with the smallest TTC
+SHOWN_LINES = 6_000  # largest number of lines of a crash map that the page contains
+GAMMA_LEVELS = (np.arange(15) + 0.5) / 15  # levels of the quantiles that represent the rate of cut-ins
 
 
 @dataclass
 class Payload:
-    """Named arrays of numbers, and text.
+    """The data of a page: a dictionary, and named arrays of numbers.
 
     Attributes
     ----------
     text
-        What the page reads as JSON. Its entry ``arrays`` says where each array is.
+        Dictionary that the page reads as JSON. Its entry ``arrays`` contains type, shape and position in the
+        block of each array.
     """
 
     text: dict[str, Any]
     _blocks: list[bytes] = field(default_factory=list)
 
     def add(self, name: str, values: ArrayLike, kind: str) -> None:
-        """Add an array of a NumPy type of numbers, little-endian: ``f4``, ``u2``, ``u1``."""
+        """Add an array.
+
+        Parameters
+        ----------
+        name
+            Name of the array on the page.
+        values
+            Array of any shape.
+        kind
+            NumPy type to store it in, little-endian: ``f4``, ``u2`` or ``u1``.
+        """
         array = np.ascontiguousarray(values, dtype=f"<{kind}")
         place = {"type": kind, "start": sum(map(len, self._blocks)), "shape": list(array.shape)}
         self.text.setdefault("arrays", {})[name] = place
-        # Bytes of equal weight next to each other are compressed better.
+        # First bytes of all numbers, then second bytes, and so on: this order is compressed better.
         split = np.frombuffer(array.tobytes(), np.uint8).reshape(-1, array.itemsize).T
         self._blocks.append(split.tobytes())
 
     @property
     def block(self) -> str:
-        """The arrays, compressed, as text. The same arrays give the same text."""
+        """All arrays, compressed with gzip, in Base64. The same arrays always give the same text."""
         return base64.b64encode(gzip.compress(b"".join(self._blocks), 9, mtime=0)).decode()
 
     @property
     def json(self) -> str:
-        """The text as JSON that can stand in a page."""
+        """The dictionary as JSON in which "<" is escaped, so that it can be part of an HTML page."""
         return json.dumps(self.text, allow_nan=False).replace("<", "\\u003c")
 
 
 def add_lines(payload: Payload, lines: ExploredLines) -> None:
-    """Add the lines and the mean law along them; closing speeds as differences between levels."""
+    """Add the lines, along which lead speed and range are constant, and the mean law on each of them.
+
+    Closing speeds are stored as differences between successive levels of the hazard, rounded to `SPEED_STEP`.
+    """
     for name in ("lead_speed", "range_", "probability", "distance"):
         payload.add(name, getattr(lines, name), "f4")
     levels = np.round(np.minimum(lines.closing_speed, 240.0) / SPEED_STEP)
@@ -74,12 +88,25 @@ def add_lines(payload: Payload, lines: ExploredLines) -> None:
 
 
 def add_laws(payload: Payload, weighted: WeightedLaws, drawn: DrawnLaws, logs: Array) -> None:
-    """Add the draws: their members, weights of the choices of a reader, and the log ratios at the nodes."""
+    """Add the draws of the laws.
+
+    Parameters
+    ----------
+    payload
+        The data of the page.
+    weighted
+        The laws with their weights, with which a reader can choose a law or a threshold.
+    drawn
+        The draws, each with the index of its law.
+    logs
+        Logarithm of the ratio of each draw to the mean law at the nodes, from
+        `answer.explored_ratios.log_ratios`.
+    """
     members = weighted.members
     payload.add("member", drawn.member, "u1")
-    order = np.argsort(drawn.member, kind="stable")  # draws of one member are alike
+    order = np.argsort(drawn.member, kind="stable")  # draws of one law are similar, so differences are small
     levels = np.round((logs[order] - LIMITS[0]) / RATIO_STEP).astype(int)
-    # Differences modulo 2^16, along the levels and between draws.
+    # Differences modulo 2^16, along the levels and between draws, are compressed better than the values.
     differences = np.diff(np.diff(levels, axis=-1, prepend=0), axis=0, prepend=0)
     payload.add("ratios", differences & 0xFFFF, "u2")
     for name, matrix in zip(("refine_speed", "refine_root", "refine_level"), refinements(), strict=True):
@@ -102,7 +129,7 @@ def add_laws(payload: Payload, weighted: WeightedLaws, drawn: DrawnLaws, logs: A
 
 
 def add_records(payload: Payload, records: DistinctRecords, generator: np.random.Generator) -> None:
-    """Add recorded cut-ins to show: those nearest to a crash, and a random sample of the others."""
+    """Add recorded cut-ins to show: those with the smallest TTC, and a random sample of the others."""
     order = np.argsort(-records.closing_speed / records.range_, kind="stable")
     drawn = generator.choice(order[URGENT:], min(RECORDS, max(records.size - URGENT, 0)), replace=False)
     shown = records.only(np.concatenate([order[:URGENT], drawn]))
@@ -113,7 +140,20 @@ def add_records(payload: Payload, records: DistinctRecords, generator: np.random
 def add_map(
     payload: Payload, crash_map: CrashMap, events: Sequence[str], generator: np.random.Generator
 ) -> None:
-    """Add lines of the crash map of a vehicle that the page cannot simulate, with their crashes."""
+    """Add a random sample of the intervals of a crash map, for a vehicle that the page cannot simulate.
+
+    Parameters
+    ----------
+    payload
+        The data of the page.
+    crash_map
+        Crash map of the vehicle.
+    events
+        Names of the events of the page; intervals of the first are added: the lead speed and range of the
+        line, and the closing speeds between which the event occurs.
+    generator
+        Random generator that chooses `SHOWN_LINES` intervals.
+    """
     intervals = next(values for event, values in crash_map.events.items() if event.quantity == events[0])
     count = intervals.line.size
     chosen = np.sort(generator.choice(count, min(count, SHOWN_LINES), replace=False))
@@ -125,7 +165,15 @@ def add_map(
 
 
 def add_runs(payload: Payload, runs: pd.DataFrame) -> None:
-    """Add the simulations of a slow vehicle: cut-ins, and whether they crashed. Repeats are left out."""
+    """Add the simulations of a slow vehicle: their cut-ins, and whether each crashed.
+
+    Parameters
+    ----------
+    payload
+        The data of the page.
+    runs
+        Table ``sampled/runs.csv``. Repeated simulations of the same cut-in are left out.
+    """
     once = runs[runs["phase"] != "repeat"]
     payload.add("run_lead_speed", once["lead_speed"], "f4")
     payload.add("run_range", 1 / once["inverse_range"], "f4")
@@ -134,7 +182,20 @@ def add_runs(payload: Payload, runs: pd.DataFrame) -> None:
 
 
 def exposure_of(cut_ins: int, exposure: Mapping[str, float | None]) -> dict[str, Any]:
-    """Return rates of cut-ins per million kilometres: quantiles of equal weight; None if not known."""
+    """Return the rate of cut-ins per million kilometres, as quantiles of its gamma distribution.
+
+    Parameters
+    ----------
+    cut_ins
+        Number of recorded cut-ins.
+    exposure
+        ``kilometres`` of the records, None if not known.
+
+    Returns
+    -------
+    dict
+        ``cut_ins``, ``kilometres`` and ``rates``, 15 quantiles of equal weight; None without kilometres.
+    """
     kilometres = exposure.get("kilometres")
     if kilometres is None:
         return {"cut_ins": cut_ins, "kilometres": None, "rates": None}
@@ -143,7 +204,15 @@ def exposure_of(cut_ins: int, exposure: Mapping[str, float | None]) -> dict[str,
 
 
 def published_of(table: pd.DataFrame, key: str) -> list[dict[str, Any]]:
-    """Return rows of a published table with numbers that JSON can hold; None where there is none."""
+    """Return the rows of a published table for the page, with None in place of NaN, which JSON lacks.
+
+    Parameters
+    ----------
+    table
+        Published table of the answer, by event or by vehicle.
+    key
+        Column that names the rows. It is returned with probability, median and the limits of intervals.
+    """
     columns = [key, "probability", "median", *(name for name in table if name.startswith(("low", "high")))]
     rows = table[[name for name in columns if name in table]].to_dict("records")
     return [{name: None if value != value else value for name, value in row.items()} for row in rows]

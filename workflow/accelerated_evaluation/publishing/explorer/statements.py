@@ -1,4 +1,7 @@
-"""Translation of the statements of one function."""
+"""Translation of the statements of one function to WebAssembly.
+
+Each method ``do_X`` appends the code for a statement X of Python's syntax tree.
+"""
 
 import ast
 import inspect
@@ -20,10 +23,16 @@ from accelerated_evaluation.publishing.explorer.kinds import (
 
 
 class Body(Calls):
-    """The translation of one function."""
+    """The translation of one function; the parameters are those of `Expressions`."""
 
     def translate(self) -> None:
-        """Translate all statements."""
+        """Translate all statements of the function.
+
+        Raises
+        ------
+        TranslationError
+            If the function uses a part of Python that the translator does not support.
+        """
         lines, self.first_line = inspect.getsourcelines(self.source)
         tree = ast.parse(textwrap.dedent("".join(lines))).body[0]
         names = [argument.arg for argument in tree.args.args]
@@ -44,12 +53,12 @@ class Body(Calls):
             translate(node)
 
     def require_one_lane(self, node: ast.stmt) -> None:
-        """Raise the error for a statement that would act on two lanes at once."""
+        """Raise TranslationError if the statement is in a loop that computes two lanes at once."""
         if self.lane is not None:
             raise self.error(node, f"a statement {type(node).__name__} in a loop of two lanes")
 
     def do_Expr(self, node: ast.Expr) -> None:  # noqa: N802
-        """Translate a docstring, which is nothing, or a call."""
+        """Translate a call whose result is not used; skip a docstring."""
         if isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
             return
         self.require_one_lane(node)
@@ -71,7 +80,16 @@ class Body(Calls):
                 self.assign(part, local, kind)
 
     def temporaries(self, node: ast.AST, value: ast.expr) -> list[tuple[int, Type]]:
-        """Evaluate an expression into new local variables: several for a tuple, or an array's elements."""
+        """Evaluate an expression, and store its value in new local variables.
+
+        There is one variable for each element of a tuple, and for each element of a column that is assigned
+        to a tuple of names.
+
+        Returns
+        -------
+        list
+            Index and type of each local variable.
+        """
         if isinstance(value, ast.Tuple):
             return [self.temporaries(node, part)[0] for part in value.elts]
         kind = self.value(value)
@@ -90,7 +108,7 @@ class Body(Calls):
         return [(local, kind)]
 
     def element_at(self, array: int, kind: ArrayOf, index: int) -> tuple[int, Type]:
-        """Load an element of a column into a new local variable."""
+        """Load an element of a column into a new local variable; return the variable's index and type."""
         local = self.new_local(kind.element)
         self.emit("local.get", array)
         self.emit(load(kind.element), WORD * kind.strides[0] * index)
@@ -98,7 +116,7 @@ class Body(Calls):
         return local, kind.element
 
     def assign(self, target: ast.expr, local: int, kind: Type) -> None:
-        """Assign a local variable to a name, an element or a column."""
+        """Assign the value of a local variable of type ``kind`` to a name, an element or a column."""
         if isinstance(target, ast.Name):
             self.emit("local.get", local)
             self.store(target, kind)
@@ -123,7 +141,13 @@ class Body(Calls):
         self.emit(store(array), offset)
 
     def store(self, target: ast.Name, kind: Type | None) -> None:
-        """Store the value on the stack in a variable, whose type is that of its first value."""
+        """Store the value on the stack in a variable. The first value that is stored determines its type.
+
+        Raises
+        ------
+        TranslationError
+            If the value is not a single one, or a lane would change a variable that the lanes share.
+        """
         if kind is None or isinstance(kind, tuple):
             raise self.error(target, "no single value", "one value for one name")
         if self.lane is not None and target.id in self.outside:
@@ -140,7 +164,7 @@ class Body(Calls):
         self.do_Assign(ast.fix_missing_locations(ast.copy_location(ast.Assign([node.target], value), node)))
 
     def do_If(self, node: ast.If) -> None:  # noqa: N802
-        """Translate a branch."""
+        """Translate ``if`` and ``else``."""
         self.expect(node.test, BOOL)
         self.open("if")
         self.statements(node.body)
@@ -150,14 +174,15 @@ class Body(Calls):
         self.close()
 
     def do_While(self, node: ast.While) -> None:  # noqa: N802
-        """Translate a loop."""
+        """Translate a ``while`` loop."""
         self.require_one_lane(node)
         self.loop(lambda: self.expect(node.test, BOOL), node, _nothing, _nothing)
 
     def do_For(self, node: ast.For) -> None:  # noqa: N802
-        """Translate a loop over a range whose ends do not change; its counter is a variable of its own.
+        """Translate a ``for`` loop over a range, whose ends are evaluated once.
 
-        The loop takes two lanes at once where every lane has its own numbers, and the last one alone.
+        If the step is 1 and no round depends on an earlier one, the code computes two rounds at once, as two
+        lanes, as long as two are left. A second loop computes the rest one by one.
         """
         call = node.iter
         self.require_one_lane(node)
@@ -175,7 +200,17 @@ class Body(Calls):
         self.counted(node, counter, last, self.constant(rest[0]) if rest else 1)
 
     def in_pairs(self, node: ast.For, counter: int, last: int) -> None:
-        """Translate a loop for two lanes at once; write nothing if a statement needs a lane for itself."""
+        """Translate a loop that computes two rounds at once, if all its statements allow it.
+
+        Otherwise no code is added, and the loop over single rounds, which follows, computes all of them.
+
+        Parameters
+        ----------
+        node
+            The loop.
+        counter, last
+            Indices of the local variables with the next number and the end of the range.
+        """
         before = len(self.function.code), len(self.function.local_types), dict(self.variables), self.depth
         loops, lane = list(self.loops), self.lane
         try:
@@ -188,7 +223,17 @@ class Body(Calls):
             self.lane, self.variables = lane, before[2]
 
     def counted(self, node: ast.For, counter: int, last: int, step: int) -> None:
-        """Translate a loop from the value of a counter on, as long as a whole step is left."""
+        """Translate a loop that starts at the value of ``counter`` and ends before ``last``.
+
+        Parameters
+        ----------
+        node
+            The loop.
+        counter, last
+            Indices of the local variables with the next number and the end of the range.
+        step
+            Increment of the counter; 2 for two lanes at once, where a last odd round is left over.
+        """
 
         def test() -> None:
             self.emit("local.get", counter)
@@ -219,7 +264,21 @@ class Body(Calls):
         advance: Callable[[], None],
         begin: Callable[[], None],
     ) -> None:
-        """Write a loop: out of the outer block is ``break``, to the end of the inner one ``continue``."""
+        """Write the code of a loop, as a block, a loop and a block that are nested.
+
+        ``break`` leaves the outer block, and ``continue`` leaves the inner one.
+
+        Parameters
+        ----------
+        test
+            Pushes whether the loop goes on.
+        node
+            The loop, whose statements are translated.
+        advance
+            Writes the code after each round, which increments the counter.
+        begin
+            Writes the code before each round, which sets the variable of the loop.
+        """
         if node.orelse:
             raise self.error(node, "a loop with else")
         self.open("block")
@@ -241,27 +300,33 @@ class Body(Calls):
         self.close()
 
     def open(self, name: str, *result: int) -> None:
-        """Open a block."""
+        """Open a block with an instruction, ``block``, ``loop`` or ``if``."""
         self.emit(name, *result)
         self.depth += 1
 
     def close(self) -> None:
-        """Close a block."""
+        """Close the innermost block."""
         self.emit("end")
         self.depth -= 1
 
     def do_Break(self, node: ast.Break) -> None:  # noqa: N802
-        """Leave the innermost loop."""
+        """Translate ``break``, which leaves the innermost loop."""
         self.require_one_lane(node)
         self.emit("br", self.depth - self.loops[-1][0])
 
     def do_Continue(self, node: ast.Continue) -> None:  # noqa: N802
-        """Go on with the next round of the innermost loop."""
+        """Translate ``continue``, which begins the next round of the innermost loop."""
         self.require_one_lane(node)
         self.emit("br", self.depth - self.loops[-1][1])
 
     def do_Return(self, node: ast.Return) -> None:  # noqa: N802
-        """Return nothing, a number, or a tuple of numbers."""
+        """Translate ``return`` with no value, a number, or a tuple of numbers.
+
+        Raises
+        ------
+        TranslationError
+            If two statements return different types, or an array is returned.
+        """
         self.require_one_lane(node)
         kind: Type | None = None
         if isinstance(node.value, ast.Tuple):
@@ -283,4 +348,4 @@ class Body(Calls):
 
 
 def _nothing() -> None:
-    """Do nothing."""
+    """Write no code before or after a round of a ``while`` loop."""

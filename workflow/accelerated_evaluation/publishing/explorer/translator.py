@@ -1,12 +1,14 @@
 """A strict translator of the vehicles' compiled code from Python to WebAssembly.
 
-The kernels are scalar functions for numba: loops over lanes, arithmetic on floats, and arrays of known shape.
-This module translates the same source to WebAssembly, so that a browser computes what Python computes. All
-operations are those of IEEE 754 in double precision and in the order of the source, so the results are equal
-to the bit. Whatever the translator does not know is an error, never a guess.
+The simulation code of the vehicles, the kernels, consists of functions that numba compiles: loops over lanes,
+which are encounters that are simulated side by side, arithmetic on floats, and arrays of known shape. This
+module translates the same source to WebAssembly, so that a browser computes the same outcomes as Python. All
+operations are those of IEEE 754 in double precision, in the order of the source, so the results are equal bit
+by bit. If the source uses a part of Python that is not supported, `TranslationError` is raised.
 
-Functions are compiled for the types of their arguments, as numba does. The shapes of all arrays are known, so
-an array is one address, and the arrays that a function makes have fixed places in the memory.
+As by numba, a function is compiled separately for each combination of argument types. The shapes of all
+arrays are known, so an array is passed as one address, and an array that a function creates has a fixed place
+in the memory.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,7 +29,7 @@ class Translator:
     functions
         The translated functions, callees before their callers.
     memory
-        Bytes of the memory in use. The first word stays free.
+        Number of bytes of the memory that are in use, including a first word that is never used.
     """
 
     functions: list[Function] = field(default_factory=list)
@@ -36,7 +38,7 @@ class Translator:
     _exports: dict[str, int] = field(default_factory=dict)
 
     def allocate(self, kind: ArrayOf | RecordOf) -> int:
-        """Return the address of new memory for an array or a record."""
+        """Reserve memory for an array or a record, and return its address in bytes."""
         address, self.memory = self.memory, self.memory + kind.size
         return address
 
@@ -45,7 +47,14 @@ class Translator:
         self._exports[name] = self.translated(function, types)[0]
 
     def translated(self, function: Callable, types: Sequence[Type]) -> tuple[int, Type | None]:
-        """Return the index of a function for given types of arguments, and the type of its result."""
+        """Translate a function for given argument types, unless this has been done before.
+
+        Returns
+        -------
+        index, result
+            Index of the function in the module, and the type of its result: None without a result, a tuple
+            for several.
+        """
         source = getattr(function, "py_func", function)
         key = (source, *types)
         if key not in self._known:
@@ -56,5 +65,5 @@ class Translator:
         return self._known[key]
 
     def module(self) -> bytes:
-        """Return the binary module."""
+        """Return the WebAssembly module in its binary format."""
         return wasm.module(self.functions, self._exports, self.memory)

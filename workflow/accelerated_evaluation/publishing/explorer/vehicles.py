@@ -1,7 +1,8 @@
-"""The vehicles of the explorer: their sliders, and the numbers that go to the compiled code at each stop.
+"""The vehicles of the explorer: their sliders, and the parameters of the compiled code at each position.
 
-Python computes the numbers for every stop of every slider, so that the page need not know how a parameter
-becomes a number. Each slider therefore has numbers of its own, which is checked.
+Python computes, for every position of every slider, which of the numbers that the compiled code reads are
+changed. The page only inserts these numbers. No two sliders of a vehicle may change the same number, which is
+checked.
 """
 
 import math
@@ -17,12 +18,22 @@ from accelerated_evaluation.vehicles.builtin.acc_aeb import V60_TTC, AccAeb
 from accelerated_evaluation.vehicles.protocol import Vehicle
 from accelerated_evaluation.vehicles.registry import VEHICLES
 
-PUBLISHED_TTC = f"{V60_TTC[0]:g}–{V60_TTC[1]:g}"  # it depends on the speed
+PUBLISHED_TTC = f"{V60_TTC[0]:g}–{V60_TTC[1]:g}"  # [s], least and largest value; it depends on the speed
 
 
 @dataclass(frozen=True)
 class Slider:
-    """A slider: a parameter, what a reader calls it, its unit, and its stops."""
+    """A slider of the page, which changes a parameter of a vehicle.
+
+    Attributes
+    ----------
+    parameter
+        Name of the parameter.
+    label, unit
+        Name and unit on the page.
+    stops
+        Values of the parameter that a reader can choose, in increasing order.
+    """
 
     parameter: str
     label: str
@@ -30,9 +41,17 @@ class Slider:
     stops: tuple[float, ...]
 
     def parameters(self, base: Mapping[str, Any], value: float | None) -> dict[str, Any]:
-        """Return the parameters of the vehicle at a stop.
+        """Return the parameters of the vehicle with one parameter changed.
 
-        An AEB that begins earlier than it would be released is released where it begins.
+        If the TTC at which the AEB begins is increased above the TTC at which the AEB is released, the latter
+        is increased to the same value.
+
+        Parameters
+        ----------
+        base
+            Parameters of the vehicle, by name.
+        value
+            New value; None for the published TTC of the AEB, which depends on the speed.
         """
         changed = {self.parameter: value}
         if self.parameter == "aeb_ttc" and value is not None:
@@ -40,7 +59,10 @@ class Slider:
         return dict(base) | changed
 
     def values(self, start: float | None) -> list[float | None]:
-        """Return the stops in order, with that of the vehicle itself, which may be None."""
+        """Return the values of the slider in increasing order, with the vehicle's own value ``start`` added.
+
+        None stands for the published TTC of the AEB, and is sorted by the largest TTC of it.
+        """
         others = [value for value in self.stops if start is None or not math.isclose(value, start)]
         return sorted([*others, start], key=lambda value: V60_TTC[1] if value is None else value)
 
@@ -87,14 +109,15 @@ def compiled_vehicles(tested: Mapping[str, Any]) -> list[dict[str, Any]]:
     Parameters
     ----------
     tested
-        Section ``vehicle`` of the configuration: the page begins with this one's parameters, if it has it.
+        Section ``vehicle`` of the configuration. If the page contains this vehicle, its sliders start at
+        these parameters; other vehicles start at their default parameters.
 
     Returns
     -------
     list
-        For each vehicle its ``name``, ``title``, ``kernel`` (car or driver), ``striped`` (whether a few lines
-        cannot answer for it), the compiled ``numbers``, and its ``sliders``. Each stop of a slider has the
-        ``changes`` that it makes to the numbers.
+        For each vehicle its ``name``, ``title``, ``kernel`` (car or driver), ``striped`` (whether crashes lie
+        in such narrow stripes that a few lines are not enough), the ``numbers`` that the compiled code reads,
+        and its ``sliders``. Each stop of a slider has the ``changes`` to these numbers, by their position.
     """
     return [_described(name, tested["parameters"] if name == tested["name"] else {}) for name in SLIDERS]
 
@@ -117,7 +140,7 @@ def _described(name: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _stops(vehicle_class: Callable[..., Any], base: Mapping[str, Any], slider: Slider) -> dict[str, Any]:
-    """Return a slider with what each of its stops changes in the compiled numbers."""
+    """Return a slider for the page, with the changes of the compiled numbers at each of its stops."""
     start = base[slider.parameter]
     values = slider.values(start)
     original = vehicle_class(**base).compiled()
@@ -155,12 +178,15 @@ def _require_own_numbers(name: str, sliders: Sequence[Mapping[str, Any]]) -> Non
 
 
 def _as_text(number: float | bool) -> str:
-    """Return a number as JavaScript reads it back to the bit, infinity included."""
+    """Return a number as text from which JavaScript reads the same float, bit by bit; also for infinity."""
     return "Infinity" if number == math.inf else repr(float(number))
 
 
 def pilots() -> list[Vehicle]:
-    """Return vehicles at the ends of the sliders, which say where the page needs lines."""
+    """Return the vehicles of the page with default parameters, and with each slider at its two ends.
+
+    The page needs lines where these vehicles crash. Vehicles whose crashes form narrow stripes are left out.
+    """
     vehicles = []
     for name, sliders in SLIDERS.items():
         vehicle_class = VEHICLES[name]

@@ -1,4 +1,4 @@
-"""The binary format of WebAssembly, as far as the translated kernels need it.
+"""Encoding of WebAssembly modules in their binary format, with the instructions that the kernels need.
 
 The names of operations are those of the specification (WebAssembly Core 2.0, chapter 5, Binary Format).
 """
@@ -61,7 +61,7 @@ OPERATIONS = {
     "f64.div": 0xA3,
     "f64.convert_i32": 0xB7,
 }
-# Operations on two floats, or two truths, at once. All bits of a lane that is true are 1.
+# Operations on a vector of two floats or two truths. A truth has 64 bits, all of them 1 if it is true.
 VECTOR_OPERATIONS = {
     "v128.load": 0,
     "v128.store": 11,
@@ -93,7 +93,7 @@ TRUNCATE = b"\xfc\x02"  # i32.trunc_sat_f64_s: a float to the next integer towar
 
 
 def unsigned(value: int) -> bytes:
-    """Return an unsigned integer in LEB128."""
+    """Encode an unsigned integer in LEB128: 7 bits per byte, the lowest first."""
     encoded = bytearray()
     while True:
         value, low = value >> 7, value & 0x7F
@@ -103,23 +103,32 @@ def unsigned(value: int) -> bytes:
 
 
 def signed(value: int) -> bytes:
-    """Return a signed integer in LEB128."""
+    """Encode a signed integer in LEB128: 7 bits per byte of its two's complement, the lowest first."""
     encoded = bytearray()
     while True:
         value, low = value >> 7, value & 0x7F
-        if value == -(low >> 6):  # the rest repeats the sign
+        if value == -(low >> 6):  # all further bits equal the sign bit
             return bytes([*encoded, low])
         encoded.append(low | 0x80)
 
 
 def vector(parts: Iterable[bytes]) -> bytes:
-    """Return a list of encoded parts, preceded by their number."""
+    """Encode a list: the number of its parts, followed by the parts, which are encoded already."""
     listed = list(parts)
     return unsigned(len(listed)) + b"".join(listed)
 
 
 def instruction(name: str, *operands: int | float) -> bytes:
-    """Return one instruction with its operands."""
+    """Encode one instruction with its operands.
+
+    Parameters
+    ----------
+    name
+        Name in `OPERATIONS` or `VECTOR_OPERATIONS`.
+    operands
+        The constant; the index of a variable or function; the offset in bytes for load and store; or the type
+        of a block with a result.
+    """
     if name in VECTOR_OPERATIONS:
         code = b"\xfd" + unsigned(VECTOR_OPERATIONS[name])
     else:
@@ -138,14 +147,14 @@ def instruction(name: str, *operands: int | float) -> bytes:
 
 @dataclass
 class Function:
-    """A function of a module.
+    """A function of a module of WebAssembly.
 
     Attributes
     ----------
     parameters, results
         Value types, `I32`, `F64` or `V128`.
     local_types
-        Types of the local variables, parameters first.
+        Types of the parameters, followed by those of the local variables.
     code
         Instructions, without the final ``end``.
     """
@@ -173,7 +182,7 @@ class Function:
 
 
 def module(functions: Sequence[Function], exports: dict[str, int], memory: int) -> bytes:
-    """Return a module.
+    """Return a module of WebAssembly in its binary format.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ def fig01_concept(
     segment: str,
     source: str,
 ) -> tuple[Figure, pd.DataFrame]:
-    """Acceleration by a single parametric and by a piecewise mixture distribution (paper, figure 1).
+    """Draw the acceleration by a single parametric and by a piecewise mixture distribution (paper, figure 1).
 
     Parameters
     ----------
@@ -52,13 +52,14 @@ def fig01_concept(
     proposals
         The accelerated f*, by method and segment.
     source
-        What the encounters are, to be printed.
+        Description of the data.
 
     Returns
     -------
     figure, data
-        A panel a method, with the histogram of the records, f and f*; and all that is drawn: method, curve,
-        inverse_ttc_per_s, bin_width_per_s, count, density_s, is_knot.
+        The figure has a panel for each method, with the histogram of the records, f and f*. The data contain
+        everything that is drawn, with columns method, curve, inverse_ttc_per_s, bin_width_per_s, count,
+        density_s and is_knot.
     """
     x = encounters.loc[encounters["segment"] == segment, "inverse_ttc"].to_numpy()
     records = histogram(x, np.linspace(0.0, 1.05 * x.max(), BINS + 1), INVERSE_TTC)
@@ -82,7 +83,7 @@ def fig01_concept(
 def _draw_densities(
     axis: Axes, laws: tuple[Distribution, Distribution], end: float, records: pd.DataFrame
 ) -> pd.DataFrame:
-    """Draw f and f* up to ``end`` and return their rows below those of the records."""
+    """Draw f and f* up to ``end`` [1/s], and return the rows of the records followed by those of f and f*."""
     parts = [records]
     for (name, (label, style)), law in zip(DENSITIES.items(), laws, strict=True):
         curve = Curve(law, style)

@@ -20,7 +20,19 @@ SMALLEST = 0.01  # [1/million miles], left end of the axis, where a rate of zero
 
 
 def rows_to_draw(counted: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of the chart in the order of its groups, each with its group and label."""
+    """Return the rows of the chart, sorted by the group to which they belong.
+
+    Parameters
+    ----------
+    counted
+        ``counted_crashes.csv`` of a study: predicted and counted crash rates.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The same rows with two more columns: ``group``, one of `GROUPS`, and ``label``, the name of the row in
+        the chart.
+    """
     severity = counted["what"].str.extract(r"^(crash|near-crash): ", expand=False).fillna("other")
     groups = np.where(counted["kind"] == "predicted", "predicted", "counted " + severity)
     what = counted["what"].str.replace(r"^(?:crash|near-crash): ", "", regex=True)
@@ -42,6 +54,11 @@ def fig31_counted_crashes(counted_crashes: pd.DataFrame, source: str) -> tuple[F
         ``counted_crashes.csv`` of a study.
     source
         Description of the data.
+
+    Returns
+    -------
+    figure, data
+        The figure, and its rows as from `rows_to_draw`.
     """
     rows = rows_to_draw(counted_crashes)
     y = spaced(rows["group"], 1.6)

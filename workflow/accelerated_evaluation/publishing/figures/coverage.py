@@ -29,7 +29,7 @@ STOPPINGS = {
 
 @figure
 def fig18_coverage(coverage: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
-    """Draw the coverage of intervals, by method and stopping rule.
+    """Draw how often the intervals contain the true probability, by method and stopping rule.
 
     Parameters
     ----------
@@ -41,8 +41,9 @@ def fig18_coverage(coverage: pd.DataFrame, source: str) -> tuple[Figure, pd.Data
     Returns
     -------
     figure, data
-        A panel for each level, with exact binomial 95 % intervals; method, stopping, replicates, level,
-        coverage, ci_low and ci_high.
+        The figure has a panel for each level of the intervals, with exact binomial 95 % intervals of the
+        coverage. The columns of the data are method, stopping, replicates, level, coverage, ci_low and
+        ci_high.
     """
     data = _coverage_rows(coverage)
     y = spaced(coverage["method"], 1.0)
@@ -68,7 +69,7 @@ def fig18_coverage(coverage: pd.DataFrame, source: str) -> tuple[Figure, pd.Data
 
 
 def _coverage_rows(coverage: pd.DataFrame) -> pd.DataFrame:
-    """Stack the levels, with binomial intervals of the coverages."""
+    """Return a row for each row of the table and level, with the binomial 95 % interval of the coverage."""
     data = pd.concat(
         [
             coverage[["method", "stopping", "replicates"]].assign(
@@ -78,6 +79,6 @@ def _coverage_rows(coverage: pd.DataFrame) -> pd.DataFrame:
         ],
         ignore_index=True,
     )
-    held = (data["coverage"] * data["replicates"]).round().astype(int)
-    bounds = [binomial_interval(k, n, 0.05) for k, n in zip(held, data["replicates"], strict=True)]
+    covered = (data["coverage"] * data["replicates"]).round().astype(int)
+    bounds = [binomial_interval(k, n, 0.05) for k, n in zip(covered, data["replicates"], strict=True)]
     return data.assign(ci_low=[bound.low for bound in bounds], ci_high=[bound.high for bound in bounds])

@@ -18,7 +18,21 @@ RECORDS_COLOR = "#c0c0c0"
 
 @dataclass(frozen=True)
 class Variable:
-    """Name and units of a variable in figures and in their data."""
+    """Name and units of a variable in figures and in their data.
+
+    Attributes
+    ----------
+    name
+        Name in the names of columns.
+    symbol
+        Symbol as a formula of LaTeX.
+    unit, unit_name
+        Unit in labels, and in the names of columns.
+    density_unit
+        Unit of its density, the inverse of ``unit``.
+    log_scale
+        Whether its axis is logarithmic in the panel of the tail.
+    """
 
     name: str
     symbol: str
@@ -29,7 +43,7 @@ class Variable:
 
     @property
     def column(self) -> str:
-        """Name of its column."""
+        """Name of the column of its values."""
         return f"{self.name}_{self.unit_name}"
 
     @property
@@ -49,9 +63,18 @@ INVERSE_TTC = Variable("inverse_ttc", "TTC^{-1}", "1/s", "per_s", "s", log_scale
 
 @dataclass(frozen=True)
 class Curve:
-    """A distribution and its style.
+    """A distribution, and how it is drawn.
 
-    ``weight`` times the density is drawn, and its survival function if ``whole``.
+    Attributes
+    ----------
+    law
+        The distribution.
+    style
+        Arguments of `Axes.plot`.
+    weight
+        Factor of the density; smaller than 1 for a component of a mixture.
+    whole
+        Whether the survival function is drawn too; false for a component of a mixture.
     """
 
     law: Distribution
@@ -61,11 +84,23 @@ class Curve:
 
     @property
     def knots(self) -> Array:
-        """Its truncation points, shape (k - 1,); none for a single law."""
+        """The truncation points between the k pieces of the distribution, shape (k - 1,)."""
         return np.asarray(getattr(self.law, "knots", ()))
 
     def grid(self, points: Array) -> Array:
-        """Return the points in increasing order, with two points at every knot, one on each side."""
+        """Return the points at which the curve is evaluated.
+
+        Parameters
+        ----------
+        points
+            Increasing points, shape (n,).
+
+        Returns
+        -------
+        Array
+            The points and two more for each knot between them, at the knot and just below it, so that jumps
+            of the density are drawn; shape (n + 2 knots,), or less if a point occurs twice.
+        """
         knots = self.knots[(self.knots > points[0]) & (self.knots < points[-1])]
         return np.unique(np.concatenate([points, knots, np.nextafter(knots, -np.inf)]))
 
@@ -78,12 +113,14 @@ def histogram(x: Array, edges: Array, variable: Variable) -> pd.DataFrame:
     x
         Records, shape (n,). The density refers to all of them, including those outside the bins.
     edges
-        Increasing edges of the bins, in the unit of x.
+        Increasing edges of the bins, shape (bins + 1,), in the unit of x.
+    variable
+        The variable, for the names of the columns.
 
     Returns
     -------
     pandas.DataFrame
-        A row for each bin: curve, middle, width, count and density, count / (n width).
+        A row for each bin: curve (`RECORDS`), middle, width, count and density, count / (n width).
     """
     count, width = np.histogram(x, edges)[0], np.diff(edges)
     columns = (variable.column, variable.width, "count", variable.density)
@@ -92,7 +129,24 @@ def histogram(x: Array, edges: Array, variable: Variable) -> pd.DataFrame:
 
 
 def density_table(name: str, curve: Curve, points: Array, variable: Variable) -> pd.DataFrame:
-    """Tabulate a curve's density at points, shape (n,), and its knots: curve, x, density, is_knot."""
+    """Tabulate the density of a curve where it is positive.
+
+    Parameters
+    ----------
+    name
+        Name of the curve.
+    curve
+        The distribution and its weight.
+    points
+        Increasing points, shape (n,), to which the knots are added.
+    variable
+        The variable, for the names of the columns.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns curve, value of the variable, density times weight, and is_knot.
+    """
     x = curve.grid(points)
     density = curve.weight * np.exp(curve.law.logpdf(x))
     inside = density > 0
@@ -101,7 +155,7 @@ def density_table(name: str, curve: Curve, points: Array, variable: Variable) ->
 
 
 def draw_histogram(axis: Axes, rows: pd.DataFrame, variable: Variable, label: str) -> None:
-    """Draw a histogram on a logarithmic axis, whose lower limit is a third of the lowest density."""
+    """Draw a table from `histogram` on a logarithmic axis, from a third of the smallest positive density."""
     middle, half = rows[variable.column].to_numpy(), rows[variable.width].to_numpy() / 2
     edges = np.append(middle - half, middle[-1] + half[-1])
     density = rows[variable.density].to_numpy()
@@ -111,7 +165,7 @@ def draw_histogram(axis: Axes, rows: pd.DataFrame, variable: Variable, label: st
 
 
 def set_log_ticks(axis: Axes) -> None:
-    """Scale x logarithmically, with ticks at 1, 2 and 5 written as plain numbers."""
+    """Scale x logarithmically, with ticks at 1, 2 and 5 times powers of ten, written as plain numbers."""
     axis.set_xscale("log")
     axis.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axis.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
@@ -119,7 +173,21 @@ def set_log_ticks(axis: Axes) -> None:
 
 
 def draw_curve(axis: Axes, rows: pd.DataFrame, columns: tuple[str, str], label: str, curve: Curve) -> None:
-    """Draw two columns of a curve's rows against each other, with markers at its knots."""
+    """Draw a curve with markers at its knots.
+
+    Parameters
+    ----------
+    axis
+        The axes.
+    rows
+        Points of the curve, with a column ``is_knot``.
+    columns
+        Names of the columns for x and y.
+    label
+        Name of the curve in the legend.
+    curve
+        The curve, whose style is used.
+    """
     knots = np.flatnonzero(rows["is_knot"].to_numpy(dtype=bool)).tolist()
     style = dict(curve.style) if knots else {**curve.style, "marker": None}
     axis.plot(*(rows[column] for column in columns), label=label, markevery=knots or None, **style)

@@ -20,7 +20,7 @@ BINS = 50
 def fig02_data(
     encounters: pd.DataFrame, lead_speed_edges: Sequence[float], source: str
 ) -> tuple[Figure, pd.DataFrame]:
-    """Range and inverse time to collision of the lane changes by lead speed, as counts (paper, figure 2).
+    """Draw the number of lane changes by lead speed and range, and by lead speed and TTC^-1 (figure 2).
 
     Parameters
     ----------
@@ -29,13 +29,14 @@ def fig02_data(
     lead_speed_edges
         Edges of the segments [m/s].
     source
-        What the encounters are, to be printed.
+        Description of the data.
 
     Returns
     -------
     figure, data
-        Two maps of counts, and the counts of all bins that hold an event: panel, lower and upper edges in
-        lead_speed [m/s], range [m] or inverse_ttc [1/s], count. No record can be read off it.
+        The figure has two maps of counts. The data contain the counts of all bins with at least one event:
+        panel, lower and upper edges of lead_speed [m/s] and of range [m] or inverse_ttc [1/s], and count. The
+        data contain no single records.
     """
     speeds = np.linspace(lead_speed_edges[0], lead_speed_edges[-1], BINS + 1)
     tables = []
@@ -56,7 +57,7 @@ def fig02_data(
 
 
 def _draw_map(axis: Axes, count: np.ndarray, speeds: np.ndarray, edges: np.ndarray) -> None:
-    """Shade the bins that hold events, as pixels inside the vector formats; shapes as of `_count_table`."""
+    """Shade the bins with events, as pixels also in the vector formats; shapes as in `_count_table`."""
     filled = np.ma.masked_equal(count.T, 0)
     shade = axis.pcolormesh(speeds, edges, filled, norm=LogNorm(vmin=1), cmap="cividis_r", rasterized=True)
     axis.figure.colorbar(shade, ax=axis, label="lane changes per bin")
@@ -66,7 +67,7 @@ def _draw_map(axis: Axes, count: np.ndarray, speeds: np.ndarray, edges: np.ndarr
 def _count_table(
     name: str, unit: str, count: np.ndarray, speeds: np.ndarray, edges: np.ndarray
 ) -> pd.DataFrame:
-    """List the bins that hold events; count has shape (speeds - 1, edges - 1)."""
+    """Return a row for each bin with events; ``count`` has shape (len(speeds) - 1, len(edges) - 1)."""
     row, column = np.nonzero(count)
     return pd.DataFrame(
         {

@@ -1,4 +1,4 @@
-"""Dot charts: a row for each number, rows in groups, and a vertical line for the true value."""
+"""Dot charts: each row shows a number and its interval, rows form groups, and a line marks the true value."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -17,32 +17,75 @@ INTERVAL = ("probability", "ci_low", "ci_high")
 TRUTH = {"color": "black", "linewidth": 0.8, "zorder": 1}
 DOT = {"color": PIECES[0], "marker": "o", "linestyle": "none", "markersize": 3.5}
 ROW = 0.13  # [in], height of a row
-FRAME = 0.9  # [in], height of what surrounds the rows
+FRAME = 0.9  # [in], height of the figure above and below the rows
 
 
 def spaced(groups: pd.Series, gap: float) -> Array:
-    """Return the heights of the rows of a dot chart, from 0, with a gap between groups."""
+    """Return the y coordinate of each row of a dot chart.
+
+    Parameters
+    ----------
+    groups
+        Group of each row, shape (n,); rows of one group follow each other.
+    gap
+        Additional distance between groups, in rows.
+
+    Returns
+    -------
+    Array
+        Increasing coordinates from 0, shape (n,); rows of one group have a distance of 1.
+    """
     return np.arange(len(groups)) + gap * ((groups != groups.shift()).cumsum().to_numpy() - 1)
 
 
 def draw_intervals(axes: Axes, rows: pd.DataFrame, y: ArrayLike, **look: Any) -> None:  # noqa: ANN401
-    """Draw values with lines from ci_low to ci_high."""
+    """Draw the column ``probability`` of rows as points, with lines from ``ci_low`` to ``ci_high``.
+
+    Parameters
+    ----------
+    axes
+        The axes.
+    rows
+        Table with these columns, n rows.
+    y
+        Coordinate of each row, shape (n,).
+    look
+        Arguments of `Axes.errorbar`, such as colour and marker.
+    """
     value, low, high = (rows[name].to_numpy(float) for name in INTERVAL)
-    # A mean weight may exceed 1, where its interval ends.
+    # An estimate, a mean of weights, may exceed 1, while the upper limit of its interval is at most 1.
     reach = np.maximum([value - low, high - value], 0)
     style = {"linestyle": "none", "markersize": 3.5, "linewidth": 0.8, "zorder": 2} | look
     axes.errorbar(value, y, xerr=reach, elinewidth=style.pop("linewidth"), **style)
 
 
 def draw_truth(axes: Axes, row: pd.Series, label: str) -> None:
-    """Draw a value as a line across all rows, with a band if it has an interval."""
+    """Draw the true value as a vertical line across all rows, and its interval, if it has one, as a band.
+
+    Parameters
+    ----------
+    axes
+        The axes.
+    row
+        ``probability``, and ``ci_low`` and ``ci_high`` if known.
+    label
+        Name in the legend, to which the value is added.
+    """
     if pd.notna(row.get("ci_low")):
         axes.axvspan(row["ci_low"], row["ci_high"], color="black", alpha=0.3, linewidth=0)
     axes.axvline(row["probability"], label=f"{label}: {_in_math(row['probability'])}", **TRUTH)
 
 
 def name_rows(axes: Axes, y: Array, groups: pd.Series, names: pd.Series) -> None:
-    """Label the rows, and write the name of each group in bold above it."""
+    """Label each row with its name, and write the name of each group in bold above its first row.
+
+    Parameters
+    ----------
+    axes
+        The axes.
+    y, groups, names
+        Coordinate, group and name of each row, shape (n,).
+    """
     starts = (groups != groups.shift()).to_numpy()
     axes.set_yticks([*y, *(y[starts] - 1)], [*names, *groups[starts]])
     for label in axes.get_yticklabels()[len(y) :]:
@@ -53,30 +96,30 @@ def name_rows(axes: Axes, y: Array, groups: pd.Series, names: pd.Series) -> None
 
 
 def name_groups(axes: Axes, y: Array, groups: pd.Series) -> None:
-    """Label each group of rows at its middle."""
+    """Write the name of each group as the label of its middle; y and groups are those of `name_rows`."""
     axes.set_yticks(pd.Series(y).groupby(groups.to_numpy(), sort=False).mean(), groups.unique())
 
 
 def write_beside(axes: Axes, y: ArrayLike, texts: Iterable[str], heading: str) -> None:
-    """Write a text to the right of each row, and a heading above these texts."""
+    """Write one of the texts to the right of each row with coordinate y, and a heading above the texts."""
     for at, text in zip(y, texts, strict=True):
         axes.text(1.02, at, text, transform=axes.get_yaxis_transform(), va="center", fontsize=6)
     axes.text(1.02, 1.04, heading, transform=axes.transAxes, va="bottom", fontsize=6)
 
 
 def in_ratios(values: pd.Series) -> list[str]:
-    """Write numbers as multiples."""
+    """Write ratios with a multiplication sign, such as "×2.5"."""
     return [f"×{readable(value)}" for value in values]
 
 
 def finish(figure: Figure, axes: Axes, source: str) -> None:
-    """Invert the axis so that the first row is on top, and place legend and source outside."""
+    """Complete a dot chart: first row on top, legend above the axes, and the source of the data below."""
     axes.invert_yaxis()
     figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center")
     note_source(figure, source)
 
 
 def _in_math(value: float) -> str:
-    """Write a probability with three digits, as formula."""
+    """Write a probability with three significant digits, as a formula for Matplotlib."""
     mantissa, exponent = f"{value:.2e}".split("e")
     return rf"{mantissa} $\times$ 10$^{{{int(exponent)}}}$"

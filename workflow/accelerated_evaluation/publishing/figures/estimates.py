@@ -29,22 +29,25 @@ REFERENCE = {"color": "black", "linewidth": 0.8, "linestyle": ":"}
 def fig12_crash_probability(
     estimates: pd.DataFrame, course: pd.DataFrame, alpha: float, source: str
 ) -> tuple[Figure, pd.DataFrame]:
-    """Draw how the estimates over all segments converge, piecewise and single (paper, figure 12).
+    """Draw the estimates over all segments against the number of simulations (paper, figure 12).
+
+    The methods are importance sampling with the piecewise and with the single distributions.
 
     Parameters
     ----------
     estimates, course
         ``estimates.csv`` and ``estimates_course.csv`` of a study.
     alpha
-        Their intervals are 100 (1 - alpha) %.
+        The level of the intervals is 1 - alpha.
     source
         Description of the data.
 
     Returns
     -------
     figure, data
-        A panel for each method, the first replicate with its interval in front; kind (course, converged or
-        paper), method, replicate, simulations, probability, ci_low and ci_high.
+        The figure has a panel for each method, in which the first replicate is drawn in front with its
+        interval. The columns of the data are kind (course, converged or paper), method, replicate,
+        simulations, probability, ci_low and ci_high.
     """
     table = _rows(estimates, course, COMPARED, "all")
     last = table.groupby(["method", "replicate"])["probability"].last().max()
@@ -74,24 +77,24 @@ def fig12_crash_probability(
 def fig13_relative_half_width(
     estimates: pd.DataFrame, course: pd.DataFrame, segment: str, beta: float, source: str
 ) -> tuple[Figure, pd.DataFrame]:
-    """Draw how the interval narrows in one segment alone, by method (paper, figure 13).
+    """Draw the relative half-width of the interval against the number of simulations (paper, figure 13).
 
     Parameters
     ----------
     estimates, course
         ``estimates.csv`` and ``estimates_course.csv`` of a study.
     segment
-        The segment that was estimated alone.
+        Segment of lead speeds; the estimates are those for this segment alone.
     beta
-        Relative half-width of convergence.
+        Relative half-width at which an estimate is said to have converged.
     source
         Description of the data.
 
     Returns
     -------
     figure, data
-        The first replicate of each method in front; kind (course, converged or beta), method, replicate,
-        simulations and relative_half_width.
+        The figure shows the first replicate of each method in front. The columns of the data are kind
+        (course, converged or beta), method, replicate, simulations and relative_half_width.
     """
     table = _rows(estimates, course, estimates["method"].unique(), segment)
     with paper_style():
@@ -114,7 +117,7 @@ def fig13_relative_half_width(
 
 
 def _rows(estimates: pd.DataFrame, course: pd.DataFrame, methods: Sequence[str], scope: str) -> pd.DataFrame:
-    """Stack courses and estimates at convergence, method by method; a width that is infinite is missing."""
+    """Return the courses and the converged estimates of the methods, with NaN for an infinite half-width."""
     course = course.replace({"relative_half_width": {np.inf: np.nan}})
     half_width = course["relative_half_width"] * course["probability"]
     course = course.assign(
@@ -144,7 +147,7 @@ def _draw_replicates(axes: Axes, rows: pd.DataFrame, method: str, column: str) -
 
 
 def _add_legend(drawn: Figure, methods: Sequence[str]) -> None:
-    """Explain above the panels, where it can cover no data, what is drawn in them, each thing once."""
+    """Draw a common legend above the panels, in which each label occurs once."""
     entries = [dict(zip(*axes.get_legend_handles_labels()[::-1], strict=True)) for axes in drawn.axes]
     named = {label: entry[label] for entry in entries for label in entry if label in methods}
     legend = named | entries[0]
@@ -154,6 +157,6 @@ def _add_legend(drawn: Figure, methods: Sequence[str]) -> None:
 def _complete(
     table: pd.DataFrame, kind: str, column: str, value: float, drop: str | list[str]
 ) -> pd.DataFrame:
-    """Add the reference line to what is drawn."""
+    """Append the reference line, as a row with its kind and value, to the table of drawn data."""
     complete = pd.concat([table.drop(columns=drop), pd.DataFrame([{"kind": kind, column: value}])])
     return complete.astype({"replicate": "Int64", "simulations": "Int64"}).reset_index(drop=True)

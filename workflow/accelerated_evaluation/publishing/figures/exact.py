@@ -1,4 +1,4 @@
-"""Beyond the paper: estimates, choices, uncertainty and severity by the exact probability (14-17)."""
+"""Figures 14 to 17, beyond the paper: estimates, choices, uncertainty, severity and the exact probability."""
 
 import re
 from itertools import cycle
@@ -38,7 +38,7 @@ from accelerated_evaluation.publishing.tables.exact import severity_digest
 from accelerated_evaluation.publishing.tables.spreads import of_method
 
 PAPER = {"color": "black", "marker": "*"}
-RARE = 1e-6  # lower end of the shares in figure 17
+RARE = 1e-6  # smallest share of crashes that figure 17 shows
 
 
 @figure
@@ -57,9 +57,9 @@ def fig14_estimates_against_truth(
     estimates, exact
         ``estimates.csv`` and ``exact.csv`` of a study.
     paper_interval
-        The paper's interval (section VI.C).
+        Lower and upper limit of the paper's interval (section VI.C).
     alpha
-        Intervals are 100 (1 - alpha) %.
+        The level of the intervals is 1 - alpha.
     source
         Description of the data.
     crude
@@ -68,8 +68,8 @@ def fig14_estimates_against_truth(
     Returns
     -------
     figure, data
-        A row for each replicate; kind (exact, paper or estimate), method, replicate, simulations,
-        probability, ci_low and ci_high.
+        The figure has a row for each replicate. The columns of the data are kind (exact, paper or estimate),
+        method, replicate, simulations, probability, ci_low and ci_high.
     """
     data = _estimate_rows(estimates, _all(exact), paper_interval, alpha, crude)
     with paper_style():
@@ -82,7 +82,7 @@ def fig14_estimates_against_truth(
             draw_intervals(axes, shown[label == name], y[label == name], **look)
         draw_truth(axes, data.iloc[0], f"exact, {100 * (1 - alpha):g} % band")
         name_groups(axes, y, label)
-        # Without a crash an interval has no upper end worth drawing.
+        # The upper limits of estimates without a crash would make the axis too long.
         seen = data.loc[data["probability"] > 0, "ci_high"]
         axes.set(xlabel="crash probability", xlim=(0, 1.05 * seen.max()))
         if not data["probability"].iloc[0]:
@@ -96,7 +96,7 @@ def fig14_estimates_against_truth(
 def fig15_sensitivity(
     sensitivity: pd.DataFrame, exact: pd.DataFrame, source: str
 ) -> tuple[Figure, pd.DataFrame]:
-    """Draw the crash probability over all segments against one choice after the other.
+    """Draw the crash probability over all segments when one choice of the study is changed at a time.
 
     Parameters
     ----------
@@ -108,8 +108,9 @@ def fig15_sensitivity(
     Returns
     -------
     figure, data
-        A row for each choice and value, with the ratio to the study's own; choice, value, probability,
-        standard_error and ratio. The first row is the study.
+        The figure has a row for each choice and value. The columns of the data are choice, value,
+        probability, standard_error and ratio, the ratio to the probability of the study. The first row is the
+        study.
     """
     truth = _all(exact)
     study = {"choice": "study", "value": "all as configured", **truth[["probability", "standard_error"]]}
@@ -136,7 +137,9 @@ def fig15_sensitivity(
 def fig16_uncertainty(
     uncertainty: pd.DataFrame, bootstrap: pd.DataFrame, exact: pd.DataFrame, source: str
 ) -> tuple[Figure, pd.DataFrame]:
-    """Draw the crash probability with its interval for each source of uncertainty; the paper's is first.
+    """Draw the crash probability with its interval for each source of uncertainty.
+
+    The first source is the sampling error, which is the only one in the paper.
 
     Parameters
     ----------
@@ -148,7 +151,8 @@ def fig16_uncertainty(
     Returns
     -------
     figure, data
-        kind (exact, budget or refit), source, probability, ci_low, ci_high and variance_share.
+        The columns of the data are kind (exact, budget or refit), source, probability, ci_low, ci_high and
+        variance_share. A refit is the probability from one bootstrap sample of the records.
     """
     budget = uncertainty.assign(kind="budget")
     refits = bootstrap[["probability"]].assign(kind="refit", source="data")
@@ -177,7 +181,7 @@ def fig16_uncertainty(
 
 @figure
 def fig17_severity(severity: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
-    """Draw how fast crashes end, by segment, and how much more frequent near misses are, over all.
+    """Draw the distribution of impact speeds by segment, and the probabilities of near misses.
 
     Parameters
     ----------
@@ -189,8 +193,9 @@ def fig17_severity(severity: pd.DataFrame, source: str) -> tuple[Figure, pd.Data
     Returns
     -------
     figure, data
-        Panel (a), the share of crashes with an impact speed above a threshold, not drawn below `RARE`; panel
-        (b), the probability of a crash and of the near misses. The columns of ``severity``, and panel.
+        Panel (a) shows the share of crashes with an impact speed above a threshold, down to `RARE`. Panel (b)
+        shows the probability of a crash and of each near miss, over all segments. The data have the columns
+        of ``severity``, and panel.
     """
     near = severity_digest(severity[severity["quantity"] != "impact_speed"])
     chosen = (severity["quantity"] != "impact_speed") & (severity["segment"] == "all")
@@ -232,7 +237,7 @@ def _estimate_rows(
     alpha: float,
     crude: pd.DataFrame | None,
 ) -> pd.DataFrame:
-    """Stack the exact value, the paper's, the estimates over all segments and crude Monte Carlo."""
+    """Return rows for the exact value, the paper's interval, the estimates and crude Monte Carlo."""
     reach = -ndtri(alpha / 2) * truth["standard_error"]
     value = {"kind": "exact", "probability": truth["probability"]}
     lines = [value | {"ci_low": value["probability"] - reach, "ci_high": value["probability"] + reach}]

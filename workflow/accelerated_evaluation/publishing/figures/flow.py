@@ -1,4 +1,4 @@
-"""How the Cross-Entropy search iterates: figure 3 of the paper."""
+"""Flow chart of the Cross-Entropy search: figure 3 of the paper."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -73,25 +73,25 @@ FLOW_ARROWS = (
 
 
 def flow_boxes(settings: Mapping[str, Any]) -> dict[str, Box]:
-    """Describe the steps of `sampling.cross_entropy.search` with the settings that it runs with."""
+    """Return the boxes of the flow chart of `methods.cross_entropy.search`, with the settings in its text."""
     return {name: replace(box, text=box.text.format(**settings)) for name, box in FLOW_BOXES.items()}
 
 
 @figure
 def fig03_cross_entropy_flow(settings: Mapping[str, Any], source: str) -> tuple[Figure, pd.DataFrame]:
-    """Draw how our search iterates (paper, figure 3).
+    """Draw the flow chart of the Cross-Entropy search (paper, figure 3).
 
     Parameters
     ----------
     settings
         Section ``cross_entropy`` of the configuration.
     source
-        Description of the data that the settings are for.
+        Description of the data of the study, whose settings are shown.
 
     Returns
     -------
     figure, data
-        The flow chart, and its boxes and arrows as `flow_chart.flow_table` has them.
+        The flow chart, and its boxes and arrows as from `flow_chart.flow_table`.
     """
     boxes = flow_boxes(settings)
     with paper_style():

@@ -13,7 +13,19 @@ LINE = {"color": "black", "linewidth": 0.7}
 
 @dataclass(frozen=True)
 class Box:
-    """A step of a flow chart, or a question: its text, middle, width and height [in]."""
+    """A box of a flow chart.
+
+    Attributes
+    ----------
+    text
+        Text inside the box.
+    x, y
+        Middle of the box [in].
+    width, height
+        Its size [in].
+    question
+        Whether the box is a question, drawn as a rhombus, or a step, drawn as a rectangle.
+    """
 
     text: str
     x: float
@@ -23,7 +35,7 @@ class Box:
     question: bool = False
 
     def side(self, side: str) -> tuple[float, float]:
-        """Return the middle of its left, right, top or bottom side."""
+        """Return the middle [in] of a side: ``"left"``, ``"right"``, ``"top"`` or ``"bottom"``."""
         right = {"left": -1, "right": 1}.get(side, 0)
         up = {"bottom": -1, "top": 1}.get(side, 0)
         return self.x + right * self.width / 2, self.y + up * self.height / 2
@@ -31,7 +43,19 @@ class Box:
 
 @dataclass(frozen=True)
 class Arrow:
-    """An arrow between sides of two boxes, along a vertical lane at x [in] if one is given."""
+    """An arrow between two boxes.
+
+    Attributes
+    ----------
+    start, end
+        Names of the boxes.
+    sides
+        Side at which it leaves the first box, and side at which it enters the second.
+    answer
+        Answer to a question, which is written at its start.
+    lane
+        Coordinate x [in] of a vertical line along which the arrow goes; None for the direct way.
+    """
 
     start: str
     end: str
@@ -40,7 +64,7 @@ class Arrow:
     lane: float | None = None
 
     def corners(self, boxes: Mapping[str, Box]) -> list[tuple[float, float]]:
-        """Return the points that it joins."""
+        """Return the points [in] of the arrow from start to end, at which it changes its direction."""
         first, last = boxes[self.start].side(self.sides[0]), boxes[self.end].side(self.sides[1])
         if self.lane is not None:
             return [first, (self.lane, first[1]), (self.lane, last[1]), last]
@@ -77,7 +101,10 @@ def _write_answer(axes: Axes, arrow: Arrow, start: tuple[float, float]) -> None:
 
 
 def flow_table(boxes: Mapping[str, Box], arrows: Iterable[Arrow]) -> pd.DataFrame:
-    """Tabulate a flow chart: kind, name, text, x_in, y_in, width_in, height_in, question, start, end."""
+    """Return a table with a row for each box and arrow of a flow chart.
+
+    The columns are kind (box or arrow), name, text, x_in, y_in, width_in, height_in, question, start and end.
+    """
     rows = [{"kind": "box", "name": name, **asdict(box)} for name, box in boxes.items()]
     rows += [
         {"kind": "arrow", "text": arrow.answer, "start": arrow.start, "end": arrow.end} for arrow in arrows

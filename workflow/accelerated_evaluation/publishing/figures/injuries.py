@@ -1,4 +1,4 @@
-"""Beyond the paper: injured drivers (32), and the published curves of the risk of injury (33)."""
+"""Figures 32 and 33, beyond the paper: injured drivers, and the published curves of the risk of injury."""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -28,14 +28,21 @@ DELTA_V = np.linspace(0, 80, 161)  # [km/h]
 def fig32_injuries(
     injuries: pd.DataFrame, injuries_by_curve: pd.DataFrame, source: str
 ) -> tuple[Figure, pd.DataFrame]:
-    """Draw the injured drivers of each vehicle, with intervals and with the medians of single curves.
+    """Draw the expected number of injured drivers for each vehicle and level of injury, with 80 % intervals.
+
+    Small strokes show the medians if only one pair of risk curves is used instead of all.
 
     Parameters
     ----------
     injuries, injuries_by_curve
-        Tables of a study.
+        Tables ``injuries.csv`` and ``injuries_by_curve.csv`` of a study.
     source
         Description of the data.
+
+    Returns
+    -------
+    figure, data
+        The figure, and the rows of both tables that it shows.
     """
     rows = best_known(injuries)
     rows = rows[rows["median"] > 0].assign(level=lambda of: pd.Categorical(of["level"], LEVELS, ordered=True))
@@ -63,7 +70,7 @@ def fig32_injuries(
 
 
 def _in_rows(by_curve: pd.DataFrame, injuries: pd.DataFrame, rows: pd.DataFrame) -> pd.DataFrame:
-    """Return the medians of single curves in the unit of the rows; per cut-in, if that is their unit."""
+    """Return the medians of single pairs of curves, converted from "per cut-in" to the unit of the rows."""
     keys = ["vehicle", "level"]
     per_cut_in = injuries[injuries["per"] == CUT_IN].set_index(keys)["mean"]
     factor = (rows.set_index(keys)["mean"] / per_cut_in).dropna().rename("factor").reset_index()
@@ -73,7 +80,14 @@ def _in_rows(by_curve: pd.DataFrame, injuries: pd.DataFrame, rows: pd.DataFrame)
 
 @figure
 def fig33_risk_curves() -> tuple[Figure, pd.DataFrame]:
-    """Draw all published curves of the risk of injury against the delta-v."""
+    """Draw all published curves of the risk of injury against the change of speed in the crash, delta-v.
+
+    Returns
+    -------
+    figure, data
+        The figure has a panel for each level of injury. The columns of the data are level, impact (front or
+        rear), source, delta_v_km_h and probability.
+    """
     curves = {(level, impact): published_curves(level, impact) for level in LEVELS for impact in LINES}
     sources = sorted({name for found in curves.values() for name in found})
     colors = dict(zip(sources, COLORS, strict=False))

@@ -1,4 +1,4 @@
-"""Beyond the paper: scores of laws, their calibration, the answer and its coverage (21-25)."""
+"""Figures 21 to 25, beyond the paper: scores and calibration of laws, the answer, coverage, and vehicles."""
 
 from collections.abc import Iterable
 
@@ -23,16 +23,18 @@ REGIONS = {
     "gain_simulated_ttc_3": "< 3 s",
     "gain_simulated_ttc_4": "< 4 s",
 }
-SHOWN_SHARE = -0.15  # losses beyond this share of the best gain are drawn at the edge
+SHOWN_SHARE = -0.15  # left edge of a panel, as a share of the best gain; larger losses are drawn at the edge
 CLOUDS = ("#6a3d9a", "#41ab5d", "#4292c6", "#b2182b")
 MARKERS = ("v", "s", "o", "^")
-DRAWN_CRASHES = 250  # of each law
-NEAR = 0.15  # [1/s], TTC^-1 above which records are drawn
+DRAWN_CRASHES = 250  # largest number of crashes that is drawn for each law
+NEAR = 0.15  # [1/s], least TTC^-1 of the records that are drawn
 
 
 @figure
 def fig21_scores(laws: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
-    """Draw the held-out gain of each law over the paper's in all regions; refused laws are hollow.
+    """Draw the gain in held-out log-likelihood [nats] of each law over the paper's law, by region.
+
+    Laws that the records contradict, which have no weight, have hollow markers.
 
     Parameters
     ----------
@@ -40,6 +42,11 @@ def fig21_scores(laws: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]
         ``laws.csv`` of a study.
     source
         Description of the data.
+
+    Returns
+    -------
+    figure, data
+        The figure has a panel for each of the `REGIONS`; the data are the table itself.
     """
     y = np.arange(len(laws))
     with paper_style():
@@ -76,9 +83,10 @@ def _draw_gains(axes: Axes, y: Array, laws: pd.DataFrame, column: str) -> None:
 def fig22_calibration(
     calibration: pd.DataFrame, crash_places: pd.DataFrame, encounters: pd.DataFrame, source: str
 ) -> tuple[Figure, pd.DataFrame]:
-    """Draw recorded against expected counts, and where each law puts its crashes over the records.
+    """Draw recorded and expected numbers of cut-ins by region, and the crashes that each law predicts.
 
-    The counts of host speeds are in the table alone.
+    The right panel shows crashes drawn from each law, and the records, by range and closing speed. Counts by
+    host speed are in the table ``calibration.csv``, but not in the figure.
 
     Parameters
     ----------
@@ -88,6 +96,11 @@ def fig22_calibration(
         Encounter table.
     source
         Description of the data.
+
+    Returns
+    -------
+    figure, data
+        The figure, and the rows of ``calibration`` that it shows.
     """
     calibration = calibration[calibration["counted"] != HOST].drop(columns="counted")
     names = calibration["law"].unique()
@@ -154,7 +167,10 @@ def fig23_answer(
     paper_interval: tuple[float, float],
     source: str,
 ) -> tuple[Figure, pd.DataFrame]:
-    """Draw the answer with its 50, 80 and 95 % intervals, and what thresholds and data quality do to it.
+    """Draw the crash probability with its 50, 80 and 95 % intervals.
+
+    Further rows show it with a single threshold of the laws' tails, and with changed records
+    (``data_quality.csv``).
 
     Parameters
     ----------
@@ -164,6 +180,11 @@ def fig23_answer(
         The paper's 80 % interval (section VI.C).
     source
         Description of the data.
+
+    Returns
+    -------
+    figure, data
+        The figure, and a row for each of its rows: the columns of the tables, group and name.
     """
     crash = answer[answer["event"] == "crash"].assign(group="answer", name="crash of a cut-in")
     levels = answer_thresholds.assign(
@@ -184,7 +205,17 @@ def fig23_answer(
 
 
 def draw_nested(axes: Axes, y: Array, rows: pd.DataFrame) -> None:
-    """Draw intervals inside each other, the median as a line and the mean as a diamond."""
+    """Draw 50, 80 and 95 % intervals over each other, the median as a stroke and the mean as a diamond.
+
+    Parameters
+    ----------
+    axes
+        The axes.
+    y
+        Coordinate of each row, shape (n,).
+    rows
+        Table with columns low50, high50 and so on, median, and probability (the mean).
+    """
     for level, width in ((95, 0.8), (80, 2.2), (50, 4.5)):
         axes.hlines(
             y, rows[f"low{level}"], rows[f"high{level}"], color="#4292c6", linewidth=width, label=f"{level} %"
@@ -195,12 +226,21 @@ def draw_nested(axes: Axes, y: Array, rows: pd.DataFrame) -> None:
 
 @figure
 def fig24_worlds(worlds: pd.DataFrame) -> tuple[Figure, pd.DataFrame]:
-    """Draw coverage, width and bias of both procedures in all kinds of worlds.
+    """Draw coverage, width and bias of this project's procedure and of the paper's in synthetic worlds.
+
+    A world is a law of cut-ins whose true crash probability is known. Both procedures estimate it from data
+    that are drawn from the law.
 
     Parameters
     ----------
     worlds
         ``benchmarks/results/worlds.csv``: a row for each kind of world and procedure.
+
+    Returns
+    -------
+    figure, data
+        The figure has panels for the coverage of 50, 80 and 95 % intervals, for the width of the 80 %
+        intervals, and for the ratio of median estimate and truth. The data are the table itself.
     """
     looks = {"this project": (DEFENDED, "o", -0.16), "paper": (PAPER, "s", 0.16)}
     kinds = list(worlds["kind"].unique())
@@ -238,7 +278,7 @@ def fig24_worlds(worlds: pd.DataFrame) -> tuple[Figure, pd.DataFrame]:
 
 
 def _name_panels(all_axes: Iterable[Axes]) -> None:
-    """Title the panels of figure 24, and draw what each should show."""
+    """Write the titles of the panels of figure 24, and draw the ideal value of each as a dotted line."""
     *coverages, width, bias = all_axes
     for axes, level in zip(coverages, (50, 80, 95), strict=True):
         axes.axvline(level, color="black", linewidth=0.6, linestyle=":")
@@ -261,9 +301,14 @@ def fig25_vehicles(vehicles: pd.DataFrame, source: str) -> tuple[Figure, pd.Data
     Parameters
     ----------
     vehicles
-        ``vehicles.csv`` of a study.
+        ``vehicles.csv`` of a study. Vehicles that are not ``resolved`` are not drawn.
     source
         Description of the data.
+
+    Returns
+    -------
+    figure, data
+        The figure, and the table itself.
     """
     shown = vehicles[vehicles["resolved"]]
     y = np.arange(len(shown))

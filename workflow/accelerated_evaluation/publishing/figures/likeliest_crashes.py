@@ -1,4 +1,4 @@
-"""Beyond the paper: traces of the likeliest crashes, and of the records nearest to a crash (28, 29)."""
+"""Figures 28 and 29, beyond the paper: the most probable crashes and the most critical records over time."""
 
 from collections.abc import Sequence
 
@@ -19,21 +19,27 @@ from accelerated_evaluation.publishing.published import figure
 COLUMNS, ROWS = 4, 3
 LETTERS = "abcdefghijkl"
 HOST, LEAD, EMERGENCY = "#08306b", "#777777", "#d9d9d9"
-AFTER = 0.5  # [s], how long a trace goes on after its smallest range
+AFTER = 0.5  # [s], time for which a trace is drawn after its smallest range
 
 
 @figure
 def fig28_ways_to_crash(
     happened: pd.DataFrame, traces: pd.DataFrame, source: str
 ) -> tuple[Figure, pd.DataFrame]:
-    """Draw the likeliest ways to crash: speeds and range over time, with the probability of each.
+    """Draw speeds and range over time for the most probable kinds of crashes, with the probability of each.
 
     Parameters
     ----------
     happened, traces
-        ``encounters.csv`` and ``traces.csv`` of a study's folder ``happened``.
+        ``encounters.csv`` and ``traces.csv`` of a study's folder ``happened``: the encounters, and the states
+        of both cars over time.
     source
         Description of the data.
+
+    Returns
+    -------
+    figure, data
+        The figure has a pair of panels for each crash. The data have a row for each encounter and time.
     """
     shown = happened[happened["kind"] == "crash"]
     share = shown["probability"] / shown["probability"].sum()
@@ -48,12 +54,19 @@ def fig28_ways_to_crash(
 def fig29_nearest_records(
     happened: pd.DataFrame, traces: pd.DataFrame, source: str
 ) -> tuple[Figure, pd.DataFrame]:
-    """Draw the recorded cut-ins that come nearest to a crash when the vehicle replays them.
+    """Draw speeds and range over time for the recorded cut-ins that are most critical for the vehicle.
+
+    These are the records that come nearest to a crash when the vehicle is simulated in them.
 
     Parameters
     ----------
     happened, traces, source
         As for `fig28_ways_to_crash`.
+
+    Returns
+    -------
+    figure, data
+        As for `fig28_ways_to_crash`, with a pair of panels for each record.
     """
     shown = happened[happened["kind"] == "record"]
     titles = [
@@ -66,7 +79,7 @@ def fig29_nearest_records(
 def _draw(
     shown: pd.DataFrame, traces: pd.DataFrame, titles: list[str], source: str
 ) -> tuple[Figure, pd.DataFrame]:
-    """Draw one panel for each encounter: speeds above, range below."""
+    """Draw a pair of panels for each encounter, speeds above and range below."""
     rows = shown.to_dict("records")
     parts = [_part(traces, row) for row in rows]
     data = shown.merge(pd.concat(parts), on=["kind", "number"]) if parts else shown

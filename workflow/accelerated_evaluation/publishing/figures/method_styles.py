@@ -1,4 +1,4 @@
-"""Styles of the methods in all figures. Any two methods differ in more than colour."""
+"""Styles of the methods in all figures. Any two methods differ in their colour and in a further property."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -7,6 +7,6 @@ from accelerated_evaluation.methods import METHODS
 
 
 def style_of(method: str, *parts: str) -> Mapping[str, Any]:
-    """Return how a method is drawn, or only some parts of it, such as ``"color"``."""
+    """Return the Matplotlib style of a method: the given properties, such as ``"color"``, or all of them."""
     style = METHODS[method].style
     return {part: style[part] for part in parts or style}

@@ -28,7 +28,7 @@ from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, PIECES
 from accelerated_evaluation.publishing.published import figure
 from accelerated_evaluation.publishing.tables.models import leaves
 
-BODY_SHARE = 0.99  # of the events, where the panel of the body ends
+BODY_SHARE = 0.99  # share of the events that the panel of the body shows
 BINS = 60
 POINTS = 400
 
@@ -37,7 +37,7 @@ POINTS = 400
 def fig04_inverse_range_fit(
     encounters: pd.DataFrame, two_pieces: IndependentLaw, three_pieces: IndependentLaw, source: str
 ) -> tuple[Figure, pd.DataFrame]:
-    """Piecewise fits of R^-1, pooled over the segments, by number of pieces (paper, figure 4).
+    """Draw piecewise fits of R^-1 with two and with three pieces, for all segments (paper, figure 4).
 
     Parameters
     ----------
@@ -46,13 +46,14 @@ def fig04_inverse_range_fit(
     two_pieces, three_pieces
         The piecewise models, with two and three pieces of R^-1.
     source
-        What the encounters are, to be printed.
+        Description of the data.
 
     Returns
     -------
     figure, data
-        The body as densities, the tail as survival functions, knots marked; and all that is drawn:
-        panel, curve, inverse_range_per_m, bin_width_per_m, count, density_m, is_knot, survival.
+        The first panel shows densities of the body, the second survival functions, with marks at the knots.
+        The data contain everything that is drawn, with columns panel, curve, inverse_range_per_m,
+        bin_width_per_m, count, density_m, is_knot and survival.
     """
     laws = two_pieces.inverse_range, three_pieces.inverse_range
     styles = (
@@ -69,7 +70,7 @@ def fig04_inverse_range_fit(
 def fig05_inverse_ttc_fit(
     encounters: pd.DataFrame, piecewise: IndependentLaw, segment: str, source: str
 ) -> tuple[Figure, pd.DataFrame]:
-    """Piecewise fit of TTC^-1 in one segment, with the components of its body (paper, figure 5).
+    """Draw the piecewise fit of TTC^-1 in one segment, with the components of its body (paper, figure 5).
 
     Parameters
     ----------
@@ -80,7 +81,7 @@ def fig05_inverse_ttc_fit(
     segment
         Segment of v_L; the paper shows the second one.
     source
-        What the encounters are, to be printed.
+        Description of the data.
 
     Returns
     -------
@@ -100,7 +101,7 @@ def fig05_inverse_ttc_fit(
 def fig06_inverse_range_comparison(
     encounters: pd.DataFrame, piecewise: IndependentLaw, single: IndependentLaw, source: str
 ) -> tuple[Figure, pd.DataFrame]:
-    """Piecewise against single parametric fit of R^-1, pooled over the segments (paper, figure 6).
+    """Draw the piecewise and the single parametric fit of R^-1, for all segments (paper, figure 6).
 
     Parameters and results are those of `fig04_inverse_range_fit`.
     """
@@ -112,7 +113,7 @@ def fig06_inverse_range_comparison(
 def fig07_inverse_ttc_comparison(
     encounters: pd.DataFrame, piecewise: IndependentLaw, single: IndependentLaw, segment: str, source: str
 ) -> tuple[Figure, pd.DataFrame]:
-    """Piecewise against single parametric fit of TTC^-1 in one segment (paper, figure 7).
+    """Draw the piecewise and the single parametric fit of TTC^-1 in one segment (paper, figure 7).
 
     Parameters and results are those of `fig05_inverse_ttc_fit`.
     """
@@ -142,7 +143,7 @@ def _compared(piecewise: Described, single: Described) -> dict[str, Curve]:
 
 
 def _fit_table(x: Array, curves: Mapping[str, Curve], variable: Variable) -> pd.DataFrame:
-    """Tabulate both panels: the body as densities, the tail, to beyond the last event, as survival."""
+    """Return the data of both panels: densities of the body, and survival functions over the whole range."""
     start = min(curve.law.lower for curve in curves.values())
     body = np.linspace(start, np.quantile(x, BODY_SHARE), BINS + 1)
     end = 1.05 * x.max()
@@ -169,7 +170,7 @@ def _survival_table(name: str, curve: Curve, points: Array, variable: Variable) 
 def _fit_figure(
     x: Array, curves: Mapping[str, Curve], variable: Variable, source: str, segment: str = ""
 ) -> tuple[Figure, pd.DataFrame]:
-    """Draw the panels of body and tail from their table."""
+    """Draw the panels of body and tail; return the figure and the table of everything that is drawn."""
     table = _fit_table(x, curves, variable)
     rows = dict(list(table.groupby(["panel", "curve"])))
     given = f", $v_L$ {segment.replace('-', '–')} m/s" if segment else ""

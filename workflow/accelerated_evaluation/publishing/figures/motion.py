@@ -1,4 +1,4 @@
-"""Beyond the paper: crash probabilities with a lead vehicle that changes its speed (34)."""
+"""Figure 34, beyond the paper: crash probabilities with a lead vehicle that changes its speed."""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -18,7 +18,7 @@ from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, PIECES
 from accelerated_evaluation.publishing.published import figure
 
 GROUPS = {"closing": "cut-ins whose gap closes", "opening": "cut-ins whose gap opens"}
-NORMAL_90 = 1.645
+NORMAL_90 = 1.645  # half-width of the 90 % interval of the standard normal distribution
 
 
 @figure
@@ -31,6 +31,11 @@ def fig34_lead_motion(lead_motion: pd.DataFrame, source: str) -> tuple[Figure, p
         ``lead_motion.csv`` of a study.
     source
         Description of the data.
+
+    Returns
+    -------
+    figure, data
+        The figure, and the rows of ``lead_motion`` in its order.
     """
     rows = pd.concat([lead_motion[lead_motion["gap"] == gap] for gap in GROUPS], ignore_index=True)
     rows = rows.assign(group=rows["gap"].map(GROUPS))

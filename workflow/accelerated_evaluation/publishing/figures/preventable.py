@@ -1,4 +1,4 @@
-"""Beyond the paper: foreseeable and preventable, as regulators ask (30)."""
+"""Figure 30, beyond the paper: cut-ins that are foreseeable and preventable, the terms of regulators."""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -10,8 +10,10 @@ from accelerated_evaluation.publishing.figures.style import COLUMN_WIDTH, note_s
 from accelerated_evaluation.publishing.published import figure
 
 BAND = 2.5  # [m/s], how far the lead speed of a record may be from that of its panel
-ISLAND = 0.5  # [m/s], least distance of an island of crashes from the line, and largest jump of its own
-TOP = 36.0  # [m/s], of the closing speeds that are drawn
+# [m/s], least distance at which crashes below a vehicle's line are drawn as a line of their own, and largest
+# median step of this line
+ISLAND = 0.5
+TOP = 36.0  # [m/s], largest closing speed that is drawn
 # The lines can be distinguished by dashes and widths in grey as well.
 LOOKS = (
     ("#08306b", "-", 1.8),
@@ -31,7 +33,10 @@ LOOKS = (
 def fig30_preventable(
     preventable: pd.DataFrame, encounters: pd.DataFrame, source: str
 ) -> tuple[Figure, pd.DataFrame]:
-    """Draw where each vehicle can no longer avoid the crash, over the density of the records.
+    """Draw for each vehicle the closing speed, by range, from which on it always crashes.
+
+    The density of the records is drawn in the background, and dotted lines show the closing speeds that a
+    law exceeds with given probabilities.
 
     Parameters
     ----------
@@ -41,6 +46,11 @@ def fig30_preventable(
         Encounter table.
     source
         Description of the data.
+
+    Returns
+    -------
+    figure, data
+        The figure has a panel for each lead speed; the data are the table ``preventable``.
     """
     speeds = preventable["lead_speed"].unique()
     with paper_style():
@@ -59,7 +69,7 @@ def fig30_preventable(
 
 
 def _draw_records(axes: Axes, near: pd.DataFrame) -> None:
-    """Draw the density of the records in shades of grey, one shade a decade."""
+    """Draw the number of records per hexagonal cell in shades of grey, on a logarithmic scale."""
     if len(near):
         axes.hexbin(
             near["range"],
@@ -81,7 +91,7 @@ def _draw_lines(axes: Axes, rows: pd.DataFrame) -> None:
     for (name, line), (color, dashes, width) in zip(vehicles, LOOKS * 3, strict=False):
         look = {"color": color, "linestyle": dashes}
         axes.plot(line["range"], line["always"], label=str(name), linewidth=width, **look)
-        # Islands of crashes below the line: drawn where they have a line of their own, and not as noise.
+        # Crashes at lower closing speeds, below the line, are drawn if they form a smooth line too.
         island = line["first"].where(line["first"] < line["always"] - ISLAND)
         if island.notna().sum() > 1 and island.diff().abs().median() < ISLAND:
             axes.plot(line["range"], island, linewidth=0.6, **look)

@@ -1,4 +1,4 @@
-"""Beyond the paper: the number of records by lead speed and range, and their drift."""
+"""Figures 26 and 27, beyond the paper: the number of records by lead speed and range, and their drift."""
 
 from collections.abc import Mapping
 
@@ -15,7 +15,7 @@ from accelerated_evaluation.publishing.published import figure
 from accelerated_evaluation.records.checks.sizes import CELL
 from accelerated_evaluation.records.segments import MINIMUM_ROWS
 
-BLOCKS = 30  # of consecutive rows
+BLOCKS = 30  # largest number of blocks of consecutive rows
 DRAWN = {
     "lead_speed": ("m_per_s", "lead speed [m/s]"),
     "range": ("m", "range [m]"),
@@ -25,12 +25,20 @@ DRAWN = {
 
 @figure
 def fig26_sample_size(encounters: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
-    """Draw the number of records by lead speed and range, and mark the cells with too few.
+    """Draw the number of records by lead speed and range, and mark cells with too few records for a fit.
+
+    Parameters
+    ----------
+    encounters
+        Encounter table.
+    source
+        Description of the data.
 
     Returns
     -------
     figure, data
-        A map of cells of 5 m/s by 10 m with their counts; lower and upper edges and count of all cells.
+        The figure has cells of 5 m/s by 10 m with their counts. The data contain lower and upper edges and
+        count of all cells.
     """
     names = ("lead_speed", "range")
     edges = [_edges(encounters[name], step) for name, step in zip(names, CELL, strict=True)]
@@ -38,7 +46,7 @@ def fig26_sample_size(encounters: pd.DataFrame, source: str) -> tuple[Figure, pd
     with paper_style():
         drawn, axes = plt.subplots(figsize=(COLUMN_WIDTH, 3.0))
         shown = np.ma.masked_equal(count.T, 0)
-        norm = LogNorm(vmin=1, vmax=1000 * max(count.max(), 2))  # the numbers stay readable on the shades
+        norm = LogNorm(vmin=1, vmax=1000 * max(count.max(), 2))  # light shades, on which numbers are readable
         axes.pcolormesh(*edges, shown, norm=norm, cmap="Greys", edgecolor="#909090", linewidth=0.3)
         _write_counts(axes, count, edges)
         axes.set(xlabel="lead speed $v_L$ [m/s]", ylabel="range $R$ [m]")
@@ -56,13 +64,13 @@ def fig26_sample_size(encounters: pd.DataFrame, source: str) -> tuple[Figure, pd
 
 
 def _edges(values: pd.Series, step: float) -> np.ndarray:
-    """Return multiples of a step that enclose all values; at least two, also where all values are equal."""
+    """Return consecutive multiples of a step that enclose all values; at least two."""
     first, last = np.floor(values.min() / step), np.ceil(values.max() / step)
     return np.arange(first, max(last, first + 1) + 1) * step
 
 
 def _write_counts(axes: Axes, count: np.ndarray, edges: list[np.ndarray]) -> None:
-    """Write its number into each cell, and a frame around those with fewer rows than a fit needs."""
+    """Write the count into each cell, with a frame if it is smaller than a fit needs."""
     size = 5.5 if max(count.shape) <= 10 else 4
     for (i, j), number in np.ndenumerate(count):
         middle = [(along[k] + along[k + 1]) / 2 for along, k in zip(edges, (i, j), strict=True)]
@@ -80,12 +88,20 @@ def _write_counts(axes: Axes, count: np.ndarray, edges: list[np.ndarray]) -> Non
 
 @figure
 def fig27_row_order(encounters: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
-    """Draw median and 95 % quantile of the three quantities along the record, in blocks of consecutive rows.
+    """Draw median and 95 % quantile of lead speed, range and TTC^-1 in blocks of consecutive rows.
+
+    Parameters
+    ----------
+    encounters
+        Encounter table, whose rows are in the order of the records.
+    source
+        Description of the data.
 
     Returns
     -------
     figure, data
-        Three panels; by block its first and last row, and median and 95 % quantile of each quantity.
+        The figure has a panel for each quantity. The data contain, for each block, its first and last row,
+        and median and 95 % quantile of each quantity.
     """
     blocks = np.array_split(np.arange(len(encounters)), min(BLOCKS, max(len(encounters) // 20, 1)))
     rows = [_digest(encounters.iloc[block], block) for block in blocks]

@@ -1,4 +1,4 @@
-"""Beyond the paper: the answer for a slow vehicle, and its simulations (35, 36)."""
+"""Figures 35 and 36, beyond the paper: the answer for a slow vehicle, and its simulations."""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -12,14 +12,17 @@ from accelerated_evaluation.publishing.published import figure
 
 ALONE = "crash, error of the simulations alone"
 CRASHED, SAFE = "#b2182b", "#08306b"
-SMALLEST, LARGEST = 4, 120  # [pt^2], areas of crashes with a share of 0 and of 1
+SMALLEST, LARGEST = 4, 120  # [pt^2], areas of the marker of a crash with a share of 0 and of 1
 
 
 @figure
 def fig35_sampled_answer(
     answer: pd.DataFrame, sampled_estimate: pd.DataFrame, source: str
 ) -> tuple[Figure, pd.DataFrame]:
-    """Draw the probabilities of events with their intervals, and the interval of the simulations alone.
+    """Draw the probability of each event with its intervals.
+
+    A last row shows the 80 % interval of the crash probability that results from the sampling error of the
+    simulations alone.
 
     Parameters
     ----------
@@ -27,6 +30,11 @@ def fig35_sampled_answer(
         ``laws/answer.csv`` and ``sampled/estimate.csv`` of a study of a slow vehicle.
     source
         Description of the data.
+
+    Returns
+    -------
+    figure, data
+        The figure, and a row for each of its rows. Events without a known median are left out.
     """
     known = answer.dropna(subset="median")
     estimate = sampled_estimate.iloc[0]
@@ -50,7 +58,9 @@ def fig35_sampled_answer(
 def fig36_crashes_among_runs(
     sampled_runs: pd.DataFrame, sampled_crashes: pd.DataFrame, encounters: pd.DataFrame, source: str
 ) -> tuple[Figure, pd.DataFrame]:
-    """Draw the simulations and the records by range and closing speed, crashes by their share.
+    """Draw the simulations and the most critical records by range and closing speed.
+
+    The area of the marker of a crash grows with its share of the crash probability.
 
     Parameters
     ----------
@@ -60,6 +70,12 @@ def fig36_crashes_among_runs(
         Encounter table.
     source
         Description of the data.
+
+    Returns
+    -------
+    figure, data
+        The figure, and a row for each simulation: outcome, lead_speed [m/s], range [m], closing_speed [m/s]
+        and share.
     """
     near = encounters[encounters["inverse_ttc"] > NEAR]
     safe = sampled_runs.loc[~sampled_runs["event"], ["lead_speed", "inverse_range", "inverse_ttc"]]

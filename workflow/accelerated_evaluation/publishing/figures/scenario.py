@@ -1,4 +1,4 @@
-"""Figures of the study of another scenario than the cut-in: its records, its answer, and its methods."""
+"""Figures for a study of a scenario other than the cut-in: its records, its answer, and its methods."""
 
 from itertools import combinations
 
@@ -18,7 +18,7 @@ from accelerated_evaluation.scenarios.protocol import Scenario, Variable
 
 CRASH = "#b2182b"
 RECORD, CRASHED = "record", "crash among the runs of the surrogate"  # kinds of points
-WIDE = 10.0  # ratio of two probabilities from which their axis is logarithmic
+WIDE = 10.0  # an axis is logarithmic if its largest value is more than this multiple of the smallest one
 LEVELS = {95: 0.8, 80: 2.0, 50: 4.0}  # line width of each interval
 
 
@@ -35,16 +35,17 @@ def fig01_scenario_records(
     scenario_runs
         The runs of the surrogate, with the same columns and ``event``.
     scenario
-        The scenario, with the names and units of the variables. Its variable ``divided_by`` has an axis that
-        is linear up to the smallest of the values, and logarithmic beyond.
+        The scenario, with the names and units of the variables. If its variables include one that others are
+        divided by (``divided_by``), the axis of this variable is linear up to its smallest value and
+        logarithmic beyond.
     source
         Description of the data.
 
     Returns
     -------
     figure, data
-        A panel for each pair of variables; the points, with ``kind``. Variables whose sign
-        does not matter have absolute values, as in the laws.
+        The figure has a panel for each pair of variables. The data contain all points, with ``kind``.
+        Variables whose sign does not matter have absolute values, as in the laws.
     """
     names = list(scenario.names)
     parts = {RECORD: scenario_encounters, CRASHED: scenario_runs[scenario_runs["event"]]}
@@ -84,14 +85,14 @@ def fig02_scenario_answer(scenario_answer: pd.DataFrame, source: str) -> tuple[F
     Parameters
     ----------
     scenario_answer
-        A row for each event and part of the encounters.
+        A row for each event and group of encounters.
     source
         Description of the data.
 
     Returns
     -------
     figure, data
-        A row for each of them; the table itself.
+        The figure has a row for each row of the table; the data are the table itself.
     """
     table = scenario_answer.reset_index(drop=True)
     y = np.arange(len(table))
@@ -113,22 +114,22 @@ def fig02_scenario_answer(scenario_answer: pd.DataFrame, source: str) -> tuple[F
 def fig03_scenario_methods(
     scenario_estimates: pd.DataFrame, alpha: float, source: str
 ) -> tuple[Figure, pd.DataFrame]:
-    """Draw the estimates of every method under the heaviest law, with their intervals.
+    """Draw the estimates of each method with their intervals, for the law with the largest weight.
 
     Parameters
     ----------
     scenario_estimates
         A row for each law, method and replicate.
     alpha
-        The intervals are 100 (1 - alpha) %.
+        The level of the intervals is 1 - alpha.
     source
         Description of the data.
 
     Returns
     -------
     figure, data
-        A row for each replicate, with an open marker if it has not converged; law, method, replicate,
-        probability, ci_low, ci_high, simulations, converged.
+        The figure has a row for each replicate, with an open marker if it has not converged. The columns of
+        the data are law, method, replicate, probability, ci_low, ci_high, simulations and converged.
     """
     together = scenario_estimates["learning"] + scenario_estimates["estimating"]
     columns = ["law", "method", "replicate", *INTERVAL, "simulations", "converged"]

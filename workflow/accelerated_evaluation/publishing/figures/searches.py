@@ -19,28 +19,29 @@ PIECE_STYLES = tuple(
     {"color": color, "linestyle": line, "marker": marker}
     for color, line, marker in zip(PIECES, ("-", "--", ":"), ("o", "s", "^"), strict=True)
 )
-CURVES = 5  # densities in figure 11
+CURVES = 5  # number of densities in figure 11
 LINES = ("--", ":", "-.", (0, (6, 1, 1, 1, 1, 1)), "-")
-DENSITY_FLOOR = 1e-4  # [s], the lower end of figure 11
+DENSITY_FLOOR = 1e-4  # [s], smallest density that figure 11 shows
 
 
 @figure
 def fig08_thresholds(trace: pd.DataFrame, segment: str, source: str) -> tuple[Figure, pd.DataFrame]:
-    """Draw the thresholds of the relaxed events through the iterations (paper, figure 8).
+    """Draw the thresholds of the relaxed events against the iteration of the search (paper, figure 8).
 
     Parameters
     ----------
     trace
         ``cross_entropy_trace.csv`` of a study.
     segment
-        The segment whose piecewise searches are drawn, the first seed's in front.
+        Segment of v_L, whose piecewise searches are drawn, that of the first seed in front.
     source
         Description of the data.
 
     Returns
     -------
     figure, data
-        The thresholds, t_R on the right scale; seed, iteration, threshold_ttc_s, threshold_range_m, events.
+        The figure shows the threshold of TTC on its left scale and that of the range, t_R, on its right
+        scale. The columns of the data are seed, iteration, threshold_ttc_s, threshold_range_m and events.
     """
     rows = _piecewise(trace, segment)
     ratio = (rows["threshold_range_m"] / rows["threshold_ttc_s"]).max()
@@ -52,7 +53,7 @@ def fig08_thresholds(trace: pd.DataFrame, segment: str, source: str) -> tuple[Fi
         _mark_crash(axes, rows[rows["seed"] == rows["seed"].min()])
         _count_iterations(axes, rows, segment)
         axes.set_ylabel("threshold $t_{TTC}$ [s]")
-        if ratio > 0:  # not where the crash itself was the event from the start
+        if ratio > 0:  # it is 0 if the crash itself was the event in all iterations
             right = axes.secondary_yaxis("right", functions=(lambda t: t * ratio, lambda r: r / ratio))
             right.set_ylabel("threshold $t_R$ [m]")
             right.spines["right"].set_visible(True)
@@ -63,7 +64,7 @@ def fig08_thresholds(trace: pd.DataFrame, segment: str, source: str) -> tuple[Fi
 
 
 def _mark_crash(axes: Axes, search: pd.DataFrame) -> None:
-    """Point at the first iteration whose event is the crash itself."""
+    """Mark the first iteration whose event is the crash itself with an arrow."""
     crash = search[search["threshold_ttc_s"] == 0]
     if len(crash):
         at = crash["iteration"].iloc[0], 0
@@ -77,14 +78,15 @@ def _mark_crash(axes: Axes, search: pd.DataFrame) -> None:
 def fig09_inverse_range_parameters(
     trace: pd.DataFrame, segment: str, source: str
 ) -> tuple[Figure, pd.DataFrame]:
-    """Draw weight and tilt of each piece of R^-1 through the iterations (paper, figure 9).
+    """Draw weight and tilt of each piece of R^-1 against the iteration of the search (paper, figure 9).
 
     The parameters are those of `fig08_thresholds`.
 
     Returns
     -------
     figure, data
-        The parameters; seed, iteration, piece, from_per_m, weight and theta_m.
+        The figure shows the weights above the tilts. The columns of the data are seed, iteration, piece,
+        from_per_m, weight and theta_m.
     """
     return _parameters(trace, segment, "inverse_range", source)
 
@@ -93,9 +95,9 @@ def fig09_inverse_range_parameters(
 def fig10_inverse_ttc_parameters(
     trace: pd.DataFrame, segment: str, source: str
 ) -> tuple[Figure, pd.DataFrame]:
-    """Draw weight and tilt of each piece of TTC^-1 through the iterations (paper, figure 10).
+    """Draw weight and tilt of each piece of TTC^-1 against the iteration of the search (paper, figure 10).
 
-    As `fig09_inverse_range_parameters`, in from_per_s and theta_s.
+    Parameters and results are those of `fig09_inverse_range_parameters`, with columns from_per_s and theta_s.
     """
     return _parameters(trace, segment, "inverse_ttc", source)
 
@@ -120,7 +122,7 @@ def _parameters(trace: pd.DataFrame, segment: str, variable: str, source: str) -
 
 
 def _piece_table(rows: pd.DataFrame, variable: str) -> pd.DataFrame:
-    """Return weight, theta and lower bound by seed, iteration and piece."""
+    """Return a row for each seed, iteration and piece: its lower bound ``from``, weight and theta."""
     names = [f"{variable}_{name}_" for name in ("from", "weight", "theta")]
     table = pd.wide_to_long(rows, names, i=["seed", "iteration"], j="piece")[names]
     table.columns = ["from", "weight", "theta"]
@@ -131,14 +133,14 @@ def _piece_table(rows: pd.DataFrame, variable: str) -> pd.DataFrame:
 def fig11_inverse_ttc_density(
     trace: pd.DataFrame, piecewise: IndependentLaw, segment: str, source: str
 ) -> tuple[Figure, pd.DataFrame]:
-    """Draw how the density of TTC^-1 moves from f to f* in the first seed's search (paper, figure 11).
+    """Draw densities of TTC^-1 at some iterations of a search, from f to the final f* (paper, figure 11).
 
     Parameters
     ----------
     trace
-        ``cross_entropy_trace.csv`` of a study.
+        ``cross_entropy_trace.csv`` of a study. The search with the smallest seed is drawn.
     piecewise
-        The piecewise model that was searched; the iterations' densities are rebuilt from its pieces.
+        The piecewise model f, from whose pieces the densities of the iterations are computed.
     segment
         Segment of v_L.
     source
@@ -147,7 +149,8 @@ def fig11_inverse_ttc_density(
     Returns
     -------
     figure, data
-        The densities, light to dark; iteration, inverse_ttc_per_s, density_s.
+        The figure shows later iterations in darker colours. The columns of the data are iteration,
+        inverse_ttc_per_s and density_s.
     """
     table = _density_table(_piecewise(trace, segment), piecewise.inverse_ttc[segment])
     chosen = table["iteration"].unique()
@@ -170,12 +173,12 @@ def fig11_inverse_ttc_density(
 
 
 def _density_table(rows: pd.DataFrame, pieces: PiecewiseMixture) -> pd.DataFrame:
-    """Tabulate the densities of the first seed's search at iterations chosen from f to f*."""
+    """Tabulate the densities at some iterations of the search with the smallest seed."""
     search = rows[rows["seed"] == rows["seed"].min()].set_index("iteration")
     chosen = np.unique(np.geomspace(1, search.index.max(), CURVES).round().astype(int)).tolist()
     laws = {1: pieces} | {at: _rebuilt(pieces, search.loc[at]) for at in chosen[1:]}
     bounds = [pieces.lower, *pieces.knots, laws[chosen[-1]].isf(0.02)]
-    # Points on both sides of every knot, so that jumps are drawn as such.
+    # There are points on both sides of every knot, so that jumps of the density are drawn.
     x = np.concatenate([np.linspace(low, np.nextafter(high, low), 200) for low, high in pairwise(bounds)])
     columns = ("iteration", "inverse_ttc_per_s", "density_s")
     parts = [dict(zip(columns, (at, x, np.exp(law.logpdf(x))), strict=True)) for at, law in laws.items()]
@@ -183,7 +186,7 @@ def _density_table(rows: pd.DataFrame, pieces: PiecewiseMixture) -> pd.DataFrame
 
 
 def _rebuilt(pieces: PiecewiseMixture, row: pd.Series) -> PiecewiseMixture:
-    """Return the f* of TTC^-1 whose parameters stand in a row of the trace."""
+    """Return the f* of TTC^-1 with the parameters in a row of the trace."""
     numbers = range(1, len(pieces.components) + 1)
     thetas, weights = ([row[f"inverse_ttc_{name}_{n}"] for n in numbers] for name in ("theta", "weight"))
     return pieces.accelerated(thetas, weights)
@@ -194,14 +197,14 @@ def _piecewise(trace: pd.DataFrame, segment: str) -> pd.DataFrame:
 
 
 def _depth(rank: int, label: str, others: str = "") -> dict[str, Any]:
-    """Style of the first search, in front, or of another, behind it; the second names all others."""
+    """Return the style of a search: rank 0 is drawn in front; rank 1 has the label of all others."""
     if rank == 0:
         return {"label": label, "zorder": 3}
     return {"label": others if rank == 1 else None, "alpha": 0.35, "linewidth": 0.6, "marker": None}
 
 
 def _count_iterations(axes: Axes, rows: pd.DataFrame, segment: str) -> None:
-    """Let the axis of figures 8 to 10 run from iteration 1, the start, in whole numbers."""
+    """Label the axis of the iterations, from 1, with whole numbers."""
     axes.set(xlabel=f"iteration, {_speeds(segment)}", xlim=(0.7, rows["iteration"].max() + 0.3))
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
 

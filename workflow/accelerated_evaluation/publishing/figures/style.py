@@ -1,4 +1,4 @@
-"""The common style of all figures: IEEE column width, readable in print and in grey; and saving."""
+"""The common style of all figures, for a column of an IEEE journal and print in grey; saving of figures."""
 
 import os
 from collections.abc import Iterator, Mapping
@@ -46,7 +46,7 @@ _RC = {
     "lines.linewidth": 1.2,
     "lines.markersize": 4,
     "legend.frameon": False,
-    # The same figure is the same file, byte by byte.
+    # With a fixed salt, the same figure always gives the same file.
     "svg.hashsalt": "accelerated-evaluation",
     "svg.fonttype": "none",
     "pdf.fonttype": 42,
@@ -55,7 +55,15 @@ _RC = {
 
 @dataclass(frozen=True)
 class Print:
-    """Settings for printing figures in a paper: the font of its text, and the folder for each width [in]."""
+    """Settings of figures for a paper.
+
+    Attributes
+    ----------
+    font
+        Font family.
+    folders
+        Folder for the figures of each width [in].
+    """
 
     font: str
     folders: Mapping[float, Path]
@@ -66,7 +74,7 @@ _print: Print | None = None
 
 @contextmanager
 def printed(settings: Print) -> Iterator[None]:
-    """Use the font of a paper within the block, and save each figure at the widths of its columns."""
+    """Draw figures for a paper within the block: with its font, and saved once for each width of a column."""
     global _print
     _print = settings
     try:
@@ -94,12 +102,12 @@ def note_source(figure: Figure, source: str) -> None:
         Description of the data, such as "Safety Pilot Model Deployment (real events)". The note replaces the
         figure's common label of x, so label the axes individually.
     """
-    # A dollar sign would begin a formula.
+    # Without the backslash, Matplotlib would take a dollar sign for the start of a formula.
     figure.supxlabel(f"Data: {source}".replace("$", r"\$"), x=0.99, ha="right", fontsize=5.5, color="#555555")
 
 
 def say_no_crash(axes: Axes) -> None:
-    """Write a note into empty axes that there was no crash."""
+    """Write "no crash" into the middle of axes in which there is nothing to draw."""
     axes.text(0.5, 0.5, "no crash", transform=axes.transAxes, ha="center", va="center", color="#555555")
 
 
@@ -110,10 +118,12 @@ def save_figure(
     name: str,
     metadata: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
 ) -> Figure:
-    """Save a figure as PDF, SVG and PNG, and its data as CSV next to it; return it for display.
+    """Save a figure as PDF, SVG and PNG, and its data as CSV in the same folder; return it for display.
 
     Parameters
     ----------
+    figure
+        The figure.
     data
         Tidy table of everything that is drawn, units in the column names.
     folder, name
@@ -129,9 +139,9 @@ def save_figure(
             figure.savefig(
                 temporary, format=extension, metadata={**undated[extension], **metadata.get(extension, {})}
             )
-        # Finding the places of all parts takes longer than drawing them. The first format has found them in
-        # inches, which serve all formats, so that the others need not search again. With the engine "none"
-        # Matplotlib would still draw once in advance for it.
+        # The layout engine computes the positions of all parts of a figure, which takes longer than drawing
+        # it. They are the same in all formats, so the engine is removed after the first format. With the
+        # engine "none" instead of None, Matplotlib would draw each figure twice.
         with mpl.rc_context({"figure.constrained_layout.use": False}):
             figure.set_layout_engine(None)
     write_csv(Path(folder) / f"{name}.csv", reproducible(data))
@@ -140,7 +150,7 @@ def save_figure(
 
 
 def _save_widths(figure: Figure, settings: Print, name: str, metadata: Mapping[str, Any]) -> None:
-    """Save a figure at the widths of a paper; letters keep their size, and the layout is recomputed."""
+    """Save a figure at each width of a paper, with the same font size and a new layout."""
     own = figure.get_size_inches()
     for width, folder in settings.folders.items():
         figure.set_size_inches(width, own[1])

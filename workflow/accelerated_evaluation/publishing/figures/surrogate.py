@@ -1,4 +1,4 @@
-"""Beyond the paper: runs of the surrogate-guided sampler, and the cost of the four methods (19, 20)."""
+"""Figures 19 and 20, beyond the paper: runs of the surrogate-guided sampler, and the cost of all methods."""
 
 from collections.abc import Mapping
 
@@ -27,7 +27,7 @@ from accelerated_evaluation.publishing.published import figure
 from accelerated_evaluation.publishing.tables.formats import readable
 from accelerated_evaluation.publishing.tables.surrogate import PHASES, side_by_side
 
-MARGIN = 0.5  # normal scores about the crashes in figure 19 (b)
+MARGIN = 0.5  # margin around the crashes in figure 19 (b), in units of the normal scores
 SCORES = {"z_inverse_range": "$R^{-1}$", "z_inverse_ttc": "$TTC^{-1}$"}
 PHASE_LOOKS = {
     "search": {"color": "#8c8c8c", "marker": "^"},
@@ -40,24 +40,28 @@ PHASE_LOOKS = {
 def fig19_surrogate_runs(
     runs: pd.DataFrame, exact: pd.DataFrame, shares: Mapping[str, float], source: str
 ) -> tuple[Figure, pd.DataFrame]:
-    """Draw where the sampler simulates: one replicate in normal scores, and all of them by segment.
+    """Draw the cut-ins that the surrogate-guided sampler simulates.
+
+    One replicate is drawn in normal scores, the standard normal coordinates of the law; for all replicates
+    the shares of the segments are drawn.
 
     Parameters
     ----------
     runs, exact
         ``surrogate_runs.csv`` and ``exact.csv`` of a study.
     shares
-        Share of each segment in the lane changes, by which the paper's methods spread their simulations.
+        Share of each segment in the lane changes; the paper's methods divide their simulations in the same
+        way.
     source
         Description of the data.
 
     Returns
     -------
     figure, data
-        Panels (a) and (b), every simulation of the first replicate over all segments, and those near the
-        crashes by which it learnt and estimated: run, phase, segment, z_inverse_range, z_inverse_ttc and
-        event. Panel (c), a row for each segment and quantity: segment, quantity and share; simulations are
-        those of all replicates.
+        Panel (a) shows every simulation of the first replicate over all segments. Panel (b) enlarges the part
+        with the crashes of the phases learn and estimate. Their data are run, phase, segment,
+        z_inverse_range, z_inverse_ttc and event. Panel (c) shows, for each segment, the shares of lane
+        changes, simulations of all replicates, and crashes: segment, quantity and share.
     """
     runs = runs[runs["scope"] == "all"]
     shown = runs.loc[runs["replicate"] == 0, ["run", "phase", "segment", *SCORES, "event"]]
@@ -87,7 +91,7 @@ def fig19_surrogate_runs(
 
 @figure
 def fig20_methods(replicates: pd.DataFrame, exact: pd.DataFrame, source: str) -> tuple[Figure, pd.DataFrame]:
-    """Draw what every replicate of every method costs, and what it finds, over all segments.
+    """Draw the number of simulations and the estimate of every replicate of every method, over all segments.
 
     Parameters
     ----------
@@ -120,7 +124,7 @@ def fig20_methods(replicates: pd.DataFrame, exact: pd.DataFrame, source: str) ->
         left.set(xscale="log", xlabel="simulations")
         left.xaxis.set_major_locator(LogLocator(numticks=4))
         left.xaxis.set_major_formatter(LogFormatterSciNotation())
-        # Without a crash an interval has no upper end worth drawing.
+        # The upper limits of estimates without a crash would make the axis too long.
         seen = ratios.loc[ratios["probability"] > 0, "ci_high"].max()
         right.set(xlabel="estimate / exact", xlim=(0, 1.05 * np.fmax(seen, 1)))
         name_groups(left, y, data["method"])
@@ -137,7 +141,7 @@ def fig20_methods(replicates: pd.DataFrame, exact: pd.DataFrame, source: str) ->
 
 
 def _shares_by_segment(runs: pd.DataFrame, exact: pd.DataFrame, shares: Mapping[str, float]) -> pd.DataFrame:
-    """Compare, by segment, where lane changes, simulations and crashes are."""
+    """Return the shares of the segments in lane changes, simulations and crashes, in rows."""
     share = pd.Series(shares)
     crashes = exact.set_index("segment")["probability"][share.index] * share
     counted = runs[runs["phase"] == PHASES[-1]]
@@ -156,7 +160,7 @@ def _shares_by_segment(runs: pd.DataFrame, exact: pd.DataFrame, shares: Mapping[
 
 
 def _draw_scores(axes: Axes, shown: pd.DataFrame) -> None:
-    """Draw simulations in the plane of normal scores, marked by phase, filled where they crashed."""
+    """Draw simulations in the plane of normal scores, with a marker for each phase, filled for a crash."""
     style = {"linestyle": "none", "markersize": 3, "markeredgewidth": 0.6}
     for phase, look in PHASE_LOOKS.items():
         for event, outcome in ((False, "no crash"), (True, "crash")):

@@ -1,4 +1,4 @@
-"""The numbers that the paper states, compared with ours, with a verdict by a fixed rule."""
+"""Comparison of the numbers that the paper states with ours; a fixed rule determines the verdict."""
 
 import json
 import math
@@ -26,7 +26,7 @@ from accelerated_evaluation.publishing.tables.spreads import (
 )
 from accelerated_evaluation.records.sources import describe
 
-# What a study must share with the paper before their numbers can be compared.
+# Settings that a study must have in common with the paper; otherwise their numbers are not comparable.
 PREMISES = {
     "data.source": "spmd",
     "data.sample": None,
@@ -38,9 +38,14 @@ PREMISES = {
 
 
 def verdict(claim: Claim, ours: Spread) -> str:
-    """Return ``agrees`` or ``differs``: whether the paper's number lies within our spread.
+    """Return ``agrees`` if the paper's number lies within our spread, and ``differs`` otherwise.
 
-    The tolerance of the paper's number is allowed for.
+    Parameters
+    ----------
+    claim
+        The paper's number and its tolerance, by which the spread is widened on both sides.
+    ours
+        Our number and its spread.
     """
     inside = ours.low - claim.tolerance <= claim.paper <= ours.high + claim.tolerance
     return "agrees" if inside else "differs"
@@ -113,7 +118,18 @@ def _why(judged: str, ours: Spread, claim: Claim) -> str:
 
 
 def departure(config: Mapping[str, Any]) -> str:
-    """Name the first premise of the paper that a study does not share; empty if it shares all."""
+    """Return a description of the first setting in `PREMISES` that a study does not share with the paper.
+
+    Parameters
+    ----------
+    config
+        Resolved configuration of the study.
+
+    Returns
+    -------
+    str
+        The setting with both values, and the data; empty if the study shares all settings.
+    """
     for key, expected in PREMISES.items():
         seen = reduce(getitem, key.split("."), config)
         if seen != expected:
@@ -153,7 +169,10 @@ def _searches(trace: pd.DataFrame) -> dict[str, Spread]:
 def _samples(
     estimates: pd.DataFrame, course: pd.DataFrame, exact: pd.DataFrame, settings: Mapping[str, Any]
 ) -> dict[str, Spread]:
-    """Probability, simulations to convergence and their ratios; the first replicate is the single run."""
+    """Return probability, simulations to convergence and their ratios, by the key of the claim.
+
+    The first replicate is compared with the single runs that the paper reports.
+    """
     alpha = settings["alpha"]
     pooled = pooled_probability(course, "piecewise", alpha)
     probability = _exact(exact, alpha)
@@ -189,7 +208,7 @@ def _exact(exact: pd.DataFrame, alpha: float) -> Spread:
 
 
 def _run(first: float, runs: np.ndarray, things: str) -> Spread:
-    """Return one run among all: a single run of the paper's is compared with each of ours."""
+    """Return the number of our first run, with the smallest and largest number of all runs as spread."""
     return Spread(first, runs.min(), runs.max(), f"range of {runs.size} {things}, ours the first")
 
 

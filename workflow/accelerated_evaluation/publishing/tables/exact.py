@@ -1,4 +1,4 @@
-"""Tables about the exact probability: simulations that each f* needs, and severity."""
+"""Tables of exact probabilities: numbers of simulations that each f* needs, and severity of crashes."""
 
 import math
 
@@ -18,15 +18,15 @@ EVENTS = {
     "min_range": "smallest range < {:g} m",
     "min_ttc": "smallest TTC < {:g} s",
 }
-SURE = 4  # standard errors of the map, within which any value is granted to it
-CONTRADICTED = 1e-4  # p-value of the simulations
-HEAVY = 10  # times the variation without the rarest crashes
+SURE = 4  # half-width, in standard errors, of the range in which the true probability may lie
+CONTRADICTED = 1e-4  # p-value below which simulations contradict all values in this range
+HEAVY = 10  # an f* is heavy-tailed if the rarest crashes increase the coefficient of variation by this factor
 
 
 def needed_simulations(
     variation: pd.DataFrame, probability: float, alpha: float, beta: float
 ) -> pd.DataFrame:
-    """Tabulate the simulations for a relative half-width beta, computed from the exact variance of each f*.
+    """Tabulate the number of simulations to convergence, computed from the exact variance under each f*.
 
     Parameters
     ----------
@@ -35,15 +35,15 @@ def needed_simulations(
     probability
         The exact crash probability, for crude Monte Carlo.
     alpha, beta
-        Relative half-width beta of the 100 (1 - alpha) % interval.
+        Convergence is a relative half-width beta of the normal interval with level 1 - alpha.
 
     Returns
     -------
     pandas.DataFrame
-        For each method ``searches``; ``heavy_tailed``, the number of f* whose variance depends on the rarest
-        crashes; ``variation``, the mean coefficient of variation of a weight without these crashes;
-        ``simulations``, their mean, with the range ``simulations_low`` to ``simulations_high`` over the
-        searches; ``paper_simulations`` (table I).
+        A row for each method: ``searches``, their number; ``heavy_tailed``, the number of f* whose variance
+        depends on the rarest crashes; ``variation``, the mean coefficient of variation of a weight without
+        these crashes; ``simulations``, the mean number of simulations over the searches, with its range
+        ``simulations_low`` to ``simulations_high``; ``paper_simulations``, the paper's number (table I).
     """
     everywhere = variation[variation["segment"] == "all"]
     rows = []
@@ -83,7 +83,10 @@ def severity_digest(severity: pd.DataFrame) -> pd.DataFrame:
 
 
 def contradictions(truth: pd.Series, crude: pd.DataFrame) -> str:
-    """Say whether crude Monte Carlo contradicts the exact probability; empty if it does not.
+    """Test whether the crashes of crude Monte Carlo contradict the exact probability, by a binomial test.
+
+    The hypothesis is the probability, within `SURE` standard errors of the exact one, that fits the number of
+    crashes best.
 
     Parameters
     ----------
@@ -91,6 +94,11 @@ def contradictions(truth: pd.Series, crude: pd.DataFrame) -> str:
         ``probability`` and ``standard_error`` over all segments.
     crude
         ``crude.csv`` of a study.
+
+    Returns
+    -------
+    str
+        A warning if the p-value is below `CONTRADICTED`; empty otherwise.
     """
     found = crude.set_index("segment").loc["all"]
     crashes, simulations = int(found["crashes"]), int(found["simulations"])

@@ -11,13 +11,15 @@ import pandas as pd
 
 from accelerated_evaluation.base.files import write_csv, write_text
 
-# Significant digits in published CSV files; results keep all. Processors disagree from the ninth digit on,
-# because they sum in another order. That changes a number of six digits only if it lies within a thousandth
-# of its last digit of a tie, and six digits are still finer than the error of any published estimate.
+# Significant digits in published CSV files; files of results have all digits. The ninth and later digits
+# depend on the processor, because the order of sums does. After rounding to six digits this is visible only
+# in the rare case that a number lies almost in the middle between two rounded values. The error of every
+# published estimate is larger than the sixth digit.
 DIGITS = 6
 LARGEST_COUNT = 2**53
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-# Only where it would mean something: a tag, an entity, a link, emphasis, the end of a cell, a formula.
+# Characters that are escaped, only where they have a meaning in Markdown: tags, entities, links, emphasis,
+# cells and formulas.
 _MARKDOWN = re.compile(r"[|$`*\\]|<(?=[A-Za-z/!?])|&(?=[#A-Za-z])|\](?=[(\[])|(?<!\w)_|_(?!\w)")
 _PLAIN = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
@@ -30,17 +32,22 @@ def save_table(
     digits: int | None = None,
     digest: pd.DataFrame | None = None,
 ) -> pd.DataFrame:
-    """Save a table as ``folder/name`` with the endings csv, md and tex; return it for display.
+    """Save a table as CSV, Markdown and LaTeX: ``folder/name`` with the endings csv, md and tex.
 
     Parameters
     ----------
     table, folder, name
         The table, and the path of its files without ending.
     digits
-        Significant digits of the numbers in Markdown and LaTeX, see `readable`; all by default. The CSV file
-        always has `DIGITS`.
+        Number of significant digits in Markdown and LaTeX, see `readable`; by default all digits are written.
+        Numbers in the CSV file always have `DIGITS` significant digits.
     digest
-        A shorter table for Markdown and LaTeX.
+        A shorter table for Markdown and LaTeX; by default the whole table is written.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The table, for display.
     """
     shown = table if digest is None else digest
     shown = shown if digits is None else shown.map(lambda value: readable(value, digits))
@@ -82,14 +89,19 @@ def as_markdown(text: Any) -> Any:  # noqa: ANN401
     if not isinstance(text, str):
         return text
     escaped = _MARKDOWN.sub(lambda found: f"&#{ord(found[0])};", text)
-    # MathJax looks for formulas in the page itself, but none reaches over the border of an element.
+    # MathJax searches the page for formulas between dollar signs, but only within one element.
     return escaped.replace("&#36;", "<span>&#36;</span>")
 
 
 def readable(value: Any, digits: int = 3) -> Any:  # noqa: ANN401
-    """Write a number as in running text: 7,840 or 1.57 or 7.4 × 10⁻⁷; a missing one as a dash.
+    """Write a number for a text, such as 7,840, 1.57 or 7.4 × 10⁻⁷; NaN is written as a dash.
 
-    Counts below a million are written in full. Values that are not numbers are not changed.
+    Parameters
+    ----------
+    value
+        A number; values of other types are returned without change.
+    digits
+        Number of significant digits. Whole numbers below a million are written with all digits.
     """
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
         return value

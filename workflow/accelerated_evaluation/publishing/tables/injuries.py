@@ -1,4 +1,4 @@
-"""Beyond the paper: tables of the injuries of the two drivers, and of the curves of the risk of injury."""
+"""Tables, beyond the paper, of the injuries of both drivers, and of the curves of the risk of injury."""
 
 import pandas as pd
 
@@ -17,7 +17,7 @@ def best_known(injuries: pd.DataFrame) -> pd.DataFrame:
 
 
 def injuries_digest(injuries: pd.DataFrame) -> pd.DataFrame:
-    """Return the columns for a reader: a row for each vehicle and level."""
+    """Return the table of injuries for readers: a row for each vehicle and level, with 80 % intervals."""
     rows = best_known(injuries).reset_index(drop=True)
     per = rows["per"].iloc[0] if len(rows) else CUT_IN
     per_cut_in = injuries[injuries["per"] == CUT_IN].set_index(["vehicle", "level"])["mean"]
@@ -40,7 +40,7 @@ injuries_table = result_table("injuries", digits=DIGITS, digest=injuries_digest)
 
 
 def balance_digest(risk_balance: pd.DataFrame) -> pd.DataFrame:
-    """Return the columns for a reader, both ends of the interval in one."""
+    """Return the table of ratios for readers, with the limits of each 80 % interval in one column."""
     interval = interval_column(risk_balance["ratio_low80"], risk_balance["ratio_high80"])
     shown = risk_balance[["reference", "level", "ratio"]].assign(**{"80 %": interval})
     return shown.assign(fewer_injured=risk_balance["fewer_injured"])
@@ -54,7 +54,7 @@ injury_budget_table = result_table("injury_budget", digits=3)
 
 
 def curves_digest(injury_curves: pd.DataFrame) -> pd.DataFrame:
-    """Return the columns that fit on a page."""
+    """Return the columns of the table of risk curves that fit on a page."""
     return injury_curves[["level", "impact", "source", "curve"]]
 
 
@@ -63,7 +63,20 @@ injury_curves_table = result_table("injury_curves", digest=curves_digest)
 
 
 def injuries_in_words(injuries: pd.DataFrame, level: str) -> str:
-    """Return the injured drivers of the vehicle under test at a level as text, with an 80 % interval."""
+    """Return the expected number of injured drivers with the vehicle under test as text.
+
+    Parameters
+    ----------
+    injuries
+        ``injuries.csv`` of a study.
+    level
+        Level of injury, such as ``MAIS3+``.
+
+    Returns
+    -------
+    str
+        The median with its 80 % interval and unit, or "not known".
+    """
     rows = best_known(injuries)
     found = rows[(rows["vehicle"] == "under test") & (rows["level"] == level)]
     if found.empty:

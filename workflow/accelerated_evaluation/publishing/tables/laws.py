@@ -1,4 +1,4 @@
-"""Beyond the paper: tables of the laws with dependence, and of the answer."""
+"""Tables, beyond the paper, of the laws with dependence, and of the answer: the crash probability."""
 
 import pandas as pd
 
@@ -8,16 +8,21 @@ from accelerated_evaluation.answer.posterior import LEVELS
 from accelerated_evaluation.publishing.published import result_table, table
 from accelerated_evaluation.publishing.tables.formats import readable
 
-DIGITS = 2  # of a probability whose interval spans a factor
+DIGITS = 2  # significant digits of probabilities, which are enough for their wide intervals
 
 
 def with_intervals(rows: pd.DataFrame) -> pd.DataFrame:
-    """Combine both ends of each interval into one column, for readability.
+    """Replace the two columns with the limits of each interval by one column of text.
 
     Parameters
     ----------
     rows
-        Table with the columns ``low50`` and ``high50``, and so on.
+        Table with columns ``low50``, ``high50``, ``low80``, ``high80``, ``low95`` and ``high95``.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The table with columns ``50 %``, ``80 %`` and ``95 %`` in their place, at the end.
     """
     levels = [f"{100 * level:.0f}" for level in LEVELS]
     ends = {f"{level} %": interval_column(rows[f"low{level}"], rows[f"high{level}"]) for level in levels}
@@ -25,20 +30,20 @@ def with_intervals(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def interval_column(low: pd.Series, high: pd.Series) -> list[str]:
-    """Write intervals as text, and a dash if an end is unknown."""
+    """Write intervals as text, such as "0.1 to 0.2", with a dash if one of the limits is NaN."""
     known = low.notna() & high.notna()
     pairs = zip(low, high, known, strict=True)
     return [f"{readable(a, DIGITS)} to {readable(b, DIGITS)}" if known else "–" for a, b, known in pairs]
 
 
 def without_details(laws: pd.DataFrame) -> pd.DataFrame:
-    """Return the columns of the scores for a reader, with laws of weight zero last."""
+    """Return the main columns of the table of laws for readers, in the same order of rows."""
     shown = ["law", "gain_inverse_ttc_0.25", "gain_inverse_ttc_0.35", "gain_inverse_ttc_0.45"]
     return laws[[*shown, "behind", "weight", "stacking", "probability", "refused"]]
 
 
 def of_the_answer(calibration: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of the calibration that belong to all laws together, which come first."""
+    """Return the rows of the calibration for the weighted mean of all laws, which is the first law in it."""
     return calibration[calibration["law"] == calibration["law"].iloc[0]].drop(columns="law")
 
 
@@ -51,7 +56,16 @@ calibration_table = result_table("calibration", digits=3, digest=of_the_answer)
 
 @table("answer", digits=DIGITS, digest=with_intervals)
 def answer_table(answer: pd.DataFrame, stops: list[str]) -> pd.DataFrame:
-    """Return the probabilities of a crash and of near misses in the published form."""
+    """Return the table of the probabilities of a crash and of near misses for publication.
+
+    Parameters
+    ----------
+    answer
+        ``answer.csv`` of a study.
+    stops
+        Names of the checks of the records whose verdict is "stop". If there are any, a column ``records``
+        names them.
+    """
     return answer.assign(records=f"STOP: {', '.join(stops)}") if stops else answer
 
 
@@ -60,7 +74,7 @@ exposure_table = result_table("exposure", digits=DIGITS, digest=with_intervals)
 
 
 def rates_in_words(exposure: pd.DataFrame) -> str:
-    """Return sentences with the crash rate per million kilometres and hours, if the exposure is known."""
+    """Return the crash rates per million kilometres and hours as a sentence, or that they are not known."""
     crashes = exposure[exposure["event"] == "crash"]
     if crashes.empty:
         return "In how many kilometres or hours the records were made is not known, so there is no rate."
@@ -74,10 +88,20 @@ def rates_in_words(exposure: pd.DataFrame) -> str:
 
 @table("answer_budget", digits=3)
 def answer_budget_table(answer_budget: pd.DataFrame, lead_motion: pd.DataFrame) -> pd.DataFrame:
-    """Return the sources of the uncertainty of the answer in the published form.
+    """Return the budget of the uncertainty of the crash probability, by source, for publication.
 
-    If lead motion was studied for the vehicle under test, the last row is what not knowing it adds
-    (`answer.motion_budget`). The other rows are for a lead vehicle that keeps its speed.
+    Parameters
+    ----------
+    answer_budget
+        ``answer_budget.csv`` of a study, for a lead vehicle that keeps its speed.
+    lead_motion
+        ``lead_motion.csv``: crash probabilities if the lead vehicle changes its speed.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The budget. If lead motion was studied for the vehicle under test, a last row contains the
+        contribution of the unknown lead motion (`answer.motion_budget`).
     """
     together = answer_budget.set_index("source").loc["together", "factor"]
     motion = motion_budget(lead_motion, "under test", together)
@@ -85,7 +109,7 @@ def answer_budget_table(answer_budget: pd.DataFrame, lead_motion: pd.DataFrame) 
 
 
 def thresholds_digest(answer_thresholds: pd.DataFrame) -> pd.DataFrame:
-    """Return the answer by threshold with unrounded levels, which two digits would not distinguish."""
+    """Return the answers by threshold with all digits of the thresholds, which two would not distinguish."""
     levels = answer_thresholds["level"].map("{:g}".format)
     return with_intervals(answer_thresholds.assign(level=levels))
 
@@ -98,7 +122,7 @@ data_quality_table = result_table("data_quality", digits=DIGITS, digest=with_int
 
 
 def vehicles_digest(vehicles: pd.DataFrame) -> pd.DataFrame:
-    """Return the columns of compared vehicles for a reader: probability and ratio with 80 % intervals."""
+    """Return the table of compared vehicles for readers: probabilities and ratios with 80 % intervals."""
     return pd.DataFrame(
         {
             "vehicle": vehicles["vehicle"],
@@ -146,19 +170,24 @@ def _verdict(calibration: pd.DataFrame) -> pd.DataFrame:
 
 
 def threshold_ratio(answer_thresholds: pd.DataFrame) -> float:
-    """Return the ratio of the largest to the smallest answer of a single threshold."""
+    """Return the ratio of the largest to the smallest crash probability over the thresholds of the tails."""
     return float(answer_thresholds["probability"].max() / answer_thresholds["probability"].min())
 
 
 def stated_margin(crash_places: pd.DataFrame, level: float = 0.95) -> float:
-    """Return by how much crashes close faster than any record at a similar range [m/s].
+    """Return the margin by which closing speeds of crashes exceed those of all records at a similar range.
 
     Parameters
     ----------
     crash_places
-        ``crash_places.csv`` of a study.
+        ``crash_places.csv`` of a study: random crashes under each law.
     level
-        Share of the crashes that lie within the margin, for the law with the largest margin.
+        Share of the crashes of a law that exceed the records by at most the margin.
+
+    Returns
+    -------
+    float
+        The largest margin of all laws [m/s]; NaN if the vehicle never crashes.
     """
     if crash_places.empty:  # the vehicle never crashes
         return float("nan")
@@ -166,7 +195,7 @@ def stated_margin(crash_places: pd.DataFrame, level: float = 0.95) -> float:
 
 
 def without_sources(counted: pd.DataFrame) -> pd.DataFrame:
-    """Return the columns that a reader needs, both limits of a rate in one."""
+    """Return the table of crash rates for readers, with the 95 % limits of a rate in one column."""
     shown = ["who", "what", "count", "per_million_miles", "95 %", "in_hundred_car", "verdict"]
     return counted.assign(**{"95 %": interval_column(counted["low95"], counted["high95"])})[shown]
 
@@ -176,7 +205,7 @@ counted_crashes_table = result_table("counted_crashes", digits=2, digest=without
 
 
 def with_limits_in_one(predictions: pd.DataFrame) -> pd.DataFrame:
-    """Return the predicted numbers of crashes and near-crashes, both limits of a count in one column."""
+    """Return the table of predicted counts for readers, with the 90 % limits of a count in one column."""
     shown = ["driver", "event", "expected", "90 %", "counted", "verdict"]
     return predictions.assign(**{"90 %": interval_column(predictions["low90"], predictions["high90"])})[shown]
 
@@ -186,7 +215,7 @@ human_predictions_table = result_table("human_predictions", digits=2, digest=wit
 
 
 def with_errors(lead_motion: pd.DataFrame) -> pd.DataFrame:
-    """Return the columns that a reader needs of crash probabilities with lead motion."""
+    """Return the columns of the table of crash probabilities with lead motion that readers need."""
     shown = ["vehicle", "gap", "constant", "moving", "standard_error", "high95", "factor", "factor_error"]
     return lead_motion[shown]
 

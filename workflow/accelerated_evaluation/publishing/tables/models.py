@@ -10,12 +10,25 @@ from accelerated_evaluation.laws.paper.independent import UNITS, IndependentLaw
 from accelerated_evaluation.publishing.published import table
 from accelerated_evaluation.publishing.tables.formats import reproducible_value
 
-PARAMETER_DIGITS = 5  # significant; processors find different eighth digits of the maximum of a flat curve
+PARAMETER_DIGITS = 5  # significant digits of fitted parameters, of which the eighth depends on the processor
 SYMBOLS = {"inverse_range": "R⁻¹", "inverse_ttc": "TTC⁻¹"}
 
 
 def leaves(law: Distribution, weight: float = 1.0) -> Iterator[tuple[float, Distribution]]:
-    """Yield the innermost distributions of nested mixtures, each with its total weight."""
+    """Yield the components of a mixture, whose components may be mixtures again.
+
+    Parameters
+    ----------
+    law
+        A distribution. If it is not a mixture, only itself is yielded.
+    weight
+        Weight of the distribution.
+
+    Yields
+    ------
+    weight, component
+        Product of the weights along the nesting, and a component that is not a mixture.
+    """
     if isinstance(law, Mixture):
         for share, component in zip(law.weights, law.components, strict=True):
             yield from leaves(component, weight * share)
@@ -60,13 +73,14 @@ def rank_table(candidates: pd.DataFrame) -> pd.DataFrame:
     Parameters
     ----------
     candidates
-        Table with at least the columns variable, segment, family, n_parameters and rank; no rank means no
-        fit.
+        Table with at least the columns variable, segment, family, n_parameters and rank; the rank is NaN if
+        the family could not be fitted.
 
     Returns
     -------
     pandas.DataFrame
-        A row for each family, those with the best mean rank first; a dash if a family has no fit.
+        A row for each family, that with the smallest mean rank first, and a column for each variable and
+        segment; a dash if the family could not be fitted.
     """
     places = candidates["variable"].map(SYMBOLS) + ", " + candidates["segment"]
     shown = candidates["rank"].map(lambda rank: "–" if pd.isna(rank) else f"{rank:.0f}")
@@ -84,9 +98,9 @@ def rank_table(candidates: pd.DataFrame) -> pd.DataFrame:
 
 @table("candidates", digits=5, digest=rank_table)
 def candidates_table(candidates: pd.DataFrame) -> pd.DataFrame:
-    """Tabulate the fits of all candidate families; readers are shown the `rank_table`.
+    """Tabulate the fits of all candidate families; the version for readers is the `rank_table`.
 
-    The parameters are numbers in a text, which are rounded to `PARAMETER_DIGITS`.
+    The column ``parameters`` contains numbers as JSON, which are rounded to `PARAMETER_DIGITS` digits.
     """
 
     def rounded(text: str) -> str:
@@ -134,7 +148,7 @@ def close_call_table(
 def _close_call(
     segment: str, name: str, records: pd.Series, x: float, laws: Mapping[str, Distribution]
 ) -> dict[str, str | float]:
-    """Count the records above x, and give the probability to exceed it under each law."""
+    """Return a row with the number and share of records above x, and the probability of this in each law."""
     line = {"segment": segment, "cut_in": name, "events": int((records > x).sum())}
     line["empirical"] = float(Empirical(records).sf(x))
     return line | {key: float(law.sf(x)) for key, law in laws.items()}

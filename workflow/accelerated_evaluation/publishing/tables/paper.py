@@ -39,13 +39,13 @@ def table1_sample_size(
     estimates, course
         ``estimates.csv`` and ``estimates_course.csv`` of a study.
     alpha, beta
-        Convergence is a relative half-width of the 100 (1 - alpha) % interval of at most beta.
+        Convergence is a relative half-width of at most beta of the interval with level 1 - alpha.
 
     Returns
     -------
     pandas.DataFrame
-        A row for each method, those of the paper first: its simulations with their spread, the ratio to those
-        of the piecewise method, and the two numbers of the paper, if it has them.
+        A row for each method, those of the paper first: the mean number of simulations with its spread, the
+        ratio to that of the piecewise method, and both numbers in the paper, NaN if it does not state them.
     """
     sizes = {method: sample_size(estimates, method) for method in estimates["method"].unique()}
     sizes["crude"] = crude_sample_size(pooled_probability(course, "piecewise", alpha), alpha, beta)
@@ -75,7 +75,7 @@ def table2_computation(
     alpha: float,
     beta: float,
 ) -> pd.DataFrame:
-    """Build table II: what each method computes in each stage, compared with the paper's numbers.
+    """Build table II: numbers of parameters and simulations of each method by stage, and the paper's numbers.
 
     Parameters
     ----------
@@ -118,18 +118,26 @@ def table2_computation(
 
 @table("estimates", digits=3)
 def estimates_table(estimates: pd.DataFrame) -> pd.DataFrame:
-    """Arrange the estimates of all replicates, methods and scopes for publication."""
+    """Return the columns of the estimates of all replicates, methods and scopes that are published."""
     return estimates[list(ESTIMATE_COLUMNS)]
 
 
 def probability_table(estimates: pd.DataFrame, course: pd.DataFrame, alpha: float) -> pd.DataFrame:
-    """Compare the estimates at convergence with the pooled one, in a row for each scope and method.
+    """Compare the estimates at convergence with the pooled estimate of all replicates.
+
+    Parameters
+    ----------
+    estimates, course
+        ``estimates.csv`` and ``estimates_course.csv`` of a study.
+    alpha
+        The level of the intervals is 1 - alpha.
 
     Returns
     -------
     pandas.DataFrame
-        scope, method, pooled, ci_low, ci_high; at_convergence, the mean over the replicates; covering, the
-        number of intervals that contain the pooled estimate; replicates.
+        A row for each scope and method: scope, method; the pooled estimate ``pooled`` with ci_low and
+        ci_high; at_convergence, the mean estimate at convergence over the replicates; covering, the number of
+        replicates whose interval contains the pooled estimate; and the number of replicates.
     """
     rows = []
     for (scope, method), ends in estimates.groupby(["scope", "method"], sort=False):
@@ -151,14 +159,19 @@ def probability_table(estimates: pd.DataFrame, course: pd.DataFrame, alpha: floa
 
 
 def weight_health(estimates: pd.DataFrame) -> pd.DataFrame:
-    """Tabulate diagnostics of the weights at convergence, in a row for each scope and method.
+    """Tabulate diagnostics of the importance weights of crashes at convergence.
+
+    Parameters
+    ----------
+    estimates
+        ``estimates.csv`` of a study.
 
     Returns
     -------
     pandas.DataFrame
-        scope, method; means over the replicates of simulations, crashes, effective_sample_size and crashes
-        per effective crash; the largest share of one crash in any replicate; the number of converged
-        replicates.
+        A row for each scope and method: scope, method; means over the replicates of simulations, crashes,
+        effective_sample_size and crashes / effective_sample_size; the largest share of a single crash in the
+        sum of the weights, over all replicates; and the number of converged replicates.
     """
     health = estimates.assign(crashes_per_effective=estimates["events"] / estimates["effective_sample_size"])
     return health.groupby(["scope", "method"], sort=False, as_index=False).agg(

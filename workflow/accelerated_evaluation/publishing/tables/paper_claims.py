@@ -42,7 +42,8 @@ class Claim:
     claim, source
         What the number means, and where in the paper it is stated.
     paper, tolerance
-        The number, and its tolerance: half a unit of the last printed digit, or half the interval.
+        The number, and its tolerance: half a unit of the last printed digit, or half the width of an
+        interval.
     reason
         Reason why our number may differ.
     rests_on_study

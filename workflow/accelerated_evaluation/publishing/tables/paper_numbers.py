@@ -1,4 +1,4 @@
-"""The numbers that the paper states about its methods, by method."""
+"""Numbers in the paper: the crash probability, and numbers of simulations and parameters by method."""
 
 PAPER_PROBABILITY = 7.4e-7  # section VI.C
 PAPER_SIMULATIONS = {"piecewise": 7840, "single": 12320, "crude": 5.5e7}  # table I

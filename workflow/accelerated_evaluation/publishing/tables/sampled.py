@@ -1,4 +1,4 @@
-"""Beyond the paper: the table of a slow vehicle compared with references."""
+"""Table, beyond the paper, of the ratios of a slow vehicle to reference vehicles."""
 
 from accelerated_evaluation.publishing.published import result_table
 

@@ -1,4 +1,4 @@
-"""Tables of the study of another scenario than the cut-in."""
+"""Tables of a study of a scenario other than the cut-in."""
 
 import pandas as pd
 
@@ -25,7 +25,19 @@ crash_shares_table = result_table("scenario_crash_shares", digits=DIGITS)
 
 @table("scenario_methods", digits=DIGITS)
 def methods_table(scenario_estimates: pd.DataFrame) -> pd.DataFrame:
-    """Return the mean estimate and the mean number of simulations of each method, and who converged."""
+    """Summarise the replicates of each law and method.
+
+    Parameters
+    ----------
+    scenario_estimates
+        A row for each law, method and replicate.
+
+    Returns
+    -------
+    pandas.DataFrame
+        law, method; numbers of ``replicates`` and of those that ``converged``; mean, ``lowest`` and
+        ``highest`` probability; mean numbers of simulations, including learning, and of events.
+    """
     rows = scenario_estimates.assign(
         simulations=scenario_estimates["learning"] + scenario_estimates["estimating"]
     )
@@ -46,12 +58,12 @@ def methods_table(scenario_estimates: pd.DataFrame) -> pd.DataFrame:
 
 @table("scenario_experiments", digits=DIGITS)
 def experiments_table(scenario_experiments: pd.DataFrame) -> pd.DataFrame:
-    """Return the stored experiments by importance sampling with the checks that they do not pass."""
+    """Return the table of stored experiments by importance sampling, with the checks that they fail."""
     return scenario_experiments
 
 
 @table("scenario_agreement")
 def agreement_table(scenario_agreement: pd.DataFrame) -> pd.DataFrame:
-    """Return how many published verdicts the vehicle reproduces."""
+    """Return the number of published verdicts that the vehicle reproduces, and their share."""
     share = scenario_agreement["agree"] / scenario_agreement["verdicts"]
     return scenario_agreement.assign(share=share.round(6))

@@ -4,15 +4,15 @@ import pandas as pd
 
 
 def search_totals(trace: pd.DataFrame) -> pd.Series:
-    """Return the number of simulations of the searches of all segments, by method and seed."""
+    """Return the number of simulations of a search, summed over the segments, by method and seed."""
     searches = trace.groupby(["method", "segment", "seed"])["simulations_total"].max()
     return searches.groupby(["method", "seed"]).sum()
 
 
 def searched_parameters(trace: pd.DataFrame, method: str) -> int:
-    """Return the number of parameters that the searches of a method change, over all segments.
+    """Return the number of free parameters that the searches of a method change, summed over the segments.
 
-    The weights of a variable sum to one, so one of them is not free.
+    The weights of the pieces of a variable sum to one, so one of them is not counted.
     """
     columns = trace.filter(regex=r"^inverse_(range|ttc)_(rate|weight|theta|from)").columns
     total = 0

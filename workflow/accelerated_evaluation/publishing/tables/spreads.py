@@ -1,4 +1,4 @@
-"""Our numbers with their spread: over replicates and seeds, for pooled estimates, or from an interval."""
+"""Our numbers with their spread: quantiles over replicates or seeds, or a confidence interval."""
 
 import math
 from typing import NamedTuple
@@ -12,7 +12,17 @@ from accelerated_evaluation.methods.importance_sampling import crude_simulations
 
 
 class Spread(NamedTuple):
-    """One of our numbers with its spread, and a description of the spread."""
+    """One of our numbers with its spread.
+
+    Attributes
+    ----------
+    value
+        The number.
+    low, high
+        Limits of the spread.
+    of
+        Description of the spread, such as "10-90 % over 10 replicates".
+    """
 
     value: float
     low: float
@@ -21,14 +31,22 @@ class Spread(NamedTuple):
 
 
 def spread_over(values: ArrayLike, things: str) -> Spread:
-    """Return the mean of some values with their 10 and 90 % quantiles as spread."""
+    """Return the mean of values with their 10 and 90 % quantiles as spread.
+
+    Parameters
+    ----------
+    values
+        The values, of any shape.
+    things
+        Name of the things that have these values, such as "replicates", for the description.
+    """
     values = np.asarray(values, dtype=float)
     low, high = np.quantile(values, (0.1, 0.9))
     return Spread(float(values.mean()), float(low), float(high), f"10-90 % over {values.size} {things}")
 
 
 def count(number: int) -> Spread:
-    """Return a count as a number without spread."""
+    """Return a count as a `Spread` of width zero."""
     return Spread(number, number, number, "none, a count")
 
 
@@ -46,7 +64,8 @@ def pooled_probability(course: pd.DataFrame, method: str, alpha: float, scope: s
     Returns
     -------
     Spread
-        The probability, weighted by simulations, with its 100 (1 - alpha) % normal interval.
+        The mean probability, weighted by the numbers of simulations, with its normal interval of level
+        1 - alpha.
     """
     last = of_method(course, method, scope).groupby("replicate").last()
     weight = last["simulations"] / last["simulations"].sum()
@@ -61,8 +80,8 @@ def pooled_probability(course: pd.DataFrame, method: str, alpha: float, scope: s
 def sample_size(estimates: pd.DataFrame, method: str) -> Spread:
     """Return the number of simulations to convergence over all segments.
 
-    A replicate that did not converge counts with all its simulations, which are too few; the description of
-    the spread reports this.
+    The number is the mean over the replicates. A replicate that did not converge contributes the simulations
+    that it made, fewer than it needs; the description of the spread then says how many did not converge.
     """
     rows = of_method(estimates, method)
     spread = spread_over(rows["simulations"], "replicates")
@@ -71,7 +90,15 @@ def sample_size(estimates: pd.DataFrame, method: str) -> Spread:
 
 
 def crude_sample_size(probability: Spread, alpha: float, beta: float) -> Spread:
-    """Return the simulations that crude Monte Carlo would need (section VI.C, N-hat)."""
+    """Return the number of simulations that crude Monte Carlo would need (section VI.C, N-hat).
+
+    Parameters
+    ----------
+    probability
+        The crash probability; the spread of the number results from its limits.
+    alpha, beta
+        Convergence is a relative half-width beta of the interval with level 1 - alpha.
+    """
     value, high, low = (
         crude_simulations(p, alpha, beta) if p > 0 else math.inf
         for p in (probability.value, probability.low, probability.high)

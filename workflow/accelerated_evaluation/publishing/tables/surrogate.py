@@ -1,4 +1,4 @@
-"""The surrogate-guided sampler compared with the paper's three methods, including learning."""
+"""Comparison of the surrogate-guided sampler with the paper's methods, including the simulations for learning."""
 
 import pandas as pd
 
@@ -56,7 +56,7 @@ def surrogate_table(replicates: pd.DataFrame, exact: pd.DataFrame) -> pd.DataFra
         rows = side_by_side(replicates, scope)
         rows["unseen_mode"] = replicates.loc[replicates["scope"] == scope, "unseen_mode"].to_numpy()
         rows["ratio"] = rows["probability"] / truth
-        rows["held"] = rows["ci_low"].le(truth) & rows["ci_high"].ge(truth)
+        rows["contains"] = rows["ci_low"].le(truth) & rows["ci_high"].ge(truth)
         means = rows.groupby("method", sort=False, as_index=False).agg(
             replicates=("replicate", "size"),
             learning=("learning", "mean"),
@@ -65,7 +65,7 @@ def surrogate_table(replicates: pd.DataFrame, exact: pd.DataFrame) -> pd.DataFra
             together_max=("together", "max"),
             to_exact=("ratio", "mean"),
             to_exact_sd=("ratio", "std"),
-            holding=("held", "sum"),
+            holding=("contains", "sum"),
             converged=("converged", "sum"),
             unseen_mode=("unseen_mode", "max"),
         )
