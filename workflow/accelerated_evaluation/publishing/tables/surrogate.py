@@ -1,4 +1,4 @@
-"""Comparison of the surrogate-guided sampler with the paper's methods, including the simulations for learning."""
+"""Comparison of the surrogate-guided sampler with the paper's methods, including simulations for learning."""
 
 import pandas as pd
 
