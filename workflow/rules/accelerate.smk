@@ -5,9 +5,9 @@
 
 
 rule search_proposals:
-    """Search the accelerated distributions of one method from every seed, segment by segment.
+    """Search the accelerated distributions of one method for every seed, segment by segment.
 
-    A search takes less time than a process needs to begin, so one job has all of a method.
+    One job makes all searches of a method, because a search takes less time than the start of a process.
     """
     input:
         encounters=rules.ingest_encounters.output.encounters,

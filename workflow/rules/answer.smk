@@ -1,12 +1,11 @@
 # Answer: laws of cut-ins that fit where crashes happen, and one crash probability with its interval (beyond the paper).
 #
-# In: encounters.parquet, the vehicle under test and those that it is compared with. Out: crash maps up to closing speeds
-# where nothing changes any more, the answer with its budget, its law, and as rates per kilometre and hour, the
-# calibration, and what happens in the likeliest crashes and the nearest records.
+# In: encounters.parquet, the vehicles and their crash maps. Out: the answer with its budget, its law, and as rates per
+# kilometre and hour; the calibration; and the most probable crashes and the most critical records over time.
 
 
 rule study_laws:
-    """Weight the laws, draw the answer for every event and vehicle, and tabulate where it comes from."""
+    """Weight the laws, compute the answer for every event and vehicle, and the sources of its uncertainty."""
     input:
         encounters=rules.ingest_encounters.output.encounters,
         exposure=rules.ingest_encounters.output.exposure,
@@ -52,7 +51,7 @@ rule study_laws:
 
 
 rule replay_encounters:
-    """Show what happens in the likeliest crashes and in the nearest records, and what each vehicle can prevent."""
+    """Simulate the most probable crashes and the most critical records, and find which crashes are preventable."""
     input:
         encounters=rules.ingest_encounters.output.encounters,
         law=result("laws", "answer.json"),
@@ -82,6 +81,6 @@ rule replay_encounters:
         vehicle_content=ALL_CONTENT,
         simulations=ALL_SIMULATIONS,
     message:
-        "Replaying the likeliest crashes and the nearest records"
+        "Simulating the most probable crashes and the most critical records"
     script:
         "../scripts/replay_encounters.py"

@@ -1,4 +1,4 @@
-# Article: a preprint of a study, made only if it is asked for (make article).
+# Article: a preprint of a study, which is made only on request (make article).
 #
 # In: the published tables and figures, the tables of the benchmarks. Out: article.pdf, and its numbers in article.json.
 

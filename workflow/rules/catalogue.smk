@@ -1,4 +1,4 @@
-# Catalogue: what each notebook reads and makes, found out from its code, and how that is shown in the report.
+# Catalogue: inputs and outputs of each notebook, determined from its code, and their entries in the report.
 #
 # In: the notebooks, the captions. Out: nothing; definitions only.
 
@@ -14,7 +14,7 @@ CAPTIONS = PROJECT / "workflow/report"
 ARTICLE = PROJECT / "article"
 FOLDER = PROJECT / "notebooks" if IS_CUT_IN else PROJECT / "notebooks/scenario"
 CHAPTERS = sorted(FOLDER.glob("*.ipynb"))
-# A study of a slow vehicle has chapters of its own, and those of the others for which it has all results.
+# A study of a slow vehicle has its own chapters, and those chapters of other studies whose results it has.
 if SLOW:
     SHARED = ("02", "03", "12", "14")
     CHAPTERS = [path for path in CHAPTERS if path.stem.startswith(SHARED)]
@@ -43,7 +43,7 @@ def notebook_of(name):
 
 
 def read_by(notebook):
-    """Results that a notebook reads; a name with {method} stands for those of all methods."""
+    """Results that a notebook reads; a name with {method} is replaced by those of all methods with a search."""
     paths = [result(name) for name in NOTEBOOKS[notebook].reads]
     return [
         file
@@ -53,7 +53,7 @@ def read_by(notebook):
 
 
 def in_report(path, category, name, caption):
-    """Show a file in the report, under its category and with a caption."""
+    """Mark a file for the Snakemake report, with its category, name and caption."""
     return report(
         path,
         caption=str((CAPTIONS / f"{caption}.rst").resolve()),
@@ -63,7 +63,7 @@ def in_report(path, category, name, caption):
 
 
 def files_of(name, folder, formats, category):
-    """Files of a figure or a table; the first format goes into the report."""
+    """Files of a figure or a table in all formats; that of the first format is marked for the report."""
     first, *others = [str(folder / f"{name}.{extension}") for extension in formats]
     return [in_report(first, category, name, caption=name), *others]
 
@@ -89,13 +89,13 @@ def tables_of(notebook):
 
 
 def shown_in_article(_):
-    """Figures that the article shows; a study that does not publish all of them has no article."""
+    """Figures that the article shows; an error if the study does not publish all of them."""
     published = {name for made in NOTEBOOKS.values() for name in made.figures}
     for name in shown_figures(ARTICLE):
         if name not in published:
             raise WorkflowError(
                 f"the study {STUDY} has no article, because it does not publish {name}, which the article shows. An"
-                " article is made of a study of cut-ins whose vehicle is fast enough for a crash map"
-                " (simulations.slow: false). Use the book: make book."
+                " article can be made for a study of cut-ins whose vehicle is fast enough for a crash map"
+                " (simulations.slow: false). Make the book instead: make book."
             )
     return [str(FIGURES / f"{name}.pdf") for name in shown_figures(ARTICLE)]

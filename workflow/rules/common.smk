@@ -1,9 +1,9 @@
-# What the rules share: the checked configuration, names, path helpers, and what a rule depends on.
+# Definitions for all rules: the checked configuration, names, functions for paths, and dependencies on the library.
 #
 # In: config. Out: nothing; definitions only.
 #
-# Results are written below the working directory. What belongs to this project is found from where its library is,
-# because the two folders differ where another workflow uses this one as a module.
+# Results are written below the working directory. Files of this project are found from the path of its library,
+# because the project is in another folder if another workflow uses this one as a module.
 
 import os
 from dataclasses import asdict
@@ -34,10 +34,10 @@ config = INPUTS.config
 STUDY = config["study"]
 SCENARIO = config["scenario"]["name"]
 IS_CUT_IN = SCENARIO == "cut_in"
-JOINT = {"joint": []} if IS_CUT_IN else {}  # joint laws, of which cut-ins have none
+JOINT = {"joint": []} if IS_CUT_IN else {}  # cut-ins do not use joint laws
 RESULTS = Path("results") / STUDY
 FIGURES = Path("figures") / STUDY
-# Whether some 150 simulations have to be enough, so that there are no maps and no crude Monte Carlo.
+# Whether the vehicle is slow to simulate: about 150 simulations are made, but no crash map and no crude Monte Carlo.
 SLOW = IS_CUT_IN and config["simulations"]["slow"]
 REPLICATED = [name for name in config["methods"] if METHODS[name].replicates(config)]
 SEARCHING = [name for name in REPLICATED if METHODS[name].learns_apart]
@@ -47,14 +47,14 @@ SCOPES = ["all", SEGMENTS[0]]
 SEEDS = range(config["cross_entropy"]["seeds"])
 MODEL = config["models"]["inverse_range"]["variant"]
 
-# The user's own files count by their content, in the parameters of the rules, and not by their date.
+# Changes of the user's own files are recognised by their content, which is in the parameters of rules, not by dates.
 RECORDS = INPUTS.records
 ACCEPTED = INPUTS.accepted
 VEHICLES = INPUTS.vehicles
 VEHICLE_FILES = INPUTS.files_of("under_test")
 VEHICLE_CONTENT = INPUTS.content_of("under_test")
 WORKERS, SIMULATIONS = INPUTS.simulating("under_test")
-OF_VEHICLE = {"vehicles": [config["vehicle"]["name"]]}  # what most rules look up
+OF_VEHICLE = {"vehicles": [config["vehicle"]["name"]]}  # what most rules use
 
 
 wildcard_constraints:
@@ -64,11 +64,12 @@ wildcard_constraints:
 
 
 def modules_of(script: str, *notebooks: str, members=None):
-    """Modules of the library that a script and notebooks import: Snakemake does not look into them by itself.
+    """Return an input function for the modules of the library that a script and notebooks import.
 
-    What is returned is an input function, so that a job parses what it needs, and not what all rules need.
-    ``members`` gives, by room, the members of its registry that are looked up; it may be a function of the
-    wildcards. Of a room that it does not name, all members count.
+    The modules are inputs of a rule because Snakemake itself does not notice their changes. With a function, each
+    job determines the modules of its own rule only. ``members`` contains, for packages of the library with a
+    registry, the members that the rule uses; it may be a function of the wildcards. All members of other packages
+    are included.
     """
     sources = [PROJECT / "workflow/scripts" / script, *notebooks]
     library = PROJECT / "workflow/accelerated_evaluation"
@@ -82,7 +83,7 @@ def modules_of(script: str, *notebooks: str, members=None):
 
 
 def content_of_records(_) -> str:
-    """Digest of the records."""
+    """SHA-256 of the files of records."""
     return content_digest(RECORDS)
 
 
@@ -107,7 +108,7 @@ def benchmark_of(*parts: str) -> str:
 
 
 def searched(suffix, *methods):
-    """Files that the searches of some methods give, one for each seed."""
+    """Files that the searches of some methods write, one for each method and seed."""
     return [
         result("cross_entropy", f"{method}_{seed}{suffix}")
         for method in methods
@@ -116,7 +117,7 @@ def searched(suffix, *methods):
 
 
 def estimates_of(table):
-    """Files of a table that the methods give: of all methods, if all have it."""
+    """Files of one kind of table, for all scopes and all methods that write it."""
     suffix = "" if table == "estimates" else f"_{table}"
     return [
         result("estimates", f"{scope}_{method}{suffix}.csv")
@@ -127,7 +128,7 @@ def estimates_of(table):
 
 
 def answered(name: str) -> dict:
-    """All that the map of a vehicle depends on; only that of the vehicle under test has other events than crashes."""
+    """Everything on which the map of a vehicle depends. Only the vehicle under test has events other than crashes."""
     events = config["answer"]["events"]
     if name != "under_test":
         events = {quantity: [] for quantity in events}

@@ -1,8 +1,8 @@
-# Compare: how the laws with dependence predict records that they have not seen, and what the quality of the data does to
-# the answer (beyond the paper).
+# Compare: scores of the laws with dependence on held-out records, and the effect of the quality of the data on the
+# answer (beyond the paper).
 #
-# In: encounters.parquet, the fitted family, the crash map of the vehicle under test. Out: the table of laws with their
-# rivals, and the answer for other choices of data quality.
+# In: encounters.parquet, the fitted family, the crash map of the vehicle under test. Out: the table of laws and of
+# alternative laws, and the answer for other treatments of the records.
 
 OF_LAWS = {
     "encounters": rules.ingest_encounters.output.encounters,
@@ -13,7 +13,7 @@ OF_LAWS = {
 
 
 rule compare_laws:
-    """Score every law and its rivals on held-out records near the crash set."""
+    """Score every law and its alternatives on held-out records near the crash set."""
     input:
         **OF_LAWS,
         library=modules_of("compare_laws.py", members=OF_VEHICLE),
@@ -34,13 +34,13 @@ rule compare_laws:
         draws=config["answer"]["draws"],
         support=SUPPORT,
     message:
-        "Comparing the laws with dependence and their rivals"
+        "Comparing the laws with dependence and alternative laws"
     script:
         "../scripts/compare_laws.py"
 
 
 rule compare_record_variants:
-    """Answer again from the records as other choices of data quality leave them."""
+    """Compute the answer again for other treatments of the records, which leave out or change some of them."""
     input:
         **OF_LAWS,
         library=modules_of("compare_record_variants.py", members=OF_VEHICLE),
@@ -62,6 +62,6 @@ rule compare_record_variants:
         support=SUPPORT,
         outlier_rows=INPUTS.source["outlier_rows"],
     message:
-        "Answering from the records for other choices of data quality"
+        "Computing the answer for other treatments of the records"
     script:
         "../scripts/compare_record_variants.py"

@@ -4,9 +4,9 @@
 
 
 rule accept_records:
-    """End with an error if a check of the records says stop and the user does not accept it by name.
+    """End with an error if a check of the records has the verdict "stop", unless the configuration accepts this check.
 
-    The results are made first, so that one can see what the fault does to them.
+    The results are made before, so that one can see the effect of the fault on them.
     """
     input:
         report=rules.inspect_records.output.report,
@@ -25,6 +25,6 @@ rule accept_records:
         accepted=ACCEPTED,
         records=INPUTS.source["path"],
     message:
-        "Asking whether the records can be trusted"
+        "Checking whether a check of the records says stop"
     script:
         "../scripts/accept_records.py"

@@ -8,11 +8,11 @@ from accelerated_evaluation.laws.smooth.support import Support
 
 SUPPORT = Support.configured(
     config
-).content()  # of the smooth laws: where the records lie
+).content()  # region of the smooth laws, which contains the records
 
 
 rule fit_models:
-    """Fit the piecewise mixtures, their knots chosen as configured, and the single parametric model."""
+    """Fit the piecewise mixtures, with knots as configured, and the single parametric model."""
     input:
         encounters=rules.ingest_encounters.output.encounters,
         library=modules_of("fit_models.py"),
@@ -44,7 +44,7 @@ rule fit_models:
 
 
 rule fit_family:
-    """Fit the laws with dependence once, score them on held-out records, and keep both for all jobs that read them."""
+    """Fit the laws with dependence, score them on held-out records, and store laws and scores for other jobs."""
     input:
         encounters=rules.ingest_encounters.output.encounters,
         library=modules_of("fit_family.py"),

@@ -1,4 +1,4 @@
-# Ground truth: the exact crash probability, and what it depends on (beyond the paper).
+# Ground truth: the exact crash probability, its sensitivity and its uncertainty (beyond the paper).
 #
 # In: the vehicle, the models, the encounters, f* of every search. Out: the crash map, exact probabilities with
 # their error, the exact variation of every f*, severity, sensitivity and the budget of uncertainty.
@@ -9,7 +9,7 @@ MAP_FOLDER = map_folder(MAPPED)
 
 
 rule map_crashes:
-    """Map where the vehicle crashes, at full, half and quarter resolution, whatever the model."""
+    """Compute the crash map of the vehicle, which does not depend on a model, at full, half and quarter resolution."""
     input:
         vehicle=ancient(VEHICLE_FILES),
         library=modules_of("map_crashes.py", members=OF_VEHICLE),
@@ -96,7 +96,7 @@ rule study_sensitivity:
         simulations=SIMULATIONS,
         sensitivity=config["sensitivity"] | part(INPUTS.source, "outlier_rows"),
     message:
-        "Studying what the crash probability depends on"
+        "Computing the crash probability with one choice changed at a time"
     script:
         "../scripts/study_sensitivity.py"
 

@@ -1,12 +1,12 @@
 # Ingest: from a source of lane changes to the encounter table (paper, section II).
 #
 # In: the records that the configuration names (data). Out: the report on the records, encounters.parquet, the
-# account of every row that was left out, in how many kilometres and hours the records were made, the counts of the
-# segments and the test of their independence.
+# account of every row that was left out, the kilometres and hours in which the records were made, the counts of the
+# segments and the test of independence within them.
 
 
 rule inspect_records:
-    """Check the records before any result. What is not fine is on the console at once; see `accept_records`."""
+    """Check the records before any other job, and print checks with a warning or a stop; see `accept_records`."""
     input:
         records=ancient(RECORDS),
         vehicle=ancient(VEHICLE_FILES),
@@ -17,7 +17,7 @@ rule inspect_records:
         log_of("inspect_records.log"),
     benchmark:
         benchmark_of("inspect_records.tsv")
-    priority: 100  # what is wrong with the records is known first; then the longest chain of jobs begins
+    priority: 100  # faults of the records are shown first; the longest chain of jobs starts afterwards
     threads: WORKERS
     resources:
         mem_mb=1000,

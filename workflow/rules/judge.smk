@@ -1,11 +1,15 @@
-# Judge: crude Monte Carlo for real, and how honest the intervals of each method are (beyond the paper).
+# Judge: crude Monte Carlo with as many simulations as it needs, and coverage of each method's intervals (beyond the
+# paper).
 #
 # In: the model, the vehicle, f* of every search, the exact probability. Out: the crude estimate and its course;
 # for each method bias, variation and coverage over many replicates, for fixed sizes and for stopping rules.
 
 
 rule run_crude_monte_carlo:
-    """Simulate as many lane changes as the paper extrapolates to, drawn from f itself; resumes in the middle."""
+    """Estimate the crash probability by crude Monte Carlo, with the number of simulations that the paper extrapolates.
+
+    An interrupted job continues where it stopped.
+    """
     input:
         encounters=rules.ingest_encounters.output.encounters,
         model=rules.fit_models.output[MODEL],
@@ -38,7 +42,7 @@ rule run_crude_monte_carlo:
 
 
 rule study_coverage:
-    """Judge the intervals of one method by the exact probability, in many replicates."""
+    """Compute the coverage of one method's intervals in many replicates, by the exact probability."""
     input:
         encounters=rules.ingest_encounters.output.encounters,
         model=rules.fit_models.output[MODEL],
@@ -77,13 +81,13 @@ rule study_coverage:
         ),
         coverage=config["coverage"],
     message:
-        "Judging the intervals of {wildcards.judged}"
+        "Computing the coverage of the intervals of {wildcards.judged}"
     script:
         "../scripts/study_coverage.py"
 
 
 rule collect_coverage:
-    """Join the verdicts on all methods."""
+    """Join the tables of coverage of all methods."""
     input:
         coverage=expand(rules.study_coverage.output.coverage, judged=JUDGED),
         library=modules_of("collect_tables.py"),

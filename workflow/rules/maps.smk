@@ -1,10 +1,10 @@
-# Maps for laws without a cap: where each vehicle crashes, up to closing speeds where nothing changes any more.
+# Maps: crash maps up to closing speeds above which nothing changes, for laws without a cap on closing speeds.
 #
-# In: the vehicle under test and those that it is compared with. Out: a crash map of each, which studies share. In a study
-# of a slow vehicle only the others are mapped, as far as they are fast.
+# In: the vehicle under test and those that it is compared with. Out: a crash map of each, which studies share. In a
+# study of a slow vehicle only those of the other vehicles that are fast to simulate have a map.
 
-# The folder of the map of each vehicle, which other studies of the same vehicle share, and the vehicle of each folder.
-# Vehicles whose outcomes are stored are too slow for a map in a study of a slow vehicle.
+# FOLDERS has the folder of each vehicle's map, which all studies of the vehicle share; UNCAPPED has the vehicle of each
+# folder. In a study of a slow vehicle, vehicles whose outcomes are stored are too slow for a map.
 MAPPED_VEHICLES = [name for name in VEHICLES if not (SLOW and INPUTS.is_slow(name))]
 FOLDERS = {name: map_folder(answered(name)) for name in MAPPED_VEHICLES}
 UNCAPPED = {Path(folder).name: name for name, folder in FOLDERS.items()}
@@ -14,7 +14,7 @@ OF_VEHICLES = {"vehicles": [section["name"] for section in VEHICLES.values()]}
 
 
 rule map_crashes_uncapped:
-    """Map where a vehicle crashes up to closing speeds where nothing changes, because the laws have no cap."""
+    """Compute the crash map of a vehicle up to closing speeds above which nothing changes."""
     input:
         vehicle=ancient(lambda wildcards: INPUTS.files[UNCAPPED[wildcards.mapped]]),
         library=modules_of(
@@ -38,7 +38,7 @@ rule map_crashes_uncapped:
         mem_mb=2000,
     params:
         mapped=lambda wildcards: answered(UNCAPPED[wildcards.mapped]),
-        # The maps of built-in vehicles are known; one of them has random closing speeds in the answer.
+        # Only maps of the vehicle under test and of users' vehicles are checked against simulations.
         checked=lambda wildcards: UNCAPPED[wildcards.mapped] == "under_test"
         or bool(INPUTS.files[UNCAPPED[wildcards.mapped]]),
         vehicle=lambda wildcards: VEHICLES[UNCAPPED[wildcards.mapped]],

@@ -1,10 +1,10 @@
-# Publish: one notebook a section of the paper, each making its figures and tables from finished results, and the
-# book of them all.
+# Publish: notebooks, one for each section of the paper, which make figures and tables from finished results, and the
+# book of all notebooks.
 #
 # In: everything under results/<study>/. Out: figures/<study>/*.{pdf,svg,png,csv}, figures/<study>/tables/*, the
-# executed notebooks and the book. What each notebook reads and makes is found out from its code.
+# executed notebooks and the book. Inputs and outputs of each notebook are determined from its code.
 
-# Templates of the first and the last page; the first one of a slow vehicle is another.
+# Templates of the first and the last page; a study of a slow vehicle has another first page.
 PAGES = [PROJECT / "workflow/book", *([PROJECT / "workflow/book_slow"] if SLOW else [])]
 
 
@@ -60,7 +60,7 @@ for _notebook in NOTEBOOKS:
 if IS_CUT_IN:
 
     rule explorer:
-        """Make one page on which a reader changes the vehicle, the model of cut-ins and the event."""
+        """Make the explorer, a page on which a reader can change the vehicle, the law of cut-ins and the event."""
         input:
             encounters=rules.ingest_encounters.output.encounters,
             exposure=rules.ingest_encounters.output.exposure,
@@ -95,7 +95,7 @@ if IS_CUT_IN:
 
 
 rule book:
-    """Make one site of the executed notebooks and the guides."""
+    """Make the book, a web site with the executed notebooks and the guides."""
     input:
         notebooks=[result("notebooks", f"{notebook}.ipynb") for notebook in NOTEBOOKS],
         published=[file for name in NOTEBOOKS for file in figures_of(name)]

@@ -1,14 +1,17 @@
-# Sampled: the answer for a slow vehicle by some 150 simulations, compared with references that are fast (simulations.slow).
+# Sampled: the answer for a slow vehicle from about 150 simulations, compared with fast references (simulations.slow).
 #
 # In: encounters.parquet, the fitted family, the slow vehicle, maps of the references. Out: the answer with its budget and
-# rates, the simulations and their crashes, the comparison with each reference, the calibration of the laws, and what
-# happens in the likeliest crashes.
+# rates, the simulations and their crashes, the comparison with each reference, the calibration of the laws, and
+# the most probable crashes over time.
 
 FAST = [name for name in MAPPED_VEHICLES if name != "under_test"]
 
 
 rule sample_answer:
-    """Simulate the slow vehicle where it decides the answer; the store of its outcomes lets an interrupted job continue."""
+    """Estimate the answer for a slow vehicle from chosen simulations, whose outcomes are stored.
+
+    An interrupted job uses the stored outcomes when it is started again.
+    """
     input:
         encounters=rules.ingest_encounters.output.encounters,
         exposure=rules.ingest_encounters.output.exposure,
@@ -45,13 +48,13 @@ rule sample_answer:
         simulations=SIMULATIONS,
         support=SUPPORT,
     message:
-        "Simulating {params.settings[vehicle][name]} where it decides the answer"
+        "Simulating {params.settings[vehicle][name]} in cut-ins chosen for the answer"
     script:
         "../scripts/sample_answer.py"
 
 
 rule compare_sampled:
-    """Compare the slow vehicle with the references draw by draw, and the laws with the records."""
+    """Compare the slow vehicle with the references under the same draws of the law, and the laws with the records."""
     input:
         encounters=rules.ingest_encounters.output.encounters,
         family=rules.fit_family.output.family,
@@ -88,7 +91,7 @@ rule compare_sampled:
 
 
 rule replay_crashes:
-    """Follow the likeliest crashes among the simulations; a dozen further simulations."""
+    """Repeat the simulations of the most probable crashes, about a dozen, and record the states over time."""
     input:
         crashes=rules.sample_answer.output.crashes,
         answer=rules.sample_answer.output.answer,
@@ -110,6 +113,6 @@ rule replay_crashes:
         vehicle_content=VEHICLE_CONTENT,
         simulations=SIMULATIONS,
     message:
-        "Following the likeliest crashes"
+        "Simulating the most probable crashes again"
     script:
         "../scripts/replay_crashes.py"

@@ -1,8 +1,8 @@
-# Scenario: from the records of another scenario than the cut-in to one probability, with all methods compared.
+# Scenario: the crash probability in a scenario other than the cut-in, from its records, and a comparison of methods.
 #
 # In: the records and published verdicts of the scenario, the vehicle. Out: the account of the records, the laws with
-# their scores, the answer with its budget and draws, the heaviest law, the estimates of every method, the agreement
-# with the verdicts, the checks of stored experiments.
+# their scores, the answer with its budget and draws, the law with the largest weight, the estimates of every method,
+# the agreement with the verdicts, the checks of stored experiments.
 
 OF_SCENARIO = {
     "vehicles": [config["vehicle"]["name"]],
@@ -13,7 +13,7 @@ EXPERIMENTS = INPUTS.experiments
 
 
 rule study_scenario:
-    """Account for the records, fit and score the laws, and give the answer with all that is not known."""
+    """Account for the records, fit and score the laws, and compute the answer with its uncertainty."""
     input:
         records=ancient(RECORDS),
         vehicle=ancient(VEHICLE_FILES),
@@ -48,7 +48,7 @@ rule study_scenario:
 
 
 rule compare_scenario_methods:
-    """Estimate the probability of the crash under the heaviest law by every method of normal scores."""
+    """Estimate the crash probability under the law with the largest weight by every method that uses normal scores."""
     input:
         law=rules.study_scenario.output.law,
         vehicle=ancient(VEHICLE_FILES),

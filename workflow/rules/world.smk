@@ -1,7 +1,7 @@
-# World: how far the predictions agree with crashes that were counted on roads (beyond the paper).
+# World: comparison of the predictions with crashes that were counted on roads (beyond the paper).
 #
-# In: crash probabilities and rates of the vehicles; the laws; counted crashes of this project's data folder,
-# data/crash_counts. Out: predicted and counted crash rates in one table; predicted crashes and near-crashes of people.
+# In: crash probabilities and rates of the vehicles; the laws; counted crashes from data/crash_counts of this project.
+# Out: predicted and counted crash rates in one table; predicted crashes and near-crashes of human drivers.
 
 
 rule count_crashes:
@@ -59,7 +59,7 @@ rule predict_humans:
 rule study_lead_motion:
     """Estimate crash probabilities with a lead vehicle that changes its speed, for vehicles with a map."""
     input:
-        records=ancient(RECORDS),  # also for the cut-ins whose gap opens
+        records=ancient(RECORDS),  # encounters.parquet lacks the cut-ins whose gap opens
         encounters=rules.ingest_encounters.output.encounters,
         family=rules.fit_family.output.family,
         maps=[f"{folder}/crash_map/full.npz" for folder in FOLDERS.values()],

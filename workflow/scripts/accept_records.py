@@ -1,4 +1,4 @@
-"""End a study with an error if a check of its records says stop and the configuration does not accept it."""
+"""End a study with an error if a check of its records has the verdict "stop" that is not accepted."""
 
 import pandas as pd
 from accelerated_evaluation.base.files import write_text

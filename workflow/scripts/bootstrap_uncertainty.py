@@ -1,4 +1,4 @@
-"""Refit the model to resampled data, and set up the budget of the uncertainty."""
+"""Refit the model to bootstrap samples of the data, and compute the budget of the uncertainty."""
 
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator

@@ -1,4 +1,4 @@
-"""Make the book: one site of the executed notebooks, the guides, a first and a last page."""
+"""Make the book: a web site with the executed notebooks, the guides, a first and a last page."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Make the explorer: one page on which a reader changes the vehicle, the law and the event."""
+"""Make the explorer: a page on which a reader can change the vehicle, the law and the event."""
 
 from functools import partial
 from pathlib import Path

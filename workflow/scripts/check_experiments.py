@@ -1,4 +1,4 @@
-"""Check the stored experiments by importance sampling of a scenario; an empty table if there are none."""
+"""Check stored experiments by importance sampling; write an empty table if the scenario has none."""
 
 from accelerated_evaluation.answer.stored_experiments import COLUMNS, authors_records, stored_experiments
 from accelerated_evaluation.base.files import write_csv

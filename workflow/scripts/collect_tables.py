@@ -1,4 +1,4 @@
-"""Join tables of one kind into one, in the order given: each output from the inputs of the same name."""
+"""Concatenate tables: each output contains the rows of the inputs with the same name, in the given order."""
 
 import pandas as pd
 from accelerated_evaluation.base.files import write_csv

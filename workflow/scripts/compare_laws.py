@@ -1,4 +1,4 @@
-"""Tabulate how each law, and each rival of the family, predicts held-out records near the crash set."""
+"""Score each law of the family, and alternative laws, on held-out records near the crash set."""
 
 from accelerated_evaluation.answer.family_file import read_family
 from accelerated_evaluation.answer.law_table import compare_laws

@@ -1,4 +1,4 @@
-"""Answer the question again for other choices of data quality."""
+"""Compute the crash probability again for other treatments of the records."""
 
 from accelerated_evaluation.answer.family_file import read_family
 from accelerated_evaluation.answer.summary import quality_table, record_variants

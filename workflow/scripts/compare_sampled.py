@@ -1,4 +1,4 @@
-"""Compare a slow vehicle with references whose maps are known, and the laws with the records."""
+"""Compare a slow vehicle with references that have a crash map, and the laws with the records."""
 
 from functools import partial
 

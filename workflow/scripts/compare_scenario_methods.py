@@ -1,4 +1,4 @@
-"""Estimate the probability of the crash of a scenario by every method that needs only normal scores."""
+"""Estimate the crash probability in a scenario by every method that uses normal scores only."""
 
 from accelerated_evaluation.answer.scenario_methods import compare_methods
 from accelerated_evaluation.base.files import write_csv

@@ -1,4 +1,4 @@
-"""Compute exact probabilities, severity, and the variation of every f* from the crash maps and the laws."""
+"""Compute exact probabilities, severity, and the variance under every f* from the crash maps and the laws."""
 
 from accelerated_evaluation.base.files import read_json, write_csv
 from accelerated_evaluation.crash_map.maps import read_crash_map

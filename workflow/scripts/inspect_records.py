@@ -1,4 +1,4 @@
-"""Check the records before any result. The log has the whole report, the terminal what is not fine."""
+"""Check the records; write the whole report to the log, and print checks with a warning or a stop."""
 
 import sys
 

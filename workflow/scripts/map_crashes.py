@@ -1,4 +1,4 @@
-"""Map where a vehicle crashes, at full, half and quarter resolution, or at some of them."""
+"""Compute the crash map of a vehicle at full, half and quarter resolution, or at some of these."""
 
 from collections.abc import Mapping
 from typing import Any

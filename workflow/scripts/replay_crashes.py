@@ -1,4 +1,4 @@
-"""Show what happens in the likeliest crashes among the simulations of a slow vehicle."""
+"""Simulate the most probable crashes of a slow vehicle again, and write their states over time."""
 
 import pandas as pd
 from accelerated_evaluation.answer.likeliest_crashes import traces_of, ways_among_runs

@@ -1,4 +1,4 @@
-"""Show what happens: the likeliest crashes, the nearest records, their traces; and what can be prevented."""
+"""Simulate the most probable crashes and most critical records, and find which crashes are preventable."""
 
 import pandas as pd
 from accelerated_evaluation.answer.likeliest_crashes import nearest_records, traces_of, ways_to_crash

@@ -1,4 +1,4 @@
-"""Estimate the crash probability by crude Monte Carlo, resuming where an interrupted run left off."""
+"""Estimate the crash probability by crude Monte Carlo; an interrupted run continues where it stopped."""
 
 import math
 
@@ -16,7 +16,7 @@ from accelerated_evaluation.study.jobs import job
 if __name__ == "__main__":
     with job(snakemake.log[0]):
         params, settings = snakemake.params, snakemake.params.crude_monte_carlo
-        # The checkpoint is of use for the very same inputs and settings alone.
+        # The checkpoint is used only if all inputs and settings are the same.
         depends_on = {"seed": params.seed, "vehicle": params.vehicle, "batch_size": settings["batch_size"]}
         simulations = params.simulations | {"workers": snakemake.threads}
         files = snakemake.input

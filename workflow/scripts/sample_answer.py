@@ -1,4 +1,4 @@
-"""Simulate a slow vehicle under the mean law; write the answer with its tables, the runs and the law."""
+"""Estimate the answer for a slow vehicle from simulations under the mean law; write tables, runs and law."""
 
 import sys
 

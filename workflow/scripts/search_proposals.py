@@ -1,4 +1,4 @@
-"""Search the accelerated distributions of one method, stratum by stratum, from every seed."""
+"""Search the accelerated distributions of one method for every seed, stratum by stratum."""
 
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
@@ -14,7 +14,7 @@ if __name__ == "__main__":
         simulations = params.simulations | {"workers": snakemake.threads}
         outputs = zip(params.seeds, snakemake.output.proposals, snakemake.output.trace, strict=True)
         for seed, proposals_file, trace_file in outputs:
-            # Each search has a vehicle of its own, which may be random and remember what it drew.
+            # Each search loads the vehicle anew, because a random vehicle may have an internal state.
             with loaded_problem(files.model, files.encounters, params.vehicle, simulations) as problem:
                 proposals, trace = search_strata(
                     METHODS[name].configured(params.settings),

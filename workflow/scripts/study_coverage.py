@@ -1,4 +1,4 @@
-"""Judge the intervals of one method by the exact probability, in many replicates."""
+"""Compute the coverage of one method's intervals in many replicates, by the exact probability."""
 
 from functools import partial
 

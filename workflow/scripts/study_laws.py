@@ -1,4 +1,4 @@
-"""Weight the laws of the fitted family; write the answer with its tables, and the heaviest law."""
+"""Weight the laws of the fitted family; write the answer, its tables, and the law with the largest weight."""
 
 from accelerated_evaluation.answer.family_file import read_family
 from accelerated_evaluation.answer.study import ANSWER_STREAM, LawStudy

@@ -1,4 +1,4 @@
-"""Account for the records of a scenario, weight its laws, and write the answer with its tables."""
+"""Account for the records of a scenario, weight its laws, and write the crash probability with its tables."""
 
 from accelerated_evaluation.answer.crash_shares import crash_shares
 from accelerated_evaluation.answer.scenario import ScenarioStudy, records_account

@@ -1,4 +1,4 @@
-"""Change one choice at a time, and tabulate the crash probability."""
+"""Tabulate the crash probability with one choice of the study changed at a time."""
 
 import pandas as pd
 from accelerated_evaluation.base.files import write_csv
@@ -18,7 +18,7 @@ if __name__ == "__main__":
         models = {name: read_law(files[name], encounters) for name in PAPER_LAWS}
         full, half = read_crash_map(files.full), read_crash_map(files.half)
         choices = study_sensitivity(full, models, params.variant, encounters, params.sensitivity)
-        # A cap on the closing speeds changes the map; each is studied with a map at half resolution.
+        # Each cap on the closing speeds needs a crash map of its own, which is computed at half resolution.
         with loaded_for(params.vehicle, params.simulations | {"workers": snakemake.threads}) as vehicle:
             caps = study_cap(
                 vehicle,
