@@ -128,7 +128,7 @@ def test_the_forecast_is_the_least_number_of_batches_that_meets_the_goal():
 
 
 WRONG = {
-    "run,crash\n11,0\n": "row 2, column run: seen 11; expected the number of a run",
+    "run,crash\n11,0\n": "row 2, column run: seen 11; expected the number of a requested run",
     "run,crash\n1.5,0\n": "row 2, column run: seen 1.5",
     "run,crash\n,0\n": "row 2, column run: seen nothing",
     "run,crash\none,0\n": "row 2, column run: seen 'one'; expected a number",
@@ -218,7 +218,7 @@ def test_files_that_are_not_what_they_were_are_refused(begun, capsys):
     begun("ask", "next", "--no-scenarios")
     whole = Path("c.json").read_text()
     for text, message in (
-        (whole.replace('"batch": 1', '"batch": 2', 1), "a checksum that does not belong"),
+        (whole.replace('"batch": 1', '"batch": 2', 1), "a checksum that does not agree"),
         (whole[:500], "seen no campaign"),
         (whole.replace('"version": 2', '"version": 9', 1), "seen version 9"),
         ("[]", "seen no campaign"),

@@ -162,7 +162,7 @@ def test_values_that_are_constant_or_heaped_are_reported(equal, verdict):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["replay", "15", "7", "out.csv", "--scenario", "left_turn"], "seen 2 values; expected 3, those of"),
+        (["replay", "15", "7", "out.csv", "--scenario", "left_turn"], "seen 2 values; expected 3, the value"),
         (["replay", "15", "7", "500", "o.csv", "--scenario", "left_turn"], "seen 500.0; expected 0 to 150 m"),
         (["export", "new", "--law", "law.json"], "--encounters: seen nothing; expected the encounter table"),
         (["export", "new", "--law", "law.json", "--scenario", "pedestrian"], "seen sdv_speed_mps from 0 to"),

@@ -1,8 +1,8 @@
 """Shares of encounters and crashes by the size of one variable.
 
-If the target hardly moves, the authors' car creeps up to it, and rounding decides whether they touch. A law
-that was fitted to speeds near 0 contains such encounters, so a part of its crash probability is an artefact.
-The table of this module shows how large this part is.
+If the other road user hardly moves, the simulated car of the authors approaches it very slowly, and rounding
+errors decide whether the two touch. A law that was fitted to speeds near 0 contains such encounters, so a
+part of its crash probability is an artefact. The table of this module shows how large this part is.
 """
 
 import numpy as np

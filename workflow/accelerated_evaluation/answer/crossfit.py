@@ -45,7 +45,7 @@ class Control:
 
     @classmethod
     def own(cls, batch: TwoPhaseBatch) -> "Control":
-        """Return the control variate with which a batch was drawn."""
+        """Return the original control variate of a batch: the predictions from the time when it was drawn."""
         return cls(batch.control, np.ones(len(batch.kept)))
 
     @classmethod

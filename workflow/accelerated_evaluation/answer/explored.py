@@ -144,7 +144,7 @@ class Cell:
         return speed, self.support.range_max * (self.root[:, 0] + along * np.diff(self.root)[:, 0]) ** 2
 
     def probability(self, places: Places, ranges: SmoothHazard) -> Array:
-        """Return the probability of each cell, shape (n,).
+        """Return the probability that lead speed and range of a cut-in are in each cell, shape (n,).
 
         Parameters
         ----------
@@ -251,7 +251,9 @@ def _chances(cells: Cell, laws: Sequence[tuple[SmoothHazard, SpeedLaw]], pilots:
 
 
 def mean_law(cells: Cell, places: Places, laws: Sequence[tuple[SmoothHazard, SpeedLaw]]) -> Array:
-    """Return the mean over laws of the probability of a cell with a closing speed above each of `SPEEDS`.
+    """Return the probability that a cut-in is in a cell and its closing speed exceeds each of `SPEEDS`.
+
+    The probabilities are averaged over the given laws.
 
     Parameters
     ----------

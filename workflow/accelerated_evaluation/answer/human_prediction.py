@@ -81,22 +81,45 @@ class BrakingHuman:
     human: Human
 
     def draw_inner(self, size: int, generator: np.random.Generator) -> Array:
-        """Draw the parameters of drivers; see `RandomVehicle.draw_inner`."""
+        """Draw the parameters of ``size`` drivers, one row each; see `RandomVehicle.draw_inner`."""
         return self.human.draw_inner(size, generator)
 
     def inner_weights(self, inner: Array, draws: int, generator: np.random.Generator) -> Array:
-        """Return the weights of drivers under draws of the population; see `RandomVehicle.inner_weights`."""
+        """Return the weights of drivers under draws of the distribution of their parameters.
+
+        Parameters
+        ----------
+        inner
+            Parameters of n drivers, as from `draw_inner`.
+        draws
+            Number of draws of the distribution of the parameters, which is not known exactly.
+        generator
+            Source of all randomness.
+
+        Returns
+        -------
+        numpy.ndarray
+            Weights with a mean of 1 over the draws, shape (draws, n).
+        """
         return self.human.inner_weights(inner, draws, generator)
 
     def simulate_given(
         self, lead_speed: Array, range_: Array, closing_speed: Array, inner: Array
     ) -> Outcomes:
-        """Simulate cut-ins with given drivers; see `RandomVehicle.simulate_given`."""
+        """Simulate n cut-ins with given drivers.
+
+        Parameters
+        ----------
+        lead_speed, range_, closing_speed
+            Initial values [m/s], [m] and [m/s], shape (n,).
+        inner
+            Parameters of the driver in each cut-in, as from `draw_inner`, n rows.
+        """
         outcomes, largest = self.human.braking_given(lead_speed, range_, closing_speed, inner)
         return replace(outcomes, impact_speed=np.where(outcomes.crash, np.inf, largest))
 
     def simulate(self, lead_speed: Array, range_: Array, closing_speed: Array) -> Outcomes:
-        """Simulate cut-ins with newly drawn drivers; see `Vehicle.simulate`."""
+        """Simulate n cut-ins, each with a randomly drawn driver; the arguments have shape (n,)."""
         return self.simulate_given(lead_speed, range_, closing_speed, self.human.draw_next(len(lead_speed)))
 
 

@@ -179,6 +179,11 @@ def show(study: Study, make: Callable[..., Any], **given: Any) -> Shown:  # noqa
         A function that `figure` or `table` registered.
     given
         Arguments that are not read from the study.
+
+    Returns
+    -------
+    ShownFigure or ShownTable
+        The data, with an image or a table that the notebook displays.
     """
     read = [name for name in inspect.signature(make).parameters if name not in given]
     made = make(**{name: getattr(study, name) for name in read}, **given)

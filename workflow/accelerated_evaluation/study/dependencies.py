@@ -64,7 +64,9 @@ def in_order(value: Any) -> Any:  # noqa: ANN401
 
 
 def without_unused(config: Mapping[str, Any], sources: Iterable[str]) -> dict[str, Any]:
-    """Return a valid configuration, in order, without the sections of sources that the study does not use.
+    """Return a configuration without the sections of data sources that the study does not use.
+
+    The keys of all mappings are in alphabetical order.
 
     Editing an unused section must not cause any job to run again.
 

@@ -300,9 +300,11 @@ class Campaign:
 
 
 def sampler_rules(scenario: Scenario) -> Mapping[str, Any]:
-    """Return the arguments ``certificate`` and ``begin`` of the sampler for a scenario.
+    """Return the arguments of `Sampler` that depend on the scenario, by name.
 
-    For cut-ins, the mapping is empty, because the defaults are used. Other scenarios have `FREQUENT_EVENTS`.
+    For cut-ins, the mapping is empty, so that the sampler uses its defaults, which are for rare events. For
+    other scenarios, the mapping is `FREQUENT_EVENTS`: values of ``certificate`` and ``begin`` for events that
+    are more frequent.
     """
     return {} if scenario is CUT_IN else FREQUENT_EVENTS
 

@@ -120,9 +120,12 @@ def unseen_in_words(diagnostics: Mapping[str, float]) -> str:
 
 
 def look_beyond(wide_draws: Array, dimension: int, reach: float, curvature: float, share: float) -> float:
-    """Return the rarity beyond which draws are most likely to meet the nearest mode that is not excluded.
+    """Return the rarity beyond which the defensive runs should be drawn, to exclude further modes soonest.
 
-    It never exceeds the rarity of the nearest point of the least probable mode that must be excluded.
+    Among the possible modes that the runs so far do not exclude, the one nearest to the origin is considered.
+    If runs are drawn from the wide distribution between the returned rarity and ``reach``, the share of them
+    that lies in this mode is largest. The returned rarity is at most that of the nearest point of the least
+    probable mode that must be excluded, so that every such mode can be met.
 
     Parameters
     ----------

@@ -4,8 +4,7 @@ The event is a set in the space of normal scores, z ~ N(0, I). Every batch takes
 
 1. Surrogates. The flags and the scores of all runs so far give p(z), the predicted probability of the event
    at z, which is calibrated by the outcomes of earlier predictions; see `belief`.
-2. First phase, without simulations. A pool of points z_j is drawn from a density h. It is a mixture of
-kernels
+2. First phase, without simulations. A pool of points z_j is drawn from a density h, a mixture of kernels
    around the important points of the previous pool, and of the wide distribution. The points have the weights
    w_j = phi(z_j) / h(z_j).
 3. Second phase. From the pool, n runs are chosen. Most of them are points where w_j times the expected error

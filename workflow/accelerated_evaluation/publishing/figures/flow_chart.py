@@ -73,7 +73,17 @@ class Arrow:
 
 
 def draw_flow_chart(axes: Axes, boxes: Mapping[str, Box], arrows: Iterable[Arrow]) -> None:
-    """Draw a flow chart on axes whose unit is an inch."""
+    """Draw boxes and arrows on axes whose unit is an inch.
+
+    Parameters
+    ----------
+    axes
+        The axes.
+    boxes
+        The boxes, by name.
+    arrows
+        Arrows between boxes, which are given by their names.
+    """
     axes.axis("off")
     for box in boxes.values():
         sides = [box.side(name) for name in ("left", "top", "right", "bottom")]
