@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from accelerated_evaluation.answer import crossfit
 from accelerated_evaluation.answer.crossfit import Control, cross_fitted
-from accelerated_evaluation.answer.posterior import without_scatter
+from accelerated_evaluation.answer.posterior import shrunk_estimates
 from accelerated_evaluation.answer.reweighting import (
     Ratios,
     Reweighting,
@@ -185,12 +185,12 @@ def test_estimates_drawn_together_scatter_as_the_probabilities_do():
     generator = np.random.default_rng(8)
     logs, own = generator.normal(-13, 0.6, 4000), np.full(4000, 0.3)
     estimates = np.exp(logs + generator.normal(0, own))
-    drawn = np.log(without_scatter(estimates, own))
+    drawn = np.log(shrunk_estimates(estimates, own))
     error = 0.6 / np.sqrt(2 * 4000)
     assert drawn.std() == pytest.approx(0.6, abs=4 * error)
     assert np.log(estimates).std() > 0.6 + 4 * error  # without it: too wide
     assert np.median(drawn) == pytest.approx(np.median(np.log(estimates)))
-    assert without_scatter(estimates, 0 * own) == pytest.approx(estimates)
+    assert shrunk_estimates(estimates, 0 * own) == pytest.approx(estimates)
 
 
 def test_a_draw_that_is_not_known_takes_the_median():
@@ -198,7 +198,7 @@ def test_a_draw_that_is_not_known_takes_the_median():
     estimates, own = np.exp(generator.normal(-13, 0.6, 400)), np.full(400, 0.05)
     estimates[0] *= 1e-3  # no event was met under this draw
     own[0] = 50.0
-    drawn = without_scatter(estimates, own)
+    drawn = shrunk_estimates(estimates, own)
     assert drawn[0] == pytest.approx(np.median(estimates), rel=0.1)
     assert np.log(drawn[1:]) == pytest.approx(np.log(estimates[1:]), abs=0.02)
 

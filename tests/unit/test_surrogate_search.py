@@ -7,7 +7,7 @@ import pytest
 from accelerated_evaluation.methods.surrogate.constants import GRADED_RUNS, JITTER
 from accelerated_evaluation.methods.surrogate.graded import GradedSurrogate, end_of_events, graded
 from accelerated_evaluation.methods.surrogate.kernel import thinned
-from accelerated_evaluation.methods.surrogate.search import draw_approach, to_beat
+from accelerated_evaluation.methods.surrogate.search import draw_approach, target_outcome
 from accelerated_evaluation.methods.surrogate.wide_laws import draw_wide, rarity
 from sampler_checks import new_sampler
 from scipy.stats import multivariate_normal
@@ -115,9 +115,9 @@ def test_what_is_to_be_beaten():
     rare, outcome = np.array([5.0, 1.0, 9.0, 3.0]), np.array([0.2, 0.9, -1.0, 0.5])
     nothing = np.zeros(4, bool)
     at = np.array([0.5, 1.5, 4.0, 6.0, 20.0])
-    assert to_beat(rare, outcome, nothing, at) == pytest.approx([0.9, 0.9, 0.5, 0.2, -1.0])
+    assert target_outcome(rare, outcome, nothing, at) == pytest.approx([0.9, 0.9, 0.5, 0.2, -1.0])
     seen = np.array([False, False, True, False])
-    assert to_beat(rare, outcome, seen, at) == pytest.approx([-0.4] * 5)
+    assert target_outcome(rare, outcome, seen, at) == pytest.approx([-0.4] * 5)
 
 
 @pytest.mark.parametrize("event", [False, True])

@@ -173,7 +173,7 @@ def shares(variances: Mapping[str, float]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["source", "factor", "variance_share"])
 
 
-def without_scatter(estimates: Array, own: Array) -> Array:
+def shrunk_estimates(estimates: Array, own: Array) -> Array:
     """Shrink estimates towards their median, so that they have the variance of the true probabilities.
 
     The estimates vary more than the probabilities, because each has a sampling error e_k of its own. Let V be

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from accelerated_evaluation.answer.crossfit import Control
-from accelerated_evaluation.answer.posterior import Posterior, without_scatter
+from accelerated_evaluation.answer.posterior import Posterior, shrunk_estimates
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws import CutIns
 from accelerated_evaluation.methods.surrogate.combining import BatchEstimate, that_count
@@ -78,9 +78,9 @@ class SampledPosterior:
         """The posterior of the probability without the sampling error, as if the estimates were exact.
 
         The estimates vary more than the probabilities, because each has an error of its own. If this error is
-        known, the estimates are shrunk towards their median; see `posterior.without_scatter`.
+        known, the estimates are shrunk towards their median; see `posterior.shrunk_estimates`.
         """
-        known = self.probabilities if self.own is None else without_scatter(self.probabilities, self.own)
+        known = self.probabilities if self.own is None else shrunk_estimates(self.probabilities, self.own)
         return Posterior(known, self.member)
 
     @property

@@ -93,14 +93,17 @@ class ImpactSpeeds:
     def of(cls, lines: CrashLines, vehicle: Vehicle, law: SpeedLaw) -> "ImpactSpeeds":
         """Divide the intervals of a crash map, and simulate the vehicle in each part.
 
+        Intervals wider than `NARROW` are divided into `PARTS` parts. The vehicle is simulated at `POINTS`
+        closing speeds in each part.
+
         Parameters
         ----------
         lines
-            Crash map.
+            Crash map: lines, and the intervals of closing speeds in which the vehicle crashes.
         vehicle
             The vehicle of the map.
         law
-            Distribution of the closing speed, which determines the ends of the parts.
+            Distribution of the closing speed, whose quantiles determine the ends of the parts.
         """
         if not lines.row.size:
             return cls(lines, np.empty((0, POINTS)))

@@ -84,7 +84,7 @@ def _log_evidence(
     )
 
 
-def that_matter(runs: Array, event: NDArray[np.bool_], most: int) -> NDArray[np.intp]:
+def selected_runs(runs: Array, event: NDArray[np.bool_], most: int) -> NDArray[np.intp]:
     """Return the indices of at most ``most`` runs to which a surrogate is fitted.
 
     If there are more runs, one half of the selection are those nearest to the boundary of the event, which
@@ -227,7 +227,7 @@ class EventSurrogate:
             runs = np.vstack([np.column_stack([other.z @ self.axes, np.ones(len(other.z))]), runs])
         new = np.repeat([[FIRST_PRECISION], [0.0]], len(sign) - self.sites.shape[1], axis=1)
         self.sites = np.hstack([self.sites, new])
-        self._kept = that_matter(runs / np.exp(self.theta[:-1]), sign > 0, MOST_RUNS)
+        self._kept = selected_runs(runs / np.exp(self.theta[:-1]), sign > 0, MOST_RUNS)
         return runs[self._kept], sign[self._kept]
 
     def probability(self, z: Array) -> Array:

@@ -19,7 +19,7 @@ from accelerated_evaluation.methods.surrogate.two_phase import Flags
 from accelerated_evaluation.methods.surrogate.wide_laws import draw_at, rarity
 
 
-def to_beat(rarity: Array, outcome: Array, happened: Flags, at: Array) -> Array:
+def target_outcome(rarity: Array, outcome: Array, happened: Flags, at: Array) -> Array:
     """Return the value below which the graded outcome of a new run should be, at given rarities, shape (m,).
 
     If an event is known, this is the value that separates events from other runs. Otherwise it is the
@@ -81,7 +81,7 @@ def draw_approach(
     outcome = graded(happened, score)
     surrogate = GradedSurrogate(z.shape[1])
     surrogate.fit(z, outcome, learn=True)
-    chance = surrogate.probability(candidates, to_beat(rarity(z), outcome, happened, at))
+    chance = surrogate.probability(candidates, target_outcome(rarity(z), outcome, happened, at))
     if in_vain:
         flags = EventSurrogate(z.shape[1])
         flags.fit(z, happened, learn=False)

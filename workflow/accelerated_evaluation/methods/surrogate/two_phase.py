@@ -63,9 +63,10 @@ class Expectation:
 
     @property
     def spread(self) -> Array:
-        """Emphasis times the square root of the mean squared error plus `FLOOR` times the probability.
+        """The factor of the inclusion probabilities, emphasis sqrt(error + `FLOOR` probability), shape (m,).
 
-        The added term protects against a surrogate that wrongly predicts almost no error.
+        Without the second term, points at which a surrogate wrongly predicts almost no error would hardly be
+        sampled. The inclusion probabilities are proportional to this factor times the weights.
         """
         return self.emphasis * np.sqrt(self.error + FLOOR * self.probability)
 
