@@ -137,7 +137,9 @@ def _ratio(ratio: Array, prefix: str) -> dict[str, float]:
 def threshold_table(
     weighted: WeightedLaws, lines: CrashLines, generator: np.random.Generator
 ) -> pd.DataFrame:
-    """Tabulate the crash probability with the laws of a single threshold, for each threshold.
+    """Tabulate the crash probability for each threshold from the laws with this threshold alone.
+
+    Most laws of the family describe the closing speeds above a threshold by a separate tail.
 
     Parameters
     ----------
