@@ -132,7 +132,7 @@ def test_a_notebook_reads_a_new_table_by_the_name_of_its_file(tmp_path, study):
 @pytest.mark.parametrize(
     ("code", "seen"),
     [
-        ("show(study, fig08_threshold)", "fig08_threshold, which is no registered"),
+        ("show(study, fig08_threshold)", "fig08_threshold, which is not a registered"),
         ("show(study, fig08_thresholds)", "study.segment, or a parameter segment"),
         ("study.exakt", "study.exakt"),
     ],
@@ -157,7 +157,7 @@ def test_a_caption_that_is_missing_and_a_name_that_is_shared_are_errors(tmp_path
     (tmp_path / "one.rst").write_text("One.")
     with pytest.raises(InputError, match=r"two\.rst"):
         require_captions(["one", "two"], tmp_path)
-    with pytest.raises(InputError, match="twice"):
+    with pytest.raises(InputError, match="two uses"):
         require_captions(["one", "one"], tmp_path)
 
 
