@@ -132,6 +132,19 @@ def outward(square: Array, dimension: int) -> Array:
 
 
 def square_of_distance(score: Array, dimension: int) -> Array:
-    """Return the squared distances that have given normal scores, shape (n,); the inverse of `outward`."""
+    """Return the squared distances from the origin whose normal scores are given; the inverse of `outward`.
+
+    Parameters
+    ----------
+    score
+        Normal scores Phi^-1(F(squared distance)), shape (n,), with the chi-squared distribution function F.
+    dimension
+        Degrees of freedom of F.
+
+    Returns
+    -------
+    numpy.ndarray
+        Squared distances, shape (n,).
+    """
     smaller = ndtr(-np.minimum(np.abs(score), OUTERMOST))
     return np.where(score > 0, chdtri(dimension, smaller), 2 * gammaincinv(dimension / 2, smaller))

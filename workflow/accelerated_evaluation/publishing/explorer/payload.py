@@ -72,9 +72,17 @@ class Payload:
 
 
 def add_lines(payload: Payload, lines: ExploredLines) -> None:
-    """Add the lines, along which lead speed and range are constant, and the mean law on each of them.
+    """Add the lines of the explorer, along which only the closing speed varies.
 
-    Closing speeds are stored as differences between successive levels of the hazard, rounded to `SPEED_STEP`.
+    The mean law on a line is represented by the closing speeds at equidistant values of its cumulative hazard.
+    They are rounded to `SPEED_STEP`, and stored as differences of successive values.
+
+    Parameters
+    ----------
+    payload
+        The data of the page.
+    lines
+        The lines, with the mean law along them; see `answer.explored`.
     """
     for name in ("lead_speed", "range_", "probability", "distance"):
         payload.add(name, getattr(lines, name), "f4")
