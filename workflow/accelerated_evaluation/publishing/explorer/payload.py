@@ -74,7 +74,7 @@ class Payload:
 def add_lines(payload: Payload, lines: ExploredLines) -> None:
     """Add the lines of the explorer, along which only the closing speed varies.
 
-    The mean law on a line is represented by the closing speeds at equidistant values of its cumulative hazard.
+    The mean law on a line is given by the closing speeds at equidistant values of the cumulative hazard.
     They are rounded to `SPEED_STEP`, and stored as differences of successive values.
 
     Parameters
