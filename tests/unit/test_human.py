@@ -179,7 +179,7 @@ def test_a_map_with_drivers_is_what_was_written(tmp_path):
 
 def test_vehicles_with_unknown_randomness_still_have_no_map():
     vehicle = SimpleNamespace(simulate=Human().simulate, deterministic=False)
-    with pytest.raises(InputError, match="chance"):
+    with pytest.raises(InputError, match="whose outcomes are random"):
         map_crashes(vehicle, GRID, [], np.random.default_rng(6))
 
 

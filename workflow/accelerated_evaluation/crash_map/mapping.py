@@ -1,7 +1,7 @@
 """Compute a crash map: scan its lines with simulations, and refine the ends of intervals by bisection."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,8 +108,7 @@ def _map_cells(
         for first in range(0, lines, batch):
             part = slice(first, min(first + batch, lines))
             scan = _Scan(vehicle, empty, first)
-            points = scan.points(offset[part], grid)
-            for event, intervals in scan.find(points, events).items():
+            for event, intervals in scan.find(*scan.points(offset[part], grid), events).items():
                 found[event].append(Intervals(intervals.line + first, intervals.start, intervals.end))
             progress.update(part.stop - first)
     joined = {event: _join(parts) for event, parts in found.items()}
@@ -130,12 +129,19 @@ class _Scan:
     lines: CrashMap
     first: int
 
-    def points(self, offset: Array, grid: Grid) -> Array:
-        """Choose the closing speeds [m/s] to scan on each line, in increasing order, shape (lines, points).
+    def points(self, offset: Array, grid: Grid) -> tuple[Array, Outcomes]:
+        """Choose the closing speeds [m/s] to scan on each line, and simulate them.
 
         A quarter of the points cover the whole line. The others are placed near the closing speeds at which
         crashes begin and end, because most holes and islands of the crash set are there. If the outcome does
         not change along the line, they are placed where the smallest range was observed.
+
+        Returns
+        -------
+        points
+            Closing speeds in increasing order, shape (lines, points).
+        outcomes
+            The outcomes of all points, line by line.
         """
         coarse = grid.closing_speed_points // 4
         fine = grid.closing_speed_points - coarse
@@ -143,22 +149,31 @@ class _Scan:
         # Shares of the square root of the largest closing speed.
         inner = (np.arange(coarse - 2) + offset) / (coarse - 2)
         share = np.hstack([STANDSTILL * ends, inner, ends])
-        outcomes = self._simulate(*self._flat(grid.closing_speed_max * share**2))
-        crash = outcomes.crash.reshape(share.shape)
+        on_line = self._simulate(*self._flat(grid.closing_speed_max * share**2))
+        crash = on_line.crash.reshape(share.shape)
         changes = crash[:, 1:] != crash[:, :-1]
-        nearest = np.argmin(outcomes.min_range.reshape(share.shape), axis=1)
+        nearest = np.argmin(on_line.min_range.reshape(share.shape), axis=1)
         some = changes.any(axis=1)
         first = np.where(some, np.argmax(changes, axis=1), nearest) - MARGIN
         last = np.where(some, coarse - 1 - np.argmax(changes[:, ::-1], axis=1), nearest) + MARGIN
         low, high = (
             np.take_along_axis(share, np.clip(end, 0, coarse - 1)[:, None], axis=1) for end in (first, last)
         )
-        share = np.hstack([share, low + (high - low) * (np.arange(fine) + offset) / fine])
-        return grid.closing_speed_max * np.sort(share, axis=1) ** 2
+        between = low + (high - low) * (np.arange(fine) + offset) / fine
+        near_changes = self._simulate(*self._flat(grid.closing_speed_max * between**2))
+        share = np.hstack([share, between])
+        order = np.argsort(share, axis=1, kind="stable")  # fast, because both parts are in order
+        outcomes = (
+            np.hstack([getattr(part, one.name).reshape(offset.size, -1) for part in (on_line, near_changes)])
+            for one in fields(Outcomes)
+        )
+        return (
+            grid.closing_speed_max * np.take_along_axis(share, order, axis=1) ** 2,
+            Outcomes(*(np.take_along_axis(values, order, axis=1).ravel() for values in outcomes)),
+        )
 
-    def find(self, points: Array, events: list[Event]) -> dict[Event, Intervals]:
+    def find(self, points: Array, outcomes: Outcomes, events: list[Event]) -> dict[Event, Intervals]:
         """Return the intervals of each event; the index of a line is counted from the first of the batch."""
-        outcomes = self._simulate(*self._flat(points))
         flags = [event.happens(outcomes).reshape(points.shape) for event in events]
         changes = [np.nonzero(flag[:, 1:] != flag[:, :-1]) for flag in flags]
         refined = self._bisect(points, events, flags, changes)
