@@ -54,11 +54,7 @@ class Registry(Mapping[str, Member], Generic[Member]):
 
     def __getitem__(self, name: str) -> Member:
         """Return the member with a name; raise InputError with the known names if there is none."""
-        if name not in self._members:
-            self._import_namesake(name)
-        if name not in self._members:
-            self._complete()
-        if name not in self._members:
+        if name not in self:
             near = get_close_matches(str(name), self._members, n=1)
             raise InputError(
                 self.what,
@@ -69,8 +65,15 @@ class Registry(Mapping[str, Member], Generic[Member]):
         return self._members[name]
 
     def __contains__(self, name: object) -> bool:
-        """Return whether there is a member with this name."""
-        self._complete()
+        """Return whether there is a member with this name.
+
+        The module of the same name is imported first. The others, which may be large, are imported only if
+        the name is not found there.
+        """
+        if name not in self._members:
+            self._import_namesake(name)
+        if name not in self._members:
+            self._complete()
         return name in self._members
 
     def __iter__(self) -> Iterator[str]:
@@ -83,7 +86,7 @@ class Registry(Mapping[str, Member], Generic[Member]):
         self._complete()
         return len(self._members)
 
-    def _import_namesake(self, name: str) -> None:
+    def _import_namesake(self, name: object) -> None:
         """Import the module that has the name of a member, if there is one."""
         for module in pkgutil.walk_packages(self._path, f"{self._package}."):
             if module.name.rpartition(".")[2] == name:

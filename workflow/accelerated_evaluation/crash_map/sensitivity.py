@@ -105,13 +105,13 @@ def fit_for_crashes(
     inverse_range = encounters["inverse_range"].to_numpy()
     families = [levels.pieces_of_range] * (len(levels.inverse_range) + 1)
     knots = usable_knots(inverse_range, knots_at_quantiles(inverse_range, levels.inverse_range))
-    groups = encounters.groupby("segment")
+    groups = encounters.groupby("segment", observed=True)["inverse_ttc"]
     counts = {segment: len(rows) for segment, rows in groups}
     return IndependentLaw(
         "refit",
         counts,
         fit_piecewise(inverse_range, 1 / range_max, knots, families),
-        {segment: inverse_ttc(rows["inverse_ttc"].to_numpy()) for segment, rows in groups},
+        {segment: inverse_ttc(rows.to_numpy()) for segment, rows in groups},
         recorded_lead_speeds(encounters, counts),
         closing_speed_max,
     )

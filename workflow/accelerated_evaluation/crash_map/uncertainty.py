@@ -112,6 +112,7 @@ def bootstrap_probabilities(
     refit = Refit.by(crash_map, closing_speed_max)
     starts = np.flatnonzero(~is_repeated(encounters))
     needed = encounters[["lead_speed", "inverse_range", "inverse_ttc", "segment"]]
+    needed = needed.astype({"segment": "category"})  # rows of texts are slow to select and to group
     probabilities = np.full(replicates, np.nan)
     for replicate in trange(replicates, desc="bootstrap", unit=" refits"):
         rows = resampled_rows(starts, len(encounters), block_runs, generator)

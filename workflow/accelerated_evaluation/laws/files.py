@@ -46,7 +46,7 @@ def _described(encounters: pd.DataFrame) -> dict[str, int | str]:
     """Return the number of rows of an encounter table and the digest of its content."""
     numbers = np.ascontiguousarray(encounters[list(NUMBERS)].to_numpy(dtype="<f8"))
     digest = hashlib.sha256(numbers.tobytes())
-    digest.update("\n".join(encounters["segment"]).encode())
+    digest.update("\n".join(encounters["segment"].tolist()).encode())
     return {"rows": len(encounters), "sha256": digest.hexdigest()}
 
 

@@ -189,7 +189,7 @@ def recorded_lead_speeds(encounters: pd.DataFrame, segments: Mapping[str, Any]) 
     ValueError
         If a segment has no encounter.
     """
-    speeds = encounters.groupby("segment")["lead_speed"]
+    speeds = encounters.groupby("segment", observed=True)["lead_speed"]
     missing = [segment for segment in segments if segment not in speeds.groups]
     if missing:
         raise ValueError(f"the encounter table has no rows in segment {', '.join(missing)}")
