@@ -3,10 +3,13 @@
 import math
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
+from accelerated_evaluation.answer.averaged import answer_row
+from accelerated_evaluation.commands.estimate import _answers
 from accelerated_evaluation.methods import METHODS, Stopping
 from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMethod
 from accelerated_evaluation.methods.surrogate import Surrogate
@@ -166,6 +169,21 @@ def test_a_vehicle_that_crashes_in_thin_stripes_gets_no_number_that_claims_to_be
     assert not found.converged
     assert found.diagnostics["differed"] == 0
     assert found.high > 0.01  # the truth is about 1.2 %
+
+
+def test_a_replicate_without_an_estimate_is_described_next_to_one_with_an_estimate():
+    none = answer_row(None)
+    known = none | dict.fromkeys(none, 1e-6)
+    answer = pd.DataFrame([known | {"replicate": 0}, none | {"replicate": 1}]).assign(
+        event="crash", per_km=0.0
+    )
+    sources = ["data", "choice of law", "sampling"]
+    budget = pd.DataFrame({"replicate": 0, "source": sources, "variance_share": [0.5, 0.4, 0.1]})
+    estimate = pd.DataFrame({"replicate": [0, 1], "converged": [True, False]})
+    lines = _answers(SimpleNamespace(tables={"answer": answer, "budget": budget, "estimate": estimate}))
+    assert sum(line.startswith("variance of the logarithm") for line in lines) == 1
+    assert lines[-2].startswith("NOT CONVERGED")
+    assert lines[-1] == "crash: not known from these runs"
 
 
 def test_the_cars_of_the_benchmark_lapse_as_often_as_they_say():

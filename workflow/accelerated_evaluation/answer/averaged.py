@@ -355,7 +355,7 @@ def _ends(row: Mapping[str, Any], level: float) -> str:
 def budget_in_words(budget: pd.DataFrame) -> list[str]:
     """Return a line of text with the share of each source in the variance of the logarithm.
 
-    The list is empty if the shares are not known.
+    The list is empty if there is no estimate, or if the shares are not known.
 
     Parameters
     ----------
@@ -363,7 +363,7 @@ def budget_in_words(budget: pd.DataFrame) -> list[str]:
         Table of `posterior.budget`.
     """
     shares = budget.set_index("source")["variance_share"]
-    if shares.isna().any():
+    if shares.empty or shares.isna().any():
         return []
     parts = ", ".join(f"{source} {shares[source]:.0%}" for source in ("data", "choice of law", "sampling"))
     return [f"variance of the logarithm: {parts}; only the last becomes smaller with more simulations"]
