@@ -72,7 +72,7 @@ claims: $(ENVIRONMENT) ## repeat the claims of the README with other random numb
 	$(REPEATED) -- $(or $(CLAIMS),claims)
 	python benchmarks/claims/settle.py $(CLAIMS)
 
-world: $(ENVIRONMENT) ## crashes counted on a simulated motorway, and predicted; half an hour, resumable; installs Eclipse SUMO [SETTINGS=my.yaml]
+world: $(ENVIRONMENT) ## crashes counted on a simulated motorway, and predicted; an hour, resumable; installs Eclipse SUMO [SETTINGS=my.yaml]
 	python -m pip install --quiet --require-hashes -r benchmarks/motorway/environment.txt
 	$(MOTORWAY)
 

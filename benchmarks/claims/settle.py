@@ -40,7 +40,7 @@ NOT_REPEATED = {
     "the probability under a given law is exact": "`make test` compares crash maps with simulations",
     "the explorer agrees with the library": "`benchmarks/explorer_agreement.py` opens a browser",
     "variants of the driver `human`, such as no swerving": "`make study` computes them (notebook 14)",
-    "crashes counted on a simulated motorway": "`make world` repeats them, in half an hour",
+    "crashes counted on a simulated motorway": "`make world` repeats them, in an hour",
     "near-crashes of the 100-Car study on a wet road": "a count in published data",
     "left turn and pedestrian": "`make study CONFIG=config/left_turn.yaml` or `config/pedestrian.yaml`",
 }

@@ -21,6 +21,7 @@ from accelerated_evaluation.laws.motion import MOTIONS, LeadMotion, draw_lead_sp
 from accelerated_evaluation.laws.motion.recorded import Recorded, recorded_courses
 from accelerated_evaluation.laws.smooth.dependent import DependentStratum
 from accelerated_evaluation.laws.smooth.family import DistinctRecords, members_at
+from accelerated_evaluation.scenarios.cut_in import SPEED_LIMIT
 from hosts import encounters_of, hosts, kept
 from scipy.stats import poisson
 from traffic import run_command
@@ -35,7 +36,11 @@ LEVELS = {"low95": 0.025, "low80": 0.1, "median": 0.5, "high80": 0.9, "high95": 
 
 
 def drawn_cut_ins(weighted: WeightedLaws, generator: np.random.Generator) -> Iterator[Array]:
-    """Yield cut-ins of laws drawn with their weights and parameters, shape (3, CUT_INS)."""
+    """Yield cut-ins of laws drawn with their weights and parameters, shape (3, CUT_INS).
+
+    Tails that are fitted to few records also give closing speeds above `SPEED_LIMIT`, which no vehicle
+    accepts. They are replaced by it.
+    """
     records = weighted.records
     recorded = Empirical(records.lead_speed)
     laws = drawn_laws(weighted.family, weighted.members, weighted.weights, generator)
@@ -43,7 +48,8 @@ def drawn_cut_ins(weighted: WeightedLaws, generator: np.random.Generator) -> Ite
         lead_speed = generator.choice(records.lead_speed, CUT_INS)
         stratum = DependentStratum(recorded, ranges, speeds, records.support)
         drawn = stratum.cut_ins(lead_speed, *generator.standard_exponential((2, CUT_INS)))
-        yield np.stack([lead_speed, 1 / drawn.inverse_range, drawn.inverse_ttc / drawn.inverse_range])
+        closing_speed = np.minimum(drawn.inverse_ttc / drawn.inverse_range, SPEED_LIMIT)
+        yield np.stack([lead_speed, 1 / drawn.inverse_range, closing_speed])
 
 
 def resampled(records: pd.DataFrame, generator: np.random.Generator) -> pd.DataFrame:

@@ -15,7 +15,7 @@ from hosts import encounters_of, hosts
 from traffic import run_command
 
 RANGES = (0.0, 15.0, 35.0, 75.0, 150.0)  # [m], edges of the cells
-COURSES = 4  # drawn for each cut-in by each law of lead motion
+COURSES = 2  # drawn for each cut-in by each law of lead motion
 CHUNK = 20_000  # cut-ins in memory at a time
 FEWEST = 10  # counted crashes from which a ratio is shown
 KEYS = ["host", "gap", "range_from", "range_to"]

@@ -55,7 +55,7 @@ class Motorway:
     """
 
     worlds: int = limited(10, 1, 1000, whole=True)
-    hours: float = limited(3.0, 0.01, 10_000)
+    hours: float = limited(11.0, 0.01, 10_000)
     recording: float = limited(0.15, 0.01, 100)
     seed: int = limited(1, 0, 2_000_000, whole=True)
     lanes: int = limited(3, 2, 8, whole=True)

@@ -142,6 +142,19 @@ def test_resampled_minutes_vary_as_much_as_traffic_that_changes_from_minute_to_m
     assert np.std(singles) < 0.5 * expected
 
 
+def test_closing_speeds_are_at_most_those_that_vehicles_accept(monkeypatch):
+    monkeypatch.setattr(chain, "SPEED_LIMIT", 50.0)  # instead of the speed of light, which is rarely drawn
+    generator = np.random.default_rng(11)
+    closing = generator.pareto(0.4, 100).clip(0.01, 60)
+    table = pd.DataFrame(
+        {"lead_speed": generator.uniform(10, 30, 100), "range": 30.0, "closing_speed": closing}
+    )
+    scored = chain.score_family(chain.DistinctRecords.of(table), chain.MEMBERS, blocks=2)
+    weighted = chain.WeightedLaws.drawn(scored, generator, 5)
+    speeds = np.concatenate([cut_in[2] for cut_in in chain.drawn_cut_ins(weighted, generator)])
+    assert speeds.max() == 50
+
+
 @pytest.mark.parametrize("step", [6.0, 1.0])  # [s] between two of 90 records, and of 200 in 3.3 minutes
 def test_a_recording_that_is_too_short_gives_counts_without_a_prediction(step):
     table = with_courses(cut_ins(4000), -4)
