@@ -45,10 +45,10 @@ SETTINGS = section(
 
 # Settings for events that may be frequent and may have several separate parts, as in scenarios with joint
 # laws. An unobserved part of the event must have at most three times the probability of the estimate, even if
-# the event happens in only 30 % of the encounters in this part (for example because rounding decides). The
-# default certificate is for rare events: it allows unobserved parts of a thousand times the estimate.
+# the event happens in only a quarter of the encounters in this part (for example because rounding decides).
+# The default certificate is for rare events: it allows unobserved parts of a thousand times the estimate.
 FREQUENT_EVENTS: Mapping[str, Any] = {
-    "certificate": Certificate(share=3.0, curvature=0.0, filled=0.3),
+    "certificate": Certificate(share=3.0, curvature=0.0, filled=0.25),
     "begin": FREQUENT,
 }
 
