@@ -18,8 +18,8 @@ STUDY = "data:\n  source: highd\n  highd: {{path: {path}{rule}}}\n"
 # Without the rules that leave out some of the changes of lane; docs/your_records.md explains them.
 RULES = {"default": "", "none": ", settled: 0, rule: {gap: 0.2, absence: 0, stay: 0}"}
 KEYS = ["time", "vehicle"]
-# [s], until the traffic of some minutes is like that of an hour. In the minutes after the usual warm-up, vehicles
-# are faster and cut-ins more critical.
+# [s], until the traffic of some minutes is like that of an hour. In the minutes after the usual warm-up,
+# vehicles are faster and cut-ins more critical.
 SETTLED = 1800.0
 
 
