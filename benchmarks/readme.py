@@ -304,6 +304,7 @@ def chance_table(chance: pd.DataFrame) -> str:
             "of these: mean over truth": "{ratio:.2g}",
             "80 % intervals cover": "{covered:.0f} of {converged}",
             "off by a factor of 2": "{off:.0f}",
+            "intervals of all seeds contain the truth": "{covered_all:.0%}",
         },
     )
 
