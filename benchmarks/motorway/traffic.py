@@ -10,9 +10,10 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Self
 from xml.etree import ElementTree
 
 import numpy as np
@@ -50,15 +51,12 @@ class Part:
         Numbers of the world and of the part of it.
     hours
         Hours of traffic after the warm-up.
-    warm_up
-        Seconds of traffic that are left out before.
     """
 
     root: int
     world: int
     part: int
     hours: float
-    warm_up: float = WARM_UP
 
     @property
     def drivers(self) -> np.random.Generator:
@@ -167,6 +165,12 @@ class Trajectories:
     length: Array
     collisions: int
 
+    def during(self, begin: float, end: float) -> Self:
+        """Return the records from a time until before another [s]."""
+        kept = (self.frame >= begin * RATE) & (self.frame < end * RATE)
+        columns = ("vehicle", "frame", "lane", "front", "speed", "length")
+        return replace(self, **{name: getattr(self, name)[kept] for name in columns})
+
     @cached_property
     def changes(self) -> NDArray[np.bool_]:
         """Whether the vehicle was in another lane in its last record."""
@@ -229,7 +233,7 @@ def simulate(motorway: Motorway, part: Part) -> Trajectories:
     StudyError
         If SUMO does not end as it should.
     """
-    end = part.warm_up + part.hours * 3600 + FOLLOWED
+    end = WARM_UP + part.hours * 3600 + FOLLOWED
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_motorway(motorway, folder, part.drivers, end)
@@ -244,7 +248,7 @@ def simulate(motorway: Motorway, part: Part) -> Trajectories:
             "--extrapolate-departpos",
             "true",
         ]
-        options += ["--fcd-output", folder / "m.parquet", "--device.fcd.begin", part.warm_up]
+        options += ["--fcd-output", folder / "m.parquet", "--device.fcd.begin", WARM_UP]
         options += ["--device.fcd.period", 1 / RATE, "--fcd-output.attributes", "id,type,lane,pos,speed"]
         options += ["--statistic-output", folder / "m.xml"]
         run_sumo("sumo", "-n", folder / "m.net.xml", "-r", folder / "m.rou.xml", *options)
@@ -258,7 +262,7 @@ def simulate(motorway: Motorway, part: Part) -> Trajectories:
             expected="traffic",
             change="Set a larger flow, or simulate more hours.",
         )
-    table = table.dropna(subset="id").assign(time=table["time"] - part.warm_up)
+    table = table.dropna(subset="id").assign(time=table["time"] - WARM_UP)
     return _trajectories(table, int(safety.get("collisions")))
 
 

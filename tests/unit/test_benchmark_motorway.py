@@ -1,6 +1,7 @@
 """The motorway whose crashes are counted: hosts behind known courses, settings, and a few minutes of SUMO."""
 
 import sys
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -24,7 +25,7 @@ from calibration import REFERENCES, calibration, traffic_row  # noqa: E402
 from cells import draw  # noqa: E402
 from count import counted, crashes, summed  # noqa: E402
 from hosts import HOSTS, encounters_of  # noqa: E402
-from recording import RULES, compared, write_recording  # noqa: E402
+from recording import RULES, compared, in_minutes, recorded_minutes, write_recordings  # noqa: E402
 from settings import Motorway, read_settings  # noqa: E402
 from summary import summary  # noqa: E402
 from tables import TABLES  # noqa: E402
@@ -228,17 +229,40 @@ def test_cut_ins_of_known_trajectories():
     assert courses.notna().sum(axis=1).tolist() == [40, 9]
 
 
-def test_extract_finds_the_cut_ins_of_a_recording(tmp_path):
+@pytest.mark.parametrize(
+    ("later", "minutes", "count"),
+    [
+        (0, [0], 2),
+        (420, [7], 2),
+        (420, [0, 6], 0),  # the cut-ins begin after 4 s, so that the recording of minute 6 has them, too
+        (420, [6, 7], 2),
+        (417, [6, 7], 2),  # one second after the beginning of a minute
+        (416, [7], 2),  # at its beginning
+    ],
+)
+def test_extract_finds_the_cut_ins_of_recorded_minutes(tmp_path, later, minutes, count):
     found = trajectories()
-    write_recording(tmp_path / "recording", found)
+    found = replace(found, frame=found.frame + round(later * RATE))
+    write_recordings(tmp_path / "recording", found, minutes)
+    known = in_minutes(found.cut_ins(), minutes)
     for rule in RULES:
         data = load([tmp_path / "recording" / f"{rule}.yaml"])["data"]
-        extracted = SOURCES["highd"].read(data["highd"])
-        records, row = compared(found.cut_ins(), extracted)
-        assert (row["recall"], row["false"], len(records)) == (1, 0, 2)
-        assert row["difference"] < 1e-3
-    _, row = compared(found.cut_ins().iloc[:1], extracted)
-    assert row["false"] == 0.5
+        extracted = in_minutes(SOURCES["highd"].read(data["highd"]), minutes)
+        records, row = compared(known, extracted)
+        assert (len(known), row["both"], len(records)) == (count, count, count)
+        if count:
+            assert (row["recall"], row["false"]) == (1, 0)
+            assert row["difference"] < 1e-3
+    if count:
+        _, row = compared(known.iloc[:1], extracted)
+        assert row["false"] == 0.5
+
+
+def test_recorded_minutes_are_spread_evenly():
+    assert recorded_minutes(1, 0.15) == [0, 6, 13, 20, 26, 33, 40, 46, 53]
+    assert recorded_minutes(1, 1) == list(range(60))
+    assert recorded_minutes(2.5, 2.5) == list(range(150))
+    assert recorded_minutes(1, 0.01) == [0]
 
 
 def test_the_statistics_of_traffic():
