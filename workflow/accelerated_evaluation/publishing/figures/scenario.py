@@ -173,3 +173,5 @@ def _scale(axes: Axes, values: pd.DataFrame) -> None:
     positive = values.to_numpy(float)[values.to_numpy(float) > 0]
     if positive.size and positive.max() > WIDE * positive.min():
         axes.set_xscale("log")
+    else:
+        axes.ticklabel_format(axis="x", style="sci", scilimits=(0, 0), useMathText=True)
