@@ -25,7 +25,16 @@ os.environ.pop("PYTHONUNBUFFERED", None)
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 PARTS = ("Snakefile", "workflow", "notebooks", "docs", "config", "data", "profiles", "environment.txt")
-BENCHMARKS = ("worlds", "worlds_causes", "motorway", "motorway_chain", "samplers", "successors", "answers")
+BENCHMARKS = (
+    "worlds",
+    "worlds_beyond",
+    "worlds_causes",
+    "motorway",
+    "motorway_chain",
+    "samplers",
+    "successors",
+    "answers",
+)
 PARTS += tuple(f"benchmarks/results/{name}.csv" for name in BENCHMARKS)
 PARTS += ("article",)
 WITH_TOYS = ("config/smoke.yaml", "config/toys.yaml")

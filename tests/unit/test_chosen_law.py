@@ -106,7 +106,7 @@ def test_a_law_file_of_a_study_is_taken_and_of_other_records_refused(config, cho
     name, read = choose_law(str(tmp_path / "law.json"), encounters, config)
     assert name == str(tmp_path / "law.json")
     assert read.content() == law.content()
-    with pytest.raises(InputError, match="expected the table that the law was fitted to"):
+    with pytest.raises(InputError, match="expected the table to which the law was fitted"):
         choose_law(str(tmp_path / "law.json"), encounters.iloc[:-1], config)
 
 
