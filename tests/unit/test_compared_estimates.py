@@ -1,5 +1,7 @@
 """Two vehicles under the same draws: their ratio is far better known than the quotient of two intervals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from accelerated_evaluation.answer.compared import compare, compare_estimates
@@ -25,6 +27,20 @@ def test_the_ratio_has_the_error_of_both_samplings_and_not_that_of_the_law():
     assert found["safer"] == pytest.approx(norm.cdf(0.2 / deviation), abs=0.02)
     unpaired = compare(posterior(LAW + OWN - 0.2, 0.1), posterior(LAW[::-1], 0.05))  # other draws: wrong
     assert np.log(unpaired["ratio_high80"] / unpaired["ratio_low80"]) > 3 * width
+
+
+def test_lapses_that_no_run_has_shown_are_in_the_ratio():
+    """With the bound 0.5 the first vehicle may crash more often than the second in every draw."""
+    own, other = posterior(LAW - 5, 0.1), posterior(LAW - 3, 0.1)
+    without = compare(own, other)
+    found = compare(replace(own, unseen_lapses=0.5), other)
+    assert without["safer"] > 0.999 > 0.1 > found["safer"]
+    assert (found["ratio"], found["ratio_low80"]) == (without["ratio"], without["ratio_low80"])
+    expected = np.quantile((own.probabilities + 0.5) / other.probabilities, 0.9)
+    assert found["ratio_high80"] == pytest.approx(expected, rel=0.05)
+    turned = compare(other, replace(own, unseen_lapses=0.5))
+    assert turned["ratio_low80"] == pytest.approx(1 / found["ratio_high80"], rel=0.01)
+    assert turned["safer"] == pytest.approx(1 - without["safer"], abs=0.001)
 
 
 def test_an_estimate_under_another_law_is_refused(tmp_path):

@@ -36,7 +36,7 @@ NAMES = ("crash", "min_range", "min_ttc", "impact_speed")
 # Columns of the tables that have no rows if no crash has been observed.
 EMPTY = {
     "budget": ("source", "factor", "variance_share"),
-    "draws": ("draw", "law", "probability", "error", "shared_error", "own_error", "batches"),
+    "draws": ("draw", "law", "probability", "error", "shared_error", "own_error", "batches", "unseen_lapses"),
     "crashes": ("z_1", "z_2", "z_3", "lead_speed", "range", "closing_speed", *NAMES, "share"),
 }
 
@@ -194,8 +194,8 @@ class Course:
             ``simulations``; if the vehicle may lapse, the upper ends include `unseen_lapses`. ``budget``: the
             table `posterior.budget` for the sampled event. ``draws``: one row for each draw of the law, with
             its number ``draw``, ``law``, ``probability`` of the sampled event, relative ``error``, the parts
-            of this error ``shared_error`` and ``own_error`` (see `SampledPosterior`), and number of
-            ``batches``. ``crashes``: the table `crashes`.
+            of this error ``shared_error`` and ``own_error`` (see `SampledPosterior`), number of ``batches``,
+            and bound `unseen_lapses`. ``crashes``: the table `crashes`.
         """
         controls = self._controls()
         posteriors = {event: self._of(event, sampled, controls) for event in (sampled, *events)}
@@ -217,6 +217,7 @@ class Course:
             "shared_error": own.shared,
             "own_error": own.own,
             "batches": own.batches,
+            "unseen_lapses": unseen,
         }
         of_draws = {"budget": budget(own.alone, own.deviation), "draws": pd.DataFrame(draws)}
         return {"answer": answer, "crashes": self.crashes(sampled)} | of_draws
@@ -324,7 +325,8 @@ def posterior_of(draws: pd.DataFrame) -> SampledPosterior:
     member = np.unique(draws["law"], return_inverse=True)[1]
     probability, error, own = (draws[name].to_numpy(float) for name in ("probability", "error", "own_error"))
     batches, shared = int(draws["batches"].iloc[0]), float(draws["shared_error"].iloc[0])
-    return SampledPosterior(probability, error, member, batches, shared, own)
+    unseen = float(draws["unseen_lapses"].iloc[0])
+    return SampledPosterior(probability, error, member, batches, shared, own, unseen)
 
 
 def answer_in_words(row: Mapping[str, Any], encounter: str = "a cut-in") -> list[str]:

@@ -21,7 +21,9 @@ def compare(own: SampledPosterior, other: SampledPosterior) -> dict[str, float]:
     """Compare the crash probabilities of two vehicles under the same draws of the law.
 
     The sampling errors of the two estimates are independent. The ratio under a draw is therefore computed for
-    all pairs of `NOISE` equally likely errors of each estimate.
+    all pairs of `NOISE` equally likely errors of each estimate. If a vehicle may lapse, its probability can
+    be larger by up to the bound ``unseen_lapses``. The upper end of the interval and the probability to be
+    safer assume that the first vehicle reaches its bound, and the lower end that the second one does.
 
     Parameters
     ----------
@@ -34,10 +36,11 @@ def compare(own: SampledPosterior, other: SampledPosterior) -> dict[str, float]:
         ``ratio``, the median of own / other; ``ratio_low80`` and ``ratio_high80``, the ends of its 80 %
         interval; and ``safer``, the probability that the first vehicle crashes less often.
     """
-    ratios = (own.probabilities / other.probabilities)[:, None, None]
-    ratios = (ratios * _noise(other)[:, None, :] / _noise(own)[:, :, None]).ravel()
-    quantiles = np.quantile(ratios, [0.5, 0.1, 0.9]).tolist()
-    return dict(zip(RATIO, quantiles, strict=True)) | {"safer": float(np.mean(ratios < 1))}
+    others = other.probabilities[:, None, None] / _noise(other)[:, None, :]
+    ratios = own.probabilities[:, None, None] / _noise(own)[:, :, None] / others
+    lowest, highest = ratios / (1 + other.unseen_lapses / others), ratios + own.unseen_lapses / others
+    ends = np.median(ratios), np.quantile(lowest, 0.1), np.quantile(highest, 0.9)
+    return dict(zip(RATIO, map(float, ends), strict=True)) | {"safer": float(np.mean(highest < 1))}
 
 
 def _noise(posterior: SampledPosterior) -> Array:

@@ -64,6 +64,8 @@ class SampledPosterior:
     own
         Relative standard error of each estimate that is independent of the common error, shape (K,); None if
         it is not known.
+    unseen_lapses
+        Bound on the probability that unobserved lapses add to each estimate; 0 if the vehicle does not lapse.
     """
 
     probabilities: Array
@@ -72,6 +74,7 @@ class SampledPosterior:
     batches: int
     shared: float = math.nan
     own: Array | None = None
+    unseen_lapses: float = 0.0
 
     @property
     def alone(self) -> Posterior:
