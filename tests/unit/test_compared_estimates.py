@@ -1,11 +1,15 @@
 """Two vehicles under the same draws: their ratio is far better known than the quotient of two intervals."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 from accelerated_evaluation.answer.compared import compare, compare_estimates
+from accelerated_evaluation.answer.references import vehicles_with
 from accelerated_evaluation.answer.reweighting import SampledPosterior
+from accelerated_evaluation.answer.study import UNDER_TEST
 from accelerated_evaluation.base.errors import InputError
 from scipy.stats import norm
 
@@ -61,3 +65,20 @@ def test_an_estimate_of_another_event_is_refused(tmp_path):
         (tmp_path / name / "answer.csv").write_text(f"event\n{event}\n")
     with pytest.raises(InputError, match="the event TTC at most 1 s; expected crash"):
         compare_estimates(tmp_path / "a", [tmp_path / "b"])
+
+
+def test_lapses_that_no_run_has_shown_are_in_the_table_of_a_slow_vehicle():
+    own = posterior(LAW - 5, 0.1)
+    human = SimpleNamespace(probabilities=np.exp(LAW - 3), recorded=None)
+    without, found = (
+        vehicles_with(each, {"cc_human": human}, 100).set_index("vehicle")
+        for each in (own, replace(own, unseen_lapses=0.5))
+    )
+    pd.testing.assert_frame_equal(found.drop(index=UNDER_TEST), without.drop(index=UNDER_TEST))
+    row, before = found.loc[UNDER_TEST], without.loc[UNDER_TEST]
+    for name in ("high50", "high80", "high95"):
+        assert row[name] == pytest.approx(before[name] + 0.5)
+    for name in ("low80", "median", "ratio", "ratio_low80"):
+        assert row[name] == before[name]
+    assert before["safer"] > 0.999 > 0.1 > row["safer"]
+    assert row["ratio_high80"] > 5 > before["ratio_high80"]

@@ -6,7 +6,7 @@ the law that affects both vehicles in the same way therefore cancels.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -16,7 +16,7 @@ from accelerated_evaluation.answer.compared import compare
 from accelerated_evaluation.answer.posterior import Posterior
 from accelerated_evaluation.answer.reweighting import NOISE, SampledPosterior
 from accelerated_evaluation.answer.study import REFERENCES, UNDER_TEST, with_draws
-from accelerated_evaluation.answer.summary import RATIO, is_supported, vehicle_table
+from accelerated_evaluation.answer.summary import RATIO, SAFER, is_supported, vehicle_table
 from accelerated_evaluation.answer.weighted_family import LINES
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
@@ -182,7 +182,8 @@ def vehicles_with(
 ) -> pd.DataFrame:
     """Return the table `summary.vehicle_table` of a slow vehicle and of reference vehicles.
 
-    The slow vehicle does not replay the records.
+    The slow vehicle does not replay the records. If it may lapse, the upper ends of its intervals and its
+    probabilities to be safer assume that it reaches the bound ``unseen_lapses``.
 
     Parameters
     ----------
@@ -199,4 +200,13 @@ def vehicles_with(
         values = np.repeat(reference.probabilities, NOISE)
         posteriors[name] = Posterior(values, np.zeros(values.size, int))
         recorded[name] = reference.recorded
-    return vehicle_table(posteriors, recorded, size, REFERENCES)
+    table = vehicle_table(posteriors, recorded, size, REFERENCES)
+    if own is None or not own.unseen_lapses:
+        return table
+    raised = np.minimum(own.whole.probabilities + own.unseen_lapses, 1.0)
+    largest = posteriors | {UNDER_TEST: replace(own.whole, probabilities=raised)}
+    upper = vehicle_table(largest, recorded, size, REFERENCES)
+    ends = [name for name in table if "high" in name or name.endswith(SAFER)]
+    return table.assign(
+        **{name: table[name].where(table["vehicle"] != UNDER_TEST, upper[name]) for name in ends}
+    )
