@@ -14,7 +14,7 @@ if __name__ == "__main__":
         simulations = params.simulations | {"workers": snakemake.threads}
         outputs = zip(params.seeds, snakemake.output.proposals, snakemake.output.trace, strict=True)
         for seed, proposals_file, trace_file in outputs:
-            # Each search loads the vehicle anew, because a random vehicle may have an internal state.
+            # Each search loads the vehicle again, because a random vehicle may have an internal state.
             with loaded_problem(files.model, files.encounters, params.vehicle, simulations) as problem:
                 proposals, trace = search_strata(
                     METHODS[name].configured(params.settings),

@@ -203,8 +203,9 @@ def vehicles_with(
     table = vehicle_table(posteriors, recorded, size, REFERENCES)
     if own is None or not own.unseen_lapses:
         return table
-    raised = np.minimum(own.whole.probabilities + own.unseen_lapses, 1.0)
-    largest = posteriors | {UNDER_TEST: replace(own.whole, probabilities=raised)}
+    whole = posteriors[UNDER_TEST]
+    raised = np.minimum(whole.probabilities + own.unseen_lapses, 1.0)
+    largest = posteriors | {UNDER_TEST: replace(whole, probabilities=raised)}
     upper = vehicle_table(largest, recorded, size, REFERENCES)
     ends = [name for name in table if "high" in name or name.endswith(SAFER)]
     return table.assign(

@@ -125,7 +125,7 @@ def with_table(text: str, name: str, content: str, tables: Mapping[str, Table] =
 
 
 def with_tables(path: Path, tables: Mapping[str, Table] = TABLES) -> str:
-    """Return the text of a file with all its tables made anew from the published tables."""
+    """Return the text of a file with all its tables regenerated from the published tables."""
     text = path.read_text(encoding="utf-8")
     for name, table in tables.items():
         if table.text == path:
