@@ -104,6 +104,7 @@ def test_a_study_of_a_slow_vehicle_ends_in_a_book_though_it_dies_twice(finished,
         assert "outcomes are kept" in died.stderr + died.stdout
     done = project.run()
     assert done.returncode == 0, done.stderr[-5000:]
+    assert "Mapping the crashes of" not in done.stdout + done.stderr  # the maps of the references are shared
     results = project.folder / "results/smoke"
     simulated = (project.folder / "simulated.txt").read_text().splitlines()
     runs = pd.read_csv(results / "sampled/runs.csv")

@@ -172,12 +172,14 @@ class StudyInputs:
         """Return the number of threads and the settings of a job that simulates the named vehicles.
 
         Slow vehicles run in several workers, whose number is the number of threads. It is not one of the
-        settings, so that changing it does not run the job again. Jobs with fast vehicles have one thread.
+        settings, so that changing it does not run the job again. Jobs with fast vehicles have one thread,
+        and their settings are the same in all studies, which share the results of these jobs.
         """
+        if not any(map(self.is_slow, names)):
+            return 1, {"keep_class": False}
         settings = self.config["simulations"]
-        slow = any(map(self.is_slow, names))
-        used = [key for key in settings if key not in OF_THE_STUDY and (slow or key == "keep_class")]
-        return settings["workers"] if slow else 1, part(settings, *used)
+        used = [key for key in settings if key not in OF_THE_STUDY]
+        return settings["workers"], part(settings, *used)
 
     def mapped(self, name: str, crash_map: Mapping[str, Any]) -> dict[str, Any]:
         """Return all settings on which the crash map of a vehicle depends.
