@@ -95,7 +95,14 @@ def run_notebook(notebook: str, parameters: dict[str, str], executed: str) -> No
     """
     with atomic_path(executed) as temporary, _main_module_kept():
         try:
-            papermill.execute_notebook(notebook, temporary, parameters, engine_name=ENGINE, progress_bar=True)
+            papermill.execute_notebook(
+                notebook,
+                temporary,
+                parameters,
+                engine_name=ENGINE,
+                request_save_on_cell_execute=False,  # the whole notebook would be written twice for each cell
+                progress_bar=True,
+            )
         except PapermillExecutionError as error:
             raise StudyError(f"{notebook}, cell {error.exec_count}: {error.ename}: {error.evalue}") from error
         except StudyError as error:
