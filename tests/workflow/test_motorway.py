@@ -22,6 +22,7 @@ def motorway(project):
     motorway_table().to_csv(project.folder / "data" / "motorway.csv", index=False)
     config = yaml.safe_load((project.folder / "config" / "smoke.yaml").read_text())
     config["sensitivity"] |= AUTO
+    config["answer"]["grid"] = config["crash_map"]["grid"]  # a coarser map would be refused on this road
     del config["data"]
     config |= yaml.safe_load(CONFIGURATION)
     (project.folder / "motorway.yaml").write_text(yaml.safe_dump(config))
