@@ -369,6 +369,7 @@ def scenarios_table(scenarios: pd.DataFrame) -> str:
         scenarios.assign(scenario=spaced(scenarios["scenario"])),
         {
             "scenario": "{scenario}",
+            "event": "{event}",
             "probability": "{probability:.3g}",
             "runs at most": "{at_most:,}",
             "seeds": "{seeds}",

@@ -12,6 +12,7 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.crossing import kernel
 from accelerated_evaluation.scenarios.left_turn.vehicle import LeftTurnCar
+from accelerated_evaluation.scenarios.pedestrian import CREEPING
 from accelerated_evaluation.scenarios.pedestrian.vehicle import PedestrianCar
 
 ROOT = Path(__file__).parents[2]
@@ -209,6 +210,16 @@ def test_contact_in_the_sector_to_the_side_is_exact():
             assert np.sqrt(kernel.squared(kernel.Path(*numbers), t)) == pytest.approx(best, abs=0.02)
             assert np.sqrt(kernel.squared(kernel.Path(*numbers), t)) <= best + 1e-9
     assert found > 100
+
+
+def test_a_car_that_creeps_behind_a_pedestrian_sometimes_touches_slowly():
+    """The event of a harder impact and the parameter `filled` of the crash follow from this."""
+    draws = np.random.default_rng(3).uniform((0, 0.3, 5), (2, 0.5, 16), (20_000, 3))
+    outcomes = PedestrianCar().simulate(*draws.T)
+    assert 0.01 < outcomes.crash.mean() < 0.05
+    assert outcomes.impact_speed.max() < CREEPING
+    near = draws[outcomes.crash] * (1 + 0.01 * np.random.default_rng(4).standard_normal((1, 3)))
+    assert PedestrianCar().simulate(*near.T).crash.mean() < 0.3
 
 
 def test_a_run_that_does_not_end_has_no_verdict():

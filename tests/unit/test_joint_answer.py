@@ -95,7 +95,7 @@ def test_both_ways_find_the_probability_under_each_draw():
     drawn = DrawnLaws([normal_law(mean) for mean in means], np.zeros(3, int), ["toy"])
     truth = np.array([exact(law) for law in drawn.laws])
     many = simulated_posterior(drawn, respond, np.random.default_rng(9), 60_000)
-    few, sampler, _ = surrogate_posterior(drawn, respond, np.random.default_rng(10), share=0.1)
+    few, sampler, _ = surrogate_posterior(drawn, respond, np.random.default_rng(10), 150, share=0.1)
     assert sampler.simulations <= 150
     for posterior in (many, few):
         deviation = np.abs(posterior.probabilities / truth - 1) / posterior.errors
@@ -138,8 +138,24 @@ def test_the_answer_has_intervals_and_a_budget(scored):
 def test_a_law_without_mass_at_the_event_ends_with_one_message():
     box = Box(BOX.names, (0.0, 0.0), (7.0, 10.0))
     drawn = DrawnLaws([normal_law(box=box)], np.zeros(1, int), ["bounded too low"])
-    with pytest.raises(InputError, match=r"bounded too low.*no event in 5,000 encounters.*limits"):
+    with pytest.raises(InputError, match=r"bounded too low.*no event in 125,000 encounters.*limits"):
         simulated_posterior(drawn, respond, np.random.default_rng(18), 5_000)
+
+
+def test_a_rare_event_is_simulated_in_rounds():
+    drawn = DrawnLaws([normal_law()], np.zeros(1, int), ["toy"])
+
+    def probability(limit):
+        return simulated_posterior(drawn, lambda x: (x[:, 0] > limit, None), np.random.default_rng(19), 2_000)
+
+    def limit(share):
+        return truncnorm((BOX.lower[0] - 4) / 2, (BOX.upper[0] - 4) / 2, 4, 2).isf(share)
+
+    rare = probability(limit(0.01))
+    assert 6_000 <= rare.batches <= 14_000  # until there are 100 events
+    assert rare.probabilities[0] == pytest.approx(0.01, abs=4 * rare.errors[0] * 0.01)
+    assert 0.05 < rare.errors[0] < 0.11  # those of one round would be about 0.22
+    assert probability(limit(0.2)).batches == 2_000
 
 
 def test_records_of_one_cluster_are_refused():
@@ -158,7 +174,7 @@ def test_few_runs_that_miss_a_part_are_not_called_converged():
     truth = simulated_posterior(drawn, misleading, np.random.default_rng(22), 60_000).probabilities[0]
     missed = 0
     for seed in range(2):
-        few, _, converged = surrogate_posterior(drawn, misleading, np.random.default_rng(seed))
+        few, _, converged = surrogate_posterior(drawn, misleading, np.random.default_rng(seed), 150)
         wrong = few is None or few.probabilities[0] < truth / 3
         missed += wrong
         assert not (wrong and converged)

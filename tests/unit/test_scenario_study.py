@@ -64,6 +64,21 @@ def test_the_account_of_the_records_counts_every_row():
     assert account["clusters"] == 115
 
 
+def test_the_event_of_an_estimate_can_be_an_impact(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    near = Normals(np.array([[14.0, 7.0, 20.0]]), np.diag(DEVIATION**2)[None], law().box)
+    known = TruncatedNormalMixture(np.ones(1), near)
+    write_joint_law("near.json", known, "left turns at short distances")
+    outcomes = load_vehicle("acc_aeb", LEFT_TURN).simulate(*known.sample(50_000, np.random.default_rng(6)).T)
+    exact = np.mean(outcomes.impact_speed > 15)
+    assert 0.01 < exact < 0.7 * outcomes.crash.mean()
+    arguments = ["estimate", "--scenario", "left_turn", "--law", "near.json", "--event", "impact_speed=15"]
+    assert cli.main(arguments) == 0
+    row = pd.read_csv("results/left_turn/estimate/estimate.csv").iloc[0]
+    assert row["ci_low"] / 1.5 < exact < row["ci_high"] * 1.5
+    assert "impact speed above 15 m/s: probability" in capsys.readouterr().out
+
+
 def test_a_law_without_mass_at_the_event_is_named(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     write_joint_law("far.json", law(), "a law of left turns with long distances alone")
@@ -91,7 +106,10 @@ def test_a_law_without_mass_at_the_event_is_named(tmp_path, monkeypatch, capsys)
             "--compare: seen the scenario left_turn; expected cut_in",
         ),
         (["--scenario", "left_turn", "--law", "kernel", "--method", "single"], "needs a law of cut-ins"),
-        (["--scenario", "left_turn", "--event", "min_range=1"], "--event: seen the scenario left_turn"),
+        (
+            ["--scenario", "left_turn", "--event", "min_range=1"],
+            "--event: seen 'min_range=1'; expected crash, or",
+        ),
         (
             ["--scenario", "left_turn", "--sampling-share", "0"],
             "--sampling-share: seen the scenario left_turn",
@@ -163,7 +181,7 @@ def test_runs_that_do_not_end_are_counted_by_an_estimate(tmp_path, monkeypatch, 
     lines = capsys.readouterr().out.splitlines()
     (warning,) = (line for line in lines if line.startswith("warning"))
     count = int(warning.split()[1].replace(",", ""))
-    assert warning == f"warning: {count:,} runs did not end, and count as runs without a crash"
+    assert warning == f"warning: {count:,} runs did not end, and count as runs without the event"
     assert 100 < count < 5000
     Path("own.yaml").write_text("study: own\nscenario: {name: left_turn}\n")
     assert cli.main(["estimate", *options]) == 0

@@ -209,7 +209,7 @@ class ScenarioStudy:
         seed
             Root seed of the study.
         simulations
-            Number of simulations for each event and part.
+            Number of simulations for each event and part; more are made for rare events.
 
         Returns
         -------
@@ -229,9 +229,9 @@ class ScenarioStudy:
         return tables | {"answer": pd.concat(rows, ignore_index=True)}
 
     def answer_by_few_runs(
-        self, vehicle: Vehicle, seed: int, simulations: int = FEW
+        self, vehicle: Vehicle, seed: int, event: Event, simulations: int = FEW
     ) -> dict[str, pd.DataFrame]:
-        """Estimate the crash probability of a slow vehicle from few simulations; see `surrogate_posterior`.
+        """Estimate the probability of an event for a slow vehicle; see `surrogate_posterior`.
 
         Parameters
         ----------
@@ -239,6 +239,8 @@ class ScenarioStudy:
             A vehicle with deterministic outcomes.
         seed
             Root seed of the study.
+        event
+            The event.
         simulations
             Largest number of simulations.
 
@@ -251,20 +253,26 @@ class ScenarioStudy:
         Raises
         ------
         InputError
-            If there are too few crashes for an estimate.
+            If the event did not happen often enough for an estimate.
         """
         generator = child_generator(seed, "scenario", "few runs")
-        respond = responder(self.scenario, vehicle, self.scenario.events[0])
-        posterior, sampler, converged = surrogate_posterior(self.drawn, respond, generator, simulations)
+        respond = responder(self.scenario, vehicle, event)
+        posterior, sampler, converged = surrogate_posterior(
+            self.drawn, respond, generator, simulations, filled=event.filled
+        )
         if posterior is None:
             raise InputError(
                 f"the laws of the scenario {self.scenario.name}",
-                seen=f"no crash in {sampler.simulations} runs",
+                seen=f"no {self.scenario.event_in_words(event)} in {sampler.simulations} runs",
                 expected="laws with probability where the event happens",
                 change="Check the vehicle and the limits of the variables.",
             )
         tables = answer_tables(posterior, self.drawn)
-        own = {"simulations": sampler.simulations, "converged": converged}
+        own = {
+            "event": self.scenario.event_in_words(event),
+            "simulations": sampler.simulations,
+            "converged": converged,
+        }
         return tables | {"answer": tables["answer"].assign(encounters=WHOLE, **own)}
 
 

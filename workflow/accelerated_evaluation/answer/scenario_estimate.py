@@ -21,6 +21,7 @@ from accelerated_evaluation.problem import read_scenario_law
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.protocol import ENDED, Scenario
 from accelerated_evaluation.scenarios.record_table import read_scenario_records
+from accelerated_evaluation.vehicles.events import event_named
 from accelerated_evaluation.vehicles.external.slow import loaded_for
 from accelerated_evaluation.vehicles.loading import load_vehicle
 from accelerated_evaluation.vehicles.protocol import Vehicle
@@ -70,18 +71,21 @@ class ScenarioEstimate:
         The law with the largest weight, or the single law that was used.
     not_ended
         Number of simulations that were stopped at their time limit.
+    event
+        The event in words.
     """
 
     tables: Mapping[str, pd.DataFrame]
     law: JointLaw
     not_ended: int
+    event: str
 
     def lines(self) -> list[str]:
         """Return the lines of text that describe the estimate."""
         if not self.not_ended:
             return self._estimates()
         runs = f"{self.not_ended:,} {'run' if self.not_ended == 1 else 'runs'}"
-        return [*self._estimates(), f"warning: {runs} did not end, and count as runs without a crash"]
+        return [*self._estimates(), f"warning: {runs} did not end, and count as runs without the event"]
 
     def _estimates(self) -> list[str]:
         if "answer" in self.tables:
@@ -92,9 +96,9 @@ class ScenarioEstimate:
             words = answer_in_words(row | {"per_km": np.nan}, "an encounter")
             return [*words, *budget_in_words(self.tables["budget"]), runs]
         return [
-            f"crash probability under this law: {row.probability:.3g}, interval of the sampling alone "
+            f"{self.event}: probability {row.probability:.3g} under this law, interval of the sampling alone "
             f"{row.ci_low:.2g} to {row.ci_high:.2g}; {'' if row.converged else 'not '}converged after "
-            f"{row.learning + row.estimating:,} encounters, {row.events:,} of them crashes"
+            f"{row.learning + row.estimating:,} encounters, {row.events:,} of them with the event"
             for row in self.tables["estimate"].itertuples()
         ]
 
@@ -105,8 +109,9 @@ def estimate_scenario(
     replicates: int = 1,
     method: str = "surrogate",
     predecessor: str | os.PathLike | None = None,
+    event: str = "crash",
 ) -> ScenarioEstimate:
-    """Estimate the crash probability of the vehicle of a configuration in its scenario.
+    """Estimate the probability of an event for the vehicle of a configuration in its scenario.
 
     Parameters
     ----------
@@ -122,11 +127,14 @@ def estimate_scenario(
         Name of the method, if one law is used.
     predecessor
         Path of the table of the runs of a similar vehicle under the same law, for the method ``surrogate``.
+    event
+        The event as text; see `event_named`.
 
     Raises
     ------
     InputError
-        If the records, the law, the method or the vehicle cannot be used, or no run ended in a crash.
+        If the records, the law, the method, the event or the vehicle cannot be used, or no run ended in the
+        event.
     """
     if method not in METHODS_OF_SCORES:
         raise InputError(
@@ -143,30 +151,34 @@ def estimate_scenario(
             change="Name the law.json of the predecessor's estimate by --law, or leave --predecessor out.",
         )
     scenario, seed = SCENARIOS[config["scenario"]["name"]], config["seed"]
+    chosen_event = event_named(event, scenario)
+    named = scenario.event_in_words(chosen_event)
     with loaded_for(config["vehicle"], config["simulations"], scenario) as loaded:
         vehicle = CountedVehicle(loaded)
         if law == ANSWER:
             records = read_scenario_records(scenario, config["scenario"]["records"])
             known = load_vehicle(scenario.default_vehicle, scenario)
             study = ScenarioStudy.of(scenario, records, known, seed, config["scenario"]["draws"])
-            tables = study.answer_by_few_runs(vehicle, seed)
-            return ScenarioEstimate(tables | {"laws": study.table}, study.heaviest, vehicle.not_ended)
+            tables = study.answer_by_few_runs(vehicle, seed, chosen_event)
+            return ScenarioEstimate(tables | {"laws": study.table}, study.heaviest, vehicle.not_ended, named)
         chosen = chosen_law(scenario, law, config)
         repeated = {
             name: {**config[name], "replicates": replicates} for name in ("importance_sampling", "surrogate")
         }
         settings = {**config, **repeated}
-        made = compare_methods(scenario, {law: chosen}, vehicle, settings, [method], predecessor)
+        made = compare_methods(
+            scenario, {law: chosen}, vehicle, settings, [method], predecessor, chosen_event
+        )
     estimate = made.pop("estimates")
     if not estimate["events"].any():
         runs = int((estimate["learning"] + estimate["estimating"]).sum())
         raise InputError(
             f"the law {law}",
-            seen=f"no crash of the vehicle {config['vehicle']['name']} in {runs:,} runs",
-            expected="a law with probability where crashes happen",
+            seen=f"no {named} of the vehicle {config['vehicle']['name']} in {runs:,} runs",
+            expected="a law with probability where the event happens",
             change="Name another law, check its limits, or allow more runs (surrogate.maximum_calls).",
         )
-    return ScenarioEstimate(made | {"estimate": estimate}, chosen, vehicle.not_ended)
+    return ScenarioEstimate(made | {"estimate": estimate}, chosen, vehicle.not_ended, named)
 
 
 def chosen_law(scenario: Scenario, law: str, config: Mapping[str, Any]) -> JointLaw:

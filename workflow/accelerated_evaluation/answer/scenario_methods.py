@@ -12,10 +12,10 @@ from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.joint import JointLaw
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.study import study_method
-from accelerated_evaluation.methods.surrogate import FREQUENT_EVENTS
+from accelerated_evaluation.methods.surrogate import rules_of_joint_laws
 from accelerated_evaluation.methods.surrogate.predecessor import read_predecessor
 from accelerated_evaluation.problem import ScenarioProblem
-from accelerated_evaluation.scenarios.protocol import ENDED, Scenario
+from accelerated_evaluation.scenarios.protocol import ENDED, Event, Scenario
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 METHODS_OF_SCORES = ("crude", "normal_mixture", "surrogate")  # methods that only need normal scores
@@ -28,8 +28,9 @@ def compare_methods(
     config: Mapping[str, Any],
     methods: Sequence[str] = METHODS_OF_SCORES,
     predecessor: str | os.PathLike | None = None,
+    event: Event | None = None,
 ) -> dict[str, pd.DataFrame]:
-    """Estimate the crash probability under single laws by several methods.
+    """Estimate the probability of an event under single laws by several methods.
 
     Parameters
     ----------
@@ -44,6 +45,8 @@ def compare_methods(
     predecessor
         Path of the table of the runs of a similar vehicle under the same law, for the surrogate-guided
         method.
+    event
+        The event; by default the crash.
 
     Returns
     -------
@@ -51,13 +54,14 @@ def compare_methods(
         ``estimates``, with a row for each law, method and replicate; and ``runs``, with a row for each
         simulation of the surrogate-guided method.
     """
+    event = scenario.events[0] if event is None else event
     parts: dict[str, list[pd.DataFrame]] = {"estimates": [], "runs": []}
     for law_name, law in laws.items():
-        problem = ScenarioProblem(scenario, law, vehicle, scenario.events[0])
+        problem = ScenarioProblem(scenario, law, vehicle, event)
         for name in methods:
             method = METHODS[name].configured(config)
             if name == "surrogate":
-                method = replace(method, **FREQUENT_EVENTS)
+                method = replace(method, **rules_of_joint_laws(event.filled))
             if predecessor is not None:
                 method = replace(method, predecessor=read_predecessor(predecessor, problem))
             count = method.replicates(config) or 1

@@ -19,6 +19,7 @@ from accelerated_evaluation.base.errors import InputError
 
 FLAG = "0 or 1"  # unit of an outcome that is true or false
 ENDED = "ended"  # name of the flag that is false for a run that was stopped at its longest duration
+FILLED = 0.25  # share of the encounters in a part of an event in which the event happens, unless stated
 UNLIMITED = 1e6  # limits this large are not mentioned in texts
 CLUSTER, FITTED = "cluster", "fitted"  # columns of every table of records, in addition to the variables
 
@@ -138,12 +139,17 @@ class Event:
         Name of the outcome that is smaller the closer an encounter came to the event.
     is_above
         True if the event is a value above the threshold, False if it is a value at or below the threshold.
+    filled
+        Smallest share of the encounters in a separate part of the event in which the event happens. It is
+        small if rounding errors decide in a part of the encounters. The surrogate-guided sampler then makes
+        more simulations before it excludes parts that it has not met. It is not used for cut-ins.
     """
 
     quantity: str
     threshold: float = 0.0
     scored_by: str = field(kw_only=True, repr=False)
     is_above: bool = field(default=False, kw_only=True, repr=False)
+    filled: float = field(default=FILLED, kw_only=True, repr=False)
 
     def happens(self, outcomes: Any) -> NDArray[np.bool_]:  # noqa: ANN401
         """Return whether the event happened in each of n simulated encounters, shape (n,).

@@ -18,7 +18,7 @@ from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.joint import JointLaw
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
-from accelerated_evaluation.methods.surrogate import FREQUENT_EVENTS
+from accelerated_evaluation.methods.surrogate import rules_of_joint_laws
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
@@ -149,7 +149,7 @@ class Campaign:
             fingerprint=fingerprint,
             predecessor=None if predecessor is None else predecessor.as_predecessor(law, event),
             deterministic=deterministic,
-            **sampler_rules(scenario),
+            **sampler_rules(scenario, event),
         )
         return cls(law, encounters, description, event, goal, sampler, limits, beyond, scenario=scenario)
 
@@ -180,7 +180,7 @@ class Campaign:
             check_batch_size(batch_size)
             # Batches may have different sizes, if each size is chosen before the batch is drawn.
             state = replace(self.sampler.state(), batch_size=batch_size)
-            self.sampler = Sampler.resume(state, **sampler_rules(self.scenario))
+            self.sampler = Sampler.resume(state, **sampler_rules(self.scenario, self.event))
         for _ in range(MOST_EMPTY):
             if self.outstanding:
                 return self.outstanding
@@ -299,14 +299,13 @@ class Campaign:
         return self.sampler.estimate(self.goal)
 
 
-def sampler_rules(scenario: Scenario) -> Mapping[str, Any]:
-    """Return the arguments of `Sampler` that depend on the scenario, by name.
+def sampler_rules(scenario: Scenario, event: Event) -> Mapping[str, Any]:
+    """Return the arguments of `Sampler` that depend on the scenario and the event, by name.
 
     For cut-ins, the mapping is empty, so that the sampler uses its defaults, which are for rare events. For
-    other scenarios, the mapping is `FREQUENT_EVENTS`: values of ``certificate`` and ``begin`` for events that
-    are more frequent.
+    other scenarios, see `rules_of_joint_laws`.
     """
-    return {} if scenario is CUT_IN else FREQUENT_EVENTS
+    return {} if scenario is CUT_IN else rules_of_joint_laws(event.filled)
 
 
 def check_batch_size(size: int) -> None:

@@ -144,13 +144,14 @@ def _campaign(content: Mapping[str, Any], where: str) -> Campaign:
     beyond = decode(float, limits.pop("probability_beyond"))
     scenario = SCENARIOS[content.get("scenario", CUT_IN.name)]
     threshold = decode(float, content["event"]["threshold"])
+    event = scenario.event(content["event"]["quantity"], threshold)
     campaign = Campaign(
         decode(Source, content["law"]),
         decode(Source | None, content["encounters"]),
         decode(str, content["description"]),
-        scenario.event(content["event"]["quantity"], threshold),
+        event,
         stopping(**goal, anytime=content.get("interval", "usual") == "anytime"),
-        _sampler(content["sampler"], where, sampler_rules(scenario)),
+        _sampler(content["sampler"], where, sampler_rules(scenario, event)),
         decode(Limits, asdict(UNLIMITED) | limits),
         beyond,
         [_run(run, scenario) for run in content["runs"]],

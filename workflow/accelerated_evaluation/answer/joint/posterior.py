@@ -22,12 +22,15 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.joint import JointLaw
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
-from accelerated_evaluation.methods.surrogate import FREQUENT_EVENTS
+from accelerated_evaluation.methods.surrogate import rules_of_joint_laws
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
+from accelerated_evaluation.scenarios.protocol import FILLED
 
 DRAWS = 100  # number of draws of the law
 SIMULATIONS = 200_000  # number of simulations of crude Monte Carlo
-FEW = 150  # largest number of simulations of the surrogate-guided sampler
+ENOUGH_EVENTS = 100  # simulations are repeated with other encounters until there are so many events,
+ROUNDS = 25  # or so many repetitions
+FEW = 400  # largest number of simulations of the surrogate-guided sampler
 MEAN_COMPONENTS = 8  # number of components of the mixture that approximates the mean of the draws
 MEAN_POINTS = 8_000  # number of points to which this mixture is fitted
 
@@ -94,7 +97,8 @@ def simulated_posterior(
     """Estimate the probability of the event under each draw of the law, from many simulations.
 
     The vehicle has to be fast. Encounters are drawn from the mean of the draws and simulated. The events are
-    reweighted by the density of each draw divided by the density of the mean.
+    reweighted by the density of each draw divided by the density of the mean. For a rare event, there are up
+    to `ROUNDS` rounds of simulations, until there are `ENOUGH_EVENTS` events.
 
     Parameters
     ----------
@@ -105,30 +109,34 @@ def simulated_posterior(
     generator
         Source of all randomness.
     simulations
-        Number of simulations.
+        Number of simulations of a round.
 
     Raises
     ------
     InputError
         If the event did not happen in any simulation.
     """
-    x = drawn.sample(simulations, generator)
-    events = x[respond(x)[0]]
+    rounds, size = [], 0
+    while len(rounds) < ROUNDS and sum(map(len, rounds)) < ENOUGH_EVENTS:
+        x = drawn.sample(simulations, generator)
+        rounds.append(x[respond(x)[0]])
+        size += len(x)
+    events = np.concatenate(rounds)
     if not len(events):
         raise InputError(
             f"the laws {', '.join(sorted({drawn.names[k] for k in drawn.member}))}",
-            seen=f"no event in {len(x):,} encounters drawn from them, so that its probability is 0 or below "
-            f"{3 / len(x):.1g} (95 % confidence)",
+            seen=f"no event in {size:,} encounters drawn from them, so that its probability is 0 or below "
+            f"{3 / size:.1g} (95 % confidence)",
             expected="laws with probability where the event happens",
             change="Check the limits of the variables and the event. If the event is really so rare, use "
             "the surrogate-guided method.",
         )
     logs = drawn.log_densities(events)
     ratios = np.exp(logs - np.logaddexp.reduce(logs) + np.log(len(logs)))
-    estimates = ratios.sum(axis=1) / len(x)
-    variances = np.maximum((ratios**2).sum(axis=1) / len(x) - estimates**2, 0) / len(x)
+    estimates = ratios.sum(axis=1) / size
+    variances = np.maximum((ratios**2).sum(axis=1) / size - estimates**2, 0) / size
     known = np.maximum(estimates, SMALLEST * estimates.mean())
-    return SampledPosterior(known, np.minimum(np.sqrt(variances) / known, 1), drawn.member, len(x))
+    return SampledPosterior(known, np.minimum(np.sqrt(variances) / known, 1), drawn.member, size)
 
 
 def mean_law(drawn: DrawnLaws, generator: np.random.Generator) -> TruncatedNormalMixture:
@@ -147,6 +155,7 @@ def surrogate_posterior(
     generator: np.random.Generator,
     simulations: int = FEW,
     share: float = SHARE,
+    filled: float = FILLED,
 ) -> tuple[SampledPosterior | None, Sampler, bool]:
     """Estimate the probability of the event under each draw of the law, from few simulations.
 
@@ -166,6 +175,8 @@ def surrogate_posterior(
         Largest number of simulations.
     share
         Allowed relative increase of the width of the 80 % interval by the sampling.
+    filled
+        Smallest share of the encounters in a part of the event in which the event happens; see `Event`.
 
     Returns
     -------
@@ -183,7 +194,7 @@ def surrogate_posterior(
         generator,
         fingerprint="mean of the draws of the law",
         deterministic=True,
-        **FREQUENT_EVENTS,
+        **rules_of_joint_laws(filled),
     )
     reweighting = Reweighting(
         lambda x: drawn.log_densities(x) - law.log_density(x), law.from_normal_scores, drawn.member

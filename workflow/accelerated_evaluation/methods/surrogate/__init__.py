@@ -43,14 +43,26 @@ SETTINGS = section(
     ),
 )
 
-# Settings for events that may be frequent and may have several separate parts, as in scenarios with joint
-# laws. An unobserved part of the event must have at most three times the probability of the estimate, even if
-# the event happens in only a quarter of the encounters in this part (for example because rounding decides).
-# The default certificate is for rare events: it allows unobserved parts of a thousand times the estimate.
-FREQUENT_EVENTS: Mapping[str, Any] = {
-    "certificate": Certificate(share=3.0, curvature=0.0, filled=0.25),
-    "begin": FREQUENT,
-}
+
+def rules_of_joint_laws(filled: float) -> dict[str, Any]:
+    """Return arguments of the sampler for an event in a scenario with joint laws.
+
+    Such an event may be frequent and have several separate parts. An unobserved part must have at most three
+    times the probability of the estimate, even if the event happens in only a given share of the encounters
+    in this part. The default certificate is for rare events: it allows unobserved parts of a thousand times
+    the estimate.
+
+    Parameters
+    ----------
+    filled
+        Smallest share of the encounters in a part of the event in which the event happens; see `Event`.
+
+    Returns
+    -------
+    dict
+        The arguments ``certificate`` and ``begin`` of `Sampler` and `Surrogate`.
+    """
+    return {"certificate": Certificate(share=3.0, curvature=0.0, filled=filled), "begin": FREQUENT}
 
 
 @METHODS.add("surrogate")

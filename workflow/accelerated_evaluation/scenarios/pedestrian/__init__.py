@@ -16,6 +16,10 @@ from accelerated_evaluation.scenarios.crossing import PANELS, CrossingOutcomes, 
 from accelerated_evaluation.scenarios.protocol import Event, Scenario, Variable
 
 SLOWEST = 0.3  # [m/s]; almost all crashes with slower pedestrians are artefacts of the simulation
+# The car creeps behind slow pedestrians, and its unstable control decides whether it touches them. Crashes
+# are then a few percent of the encounters in any neighbourhood. All of them have a smaller impact than 1 m/s.
+CREEPING = 1.0  # [m/s]
+FILLED = 0.02  # share of crashes in such neighbourhoods
 
 
 def _read_records(path: Path) -> pd.DataFrame:
@@ -51,7 +55,10 @@ PEDESTRIAN = SCENARIOS.add("pedestrian")(
             ),
         ),
         outcome_type=CrossingOutcomes,
-        events=(Event("crash", scored_by="clearance"),),
+        events=(
+            Event("crash", scored_by="clearance", filled=FILLED),
+            Event("impact_speed", scored_by="clearance", threshold=CREEPING, is_above=True),
+        ),
         vehicles=Registry("vehicle", __name__, __path__),
         default_vehicle="acc_aeb",
         read_records=_read_records,
