@@ -32,6 +32,7 @@ def drawn_methods(converged=(True, True, False)):
     table = pd.DataFrame(
         {
             "law": "heaviest",
+            "event": "crash",
             "method": ["crude", "normal_mixture", "surrogate"],
             "replicate": 0,
             "probability": [0.02, 0.021, 0.0001],

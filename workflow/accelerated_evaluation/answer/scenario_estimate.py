@@ -109,9 +109,8 @@ def estimate_scenario(
     replicates: int = 1,
     method: str = "surrogate",
     predecessor: str | os.PathLike | None = None,
-    event: str = "crash",
 ) -> ScenarioEstimate:
-    """Estimate the probability of an event for the vehicle of a configuration in its scenario.
+    """Estimate the probability of the event of a configuration for its vehicle in its scenario.
 
     Parameters
     ----------
@@ -127,8 +126,6 @@ def estimate_scenario(
         Name of the method, if one law is used.
     predecessor
         Path of the table of the runs of a similar vehicle under the same law, for the method ``surrogate``.
-    event
-        The event as text; see `event_named`.
 
     Raises
     ------
@@ -151,24 +148,22 @@ def estimate_scenario(
             change="Name the law.json of the predecessor's estimate by --law, or leave --predecessor out.",
         )
     scenario, seed = SCENARIOS[config["scenario"]["name"]], config["seed"]
-    chosen_event = event_named(event, scenario)
-    named = scenario.event_in_words(chosen_event)
+    event = event_named(config["scenario"]["event"], scenario)
+    named = scenario.event_in_words(event)
     with loaded_for(config["vehicle"], config["simulations"], scenario) as loaded:
         vehicle = CountedVehicle(loaded)
         if law == ANSWER:
             records = read_scenario_records(scenario, config["scenario"]["records"])
             known = load_vehicle(scenario.default_vehicle, scenario)
             study = ScenarioStudy.of(scenario, records, known, seed, config["scenario"]["draws"])
-            tables = study.answer_by_few_runs(vehicle, seed, chosen_event)
+            tables = study.answer_by_few_runs(vehicle, seed, event)
             return ScenarioEstimate(tables | {"laws": study.table}, study.heaviest, vehicle.not_ended, named)
         chosen = chosen_law(scenario, law, config)
         repeated = {
             name: {**config[name], "replicates": replicates} for name in ("importance_sampling", "surrogate")
         }
         settings = {**config, **repeated}
-        made = compare_methods(
-            scenario, {law: chosen}, vehicle, settings, [method], predecessor, chosen_event
-        )
+        made = compare_methods(scenario, {law: chosen}, vehicle, settings, [method], predecessor)
     estimate = made.pop("estimates")
     if not estimate["events"].any():
         runs = int((estimate["learning"] + estimate["estimating"]).sum())

@@ -15,7 +15,8 @@ from accelerated_evaluation.methods.study import study_method
 from accelerated_evaluation.methods.surrogate import rules_of_joint_laws
 from accelerated_evaluation.methods.surrogate.predecessor import read_predecessor
 from accelerated_evaluation.problem import ScenarioProblem
-from accelerated_evaluation.scenarios.protocol import ENDED, Event, Scenario
+from accelerated_evaluation.scenarios.protocol import ENDED, Scenario
+from accelerated_evaluation.vehicles.events import event_named
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
 METHODS_OF_SCORES = ("crude", "normal_mixture", "surrogate")  # methods that only need normal scores
@@ -28,7 +29,6 @@ def compare_methods(
     config: Mapping[str, Any],
     methods: Sequence[str] = METHODS_OF_SCORES,
     predecessor: str | os.PathLike | None = None,
-    event: Event | None = None,
 ) -> dict[str, pd.DataFrame]:
     """Estimate the probability of an event under single laws by several methods.
 
@@ -39,22 +39,20 @@ def compare_methods(
     laws
         The laws by name.
     config
-        A complete configuration: its seed, and the settings of the methods.
+        A complete configuration: its seed, its event, and the settings of the methods.
     methods
         Names of the methods, some of `METHODS_OF_SCORES`.
     predecessor
         Path of the table of the runs of a similar vehicle under the same law, for the surrogate-guided
         method.
-    event
-        The event; by default the crash.
 
     Returns
     -------
     dict
-        ``estimates``, with a row for each law, method and replicate; and ``runs``, with a row for each
-        simulation of the surrogate-guided method.
+        ``estimates``, with a row for each law, method and replicate, and the event in words; and ``runs``,
+        with a row for each simulation of the surrogate-guided method.
     """
-    event = scenario.events[0] if event is None else event
+    event = event_named(config["scenario"]["event"], scenario)
     parts: dict[str, list[pd.DataFrame]] = {"estimates": [], "runs": []}
     for law_name, law in laws.items():
         problem = ScenarioProblem(scenario, law, vehicle, event)
@@ -71,7 +69,8 @@ def compare_methods(
             made = study_method(method, problem, method.stopping(config), generators, labels)
             for table, rows in made.items():
                 parts[table].append(rows)
-    return {name: pd.concat(rows, ignore_index=True) for name, rows in parts.items() if rows}
+    made = {name: pd.concat(rows, ignore_index=True) for name, rows in parts.items() if rows}
+    return made | {"estimates": made["estimates"].assign(event=scenario.event_in_words(event))}
 
 
 def read_verdicts(scenario: Scenario, paths: Sequence[str]) -> pd.DataFrame:

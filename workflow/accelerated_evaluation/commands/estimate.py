@@ -148,9 +148,9 @@ class EstimateAlone:
         command.add_argument(
             "--event",
             metavar="EVENT",
-            help="event for which the simulations are chosen: crash (default), impact_speed=MIN_M_S and, for "
-            "cut-ins, min_range=MAX_M or min_ttc=MAX_S; simulations that are chosen for crashes give no "
-            "estimate for near misses",
+            help="event for which the simulations are chosen: crash, impact_speed=MIN_M_S and, for cut-ins, "
+            "min_range=MAX_M or min_ttc=MAX_S; simulations that are chosen for crashes give no estimate for "
+            "near misses (default: crash; in another scenario, scenario.event of the configuration)",
         )
         command.add_argument(
             "--reference",
@@ -214,7 +214,6 @@ def _estimate_scenario(arguments: argparse.Namespace, config: dict[str, Any]) ->
     from accelerated_evaluation.answer.scenario_estimate import estimate_scenario
     from accelerated_evaluation.base.files import write_csv
     from accelerated_evaluation.laws.joint.files import write_joint_law
-    from accelerated_evaluation.vehicles.events import CRASH
 
     name = config["scenario"]["name"]
     for option in ("compare", "reference", "accept", "sampling_share"):
@@ -225,10 +224,9 @@ def _estimate_scenario(arguments: argparse.Namespace, config: dict[str, Any]) ->
             if getattr(arguments, option) != default:
                 _refuse(option, f"the law {ANSWER}", f"one law of the scenario {name}, named by --law")
     method = SURROGATE if arguments.method is None else arguments.method
-    event = CRASH.quantity if arguments.event is None else arguments.event
-    found = estimate_scenario(
-        config, arguments.law, arguments.replicates, method, arguments.predecessor, event
-    )
+    if arguments.event is not None:
+        config = {**config, "scenario": {**config["scenario"], "event": arguments.event}}
+    found = estimate_scenario(config, arguments.law, arguments.replicates, method, arguments.predecessor)
     folder = Path("results", config["study"], "estimate")
     for table, rows in found.tables.items():
         write_csv(folder / f"{table}.csv", rows)

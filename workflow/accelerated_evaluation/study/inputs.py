@@ -22,6 +22,7 @@ from accelerated_evaluation.study.preflight import (
     require_places,
     require_plain,
 )
+from accelerated_evaluation.vehicles.events import event_named
 from accelerated_evaluation.vehicles.external.slow import is_slow
 from accelerated_evaluation.vehicles.loading import section_files
 
@@ -134,6 +135,7 @@ class StudyInputs:
             require_cores(cores)
             require_places(Path("results") / config["study"], Path("figures") / config["study"])
         require_file(path, "Correct scenario.records.")
+        event_named(config["scenario"]["event"], scenario, where="scenario.event")
         config = {**config, "scenario": {**config["scenario"], "records": str(path)}}
         with located("vehicle.name or vehicle.parameters"):
             files = section_files(config["vehicle"], scenario)

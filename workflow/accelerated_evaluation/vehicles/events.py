@@ -10,8 +10,8 @@ from accelerated_evaluation.scenarios.protocol import Event, Scenario
 CRASH = CUT_IN.event("crash")
 
 
-def event_named(text: str, scenario: Scenario = CUT_IN) -> Event:
-    """Return the event that a text such as ``crash`` or ``impact_speed=5`` names (option ``--event``).
+def event_named(text: str, scenario: Scenario = CUT_IN, where: str = "--event") -> Event:
+    """Return the event that a text such as ``crash`` or ``impact_speed=5`` names.
 
     Parameters
     ----------
@@ -19,6 +19,8 @@ def event_named(text: str, scenario: Scenario = CUT_IN) -> Event:
         ``crash``, or a quantity and a threshold in its unit, separated by an equals sign.
     scenario
         The scenario, whose events determine the possible quantities.
+    where
+        Name of the option or key of the configuration, for the error.
 
     Raises
     ------
@@ -36,7 +38,7 @@ def event_named(text: str, scenario: Scenario = CUT_IN) -> Event:
     if quantity in names and math.isfinite(value) and value >= 0:
         return scenario.event(quantity, value)
     others = f", or {' or '.join(names)} with a threshold, such as {names[0]}=1" if names else ""
-    raise InputError("--event", seen=repr(text), expected=f"crash{others}", change="Correct the event.")
+    raise InputError(where, seen=repr(text), expected=f"crash{others}", change="Correct the event.")
 
 
 def events_from(thresholds: Mapping[str, list[float]]) -> list[Event]:

@@ -129,10 +129,10 @@ def fig03_scenario_methods(
     -------
     figure, data
         The figure has a row for each replicate, with an open marker if it has not converged. The columns of
-        the data are law, method, replicate, probability, ci_low, ci_high, simulations and converged.
+        the data are law, event, method, replicate, probability, ci_low, ci_high, simulations and converged.
     """
     together = scenario_estimates["learning"] + scenario_estimates["estimating"]
-    columns = ["law", "method", "replicate", *INTERVAL, "simulations", "converged"]
+    columns = ["law", "event", "method", "replicate", *INTERVAL, "simulations", "converged"]
     table = scenario_estimates.assign(simulations=together)[columns]
     with paper_style():
         legend = 0.13 * (table["method"].nunique() + 1)  # [in], its height
@@ -148,7 +148,7 @@ def fig03_scenario_methods(
             axes.plot([], [], "ko", markerfacecolor="white", label="not converged")
         axes.set_yticks([])
         _scale(axes, table[list(INTERVAL)])
-        axes.set_xlabel(f"crash probability, {100 * (1 - alpha):g} % intervals")
+        axes.set_xlabel(f"probability ({table['event'].iloc[0]}), {100 * (1 - alpha):g} % intervals")
         finish(drawn, axes, source)
     return drawn, table
 

@@ -35,14 +35,14 @@ def methods_table(scenario_estimates: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        law, method; numbers of ``replicates`` and of those that ``converged``; mean, ``lowest`` and
+        law, event, method; numbers of ``replicates`` and of those that ``converged``; mean, ``lowest`` and
         ``highest`` probability; mean numbers of simulations, including learning, and of events.
     """
     rows = scenario_estimates.assign(
         simulations=scenario_estimates["learning"] + scenario_estimates["estimating"]
     )
     return (
-        rows.groupby(["law", "method"], sort=False)
+        rows.groupby(["law", "event", "method"], sort=False)
         .agg(
             replicates=("replicate", "size"),
             converged=("converged", "sum"),
