@@ -53,7 +53,7 @@ def drive(sampler, event, stopping=STOPPING):
         if isinstance(batch, two_phase.TwoPhaseBatch):
             flags.append(happened.mean())
             twice.append(batch.controlled + (batch.weight * happened / batch.inclusion).sum())
-    counted = -len(combining.that_count(sampler.progress.estimates))
+    counted = -len(combining.counted_batches(sampler.progress.estimates))
     return Course(sampler.estimate(stopping), sampler, np.mean(flags[counted:]), np.mean(twice[counted:]))
 
 

@@ -257,7 +257,7 @@ GOOD, POOR = 0.9 * USABLE**2, 1.1 * USABLE**2
 )
 def test_batches_count_while_they_share_one_view_of_the_event(known, first):
     assert 1.9 < AGREEMENT < 2.2
-    kept = combining.that_count(of_batches(*known))
+    kept = combining.counted_batches(of_batches(*known))
     assert [each.probability for each in kept] == list(range(first, len(known)))
 
 

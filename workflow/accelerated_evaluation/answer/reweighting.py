@@ -18,7 +18,7 @@ from accelerated_evaluation.answer.crossfit import Control
 from accelerated_evaluation.answer.posterior import Posterior, shrunk_estimates
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws import CutIns
-from accelerated_evaluation.methods.surrogate.combining import BatchEstimate, that_count
+from accelerated_evaluation.methods.surrogate.combining import BatchEstimate, counted_batches
 from accelerated_evaluation.methods.surrogate.progress import Progress
 from accelerated_evaluation.methods.surrogate.two_phase import TwoPhaseBatch
 
@@ -225,7 +225,7 @@ class Reweighting:
         progress
             The runs of the sampler.
         """
-        return that_count(progress.estimates)[-len(progress.batches) :] if progress.batches else []
+        return counted_batches(progress.estimates)[-len(progress.batches) :] if progress.batches else []
 
     def _posterior(
         self, estimates: Array, variances: Array, importance: Array, counted: Sequence[BatchEstimate]

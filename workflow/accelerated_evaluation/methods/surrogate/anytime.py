@@ -64,7 +64,7 @@ def anytime_interval(
     Parameters
     ----------
     batches
-        The batches on which the estimate is based, at least two; see `combining.that_count`.
+        The batches on which the estimate is based, at least two; see `combining.counted_batches`.
     alpha
         Probability that any of the intervals misses the truth.
     beta

@@ -146,7 +146,7 @@ def estimate_batch(batch: TwoPhaseBatch, happened: Flags) -> BatchEstimate:
     )
 
 
-def that_count(batches: Sequence[BatchEstimate], usable: float = USABLE) -> Sequence[BatchEstimate]:
+def counted_batches(batches: Sequence[BatchEstimate], usable: float = USABLE) -> Sequence[BatchEstimate]:
     """Return the batches on which the estimate is based: the last ones with consistent predictions.
 
     Before each batch, the surrogate predicts the probability of the event and the coefficient of variation of

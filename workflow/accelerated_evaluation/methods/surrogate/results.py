@@ -16,7 +16,7 @@ from accelerated_evaluation.methods.surrogate.combining import (
     BatchEstimate,
     Combined,
     combine,
-    that_count,
+    counted_batches,
 )
 from accelerated_evaluation.methods.surrogate.constants import NOISY_USABLE, USABLE
 from accelerated_evaluation.methods.surrogate.lapses import LapseBounds
@@ -151,7 +151,7 @@ def _mean(progress: Progress) -> float:
 def _that_count(progress: Progress) -> Sequence[BatchEstimate]:
     """Return the batches on which the estimate is based, without those before noise was noticed."""
     usable = NOISY_USABLE if progress.repeats.vary_often else USABLE
-    return that_count(progress.estimates[progress.chance_since :], usable)
+    return counted_batches(progress.estimates[progress.chance_since :], usable)
 
 
 def _unseen(progress: Progress, probability: float, certificate: Certificate) -> Unseen:
@@ -162,7 +162,7 @@ def _unseen(progress: Progress, probability: float, certificate: Certificate) ->
 
 
 def combined_estimate(progress: Progress, stopping: Stopping) -> tuple[Combined | None, tuple[float, float]]:
-    """Return the estimate from the batches of `combining.that_count`, and its interval.
+    """Return the estimate from the batches of `combining.counted_batches`, and its interval.
 
     If there is no event yet, or fewer than two such batches, the estimate is None and the interval is [0, 1].
 
