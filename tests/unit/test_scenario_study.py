@@ -110,6 +110,7 @@ def test_a_law_without_mass_at_the_event_is_named(tmp_path, monkeypatch, capsys)
             ["--scenario", "left_turn", "--event", "min_range=1"],
             "--event: seen 'min_range=1'; expected crash, or",
         ),
+        (["--config", "speed.yaml"], "scenario.event: seen 'speed'; expected crash, or impact_speed with a"),
         (
             ["--scenario", "left_turn", "--sampling-share", "0"],
             "--sampling-share: seen the scenario left_turn",
@@ -123,6 +124,7 @@ def test_options_that_do_not_fit_the_scenario_are_named(tmp_path, monkeypatch, c
     monkeypatch.chdir(tmp_path)
     Path("data").symlink_to(ROOT / "data")
     Path("slow.yaml").write_text("study: slow\nsimulations: {slow: true}\n")
+    Path("speed.yaml").write_text("study: speed\nscenario: {name: left_turn, event: speed}\n")
     assert cli.main(["estimate", *options]) == 2
     assert message in capsys.readouterr().err
 

@@ -148,7 +148,7 @@ def estimate_scenario(
             change="Name the law.json of the predecessor's estimate by --law, or leave --predecessor out.",
         )
     scenario, seed = SCENARIOS[config["scenario"]["name"]], config["seed"]
-    event = event_named(config["scenario"]["event"], scenario)
+    event = event_named(config["scenario"]["event"], scenario, where="scenario.event")
     named = scenario.event_in_words(event)
     with loaded_for(config["vehicle"], config["simulations"], scenario) as loaded:
         vehicle = CountedVehicle(loaded)

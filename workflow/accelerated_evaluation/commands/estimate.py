@@ -214,6 +214,8 @@ def _estimate_scenario(arguments: argparse.Namespace, config: dict[str, Any]) ->
     from accelerated_evaluation.answer.scenario_estimate import estimate_scenario
     from accelerated_evaluation.base.files import write_csv
     from accelerated_evaluation.laws.joint.files import write_joint_law
+    from accelerated_evaluation.scenarios import SCENARIOS
+    from accelerated_evaluation.vehicles.events import event_named
 
     name = config["scenario"]["name"]
     for option in ("compare", "reference", "accept", "sampling_share"):
@@ -225,6 +227,7 @@ def _estimate_scenario(arguments: argparse.Namespace, config: dict[str, Any]) ->
                 _refuse(option, f"the law {ANSWER}", f"one law of the scenario {name}, named by --law")
     method = SURROGATE if arguments.method is None else arguments.method
     if arguments.event is not None:
+        event_named(arguments.event, SCENARIOS[name])
         config = {**config, "scenario": {**config["scenario"], "event": arguments.event}}
     found = estimate_scenario(config, arguments.law, arguments.replicates, method, arguments.predecessor)
     folder = Path("results", config["study"], "estimate")
