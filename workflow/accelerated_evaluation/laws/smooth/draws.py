@@ -14,6 +14,7 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
@@ -233,10 +234,9 @@ class Hazards:
         splines
             Values of the splines of the covariates, shape (n, p).
         """
-        hazard = np.exp(np.clip(splines @ along, -LOG_HAZARD_MAX, LOG_HAZARD_MAX))
-        table = np.zeros((*hazard.shape[:2], hazard.shape[2] + 1))
-        np.cumsum(hazard * np.diff(edges), axis=2, out=table[:, :, 1:])
-        return cls(edges, hazard, table)
+        hazard = splines @ along
+        np.exp(np.clip(hazard, -LOG_HAZARD_MAX, LOG_HAZARD_MAX, out=hazard), out=hazard)
+        return cls(edges, hazard, _integrated(hazard, np.diff(edges)))
 
     def at(self, value: Array, row: NDArray[np.intp] | None = None) -> tuple[Array, Array]:
         """Return cumulative hazard and hazard at given values; both have shape (a, n).
@@ -252,6 +252,21 @@ class Hazards:
         row = np.arange(value.size) if row is None else row
         rate = self.hazard[:, row, bin_]
         return self.table[:, row, bin_] + rate * (value - self.edges[bin_]), rate
+
+
+@njit(cache=True)
+def _integrated(hazard: Array, widths: Array) -> Array:
+    """Return the cumulative hazard at the edges of bins with given widths, which is 0 at the first edge.
+
+    NumPy's `cumsum` along the last of three axes takes four times as long.
+    """
+    draws, rows, bins = hazard.shape
+    table = np.zeros((draws, rows, bins + 1))
+    for draw in range(draws):
+        for row in range(rows):
+            for k in range(bins):
+                table[draw, row, k + 1] = table[draw, row, k] + hazard[draw, row, k] * widths[k]
+    return table
 
 
 class SpeedsAt:
