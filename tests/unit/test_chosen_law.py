@@ -160,22 +160,23 @@ def test_an_option_that_needs_draws_is_refused_before_anything_is_simulated(
 
 @pytest.mark.parametrize("deterministic", [True, False])
 def test_an_answer_that_has_not_converged_says_so_first(folder, monkeypatch, capsys, deterministic):
-    # A car in whose outcomes chance may have a part could lapse, and few runs cannot exclude that.
+    # A car in whose outcomes chance may have a part could lapse, and few runs cannot exclude that. The study
+    # is that of the other tests, so that the fit of all laws is read from its file.
     monkeypatch.chdir(folder)
     Path("chance.yaml").write_text(
-        f"study: chance\nvehicle: {{name: car.py:Car, deterministic: {json.dumps(deterministic)}}}\n"
+        f"vehicle: {{name: car.py:Car, deterministic: {json.dumps(deterministic)}}}\n"
     )
     assert cli.main(["estimate", "--config", "motorway.yaml", "--config", "chance.yaml"]) == 0
     lines = capsys.readouterr().out.splitlines()
     answer = next(k for k, line in enumerate(lines) if line.startswith("crash: probability in a cut-in"))
-    row = pd.read_csv("results/chance/estimate/estimate.csv").iloc[0]
+    row = pd.read_csv("results/motorway/estimate/estimate.csv").iloc[0]
     assert row["converged"] == deterministic
     warned = lines[answer - 1].startswith("NOT CONVERGED")
     assert warned != deterministic
     if warned:
         assert f"can add up to {row['unseen_lapses']:.1g}, which the upper ends contain" in lines[answer - 1]
-    found = pd.read_csv("results/chance/estimate/answer.csv").iloc[0]
-    draws = pd.read_csv("results/chance/estimate/draws.csv")["probability"]
+    found = pd.read_csv("results/motorway/estimate/answer.csv").iloc[0]
+    draws = pd.read_csv("results/motorway/estimate/draws.csv")["probability"]
     unseen = row["unseen_lapses"] if warned else 0.0
     assert found["high80"] == pytest.approx(draws.quantile(0.9) + unseen, rel=0.2)
     assert found["low80"] == pytest.approx(draws.quantile(0.1), rel=0.3)
