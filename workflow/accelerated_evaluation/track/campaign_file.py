@@ -164,6 +164,7 @@ def _campaign(content: Mapping[str, Any], where: str) -> Campaign:
 def _require_whole(campaign: Campaign) -> None:
     """Raise ValueError if the parts of a campaign contradict each other."""
     numbers = [0, *(run.batch for run in campaign.runs)]
+    measured = [value for run in campaign.runs if run.outcome for value in run.outcome.measured.values()]
     pending = campaign.sampler.progress.pending
     open_batch = (
         [run for run in campaign.runs if run.batch == campaign.batches] if campaign.outstanding else []
@@ -180,6 +181,7 @@ def _require_whole(campaign: Campaign) -> None:
         ),
         (set(np.diff(numbers)) <= {0, 1}, "runs in the order of their batches"),
         (np.isfinite([run.encounter for run in campaign.runs]).all(), "encounters of finite numbers"),
+        (np.isfinite(measured).all(), "outcomes of finite numbers"),
         (len(open_batch) == (0 if pending is None else len(pending.z)), "one open batch, the sampler's"),
         (
             campaign.sampler.simulations + len(open_batch) == len(campaign.runs),
