@@ -105,23 +105,25 @@ def strips(support: Support = SUPPORT) -> list[Strip]:
 def cell_counts(
     records: DistinctRecords, given: Callable[[Places], Iterable[GivenLaw]]
 ) -> list[pd.DataFrame]:
-    """Return the number of records in each cell, and the number that is expected under each law.
+    """Count the records in each cell of the cut-ins, and compute the number expected under each law.
 
-    The expected number is conditional on the lead speeds and ranges of the records.
+    The cells are those of `strips`. The expected number is conditional on the lead speeds and ranges of the
+    records.
 
     Parameters
     ----------
     records
         Distinct cut-ins.
     given
-        Function that returns the laws of the closing speed at given pairs of lead speed and range. It is
-        called with the records of one strip of cells at a time, which limits the memory.
+        Function that returns the distributions of the closing speed, one for each law, at given pairs of lead
+        speed and range. It is called with the records of one strip of cells at a time, which limits the
+        memory.
 
     Returns
     -------
     list of pandas.DataFrame
-        One table for each law: the name of the cell ``where``, the speed ``counted``, and the numbers
-        ``recorded`` and ``expected``.
+        One table for each law, with a row for each cell: the name of the cell (``where``), the speed by which
+        cells are divided (``counted``), and the numbers of ``recorded`` and ``expected`` cut-ins.
     """
     counts, expected = [], []
     for strip in strips(records.support):

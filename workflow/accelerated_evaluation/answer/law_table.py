@@ -94,9 +94,10 @@ def rivals(fitter: Fitter, family: LawFamily) -> dict[str, Callable[[DistinctRec
 def score_laws(
     weighted: WeightedLaws, vehicle: Vehicle
 ) -> tuple[dict[str, dict[str, Array]], dict[str, Array]]:
-    """Score the laws of the family and the laws with which it is compared, in all regions.
+    """Score the laws of the family, and the laws with which they are compared, on held-out records.
 
-    A law of comparison that cannot be fitted gives a warning and has no scores.
+    The scores are computed for several regions of the cut-ins; `regions` returns them by name. If a law
+    outside the family cannot be fitted, a warning is given, and the law has no scores.
 
     Parameters
     ----------
@@ -110,7 +111,8 @@ def score_laws(
     scores : dict
         Held-out log scores by law and region, shape (records,).
     crps : dict
-        Negative threshold-weighted CRPS by law, in the first region, shape (records,).
+        Negative threshold-weighted CRPS (continuous ranked probability score) by law, in the first region,
+        shape (records,).
     """
     fitter, family = weighted.fitter, weighted.family
     inside = regions(fitter.records, vehicle)

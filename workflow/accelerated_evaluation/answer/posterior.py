@@ -138,10 +138,15 @@ def budget(posterior: Posterior, sampling_deviation: float) -> pd.DataFrame:
 
 
 def log_variances(posterior: Posterior) -> dict[str, float]:
-    """Divide the variance of the logarithm of a probability into two parts, ``data`` and ``choice of law``.
+    """Divide the variance of log(probability) into two parts, ``data`` and ``choice of law``.
 
-    ``data`` is the mean variance of the draws within a law, and ``choice of law`` the rest of the variance.
-    Both are NaN if a draw of the probability is 0.
+    ``data`` is the variance among the draws of the same law, averaged over the laws. ``choice of law`` is the
+    rest of the variance. Both parts are NaN if the probability is 0 in a draw.
+
+    Parameters
+    ----------
+    posterior
+        Draws of the probability, and the law to which each draw belongs.
     """
     with np.errstate(divide="ignore"):
         logs = pd.Series(np.log(posterior.probabilities))

@@ -120,14 +120,15 @@ class SampledPosterior:
 
 
 class Reweighting:
-    """The reweighting of the batches of a sampler for every draw of the law.
+    """Estimates of an event's probability under each of K draws of the law, from the runs of one sampler.
 
-    The density ratios of a batch are computed once and kept.
+    The runs are reweighted with the ratios of the densities of a draw and of the law that was sampled. The
+    ratios of a batch are computed once and kept.
 
     Parameters
     ----------
     ratios
-        Function that returns log(f_k / f_sampled) at n cut-ins, shape (K, n).
+        Function that returns log(f_k / f_sampled) at n cut-ins for all K draws, shape (K, n).
     cut_ins
         Function that maps normal scores, shape (n, d), to cut-ins, by the law that was sampled.
     member
@@ -218,7 +219,9 @@ class Reweighting:
 
     @staticmethod
     def counted(progress: Progress) -> Sequence[BatchEstimate]:
-        """Return the estimates of the batches on which the result is based, as far as the batches are kept.
+        """Return the estimates of the batches on which the result of the sampler is based.
+
+        `counted_batches` selects these batches. Only those whose runs are still stored are returned.
 
         Parameters
         ----------

@@ -263,9 +263,12 @@ class LawStudy:
         Returns
         -------
         dict
-            ``answer`` by event, ``exposure`` (rates per kilometre and hour), ``vehicles`` (comparison),
-            ``answer_draws``, ``answer_budget``, ``answer_thresholds``, ``calibration`` and ``crash_places``,
-            and those of `injuries.tables.injury_tables`.
+            The tables by name. ``answer`` contains the probability of each event, ``exposure`` the rates per
+            kilometre and hour, and ``vehicles`` the comparison of vehicles. ``answer_draws`` contains the
+            crash probability under each draw of the law, ``answer_budget`` the parts of its variance, and
+            ``answer_thresholds`` its values by threshold of the tail. ``calibration`` compares the laws with
+            the records, and ``crash_places`` contains random crashes under each law. The tables of
+            `injuries.tables.injury_tables` are added.
         """
         tabulated = tabulated_risks()
         posteriors = self.draws(tabulated, generator)

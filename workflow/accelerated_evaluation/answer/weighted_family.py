@@ -55,7 +55,9 @@ class WeightedLaws(ScoredFamily):
         return self.members[int(np.argmax(self.weights.mean(axis=0)))]
 
     def mean(self, values: Mapping[Member, Array | float]) -> Array | float:
-        """Return the mean of a quantity over the laws, weighted with their mean weights.
+        """Return the weighted mean of a quantity over the laws.
+
+        The weight of a law is the mean of the draws of its weight.
 
         Parameters
         ----------

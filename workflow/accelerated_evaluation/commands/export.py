@@ -34,7 +34,7 @@ class Export:
 
     @staticmethod
     def add_arguments(command: argparse.ArgumentParser) -> None:
-        """Add the folder, the law and the properties of the set to the parser."""
+        """Add the arguments to the parser: the folder, the law, and the properties of the scenario set."""
         command.add_argument("folder", metavar="FOLDER", type=Path, help="new folder for the set")
         add_law(command)
         command.add_argument(

@@ -42,7 +42,10 @@ class Extract:
 
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
-        """Read the recordings, and write the cut-ins, the account and the exposure."""
+        """Extract the cut-ins from recordings, and write them to a table.
+
+        The table of dropped rows (the account) and the exposure are written next to it.
+        """
         import pandas as pd
 
         from accelerated_evaluation.base.errors import InputError

@@ -64,11 +64,16 @@ def check_map(vehicle: Vehicle, crash_map: CrashMap, generator: np.random.Genera
     Parameters
     ----------
     vehicle
-        The vehicle of the map.
+        The vehicle for which the map was computed.
     crash_map
         The map, whose crashes are checked.
     generator
         Source of the random lines and closing speeds.
+
+    Returns
+    -------
+    MapCheck
+        The crash probability from the map, and its difference from the simulated crash probability.
     """
     grid, intervals = crash_map.grid, crash_map.intervals(CRASH)
     rate = crash_map.inverse_range / grid.reference_inverse_ttc  # of the exponential law of the closing speed

@@ -95,8 +95,10 @@ class CrashLines(Lines):
 
         Parameters
         ----------
-        ranges, law
-            Distribution of the range given the lead speed, and of the closing speed given both.
+        ranges
+            Distribution of the range given the lead speed.
+        law
+            Distribution of the closing speed given the lead speed and the range.
         """
         return self._masses(self._line_masses(ranges), law.given(self.places))
 
@@ -117,7 +119,7 @@ class CrashLines(Lines):
             yield self._masses(lines, family.law(member).given(self.places, below))
 
     def _line_masses(self, ranges: SmoothHazard) -> Array:
-        """Return the probability of the cell of its line for each interval, shape (intervals,)."""
+        """Return for each interval the probability of the cell of its line, shape (intervals,)."""
         return (self.share * self.range_probability(ranges))[self.row]
 
     def _masses(self, lines: Array, given: Given) -> Array:
@@ -155,12 +157,16 @@ class CrashLines(Lines):
         return np.exp(-far) * np.where(finite, -np.expm1(np.minimum(far - near, 0.0)), 1.0)
 
     def probability(self, ranges: SmoothHazard, law: SpeedLaw) -> float:
-        """Return the probability of the event under a law.
+        """Return the probability of the event if cut-ins follow the given conditional distributions.
+
+        The lead speed has the distribution of the recorded lead speeds.
 
         Parameters
         ----------
-        ranges, law
-            Distribution of the range given the lead speed, and of the closing speed given both.
+        ranges
+            Distribution of the range given the lead speed.
+        law
+            Distribution of the closing speed given the lead speed and the range.
         """
         return float(self.masses(ranges, law).sum())
 
@@ -255,6 +261,6 @@ def crash_places(
 
 
 def lead_speed_shares(crash_map: CrashMap, lead_speeds: Array) -> Array:
-    """Return the share of the lead speeds [m/s] in each cell of a map, shape (cells,)."""
+    """Return the share of the recorded lead speeds [m/s] that is in each cell of a map, shape (cells,)."""
     speeds = np.sort(lead_speeds)
     return np.diff(np.searchsorted(speeds, crash_map.cells.lead_speed), axis=1)[:, 0] / speeds.size

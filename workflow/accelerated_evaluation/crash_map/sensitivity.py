@@ -137,7 +137,10 @@ class Refit:
 
     @classmethod
     def by(cls, crash_map: CrashMap, closing_speed_max: float) -> "Refit":
-        """Prepare refits for a crash map and a cap on closing speeds [m/s]."""
+        """Prepare refits for a crash map and a cap on closing speeds [m/s].
+
+        The smallest TTC^-1 of a crash is computed once, because all refits need it.
+        """
         return cls(crash_map, crash_map.smallest_inverse_ttc(), closing_speed_max)
 
     def probability(self, encounters: pd.DataFrame, levels: Levels) -> Exact:

@@ -110,33 +110,33 @@ class Stream:
         self._weights = np.empty(0)
 
     def first(self, size: int) -> Array:
-        """Return the first ``size`` weights of this replicate, shape (size,)."""
+        """Return the first ``size`` importance weights of the current replicate, shape (size,)."""
         while self._weights.size < size:
             block = draw_weights(self._problem, self._proposals, self._generator, BLOCK)
             self._weights = np.concatenate([self._weights, block])
         return self._weights[:size]
 
     def end_replicate(self, size: int) -> None:
-        """End this replicate after ``size`` weights and begin the next."""
+        """End the current replicate after its first ``size`` weights, and begin the next one there."""
         self._weights = self._weights[size:]
 
 
 def stop_importance_sampling(stream: Stream, fixed: int, stopping: Stopping) -> dict[str, tuple[Sums, bool]]:
-    """Run one replicate of importance sampling, and stop it by each of the rules.
+    """Run one replicate of importance sampling, and stop it by each of the stopping rules.
 
     Parameters
     ----------
     stream
-        The stream of weights.
+        The stream of importance weights, at the beginning of a replicate.
     fixed
-        Number of simulations of the rules with a fixed size.
+        Number of simulations of the two rules with a fixed size.
     stopping
-        Criterion of the sequential rules.
+        Criterion of the two sequential rules.
 
     Returns
     -------
     dict
-        For each rule, the sums at its end, and whether its criterion was met.
+        For each rule, the sums of the weights of its simulations, and whether its criterion was met.
     """
     maximum, used = stopping.maximum_simulations, 0
 

@@ -96,7 +96,14 @@ class Sums:
 def normal_interval(sums: Sums, alpha: float) -> Interval:
     """Return the normal 100 (1 - alpha) % interval, which the paper uses (section VI.C).
 
-    With fewer than two crashes it is [0, 1].
+    The interval is [0, 1] if there are fewer than two crashes.
+
+    Parameters
+    ----------
+    sums
+        Sums of the weights of all simulations.
+    alpha
+        1 - level of the interval.
     """
     if sums.events < 2:
         return Interval(0.0, 1.0)

@@ -112,7 +112,10 @@ class Problem:
         )
 
     def evaluate(self, z: Array) -> Response:
-        """Simulate the cut-ins at normal scores z, shape (n, 3); see `ScoreProblem.evaluate`."""
+        """Simulate the cut-ins at normal scores, and return whether the event happened.
+
+        ``z`` has shape (n, 3). The results are described in `ScoreProblem.evaluate`.
+        """
         return self._response(self.simulate(self.law.from_normal_scores(z)))
 
     def repeat(self, z: Array) -> Response:

@@ -69,15 +69,32 @@ class ScenarioProblem:
         return False if getattr(self.vehicle, "striped", False) else repeats_itself(self.vehicle)
 
     def simulate(self, x: Array) -> Any:  # noqa: ANN401
-        """Simulate the encounters at points of the law, shape (n, d); return their outcomes, shape (n,)."""
+        """Simulate the encounters with given variables.
+
+        Parameters
+        ----------
+        x
+            Values of the d variables of the law in each encounter, shape (n, d).
+
+        Returns
+        -------
+        object
+            The outcomes, an instance of the scenario's type of outcomes, whose arrays have shape (n,).
+        """
         return self.vehicle.simulate(*self.scenario.to_inputs(x).T)
 
     def evaluate(self, z: Array) -> Response:
-        """Simulate the encounters at normal scores z, shape (n, d); see `ScoreProblem.evaluate`."""
+        """Simulate the encounters at normal scores, and return whether the event happened.
+
+        ``z`` has shape (n, d). The results are described in `ScoreProblem.evaluate`.
+        """
         return self.response(self.simulate(self.law.from_normal_scores(z)))
 
     def repeat(self, z: Array) -> Response:
-        """Simulate the encounters at normal scores z again, even if outcomes are stored; see `evaluate`."""
+        """Simulate the encounters at normal scores again, even if their outcomes are stored.
+
+        ``z`` has shape (n, d). The results are described in `ScoreProblem.evaluate`.
+        """
         again = getattr(self.vehicle, "repeat", self.vehicle.simulate)
         return self.response(again(*self.scenario.to_inputs(self.law.from_normal_scores(z)).T))
 

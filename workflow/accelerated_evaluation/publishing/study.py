@@ -239,18 +239,19 @@ class Study:
 
     @cached_property
     def replicates(self) -> pd.DataFrame:
-        """Simulations and estimates of every replicate of every method.
+        """Number of simulations and estimate of every replicate of every method.
 
-        ``together`` counts all simulations.
+        The column ``together`` is the number of all simulations of a replicate.
         """
         table = self.table("estimates.csv")
         return table.assign(together=table["learning"] + table["estimating"])
 
     @cached_property
     def estimates(self) -> pd.DataFrame:
-        """The estimates of all replicates of importance sampling, at convergence.
+        """The estimates by importance sampling of all replicates, at convergence.
 
-        They are selected by their effective sample size, which only weighted estimates have.
+        Rows without an effective sample size are left out, because they are estimates of crude Monte Carlo,
+        which have no weights.
         """
         weighted = self.replicates.dropna(subset="effective_sample_size")
         return weighted.rename(columns={"estimating": "simulations"}).reset_index(drop=True)

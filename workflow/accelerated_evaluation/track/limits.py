@@ -50,7 +50,7 @@ class Limits:
         Parameters
         ----------
         lead_speed, range_, closing_speed
-            v_L [m/s], range [m] and closing speed [m/s], shape (n,).
+            Lead speed [m/s], range [m] and closing speed [m/s] of n cut-ins, shape (n,).
         """
         return (range_ >= (self.range_min or 0.0)) & (closing_speed <= self.closing_speed(lead_speed))
 

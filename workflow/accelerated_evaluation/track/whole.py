@@ -27,19 +27,19 @@ MOST_UNKNOWN = 0.05  # if a larger share of the draws has fewer effective events
 
 
 def read_draws(path: Path, campaign: Campaign) -> MeanLaw:
-    """Read a law with draws, for which the runs of a campaign are reweighted.
+    """Read a law with draws, to which the runs of a campaign can be reweighted.
 
     Parameters
     ----------
     path
-        Law file with draws.
+        Law file that contains draws of its parameters.
     campaign
-        The campaign, to whose encounter table the law has to be fitted.
+        The campaign. The law must have been fitted to its encounter table.
 
     Raises
     ------
     InputError
-        If the file is not a law with draws, if the law was fitted to other encounters, or if the scenario of
+        If the file is a law without draws, if the law was fitted to other encounters, or if the scenario of
         the campaign is not the cut-in.
     """
     if campaign.encounters is None:

@@ -81,7 +81,10 @@ class GaussianCopula(JointLaw):
         return np.linalg.cholesky(self.correlation)
 
     def log_density(self, x: Array) -> Array:
-        """Return the log density, shape (n,), at points x, shape (n, d); it is -inf outside the box."""
+        """Return the log density, shape (n,), at points x, shape (n, d).
+
+        The log density is -inf at points beyond the limits of the variables.
+        """
         logs, inside = np.full(len(x), -np.inf), self.box.contains(x)
         z = _scores(self.margins, x[inside])
         e = np.linalg.solve(self._factor, z.T)

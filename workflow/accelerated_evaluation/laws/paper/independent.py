@@ -29,7 +29,7 @@ class IndependentStratum(Stratum):
         return CutIns(lead_speed, first, second)
 
     def first(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
-        """Return the first coordinate, which is R^-1 [1/m]."""
+        """Return the first coordinate, which is R^-1 [1/m] itself; it does not depend on v_L."""
         return np.asarray(inverse_range)
 
     def second(self, lead_speed: ArrayLike, inverse_range: ArrayLike, closing_speed: ArrayLike) -> Array:

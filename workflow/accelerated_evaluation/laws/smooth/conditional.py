@@ -29,16 +29,18 @@ from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
 def speed_grid(
     support: Support = SUPPORT, segments: int = 9, bins: tuple[int, int] = (30, 24), step: float = 0.5
 ) -> HazardGrid:
-    """Return bins and spline bases for the closing speed given lead speed and square root of the range.
+    """Return the grid for a smooth hazard of the closing speed given the lead speed and the range.
+
+    The covariates of the grid are the lead speed and the square root of the range.
 
     Parameters
     ----------
     support
         Limits of the records.
     segments
-        Number of segments of the splines of the closing speed.
+        Number of intervals between the knots of the splines of the closing speed.
     bins
-        Number of bins of lead speed and of the root of the range.
+        Number of bins of the lead speed, and of the square root of the range.
     step
         Width of the bins of the closing speed [m/s].
     """
@@ -53,16 +55,18 @@ def speed_grid(
 def range_grid(
     support: Support = SUPPORT, segments: int = 12, bins: tuple[int, int] = (30, 100)
 ) -> HazardGrid:
-    """Return bins and spline bases for log(R_max / R) given the lead speed.
+    """Return the grid for a smooth hazard of the range given the lead speed.
+
+    The variable of the grid is log(R_max / R), where R_max is the largest range in the limits of the records.
 
     Parameters
     ----------
     support
         Limits of the records.
     segments
-        Number of segments of the splines of log(R_max / R).
+        Number of intervals between the knots of the splines of log(R_max / R).
     bins
-        Number of bins of lead speed and of log(R_max / R).
+        Number of bins of the lead speed, and of log(R_max / R).
     """
     top, ends = support.log_range_top, support.lead_speeds
     edges = np.linspace(*ends, bins[0] + 1), np.array([0.0, 1.0]), np.linspace(0, top, bins[1] + 1)
@@ -136,9 +140,16 @@ class Threshold:
 
     @classmethod
     def of(cls, body: SmoothHazard, level: float, support: Support = SUPPORT) -> "Threshold":
-        """Compute the threshold from a body that was fitted to records within the support.
+        """Compute the threshold as a quantile of the body, at all nodes.
 
-        ``level`` is the probability that the closing speed is below the threshold.
+        Parameters
+        ----------
+        body
+            Smooth hazard of the closing speed, fitted to records within the limits.
+        level
+            Probability that the closing speed is below the threshold.
+        support
+            Limits of the records.
         """
         nodes = body.grid.edges[:2]
         speeds, roots = (x.ravel() for x in np.meshgrid(*nodes, indexing="ij"))

@@ -76,7 +76,11 @@ class DependentStratum(SmoothStratum):
         return interval_probability(self.factors.second, *coordinates)
 
     def log_second_slope(self, lead_speed: Array, inverse_range: Array, closing_speed: Array) -> Array:
-        """Return the log hazard of the closing speed, shape (n,); see `Stratum.log_second_slope`."""
+        """Return the log of the derivative of the second coordinate with respect to the closing speed.
+
+        The second coordinate is the cumulative hazard of the closing speed, so its derivative is the hazard.
+        The arguments are v_L [m/s], R^-1 [1/m] and closing speed [m/s]. Arguments and result have shape (n,).
+        """
         slope = np.empty(lead_speed.size)
         for part in parts(lead_speed.size, PLACES_AT_ONCE):
             given = self.speeds.given(self.places(lead_speed[part], 1 / inverse_range[part]))
@@ -130,14 +134,16 @@ class DependentLaw(SmoothLaw):
 
     @classmethod
     def fitted(cls, family: LawFamily, member: Member, encounters: pd.DataFrame, support: Support) -> Self:
-        """Return one law of a fitted family; its description is the name of the member.
+        """Return the law of one member of a fitted family.
+
+        The description of the law is the name of the member.
 
         Parameters
         ----------
         family, member
             The fitted family, and the member that identifies the law.
         encounters
-            Encounter table to which the family was fitted; it supplies segments and lead speeds.
+            Encounter table to which the family was fitted. The segments and lead speeds are read from it.
         support
             Limits of the records.
         """

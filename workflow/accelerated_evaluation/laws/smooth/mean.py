@@ -109,7 +109,11 @@ class MeanStratum(SmoothStratum):
         return score
 
     def log_second_slope(self, lead_speed: Array, inverse_range: Array, closing_speed: Array) -> Array:
-        """Return the log hazard of the closing speed, shape (n,); see `Stratum.log_second_slope`."""
+        """Return the log of the derivative of the second coordinate with respect to the closing speed.
+
+        The second coordinate is the cumulative hazard of the closing speed, so its derivative is the hazard.
+        The arguments are v_L [m/s], R^-1 [1/m] and closing speed [m/s]. Arguments and result have shape (n,).
+        """
         slope = np.empty(lead_speed.size)
         for part in parts(lead_speed.size, PLACES_AT_ONCE):
             lead, range_, value = (

@@ -223,12 +223,12 @@ class GivenRegression:
     shared: Array
 
     def log_density(self, closing_speed: Array) -> Array:
-        """Return the log density at one closing speed [m/s] for each pair, shape (n,)."""
+        """Return the log density at one closing speed [m/s] for each of the n pairs, shape (n,)."""
         c = np.maximum(closing_speed, SLOWEST)
         return self.regression.terms(c, self.log_scale, self.log_shape, self.shared).value
 
     def cumulative(self, closing_speed: Array) -> Array:
-        """Return -log P(C > c) at one closing speed c [m/s] for each pair, shape (n,)."""
+        """Return -log P(C > c) at one closing speed c [m/s] for each of the n pairs, shape (n,)."""
         c = np.maximum(closing_speed, SLOWEST)
         return -self.regression.log_survival(c, self.log_scale, self.log_shape, self.shared)
 

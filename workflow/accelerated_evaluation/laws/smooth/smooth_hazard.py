@@ -127,12 +127,17 @@ class SmoothHazard:
     factor: Array | None = None
 
     def cumulative(self, splines: Array) -> "Cumulative":
-        """Return the cumulative hazards given n values of the covariates.
+        """Return the cumulative hazards of the variable for n pairs of values of the two covariates.
 
         Parameters
         ----------
         splines
-            Values of the products of the splines of the covariates, shape (n, p).
+            Values of the p products of the splines of the two covariates at each pair, shape (n, p).
+
+        Returns
+        -------
+        Cumulative
+            The n piecewise linear cumulative hazards.
         """
         along = np.tensordot(self.coefficients, self.grid.tensor.matrices[2], (2, 1))
         # Bins are the first axis in memory, because sums over them are then several times faster.

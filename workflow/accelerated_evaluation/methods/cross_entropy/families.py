@@ -25,7 +25,7 @@ class ProposalFamily(Protocol):
         """
 
     def parameters(self) -> dict[str, float]:
-        """Return the parameters by name, as they are saved in the trace of a search."""
+        """Return the parameters by name, for the table of the iterations of a search."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class PiecewiseFamily:
 
     @classmethod
     def start(cls, model: PiecewiseMixture, minimum_weight: float, minimum_events: int) -> "PiecewiseFamily":
-        """Start at the model itself, with weights raised to the lower bound."""
+        """Return the first family of a search: the model itself, with weights of at least the bound."""
         weights = bounded_weights(np.asarray(model.weights), minimum_weight)
         return cls(model, (0.0,) * len(weights), weights, minimum_weight, minimum_events)
 
@@ -85,12 +85,19 @@ class PiecewiseFamily:
         return self.model.accelerated(self.thetas, self.weights)
 
     def update(self, x: Array, weight: Array) -> "PiecewiseFamily":
-        """Update the weights of all pieces, and the theta of every piece with enough events.
+        """Return the family with new weights, and a new theta of every piece with enough events.
 
-        The new weight of a piece is its share of the sum of the importance weights, raised to the lower
-        bound. Its new theta makes the mean of the piece equal to the weighted mean of the events in it. The
-        theta of an unbounded tail is not allowed to be negative: if f* had a lighter tail than f, the
+        The new weight of a piece is its share of the sum of the importance weights, or the lower bound if the
+        share is smaller. The new theta of a piece makes its mean equal to the weighted mean of the events in
+        the piece. The theta of an unbounded tail may not be negative: if f* had a lighter tail than f, the
         likelihood ratios could have an infinite variance, which a sample does not reveal.
+
+        Parameters
+        ----------
+        x
+            Values of the variable in the events of a sample, shape (n,).
+        weight
+            Importance weights of the events, shape (n,).
         """
         piece = self.model.piece_index(x)
         shares = np.bincount(piece, weights=weight, minlength=len(self.weights)) / weight.sum()
@@ -111,9 +118,9 @@ class PiecewiseFamily:
         return self.weights[-1] >= 1 - (len(self.weights) - 1) * self.minimum_weight - 1e-9
 
     def shifted(self, shift: float) -> "PiecewiseFamily":
-        """Return the family with its truncation points moved up by ``shift`` (section V.C.5).
+        """Return the family with the truncation points between pieces moved up by ``shift`` (V.C.5).
 
-        The first truncation point is not moved.
+        The lower end of the first piece is not moved.
         """
         bounds = [self.model.lower, *(knot + shift for knot in self.model.knots), math.inf]
         return replace(self, model=self.model.with_bounds(bounds))

@@ -47,10 +47,10 @@ SETTINGS = section(
 def rules_of_joint_laws(filled: float) -> dict[str, Any]:
     """Return arguments of the sampler for an event in a scenario with joint laws.
 
-    Such an event may be frequent and have several separate parts. An unobserved part must have at most three
-    times the probability of the estimate, even if the event happens in only a given share of the encounters
-    in this part. The default certificate is for rare events: it allows unobserved parts of a thousand times
-    the estimate.
+    Such an event may be frequent, and may consist of several separate parts. The returned certificate is
+    therefore strict: the estimate converges only when a part that no run has observed has at most three times
+    the estimated probability, even if the event happens in only a given share of the encounters in this part.
+    The default certificate is for rare events, and allows unobserved parts of a thousand times the estimate.
 
     Parameters
     ----------

@@ -1,15 +1,16 @@
-"""A bound on the probability of a part of the event that no run of a sampler has met.
+"""Upper bounds on the probability of a part of the event that no run of a sampler has observed.
 
-Some runs are draws from the wide distribution up to a given rarity, independently of the surrogate. Let Q(A)
-be the expected number of these draws in a part A of the event. The probability that no draw meets A is at
-most exp(-Q(A)). Therefore, with confidence 1 - alpha, a part that was not met has Q(A) < log(1 / alpha). How
-probable such a part can be depends on its shape, which is unknown. The bound is therefore stated for parts of
-one kind, called modes, and for sets of any shape.
+Some runs are draws from the wide distribution up to a given rarity (both are defined in `wide_laws`),
+independently of the surrogate. Let Q(A) be the expected number of these draws in a part A of the event. The
+probability that no draw is in A is at most exp(-Q(A)). Therefore, with confidence 1 - alpha, a part in which
+there is no draw has Q(A) < log(1 / alpha). How probable such a part can be depends on its shape, which is
+unknown. The bound is therefore stated twice: for parts of one kind, which are called modes, and for sets of
+any shape.
 
 Let x be the point of a mode that is nearest to the origin. The mode lies beyond the plane through x that is
 perpendicular to x, and contains the ball of radius 1 / curvature that touches this plane at x. A half-space
-has the curvature 0. A mode counts as unmet if no run met it up to the rarity that the event reaches; farther
-out, it may be connected with the known part of the event. Notebook 10 derives both bounds.
+has the curvature 0. A mode counts as unobserved if no run was in it up to the rarity that the event reaches.
+Farther out, it may be connected with the known part of the event. Notebook 10 derives both bounds.
 """
 
 import math
@@ -31,17 +32,18 @@ RARITIES = (np.arange(STEPS) + 0.5) / STEPS * REACH
 
 @dataclass(frozen=True)
 class Certificate:
-    """The bound on the probability of an unmet mode that is required before an estimate has converged.
+    """The bound on the probability of an unobserved mode that is required before an estimate has converged.
 
     Attributes
     ----------
     share
-        Largest allowed ratio of the bound on the probability of an unmet mode to the estimate.
+        Largest allowed ratio of the bound on the probability of an unobserved mode to the estimate.
     curvature
         Largest curvature of the modes that must be excluded, one over a length in normal scores.
     filled
-        Smallest share of the encounters in such a mode in which the event happens. If it is below 1, a draw
-        in the mode meets the event only with this probability, and more draws are needed to exclude it.
+        Smallest share of the encounters in such a mode in which the event happens. If it is below 1, the
+        event happens in a draw from the mode only with this probability, and more draws are needed to exclude
+        the mode.
     """
 
     share: float
@@ -56,15 +58,15 @@ class Certificate:
             )
 
 
-# By default, an unmet half-space must not be more than a thousand times as probable as the estimate. If the
-# search has found the main part of the event, the usual runs are enough for this. If it has found only a
+# By default, an unobserved half-space must not be more than a thousand times as probable as the estimate. If
+# the search has found the main part of the event, the usual runs are enough for this. If it has found only a
 # remote part with a billionth of the probability, they are not, and the sampler continues.
 BY_DEFAULT = Certificate(share=1000.0, curvature=0.0)
 
 
 @dataclass(frozen=True)
 class Unseen:
-    """Bounds on the probability of a part of the event that no run has met.
+    """Bounds on the probability of a part of the event that no run has observed.
 
     The confidence of each bound is 1 - `UNSEEN_ALPHA`.
 
@@ -73,7 +75,7 @@ class Unseen:
     runs
         Number of draws from the wide distribution on which the bounds are based.
     mode, anything
-        Bounds on the probability of an unmet part: if it is a mode, and if it has any shape.
+        Upper bound on the probability of an unobserved part that is a mode, and of one that has any shape.
     """
 
     runs: float
@@ -84,21 +86,21 @@ class Unseen:
     def after(
         cls, wide_draws: Array, dimension: int, reach: float, curvature: float, filled: float = 1.0
     ) -> Self:
-        """Return the bounds that follow from given draws of the wide distribution.
+        """Return the bounds for parts of the event in which there is none of the given draws.
 
         Parameters
         ----------
         wide_draws
-            For each of k groups of draws: their number, and the rarities between which they were made, shape
-            (k, 3).
+            For each of k groups of draws from the wide distribution: their number, and the smallest and
+            largest rarity of the group, shape (k, 3).
         dimension
             Number of normal scores.
         reach
-            Largest rarity at which a mode counts as unmet.
+            Largest rarity up to which draws can exclude a mode.
         curvature
             Largest curvature of the mode, one over a length in normal scores.
         filled
-            Share of the encounters in the mode in which the event happens.
+            Smallest share of the encounters in the mode in which the event happens.
         """
         mode = _nearest(wide_draws * [filled, 1, 1], dimension, reach, curvature)
         probability = filled * float(ndtr(-_caps(dimension, curvature)[0][mode]))
@@ -120,12 +122,13 @@ def unseen_in_words(diagnostics: Mapping[str, float]) -> str:
 
 
 def look_beyond(wide_draws: Array, dimension: int, reach: float, curvature: float, share: float) -> float:
-    """Return the rarity beyond which the defensive runs should be drawn, to exclude further modes soonest.
+    """Return the smallest rarity of the next defensive runs, chosen to exclude unobserved modes quickly.
 
-    Among the possible modes that the runs so far do not exclude, the one nearest to the origin is considered.
-    If runs are drawn from the wide distribution between the returned rarity and ``reach``, the share of them
-    that lies in this mode is largest. The returned rarity is at most that of the nearest point of the least
-    probable mode that must be excluded, so that every such mode can be met.
+    Defensive runs are drawn from the wide distribution between the returned rarity and ``reach``. They are
+    meant to exclude the mode nearest to the origin among those that the runs so far do not exclude. The
+    returned rarity maximises the probability that a defensive run is in this mode. It does not exceed the
+    rarity of the nearest point of the least probable mode that must be excluded, so that no mode that must be
+    excluded is out of reach of the runs.
 
     Parameters
     ----------
@@ -161,10 +164,10 @@ def _draws_at(wide_draws: Array, at: Array) -> Array:
 
 
 def _bound_of_any_set(wide_draws: Array) -> float:
-    """Return the largest probability that an unmet set of any shape can have.
+    """Return the largest probability that an unobserved set of any shape can have.
 
-    The worst set is a ball about the origin, because there a unit of probability has the fewest draws. The
-    ball whose surface has the rarity u has the probability 1 - exp(-u).
+    The worst set is a ball about the origin, because the ratio of the expected number of draws to the
+    probability is smallest there. The ball whose surface has the rarity u has the probability 1 - exp(-u).
     """
     expected = np.concatenate([[0.0], np.cumsum(_draws_at(wide_draws, RARITIES)) * REACH / STEPS])
     surface = np.interp(-math.log(UNSEEN_ALPHA), expected, np.arange(STEPS + 1) / STEPS * REACH)

@@ -152,8 +152,9 @@ def counted_batches(batches: Sequence[BatchEstimate], usable: float = USABLE) ->
     Before each batch, the surrogate predicts the probability of the event and the coefficient of variation of
     a run. Two predictions of the probability agree if they differ by less than the factor `AGREEMENT`. The
     estimate begins with the first batch whose predicted coefficient of variation is below ``usable`` and
-    whose predicted probability agrees with that of the batch before. It begins again with a later batch if
-    the predicted probability no longer agrees with that of its first batch, or after an unexpected event. In
+    whose predicted probability agrees with that of the batch before. It begins again with a later batch in
+    two cases: if the predicted probability no longer agrees with that of its first batch, or after an
+    unexpected event, which is an event at a point that the surrogate had excluded, with a large weight. In
     both cases the earlier batches were designed with wrong predictions, and averaging over them would conceal
     the parts of the event that they have missed.
 

@@ -47,18 +47,19 @@ def covariance_between(
 
 
 def covariance_of_runs(runs: Array, variance: float, *, with_slope: bool = False) -> tuple[Array, Array]:
-    """Return the covariance matrix of runs, shape (n, n), and the slopes as in `covariance_between`.
+    """Return the covariance matrix of runs, shape (n, n), and its slopes.
 
     A small term is added to the diagonal, so that the matrix is positive definite.
 
     Parameters
     ----------
     runs
-        Points in units of the lengths, shape (n, d).
+        Points, divided by the lengths of the kernel, shape (n, d).
     variance
         Square of the amplitude.
     with_slope
-        Whether to compute the slopes, shape (n, n).
+        Whether to compute the slopes, shape (n, n), which `covariance_between` defines. Otherwise the second
+        result is empty.
     """
     covariance, slope = covariance_between(runs, runs, 1.0, with_slope=with_slope)
     covariance.flat[:: len(runs) + 1] += JITTER

@@ -95,8 +95,8 @@ class Defence:
     share
         Their share of the runs of a batch.
     beyond
-        Rarity beyond which the defensive runs search for an unmet part of the event that must be excluded; 0
-        if there is none.
+        Rarity beyond which the defensive runs search for an unobserved part of the event that must be
+        excluded; 0 if there is none.
     """
 
     share: float = DEFENCE

@@ -124,7 +124,7 @@ def is_narrow(progress: Progress, stopping: Stopping) -> bool:
 
 
 def is_certified(progress: Progress, certificate: Certificate) -> bool:
-    """Return whether the bound on an unmet mode is at most ``certificate.share`` times the estimate."""
+    """Return whether the bound on an unobserved mode is at most ``certificate.share`` times the estimate."""
     probability = _mean(progress)
     return _unseen(progress, probability, certificate).mode <= certificate.share * probability
 
@@ -155,7 +155,7 @@ def _that_count(progress: Progress) -> Sequence[BatchEstimate]:
 
 
 def _unseen(progress: Progress, probability: float, certificate: Certificate) -> Unseen:
-    """Return the bounds on an unmet part of the event, given the probability of the known part."""
+    """Return the bounds on an unobserved part of the event, given the probability of the known part."""
     reach = reach_of(probability)
     shape = certificate.curvature, certificate.filled
     return Unseen.after(progress.wide_draws, progress.z.shape[1], reach, *shape)

@@ -136,8 +136,8 @@ class Sampler:
         Parameters
         ----------
         certify
-            Whether to place most of the runs where they exclude unmet parts of the event. It is meant for the
-            time when the interval is narrow, but the certificate is not yet met.
+            Whether to place most of the runs where they exclude unobserved parts of the event. It is meant
+            for the time when the interval is narrow, but the certificate is not yet met.
         """
         return self._pending_batch(certify=certify).z
 
@@ -289,7 +289,19 @@ class Sampler:
         return results.is_narrow(self.progress, stopping)
 
     def estimate(self, stopping: Stopping) -> Estimate:
-        """Return the estimate from the runs so far; see `results.estimate`."""
+        """Return the estimate of the probability of the event from the runs so far.
+
+        Parameters
+        ----------
+        stopping
+            The stopping rule, which determines the level of the interval and whether the estimate has
+            converged.
+
+        Returns
+        -------
+        Estimate
+            The estimate; `results.estimate` describes its diagnostics and tables.
+        """
         found = results.estimate(self.progress, self.batch_size, stopping, self.certificate)
         found = replace(found, converged=self.has_converged(stopping))
         return results.with_lapses(found, self.progress, stopping) if self.may_lapse else found

@@ -68,7 +68,7 @@ class Expressions:
         return TranslationError(where, seen, expected)
 
     def emit(self, name: str, *operands: int | float) -> None:
-        """Append an instruction with its operands to the code of the function."""
+        """Append a WebAssembly instruction, given by its name and operands, to the code of the function."""
         self.function.code += wasm.instruction(name, *operands)
 
     def new_local(self, kind: Type) -> int:

@@ -29,12 +29,17 @@ class Kernels:
 
 
 def translated_kernels() -> Kernels:
-    """Translate the simulation code of the car and of the drivers to WebAssembly.
+    """Translate the simulations of the built-in car and of the human drivers to WebAssembly.
+
+    Returns
+    -------
+    Kernels
+        The WebAssembly module, and the places of its arrays in memory.
 
     Raises
     ------
     TranslationError
-        If their source uses a part of Python that the translator does not know.
+        If the code of a simulation uses a part of Python that the translator does not know.
     """
     translator = Translator()
     encounters, outcomes = ArrayOf.of(3, CAPACITY), ArrayOf.of(4, CAPACITY)

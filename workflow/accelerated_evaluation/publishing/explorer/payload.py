@@ -212,14 +212,17 @@ def exposure_of(cut_ins: int, exposure: Mapping[str, float | None]) -> dict[str,
 
 
 def published_of(table: pd.DataFrame, key: str) -> list[dict[str, Any]]:
-    """Return the rows of a published table for the page, with None in place of NaN, which JSON lacks.
+    """Return the rows of a table of the answer as dictionaries, for the JSON data of the explorer's page.
+
+    NaN is replaced by None, because JSON has no NaN.
 
     Parameters
     ----------
     table
-        Published table of the answer, by event or by vehicle.
+        Published table of the answer, with one row for each event or each vehicle.
     key
-        Column that names the rows. It is returned with probability, median and the limits of intervals.
+        Column that names the rows. Of the other columns, only ``probability``, ``median`` and the limits of
+        the intervals are returned.
     """
     columns = [key, "probability", "median", *(name for name in table if name.startswith(("low", "high")))]
     rows = table[[name for name in columns if name in table]].to_dict("records")

@@ -58,7 +58,10 @@ class Body(Calls):
             raise self.error(node, f"a statement {type(node).__name__} in a loop of two lanes")
 
     def do_Expr(self, node: ast.Expr) -> None:  # noqa: N802
-        """Translate a call whose result is not used; skip a docstring."""
+        """Translate a statement that is only an expression, such as a call whose result is not used.
+
+        A docstring is skipped.
+        """
         if isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
             return
         self.require_one_lane(node)
@@ -108,7 +111,22 @@ class Body(Calls):
         return [(local, kind)]
 
     def element_at(self, array: int, kind: ArrayOf, index: int) -> tuple[int, Type]:
-        """Load an element of a column into a new local variable; return the variable's index and type."""
+        """Add code that loads an element of an array into a new local variable.
+
+        Parameters
+        ----------
+        array
+            Index of the local variable that contains the address of the array.
+        kind
+            Type of the array.
+        index
+            Index of the element along the first axis.
+
+        Returns
+        -------
+        tuple
+            Index of the new local variable, and its type.
+        """
         local = self.new_local(kind.element)
         self.emit("local.get", array)
         self.emit(load(kind.element), WORD * kind.strides[0] * index)

@@ -56,12 +56,14 @@ def fig29_nearest_records(
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw speeds and range over time for the recorded cut-ins that are most critical for the vehicle.
 
-    These are the records that come nearest to a crash when the vehicle is simulated in them.
+    These records come nearest to a crash when the vehicle is simulated in them.
 
     Parameters
     ----------
-    happened, traces, source
-        As for `fig28_ways_to_crash`.
+    happened, traces
+        ``likeliest_crashes.csv`` and its states over time, as for `fig28_ways_to_crash`.
+    source
+        Description of the data.
 
     Returns
     -------

@@ -76,7 +76,11 @@ def reproducible(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def reproducible_value(value: Any, digits: int = DIGITS) -> Any:  # noqa: ANN401
-    """Round a value as `reproducible` does, to the given number of significant digits."""
+    """Round a float to the given number of significant digits.
+
+    Counts and values of other types are returned unchanged. A float without a fractional part is treated as a
+    count, as in `reproducible`.
+    """
     is_count = isinstance(value, float) and value.is_integer() and abs(value) < LARGEST_COUNT
     return value if is_count or not isinstance(value, float) else float(f"{value:.{digits}g}")
 

@@ -145,7 +145,10 @@ vehicles_table = result_table("vehicles", digits=DIGITS, digest=vehicles_digest)
 
 
 def calibration_verdict(calibration: pd.DataFrame) -> pd.DataFrame:
-    """Count for each law the cells outside their limits, and the most extreme p-value.
+    """Count for each law the cells in which the recorded and the expected number of cut-ins disagree.
+
+    A cell is a region of the cut-ins. The numbers disagree if the recorded one is outside the prediction
+    limits of the law.
 
     Parameters
     ----------
@@ -155,8 +158,9 @@ def calibration_verdict(calibration: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        ``law``; ``cells``, ``outside`` and ``smallest_p_value`` of the counts near the crash set;
-        ``host_cells``, ``host_outside`` and ``host_smallest_p_value`` of those by lead and host speed.
+        One row for each ``law``. Columns ``cells``, ``outside`` and ``smallest_p_value`` are for the cells
+        near the crash set: their number, the number that disagree, and the smallest p-value. ``host_cells``,
+        ``host_outside`` and ``host_smallest_p_value`` are the same for cells of lead speed and host speed.
     """
     is_host = calibration["counted"] == HOST
     near, host = (_verdict(calibration[chosen]) for chosen in (~is_host, is_host))

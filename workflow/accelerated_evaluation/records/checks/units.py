@@ -106,11 +106,11 @@ def unavoidable_crashes(records: Records) -> Finding:
 
 @CHECKS.add("sign_of_range_rate")
 def sign_of_range_rate(records: Records) -> Finding:
-    """Check the sign of the range rate by the share of opening gaps and by a rank correlation.
+    """Check the sign of the range rate, by the share of rows with a growing range and by a rank correlation.
 
-    If the sign is wrong, most gaps open. If gaps open in only a part of the rows, the rank correlation of
-    range and closing speed decides. It is positive with the right sign, because drivers who are slower than
-    the car behind keep more distance to it.
+    If the sign is wrong, the range seems to grow in most rows. If it grows in only a part of the rows, the
+    rank correlation of range and closing speed decides. It is positive if the sign is right, because drivers
+    who are slower than the car behind keep more distance to it.
     """
     range_, closing = records.valid["range"], records.valid["closing_speed"]
     opening = float((closing <= 0).mean())

@@ -258,7 +258,10 @@ def adds_nothing(path: Path, end: float, reach: float, nearest: float) -> bool:
 
 @compiled
 def in_sector(car: Car, path: Path, t: float) -> bool:
-    """Return whether the target is in the sector to the side (see the module) at time t after the tick."""
+    """Return whether the target is in the sector to the side of the host, t seconds after the tick.
+
+    The sector is defined at the top of the module.
+    """
     ahead, aside = position(path, t)
     return abs(ahead) < -car.side_slope * aside
 
@@ -448,7 +451,7 @@ def integrate(
 
 @compiled
 def run(encounter: NDArray, car: Car, state: NDArray, outcome: NDArray, trace: NDArray) -> None:
-    """Simulate one encounter; write the outcomes, and the first states if ``trace`` has rows for them.
+    """Simulate one encounter, and write its outcomes.
 
     A run ends when the host stops, when the time of the run is over, or when host and target cannot come
     closer any more.
@@ -462,9 +465,9 @@ def run(encounter: NDArray, car: Car, state: NDArray, outcome: NDArray, trace: N
     state
         Working memory of the solver, shape (5,).
     outcome
-        Receives the outcomes, shape (6,).
+        Receives the outcomes in the order of `CrossingOutcomes`, shape (6,).
     trace
-        Receives the states at the first n ticks, shape (n, 6).
+        Receives the states at the first n ticks, shape (n, 6); without rows, no state is written.
     """
     memory, acceleration, tick, end, passed = (0.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0, False
     ahead, aside, ticks = encounter[AHEAD], encounter[ASIDE], encounter[TICKS]
