@@ -569,7 +569,7 @@ def test_when_no_row_is_left_the_file_and_the_counts_are_told_and_the_account_is
     raw = read_source(config["data"], np.random.default_rng())
     account = Account(len(raw))
     with pytest.raises(
-        InputError, match=rf"events\.csv: seen {len(raw)} rows, of which none is left \({reported}"
+        InputError, match=rf"events\.csv: seen {len(raw)} rows, none of which passed the filters \({reported}"
     ):
         ingest(raw, config, account)
     assert account.table()["rows_dropped"].sum() == len(raw)

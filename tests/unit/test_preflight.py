@@ -24,7 +24,11 @@ def test_the_shipped_configuration_names_what_there_is(config):
 @pytest.mark.parametrize(
     ("section", "change", "reported"),
     [
-        ("data", {"source": "table", "table": {"path": "no.csv"}}, r"data.table.path: seen no.csv, where"),
+        (
+            "data",
+            {"source": "table", "table": {"path": "no.csv"}},
+            r"data.table.path: seen no.csv, which does not exist",
+        ),
         ("vehicle", {"name": "acc_abe"}, "vehicle.name .* seen 'acc_abe'.* Did you mean acc_aeb"),
         ("vehicle", {"name": "no.py:Car"}, "vehicle.name .* no file no.py"),
         ("vehicle", {"parameters": {"aeb_jrk": 1}}, "vehicle.parameters.* Did you mean aeb_jerk"),

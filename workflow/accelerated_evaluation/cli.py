@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from accelerated_evaluation.base.errors import StudyError, unusable
 from accelerated_evaluation.commands import COMMANDS
 
-EXIT = "Bad input ends with one line on standard error and exit status 2, and nothing half-written is left."
+EXIT = """If the input is wrong, the command prints one message on standard error, ends with exit status 2,
+and leaves no incomplete file."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:

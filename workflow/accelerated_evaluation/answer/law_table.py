@@ -123,7 +123,10 @@ def score_laws(
         log_scores = held_out.scores(inside)
         if np.isnan([*log_scores.values()]).any():
             raise ConvergenceError(
-                "the fit", reached="parameters that overflow", limit="finite ones", change="Add records."
+                "the fit",
+                reached="parameters that overflow",
+                limit="finite parameters",
+                change="Add records.",
             )
         (of_crps,) = held_out.scores(first, THIN_CRPS, threshold_weighted_crps).values()
         for place, name in enumerate(names):

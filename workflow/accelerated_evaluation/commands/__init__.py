@@ -47,7 +47,7 @@ class Command(Protocol):
 COMMANDS: Registry[Command] = Registry("command", __name__, __path__)
 LAW = """\
 A law of a study is results/STUDY/laws/answer.json (the law that the records support best) or
-results/STUDY/models/two_pieces.json (the paper's). Its encounter table: results/STUDY/encounters.parquet.
+results/STUDY/models/two_pieces.json (the paper's). It was fitted to results/STUDY/encounters.parquet.
 The law of another scenario (--scenario) is results/STUDY/scenario/law.json; it needs no encounter table."""
 
 
@@ -205,4 +205,4 @@ def add_accept(command: argparse.ArgumentParser) -> None:
 def require_seed(seed: int) -> None:
     """Raise InputError unless a seed is 0 or more."""
     if seed < 0:
-        raise InputError("--seed", seen=str(seed), expected="0 or more", change="Correct it.")
+        raise InputError("--seed", seen=str(seed), expected="0 or more", change="Correct the value.")

@@ -105,8 +105,8 @@ def _add_new(command: argparse.ArgumentParser) -> None:
         "--event",
         default="crash",
         metavar="EVENT",
-        help="crash; or impact_speed=5 [m/s], min_range=1 [m], min_ttc=1.5 [s] and the like, as far as the "
-        "scenario has them (default: crash)",
+        help="crash, or an outcome of the scenario with a limit, such as impact_speed=5 [m/s] or, for "
+        "cut-ins, min_range=1 [m] or min_ttc=1.5 [s] (default: crash)",
     )
     command.add_argument(
         "--half-width",
@@ -127,7 +127,7 @@ def _add_new(command: argparse.ArgumentParser) -> None:
         choices=("anytime", "usual"),
         default="anytime",
         help="anytime: the confidence is for all checks together; usual: the confidence is for one check "
-        "that was planned beforehand, with about a quarter fewer runs (default: %(default)s)",
+        "that was planned beforehand, with about a seventh fewer runs (default: %(default)s)",
     )
     command.add_argument(
         "--batch-size", type=int, default=10, metavar="N", help="number of runs in a batch (default: 10)"
@@ -190,7 +190,7 @@ def _new(arguments: argparse.Namespace) -> None:
     for name in ("half_width", "confidence"):
         if not LEAST <= (value := getattr(arguments, name)) <= 1 - LEAST:
             where, expected = f"--{name.replace('_', '-')}", f"a number from {LEAST:g} to 1 - {LEAST:g}"
-            raise InputError(where, seen=f"{value:g}", expected=expected, change="Correct it.")
+            raise InputError(where, seen=f"{value:g}", expected=expected, change="Correct the value.")
     require_seed(arguments.seed)
     given = given_law(arguments)
     if given.verdict is None:

@@ -30,7 +30,7 @@ columns of a left turn and of a pedestrian:
   time_s, ahead_m and aside_m (position of the target relative to the host, along its path and across it),
   host_speed_m_per_s, host_acceleration_m_per_s2 (until the next row), emergency (1 while the AEB is on)
 
-The trace ends with the outcomes that the command simulate gives for the same encounter."""
+The states agree with the outcomes that the command simulate computes for the same encounter."""
 
 
 @COMMANDS.add("replay")

@@ -83,7 +83,7 @@ class Simulate:
         """Add the tables, the scenario, the vehicle and the cap on closing speeds to the parser."""
         command.add_argument("source", metavar="IN.csv", type=Path, help="table of encounters, with a header")
         command.add_argument(
-            "target", metavar="OUT.csv", type=Path, help="table to write, which appears only when complete"
+            "target", metavar="OUT.csv", type=Path, help="table to write, when all rows are simulated"
         )
         add_scenario(command)
         command.add_argument(
@@ -97,8 +97,8 @@ class Simulate:
             "--closing-speed-max",
             metavar="SPEED",
             type=_speed,
-            help="for cut-ins, simulate larger closing speeds with this one [m/s]; the study uses 23.49 "
-            "(default: no limit)",
+            help="for cut-ins, cap on the closing speed [m/s]: larger closing speeds are replaced by it; the "
+            "study uses 23.49 (default: no cap)",
         )
 
     @staticmethod

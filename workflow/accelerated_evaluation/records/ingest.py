@@ -48,8 +48,8 @@ def ingest(raw: pd.DataFrame, config: Mapping[str, Any], account: Account) -> pd
     if encounters.empty:
         raise InputError(
             source["path"],
-            seen=f"{len(raw):,} rows, of which none is left ({account.summary()})",
-            expected="rows that pass the filters",
+            seen=f"{len(raw):,} rows, none of which passed the filters ({account.summary()})",
+            expected="at least one row that passes the filters",
             change=f"Check the columns and units of data.{data['source']}, and the limits in filters.",
         )
     encounters = assign_segments(encounters, config["segments"]["lead_speed_edges"])

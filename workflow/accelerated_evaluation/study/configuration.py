@@ -228,7 +228,10 @@ def read_yaml(path: Path) -> dict[str, Any]:
         ) from error
     if not isinstance(config, Mapping):
         raise InputError(
-            str(path), seen=shown(config), expected="keys and values", change="See config/config.yaml."
+            str(path),
+            seen=shown(config),
+            expected="keys and values",
+            change="State keys as in config/config.yaml.",
         )
     return dict(config)
 

@@ -60,7 +60,7 @@ def require_named(config: Mapping[str, Any]) -> None:
     if not Path(path).exists():
         raise InputError(
             f"data.{source}.path",
-            seen=f"{path}, where there is no file",
+            seen=f"{path}, which does not exist",
             expected="the file of the records",
             change=f"Correct the path, which is relative to {Path.cwd()}.",
         )
@@ -86,7 +86,10 @@ def require_cores(cores: int | None) -> None:
     """
     if cores is not None and cores < 1:
         raise InputError(
-            "--cores (CORES of make)", seen=str(cores), expected="1 or more, or all", change="Correct it."
+            "--cores (CORES of make)",
+            seen=str(cores),
+            expected="1 or more, or all",
+            change="Correct the number.",
         )
 
 

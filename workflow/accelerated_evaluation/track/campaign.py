@@ -289,7 +289,7 @@ class Campaign:
         progress = self.sampler.progress
         if not progress.happened.any():
             seen = f"no event in {len(progress.z)} runs of complete batches"
-            raise InputError("--predecessor", seen=seen, expected="at least one", change=change)
+            raise InputError("--predecessor", seen=seen, expected="at least one event", change=change)
         return Predecessor(progress.z, progress.happened)
 
     # ---- what follows

@@ -135,7 +135,9 @@ def require_limits(limits: Limits, law: Law) -> float:
     for name, value in asdict(limits).items():
         if value is not None and not 0 < value < math.inf:
             where = f"--{name.replace('_', '-')}"
-            raise InputError(where, seen=f"{value:g}", expected="a number above 0", change="Correct it.")
+            raise InputError(
+                where, seen=f"{value:g}", expected="a number above 0", change="Correct the value."
+            )
     beyond = limits.beyond(law) if limits else 0.0
     if beyond > MOST_BEYOND:
         raise InputError(

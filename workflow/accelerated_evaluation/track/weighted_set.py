@@ -105,8 +105,8 @@ def draw_weighted_set(
         raise InputError(
             "law",
             seen=f"no cut-ins that need a deceleration of {empty}",
-            expected="cut-ins in every shell",
-            change="Choose a smaller --safe-deceleration, or a law with a tail.",
+            expected="cut-ins in every shell of deceleration",
+            change="Choose a smaller --safe-deceleration, or a law with a longer tail.",
         )
     count = size // SHELLS
     shells = (_Shell(law, places, stratum, *ends) for ends in zip(begin.T, end.T, strict=True))

@@ -43,7 +43,7 @@ def read_predecessor(path: str | os.PathLike, problem: Problem | ScenarioProblem
         raise InputError(str(path), seen=f"a cell {error}", expected=expected, change=change) from error
     if not happened.any():
         seen = f"no event in {len(z)} simulations"
-        raise InputError(str(path), seen=seen, expected="at least one", change=change)
+        raise InputError(str(path), seen=seen, expected="at least one event", change=change)
     own = problem.coordinates(z)
     if not np.allclose(np.column_stack([own[name] for name in names]), recorded, rtol=ROUNDING, atol=0):
         expected = "encounters of the law of this estimate, fitted to the same records"

@@ -78,9 +78,9 @@ def numbers(claims: pd.DataFrame, origin: dict[str, str]) -> str:
         twice = names[names.duplicated()].iloc[0]
         raise InputError(
             "tables/claims.csv",
-            seen=f"two claims that would both be \\{twice}",
-            expected="claims of different words",
-            change="Give one of them another name.",
+            seen=f"two claims for which the macro would be \\{twice}",
+            expected="claims whose names give different macros",
+            change="Change the name of one of the two claims.",
         )
     lines = [f"\\newcommand{{\\{name}}}{{{as_latex(str(value))}}}\n" for name, value in macros]
     return "% Numbers of the study; write \\Name{} in the text.\n" + "".join(lines)

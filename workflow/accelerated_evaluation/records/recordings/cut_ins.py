@@ -209,5 +209,5 @@ def require_lengths(where: str, column: str, lengths: pd.Series, is_car: pd.Seri
             f"{where}, {column}",
             seen=seen,
             expected=f"lengths above 0 m, those of cars about 4.5 m ({LENGTHS[0]:g} to {LENGTHS[1]:g} m)",
-            change="Correct the column: feet for metres, or a wrong sign?",
+            change="Correct the column. Its unit (feet instead of metres) or its sign may be wrong.",
         )

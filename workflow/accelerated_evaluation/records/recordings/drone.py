@@ -181,7 +181,7 @@ def _require_meta(connection: "DuckDBPyConnection", file: Path, meta: Path) -> N
         raise InputError(
             str(meta),
             seen=f"no row for vehicle {first}" + (f" and {count - 1:,} more" if count > 1 else ""),
-            expected=f"one for each vehicle of {file.name}",
+            expected=f"one row for each vehicle of {file.name}",
             change="Use the complete file that belongs to this recording.",
         )
 
