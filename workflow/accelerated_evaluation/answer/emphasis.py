@@ -44,14 +44,14 @@ class Emphasis:
 
     @classmethod
     def of(cls, law: MeanLaw, posterior: SampledPosterior) -> Self:
-        """Return the emphasis from the present estimates of the probabilities.
+        """Return the emphasis that follows from preliminary estimates of the probabilities.
 
         Parameters
         ----------
         law
             The mean law that is sampled.
         posterior
-            Estimates of the probability of the event under each draw.
+            Estimates of the probability of the event under each draw of the law, from the runs so far.
         """
         known = posterior.probabilities
         chosen = np.argsort(known)[((np.arange(DRAWS) + 0.5) / DRAWS * known.size).astype(int)]

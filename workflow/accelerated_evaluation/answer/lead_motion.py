@@ -128,8 +128,10 @@ class MovingProblem:
         Crash map of the vehicle for a lead vehicle that keeps its speed.
     records
         Recorded closing cut-ins.
-    ranges, law
-        Distribution of the range given the lead speed, and of the closing speed given both.
+    ranges
+        Distribution of the range given the lead speed.
+    law
+        Distribution of the closing speed given the lead speed and the range.
     motion
         The law of lead motion.
     """

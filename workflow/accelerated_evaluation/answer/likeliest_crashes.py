@@ -107,7 +107,10 @@ def _grouped(
 
 
 def normal_scores(law: DependentLaw, lead_speed: Array, range_: Array, closing_speed: Array) -> Array:
-    """Return the normal scores of cut-ins, shape (n, 3): of v_L, of R given v_L, and of C given both.
+    """Return the normal scores of cut-ins, shape (n, 3).
+
+    The three scores are those of the lead speed v_L, of the range R given v_L, and of the closing speed C
+    given v_L and R.
 
     Parameters
     ----------

@@ -108,7 +108,7 @@ def drawn_laws(
     ------
     tuple
         For each draw: the index of the member, the distribution of the range given the lead speed, and the
-        distribution of the closing speed given both.
+        distribution of the closing speed given the lead speed and the range.
     """
     ends = np.cumsum(weights, axis=1)
     chosen = np.minimum((generator.random((len(weights), 1)) > ends).sum(axis=1), len(members) - 1)

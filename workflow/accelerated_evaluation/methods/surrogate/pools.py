@@ -65,7 +65,7 @@ class Pool:
         return np.where(there, self.wide * REACH / (end - begin), 0.0)
 
     def guard(self, reach: float, defence: "Defence") -> Array:
-        """Return how the defensive runs are distributed over the pool: a value for each point, shape (m,).
+        """Return the distribution of the defensive runs over the points of the pool, shape (m,).
 
         A share `EVEN` of the runs is spread evenly over the points. The other runs follow the wide
         distribution up to the rarity ``reach``. Points with weight 0 get none of the evenly spread runs,
@@ -76,9 +76,9 @@ class Pool:
         Parameters
         ----------
         reach
-            Rarity beyond which almost none of the probability of the event can be.
+            Rarity beyond which the event has almost no probability.
         defence
-            Defensive share of the runs.
+            Share and smallest rarity of the defensive runs.
         """
         evenly = np.where(self.weight > 0, EVEN, 0.0)
         if not 0 < defence.beyond < reach:
@@ -88,12 +88,12 @@ class Pool:
 
 @dataclass(frozen=True)
 class Defence:
-    """The defensive runs, which are distributed independently of the surrogate.
+    """The defensive runs of a batch, which are chosen independently of the surrogate.
 
     Attributes
     ----------
     share
-        Their share of the runs of a batch.
+        Share of the defensive runs among the runs of the batch.
     beyond
         Rarity beyond which the defensive runs search for an unobserved part of the event that must be
         excluded; 0 if there is none.
@@ -120,10 +120,11 @@ class SubspacePool(Pool):
     along: Pool
 
     def guard(self, reach: float, defence: Defence) -> Array:
-        """Return how the defensive runs are distributed over the pool: a value for each point, shape (m,).
+        """Return the distribution of the defensive runs over the points of the pool, shape (m,).
 
         A share `ALONG` of the default defensive runs follows the wide distribution of the few coordinates on
-        which the event depends. The others are distributed as in `Pool.guard`.
+        which the event depends. The others are distributed as in `Pool.guard`, whose parameters this method
+        has.
         """
         share, mean = ALONG * DEFENCE / defence.share, defence.share if 0 < defence.beyond < reach else 1.0
         return (1 - share) * super().guard(reach, defence) + share * mean * self.along.within(0.0, reach)

@@ -104,14 +104,24 @@ def with_lapses(found: Estimate, progress: Progress, stopping: Stopping) -> Esti
 
 
 def lapse_bounds(progress: Progress, probability: float, share: float) -> LapseBounds:
-    """Return what lapses can add to an estimate, by the runs and the draws of the law; see `LapseBounds`."""
+    """Return bounds on the probability that unobserved lapses can add to an estimate.
+
+    Parameters
+    ----------
+    progress
+        The runs and the draws of the law, from which the bounds follow.
+    probability
+        The estimated probability of the event.
+    share
+        Share of the estimate for the number ``runs`` of `LapseBounds`.
+    """
     draws = progress.law_draws
     z, happened = np.vstack([progress.z, draws.z]), np.append(progress.happened, draws.happened)
     return LapseBounds.after(z, happened, probability, share)
 
 
 def is_contradicted(progress: Progress) -> bool:
-    """Whether the draws of the law contradict the mean of the batches that count."""
+    """Return whether the draws of the law contradict the estimate from the batches on which it is based."""
     return progress.law_draws.contradict(_mean(progress))
 
 

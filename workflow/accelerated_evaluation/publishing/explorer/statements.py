@@ -282,20 +282,20 @@ class Body(Calls):
         advance: Callable[[], None],
         begin: Callable[[], None],
     ) -> None:
-        """Write the code of a loop, as a block, a loop and a block that are nested.
+        """Add the code of a loop, as a block, a loop and a block that are nested.
 
         ``break`` leaves the outer block, and ``continue`` leaves the inner one.
 
         Parameters
         ----------
         test
-            Pushes whether the loop goes on.
+            Function that adds code, which pushes whether the loop continues.
         node
             The loop, whose statements are translated.
         advance
-            Writes the code after each round, which increments the counter.
+            Function that adds the code after each round, which increments the counter.
         begin
-            Writes the code before each round, which sets the variable of the loop.
+            Function that adds the code before each round, which sets the variable of the loop.
         """
         if node.orelse:
             raise self.error(node, "a loop with else")

@@ -61,7 +61,8 @@ class Slider:
     def values(self, start: float | None) -> list[float | None]:
         """Return the values of the slider in increasing order, with the vehicle's own value ``start`` added.
 
-        None stands for the published TTC of the AEB, and is sorted by the largest TTC of it.
+        None stands for the published TTC of the AEB, which depends on the speed. Its place in the order is
+        that of the largest TTC.
         """
         others = [value for value in self.stops if start is None or not math.isclose(value, start)]
         return sorted([*others, start], key=lambda value: V60_TTC[1] if value is None else value)

@@ -61,14 +61,15 @@ def fig29_nearest_records(
     Parameters
     ----------
     happened, traces
-        ``likeliest_crashes.csv`` and its states over time, as for `fig28_ways_to_crash`.
+        ``encounters.csv`` and ``traces.csv`` of a study's folder ``happened``: the encounters, and the states
+        of both cars over time.
     source
         Description of the data.
 
     Returns
     -------
     figure, data
-        As for `fig28_ways_to_crash`, with a pair of panels for each record.
+        The figure has a pair of panels for each record. The data have a row for each record and time.
     """
     shown = happened[happened["kind"] == "record"]
     titles = [

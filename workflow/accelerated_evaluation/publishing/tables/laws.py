@@ -22,7 +22,7 @@ def with_intervals(rows: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        The table with columns ``50 %``, ``80 %`` and ``95 %`` in their place, at the end.
+        The table without these columns, and with the columns ``50 %``, ``80 %`` and ``95 %`` at its end.
     """
     levels = [f"{100 * level:.0f}" for level in LEVELS]
     ends = {f"{level} %": interval_column(rows[f"low{level}"], rows[f"high{level}"]) for level in levels}
@@ -109,7 +109,11 @@ def answer_budget_table(answer_budget: pd.DataFrame, lead_motion: pd.DataFrame) 
 
 
 def thresholds_digest(answer_thresholds: pd.DataFrame) -> pd.DataFrame:
-    """Return the answers by threshold with all digits of the thresholds, which two would not distinguish."""
+    """Return the table of answers by threshold for readers.
+
+    The thresholds are written with all digits, because some of them are equal if they are rounded to two
+    digits.
+    """
     levels = answer_thresholds["level"].map("{:g}".format)
     return with_intervals(answer_thresholds.assign(level=levels))
 

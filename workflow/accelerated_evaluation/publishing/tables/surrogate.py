@@ -48,7 +48,7 @@ def surrogate_table(replicates: pd.DataFrame, exact: pd.DataFrame) -> pd.DataFra
         ``together``, and the largest number ``together_max``; ``to_exact`` and ``to_exact_sd``, mean and
         standard deviation of estimate / exact; ``holding``, the number of intervals that contain the exact
         value; the number of converged replicates; and ``unseen_mode``, the largest bound on the probability
-        of a half-space that no run met, NaN for other methods.
+        of a half-space without any run, NaN for other methods.
     """
     tables = []
     for scope in replicates["scope"].unique():
