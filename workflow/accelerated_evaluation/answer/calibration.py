@@ -39,7 +39,10 @@ CLOSING, HOST, REPLAYED = "closing speed", "host speed", "replay"  # kinds of co
 
 @dataclass(frozen=True)
 class Strip:
-    """A row of adjacent cells: an interval of one variable, divided by values of a speed.
+    """A strip of the cut-ins, which consists of adjacent cells.
+
+    A strip is an interval of one variable, the range or the lead speed. Values of a speed divide it into
+    cells.
 
     Attributes
     ----------

@@ -28,7 +28,7 @@ EVEN = 0.05  # share of the kept lines that are selected independently of their 
 class CrashLines(Lines):
     """Lines of a crash map on which an event happens, with the intervals of closing speeds of the event.
 
-    Arrays have shape (lines,) or, for intervals, (intervals,).
+    A line is a pair of lead speed and range. Arrays have shape (lines,) or, for intervals, (intervals,).
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class CrashLines(Lines):
         Probability that the lead speed is in the cell of a line, divided by the number of lines in a cell. If
         the lines were thinned, it is also divided by the probability that the line was kept.
     farther, nearer
-        log(R_max / R) at the two ends of the cell; the second may be infinite.
+        log(R_max / R) at the farther and at the nearer end of the cell; infinite at a range of 0.
     row, start, end
         Index of the line of each interval, and its ends [m/s]; the upper end may be infinite.
     inner

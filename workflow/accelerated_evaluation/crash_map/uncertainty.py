@@ -191,10 +191,12 @@ def uncertainty_budget(
 ) -> pd.DataFrame:
     """Divide the variance of the crash probability among its sources.
 
+    The sources are the finite data, the choice of the model, and the sampling.
+
     Parameters
     ----------
     probability
-        Crash probability of the model of the study.
+        Crash probability of the model with which the study simulates.
     bootstrap
         Probabilities of the refits to resampled data, shape (replicates,), which represent the uncertainty
         from the finite data. NaN is ignored.
@@ -208,10 +210,11 @@ def uncertainty_budget(
     Returns
     -------
     pandas.DataFrame
-        Columns ``source``, ``probability`` (mean), ``standard_deviation``, ``ci_low``, ``ci_high`` and
-        ``variance_share``. The interval of sampling is the given one; the others are quantiles. The row
-        ``together`` assumes that the three relative deviations from ``probability`` are independent. Relative
-        quantities are NaN if the probability is 0.
+        One row for each source, with the columns ``source``, ``probability`` (mean), ``standard_deviation``,
+        ``ci_low``, ``ci_high`` and ``variance_share``. The interval of the sampling is ``sampling_interval``.
+        The intervals of the other sources are quantiles of their probabilities. A last row ``together``
+        combines the three sources: their relative deviations from ``probability`` are assumed to be
+        independent. Relative quantities are NaN if ``probability`` is 0.
     """
     bootstrap, choices = (_or_unknown(values) for values in (bootstrap, choices))
     probability = probability or math.nan  # relative deviations from 0 are undefined

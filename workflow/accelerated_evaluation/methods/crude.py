@@ -57,7 +57,8 @@ class Checkpoint:
     path
         Path of the file.
     work
-        Identifies the work, see `fingerprint`; counts of other work are ignored.
+        Digest of the files and settings of the work, from `fingerprint`. Counts with another digest are
+        ignored.
     """
 
     path: str | os.PathLike

@@ -126,7 +126,7 @@ class CrossEntropyMethod(Method):
         generator: np.random.Generator,
         on_iteration: Callable[[dict[str, float]], None] = lambda _: None,
     ) -> Search:
-        """Search the accelerated distribution f* of one stratum with the settings of this method.
+        """Search for the accelerated distribution f* of one stratum with the settings of this method.
 
         Parameters
         ----------
@@ -135,7 +135,8 @@ class CrossEntropyMethod(Method):
         generator
             Source of all randomness.
         on_iteration
-            Function that is called with every row of the trace, for example to show progress.
+            Function that is called after each iteration with its row of the trace, for example to show
+            progress.
         """
         settings = SearchSettings(
             **{name: self.cross_entropy[name] for name in SearchSettings.__dataclass_fields__}

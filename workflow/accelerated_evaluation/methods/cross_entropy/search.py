@@ -125,7 +125,7 @@ def search(
     shift: Shift | None = None,
     on_iteration: Callable[[dict[str, float]], None] = lambda _: None,
 ) -> Search:
-    """Search the accelerated distribution f* of one stratum by the Cross-Entropy method.
+    """Search for the accelerated distribution f* of one stratum by the Cross-Entropy method.
 
     Every iteration simulates N cut-ins drawn from the current f*. A cut-in belongs to the relaxed event if
     its range falls to t_R or its time to collision falls to t_TTC. The thresholds are chosen such that a

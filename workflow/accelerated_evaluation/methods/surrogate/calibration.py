@@ -57,7 +57,7 @@ class Slopes:
         return cls(*(_slope(foreseen[side], happened[side]) for side in (below, ~below)))
 
     def __call__(self, probability: Array) -> Array:
-        """Return calibrated probabilities, shape (n,)."""
+        """Return the calibrated values of predicted probabilities, both of shape (n,)."""
         probit = _probit(probability)
         return ndtr(np.where(probit < 0, self.unlikely, self.likely) * probit)
 
