@@ -5,7 +5,7 @@
 
 
 rule search_proposals:
-    """Search the accelerated distributions of one method for every seed, segment by segment.
+    """Search for the accelerated distributions of one method for every seed, segment by segment.
 
     One job makes all searches of a method, because a search takes less time than the start of a process.
     """

@@ -1,4 +1,4 @@
-"""Search the accelerated distributions of one method for every seed, stratum by stratum."""
+"""Search for the accelerated distributions of one method for every seed, stratum by stratum."""
 
 from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator

@@ -62,10 +62,10 @@ SCORING = ("scores.py", "scored_family.py", "family_file.py")
 
 
 def fit_or_read(path: str | os.PathLike, records: DistinctRecords) -> ScoredFamily:
-    """Read the scored family of the given records from its file, or fit it and write the file.
+    """Return the family of laws fitted to the given records, with its scores on held-out records.
 
-    The family is fitted if there is no file, if the file was made for other records or by other code, or if
-    it is damaged.
+    The family is read from its file. It is fitted, and the file is written, if there is no file, if the file
+    was made for other records or by other code, or if it is damaged.
 
     Parameters
     ----------

@@ -74,7 +74,7 @@ def compare_methods(
 
 
 def read_verdicts(scenario: Scenario, paths: Sequence[str]) -> pd.DataFrame:
-    """Read tables of published verdicts, with the columns of `agreement`.
+    """Read tables of published verdicts, and return them as one table.
 
     Parameters
     ----------
@@ -82,6 +82,12 @@ def read_verdicts(scenario: Scenario, paths: Sequence[str]) -> pd.DataFrame:
         The scenario.
     paths
         Paths of the tables; without any path, the result is an empty table.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The variables of the scenario, ``crash`` (0 or 1), and ``fragile`` (1 if rounding decides about the
+        crash), as `agreement` needs them.
     """
     columns = [*scenario.names, "crash", "fragile"]
     parts = [pd.read_csv(path, usecols=columns) for path in paths]

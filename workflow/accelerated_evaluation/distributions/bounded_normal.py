@@ -226,9 +226,9 @@ class BoundedNormal(Bounded):
     theta_limit = math.inf
 
     def tilt(self, theta: float) -> "BoundedNormal":
-        """Return the exponentially tilted distribution.
+        """Return the distribution with density proportional to exp(theta x) times this density (IV.B).
 
-        Its location is larger by theta sd^2 (section IV.B).
+        It is a bounded normal distribution whose location is larger by theta sd^2.
         """
         return BoundedNormal(self.sd, self.lower, self.upper, self.location + theta * self.sd**2)
 

@@ -112,7 +112,7 @@ def in_scope(
 def search_strata(
     method: Method, problem: Problem, generator_of: Callable[[str], np.random.Generator]
 ) -> tuple[Proposals, pd.DataFrame]:
-    """Search the accelerated distribution f* of every stratum by the Cross-Entropy method.
+    """Search for the accelerated distribution f* of every stratum by the Cross-Entropy method.
 
     A search that does not reach the event gives a warning.
 

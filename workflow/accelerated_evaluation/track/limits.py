@@ -66,9 +66,9 @@ class Limits:
     def beyond(self, law: Law) -> float:
         """Return the probability under a law that a cut-in is beyond the limits.
 
-        It is the probability of smaller ranges than allowed, plus the integral over the other ranges of the
-        probability of larger closing speeds. The integral is computed by a sum over bins of the recorded lead
-        speeds and by Gauss-Legendre quadrature over the range.
+        A cut-in is beyond the limits if its range is too short, or if its range is allowed and its closing
+        speed is too large. The probability of the second case is an integral over the range. It is computed
+        by Gauss-Legendre quadrature, and averaged over bins of the recorded lead speeds.
         """
         return float(sum(law.shares[name] * self._beyond(law, part) for name, part in law.strata.items()))
 

@@ -19,15 +19,17 @@ def covariance_between(
 ) -> tuple[Array, Array]:
     """Return the covariances between two sets of points, shape (n, m), and the slopes.
 
+    The slopes are -2 times the derivatives of the correlations with respect to the squared distance, from
+    which `evidence_gradient` computes the derivatives by the log lengths.
+
     Parameters
     ----------
     a, b
-        Points in units of the lengths, shapes (n, d) and (m, d).
+        Points, divided by the lengths of the kernel, shapes (n, d) and (m, d).
     variance
         Square of the amplitude.
     with_slope
-        Whether to compute the slopes, which are -2 times the derivatives of the correlations with respect to
-        the squared distance, shape (n, m). Otherwise the second result is empty.
+        Whether to compute the slopes, shape (n, m). Otherwise the second result is empty.
     """
     value = np.empty((len(a), len(b)))
     slope = np.empty_like(value) if with_slope else np.empty((0, len(b)))

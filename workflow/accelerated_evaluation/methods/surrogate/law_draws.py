@@ -57,10 +57,15 @@ class LawDraws:
         return LawDraws(np.vstack([self.z, batch.z]), np.append(self.happened, happened))
 
     def contradict(self, probability: float) -> bool:
-        """Whether so many draws ended in the event that an estimate of its probability cannot be right.
+        """Return whether the number of draws that ended in the event contradicts an estimated probability.
 
-        The estimate may be wrong by the factor `AGREEMENT`. It is contradicted if so many events would then
-        have a probability below `CONTRADICTION`.
+        The estimate may be too low by the factor `AGREEMENT`. It is contradicted if, even then, the
+        probability of at least the observed number of events is below `CONTRADICTION`.
+
+        Parameters
+        ----------
+        probability
+            Estimated probability of the event.
         """
         events, allowed = self.events, min(AGREEMENT * probability, 1.0)
         return events > 0 and bool(bdtrc(events - 1, len(self), allowed) < CONTRADICTION)

@@ -174,7 +174,8 @@ def _unseen(progress: Progress, probability: float, certificate: Certificate) ->
 def combined_estimate(progress: Progress, stopping: Stopping) -> tuple[Combined | None, tuple[float, float]]:
     """Return the estimate from the batches of `combining.counted_batches`, and its interval.
 
-    If there is no event yet, or fewer than two such batches, the estimate is None and the interval is [0, 1].
+    If no event has been observed, or if there are fewer than two such batches, the estimate is None and the
+    interval is [0, 1].
 
     Parameters
     ----------

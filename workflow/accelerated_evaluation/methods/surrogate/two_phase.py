@@ -41,7 +41,9 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Expectation:
-    """The surrogate's expectations at the points of a pool; arrays of shape (m,).
+    """The predictions of the surrogate at the points of a pool; arrays of shape (m,).
+
+    The core and the fringe are the points at which runs are sampled preferentially; `expect` defines both.
 
     Attributes
     ----------

@@ -43,7 +43,15 @@ def percent(value: float, decimals: int = 0, sign: str = "") -> str:
 
 
 def unbroken(value: Any, digits: int = 3) -> Any:  # noqa: ANN401
-    """Write a number with ``digits`` significant digits as `readable` does, with non-breaking spaces."""
+    """Write a number as `readable` does, with non-breaking spaces, so that it stays on one line.
+
+    Parameters
+    ----------
+    value
+        The number.
+    digits
+        Number of significant digits.
+    """
     written = readable(value, digits)
     return written.replace(" ", "\N{NO-BREAK SPACE}") if isinstance(written, str) else written
 

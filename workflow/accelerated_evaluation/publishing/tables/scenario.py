@@ -58,7 +58,7 @@ def methods_table(scenario_estimates: pd.DataFrame) -> pd.DataFrame:
 
 @table("scenario_experiments", digits=DIGITS)
 def experiments_table(scenario_experiments: pd.DataFrame) -> pd.DataFrame:
-    """Return the table of stored experiments by importance sampling, with the checks that they fail."""
+    """Return the table of stored experiments by importance sampling, and which checks each of them fails."""
     return scenario_experiments
 
 

@@ -70,10 +70,19 @@ def trace_car(car: Car, encounter: Array, lead_speeds: Array | None = None) -> p
 def trace_driver(driver: Driver, encounter: Array) -> pd.DataFrame:
     """Simulate one encounter of a reference driver, and return its trace.
 
-    The parameters are those of the driver, and lead speed [m/s], range [m] and closing speed [m/s], shape
-    (3, 1). The trace has the columns `COLUMNS`. With lateral motion, the first state is the state after the
-    first step of this motion. The range is negative while the cars overlap along the road, and positive again
-    when the other car is behind the host.
+    Parameters
+    ----------
+    driver
+        Parameters of the driver.
+    encounter
+        Checked lead speed [m/s], range [m] and closing speed [m/s], shape (3, 1).
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each state, with the columns `COLUMNS`. With lateral motion, the first state is the state
+        after the first step of this motion. The range is negative while the cars overlap along the road, and
+        positive again when the other car is behind the host.
     """
     state = np.empty((driver_kernel.FIELDS, 1))
     driver_kernel.start(driver, encounter[:, 0], 0, state, 0)
