@@ -163,6 +163,24 @@ def test_records_of_one_cluster_are_refused():
         ClusteredRecords.of(np.full((5, 2), 5.0), np.zeros(5), BOX)
 
 
+@pytest.mark.parametrize(("deterministic", "rate"), [(False, 0.03), (None, 0.03), (None, 0.0)])
+def test_lapses_are_found_and_the_interval_contains_their_bound(deterministic, rate):
+    drawn = DrawnLaws([normal_law((mean, 5.0)) for mean in (3.0, 4.0, 5.0)], np.zeros(3, int), ["toy"])
+    truth, chance = np.mean([exact(law) for law in drawn.laws]), np.random.default_rng(23)
+
+    def lapsing(x):
+        happened, score = respond(x)
+        return happened | (chance.random(len(x)) < rate), score
+
+    options = {"share": 10.0, "deterministic": deterministic}  # so that the runs end early
+    found, sampler, converged = surrogate_posterior(drawn, lapsing, np.random.default_rng(24), **options)
+    row = answer_tables(found, drawn)["answer"].iloc[0]
+    assert converged == (rate == 0)
+    assert sampler.may_lapse == (rate > 0)
+    assert (found.unseen_lapses > rate) == (rate > 0)
+    assert row["high80"] > truth + rate
+
+
 def test_few_runs_that_miss_a_part_are_not_called_converged():
     """The event has a frequent part without a score that leads to it, and a rare one with such a score."""
 

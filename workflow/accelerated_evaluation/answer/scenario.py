@@ -22,7 +22,7 @@ from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws.joint import Box, JointLaw
 from accelerated_evaluation.problem import Response
 from accelerated_evaluation.scenarios.protocol import CLUSTER, FITTED, Event, Scenario
-from accelerated_evaluation.vehicles.protocol import Vehicle
+from accelerated_evaluation.vehicles.protocol import Vehicle, repeats_itself
 
 WHOLE = "all encounters"  # name of the law without a restriction
 FEWEST = 50  # smallest number of records, so that the region near the event, with a tenth of them, has a few
@@ -236,7 +236,7 @@ class ScenarioStudy:
         Parameters
         ----------
         vehicle
-            A vehicle with deterministic outcomes.
+            The vehicle.
         seed
             Root seed of the study.
         event
@@ -248,7 +248,8 @@ class ScenarioStudy:
         -------
         dict
             ``answer``, ``budget`` and ``draws``, as in `answers`. The answer has the further columns
-            ``simulations`` and ``converged``.
+            ``simulations`` and ``converged``, and, if the vehicle may lapse, upper ends that contain the
+            bound in the column ``unseen_lapses``.
 
         Raises
         ------
@@ -256,9 +257,14 @@ class ScenarioStudy:
             If the event did not happen often enough for an estimate.
         """
         generator = child_generator(seed, "scenario", "few runs")
-        respond = responder(self.scenario, vehicle, event)
         posterior, sampler, converged = surrogate_posterior(
-            self.drawn, respond, generator, simulations, filled=event.filled
+            self.drawn,
+            responder(self.scenario, vehicle, event),
+            generator,
+            simulations,
+            filled=event.filled,
+            deterministic=repeats_itself(vehicle),
+            repeat=responder(self.scenario, vehicle, event, again=True),
         )
         if posterior is None:
             raise InputError(
@@ -272,11 +278,14 @@ class ScenarioStudy:
             "event": self.scenario.event_in_words(event),
             "simulations": sampler.simulations,
             "converged": converged,
+            "unseen_lapses": posterior.unseen_lapses,
         }
         return tables | {"answer": tables["answer"].assign(encounters=WHOLE, **own)}
 
 
-def responder(scenario: Scenario, vehicle: Vehicle, event: Event) -> Callable[[Array], Response]:
+def responder(
+    scenario: Scenario, vehicle: Vehicle, event: Event, *, again: bool = False
+) -> Callable[[Array], Response]:
     """Return a function that simulates a vehicle at points of a law, and returns events and scores.
 
     The function takes points of shape (n, d). It returns whether the event happened and the score of the
@@ -286,10 +295,13 @@ def responder(scenario: Scenario, vehicle: Vehicle, event: Event) -> Callable[[A
     ----------
     scenario, vehicle, event
         The scenario, the vehicle and the event.
+    again
+        Whether encounters are simulated again although their outcomes are stored.
     """
+    simulate = getattr(vehicle, "repeat", vehicle.simulate) if again else vehicle.simulate
 
     def respond(x: Array) -> Response:
-        outcomes = vehicle.simulate(*scenario.to_inputs(x).T)
+        outcomes = simulate(*scenario.to_inputs(x).T)
         return event.happens(outcomes), event.score(outcomes)
 
     return respond

@@ -91,7 +91,12 @@ class ScenarioEstimate:
         if "answer" in self.tables:
             row = self.tables["answer"].iloc[0].to_dict()
             runs = f"simulated: {row['simulations']:,} encounters"
-            if not row["converged"]:
+            if row["unseen_lapses"]:
+                runs += (
+                    f"; not converged, because lapses that no run has shown can add up to "
+                    f"{row['unseen_lapses']:.1g}, which the upper ends contain"
+                )
+            elif not row["converged"]:
                 runs += "; not converged, so that parts of the event may be missing"
             words = answer_in_words(row | {"per_km": np.nan}, "an encounter")
             return [*words, *budget_in_words(self.tables["budget"]), runs]

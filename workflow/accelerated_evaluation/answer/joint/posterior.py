@@ -6,23 +6,24 @@ are made under one law, and are reweighted for every draw.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from accelerated_evaluation.answer.averaged import SHARE
+from accelerated_evaluation.answer.averaged import SHARE, answer_row
 from accelerated_evaluation.answer.joint.scores import Respond, ScoredLaws
 from accelerated_evaluation.answer.posterior import budget
 from accelerated_evaluation.answer.reweighting import SMALLEST, Reweighting, SampledPosterior
-from accelerated_evaluation.answer.summary import summarise
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws.joint import JointLaw
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 from accelerated_evaluation.methods.surrogate import rules_of_joint_laws
+from accelerated_evaluation.methods.surrogate.constants import ENOUGH_DRAWS
+from accelerated_evaluation.methods.surrogate.results import lapse_bounds
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.scenarios.protocol import FILLED
 
@@ -156,59 +157,71 @@ def surrogate_posterior(
     simulations: int = FEW,
     share: float = SHARE,
     filled: float = FILLED,
+    deterministic: bool | None = True,
+    repeat: Respond | None = None,
 ) -> tuple[SampledPosterior | None, Sampler, bool]:
     """Estimate the probability of the event under each draw of the law, from few simulations.
 
     The surrogate-guided sampler chooses the runs. They end when the sampling increases the width of the 80 %
     interval of the answer by at most a given share and the certificate is met, or at the limit of
-    simulations.
+    simulations. They also end if the vehicle may lapse and more runs would not improve the result.
 
     Parameters
     ----------
     drawn
         Draws of the law.
     respond
-        Function that simulates a vehicle with deterministic outcomes.
+        Function that simulates a vehicle.
     generator
         Source of all randomness.
     simulations
-        Largest number of simulations.
+        Largest number of simulations, without those that check whether the vehicle is deterministic.
     share
         Allowed relative increase of the width of the 80 % interval by the sampling.
     filled
         Smallest share of the encounters in a part of the event in which the event happens; see `Event`.
+    deterministic
+        Whether an encounter always has the same outcome; None if this is unknown, see `Sampler`.
+    repeat
+        Function that simulates the vehicle again, even if outcomes are stored; by default ``respond``.
 
     Returns
     -------
     posterior : SampledPosterior or None
-        The probability under each draw; None if there is no estimate.
+        The probability under each draw, with the bound on unobserved lapses; None if there is no estimate.
     sampler : Sampler
         The sampler, with its runs and its estimate under the law that was sampled.
     converged : bool
-        Whether the runs ended before the limit. Otherwise the runs may have missed a part of the event; the
-        diagnostic ``unseen_mode`` of the sampler's estimate bounds its probability.
+        Whether the runs ended before the limit and the vehicle does not lapse. Otherwise the runs may have
+        missed a part of the event; the diagnostic ``unseen_mode`` of the sampler's estimate bounds its
+        probability.
     """
     law = mean_law(drawn, generator)
     sampler = Sampler(
         law.dimension,
         generator,
         fingerprint="mean of the draws of the law",
-        deterministic=True,
+        deterministic=deterministic,
+        enough_draws=ENOUGH_DRAWS,
         **rules_of_joint_laws(filled),
     )
     reweighting = Reweighting(
         lambda x: drawn.log_densities(x) - law.log_density(x), law.from_normal_scores, drawn.member
     )
-    posterior = None
-    while sampler.simulations + sampler.batch_size <= simulations:
+    posterior, has_ended, repeat = None, False, repeat or respond
+    while len(sampler.progress.z) + sampler.batch_size <= simulations:
         is_enough = posterior is not None and posterior.share_of_sampling <= share
-        if is_enough and sampler.is_settled():
-            return posterior, sampler, True
-        z = sampler.ask(certify=is_enough)
-        sampler.tell(*respond(law.from_normal_scores(z)))
+        if has_ended := sampler.has_ended(is_narrow=is_enough):
+            break
+        x = law.from_normal_scores(sampler.ask(certify=is_enough))
+        sampler.tell(*(repeat(x) if sampler.repeats_next else respond(x)))
         if sampler.progress.happened.any():
             posterior = reweighting.estimate(sampler.progress)
-    return posterior, sampler, False
+    if posterior is not None and sampler.may_lapse:
+        mean = float(posterior.probabilities.mean())
+        bound = lapse_bounds(sampler.progress, mean, share).like_hardness
+        posterior = replace(posterior, unseen_lapses=bound)
+    return posterior, sampler, has_ended and not sampler.may_lapse
 
 
 def answer_tables(posterior: SampledPosterior, drawn: DrawnLaws) -> dict[str, pd.DataFrame]:
@@ -227,9 +240,8 @@ def answer_tables(posterior: SampledPosterior, drawn: DrawnLaws) -> dict[str, pd
         "probability": posterior.probabilities,
         "error": posterior.errors,
     }
-    whole = summarise(posterior.whole) | {"probability": float(posterior.probabilities.mean())}
     return {
-        "answer": pd.DataFrame([{"event": "crash"} | whole]),
+        "answer": pd.DataFrame([{"event": "crash"} | answer_row(posterior, posterior.unseen_lapses)]),
         "budget": budget(posterior.alone, posterior.deviation),
         "draws": pd.DataFrame(draws),
     }
