@@ -17,7 +17,7 @@ from accelerated_evaluation.publishing.published import figure
 from accelerated_evaluation.scenarios.protocol import Scenario, Variable
 
 CRASH = "#b2182b"
-RECORD, CRASHED = "record", "crash among the runs of the surrogate"  # kinds of points
+RECORD, HAPPENED = "record", "event among the runs of the surrogate"  # kinds of points
 WIDE = 10.0  # an axis is logarithmic if its largest value is more than this multiple of the smallest one
 LEVELS = {95: 0.8, 80: 2.0, 50: 4.0}  # line width of each interval
 
@@ -48,7 +48,7 @@ def fig01_scenario_records(
         Variables whose sign does not matter have absolute values, as in the laws.
     """
     names = list(scenario.names)
-    parts = {RECORD: scenario_encounters, CRASHED: scenario_runs[scenario_runs["event"]]}
+    parts = {RECORD: scenario_encounters, HAPPENED: scenario_runs[scenario_runs["event"]]}
     points = pd.concat(
         [
             pd.DataFrame(scenario.as_in_law(part[names].to_numpy(float)), columns=names).assign(kind=kind)
@@ -57,7 +57,7 @@ def fig01_scenario_records(
         ignore_index=True,
     )
     pairs = list(combinations(scenario.variables, 2))
-    looks = ((RECORD, PIECES[1], "o", 3), (CRASHED, CRASH, "x", 6))
+    looks = ((RECORD, PIECES[1], "o", 3), (HAPPENED, CRASH, "x", 6))
     with paper_style():
         drawn, panels = plt.subplots(len(pairs), 1, figsize=(COLUMN_WIDTH, 2.1 * len(pairs)), squeeze=False)
         for axes, (x, y) in zip(panels[:, 0], pairs, strict=True):
