@@ -26,7 +26,7 @@ LEVELS = {95: 0.8, 80: 2.0, 50: 4.0}  # line width of each interval
 def fig01_scenario_records(
     scenario_encounters: pd.DataFrame, scenario_runs: pd.DataFrame, scenario: Scenario, source: str
 ) -> tuple[Figure, pd.DataFrame]:
-    """Draw the records, and the crashes among the runs of the surrogate, for each pair of variables.
+    """Draw the records, and the events among the runs of the surrogate, for each pair of variables.
 
     Parameters
     ----------
