@@ -77,7 +77,8 @@ def add(table: pd.DataFrame, scenario: str, event: str) -> None:
     """Write the rows of an event in a scenario, and keep all others."""
     others = "scenario != @scenario or event != @event"
     before = [pd.read_csv(RESULTS).query(others)] if RESULTS.exists() else []
-    write_csv(RESULTS, pd.concat([*before, table], ignore_index=True).round(6))
+    shares = table.drop(columns="probability").round(6)
+    write_csv(RESULTS, pd.concat([*before, table.assign(**shares)], ignore_index=True))
 
 
 def main() -> None:
@@ -94,7 +95,8 @@ def main() -> None:
     scenario = SCENARIOS[arguments.scenario]
     problem = problem_of(scenario, arguments.law, arguments.event)
     truth, event = crude_probability(problem, arguments.crude), scenario.event_in_words(problem.event)
-    known = {"scenario": scenario.name, "event": event, "probability": truth, "crude": arguments.crude}
+    named = {"scenario": scenario.name, "event": event}
+    known = named | {"probability": float(f"{truth:.6g}"), "crude": arguments.crude}
     found = []
     for seed in range(1, arguments.seeds + 1):
         found.append(estimates(problem, seed))
