@@ -71,8 +71,10 @@ class AveragedSurrogate(Surrogate):
     def estimate(self, problem: Problem, stopping: Stopping, generator: np.random.Generator) -> Estimate:
         """Estimate the probability of the event under the mean law, and under every draw of the law.
 
-        The runs end when `has_enough` is true and the certificate of the sampler is met; see
-        `Sampler.has_ended`. The tables of the estimate are ``runs`` and those of `Course.tables`.
+        The runs end when `has_enough` is true and the certificate of the sampler is met. The certificate is a
+        bound on the probability of the parts of the event that no run has observed. The runs also end if the
+        vehicle may lapse and more runs would not improve the result. The tables of the estimate are ``runs``
+        and those of `Course.tables`.
 
         Parameters
         ----------
@@ -82,6 +84,12 @@ class AveragedSurrogate(Surrogate):
             The stopping rule.
         generator
             Source of all randomness.
+
+        Returns
+        -------
+        Estimate
+            The probability under the mean law, with the interval of the sampling alone. Its tables contain
+            the answer, which includes the uncertainty in the law.
         """
         sampler = self._sampler(problem, generator)
         course = Course.of(problem.law, sampler)
@@ -106,6 +114,14 @@ class AveragedSurrogate(Surrogate):
 
         This is the case if the interval of the sampling alone satisfies the stopping rule, or if the sampling
         increases the width of the 80 % interval of the answer by at most ``share``.
+
+        Parameters
+        ----------
+        course
+            The runs so far, with their outcomes and density ratios.
+        stopping
+            The stopping rule: the required width of an interval relative to the estimate, and its confidence
+            level.
         """
         if course.sampler.is_narrow(stopping):
             return True
@@ -136,7 +152,15 @@ class Course:
 
     @classmethod
     def of(cls, law: MeanLaw, sampler: Sampler) -> "Course":
-        """Return the course of an estimate that has no runs yet."""
+        """Return the course of an estimate that has no runs yet.
+
+        Parameters
+        ----------
+        law
+            The mean law, from which the runs are drawn.
+        sampler
+            The sampler that chooses the runs.
+        """
         member = np.unique(law.draws.names, return_inverse=True)[1]
         return cls(law, sampler, Reweighting(law.log_ratios, law.from_normal_scores, member))
 
@@ -159,14 +183,19 @@ class Course:
         self.sampler.tell(problem.event.happens(outcomes), problem.event.score(outcomes))
 
     def posterior(self) -> SampledPosterior | None:
-        """Return the probability of the sampled event under each draw; None if there is no estimate yet."""
+        """Return the estimated probability of the sampled event under each of the K draws of the law.
+
+        The result is None if there is no estimate yet.
+        """
         progress = self.sampler.progress
         return self.reweighting.estimate(progress) if progress.happened.any() else None
 
     def refined(self) -> SampledPosterior | None:
-        """Return the posterior of the sampled event with cross-fitted control variates (`crossfit`).
+        """Return the posterior of the sampled event with cross-fitted control variates.
 
-        It is more precise than `posterior`, but takes longer. It is None if there is no estimate yet.
+        The control variate of a batch is then predicted by a surrogate that was fitted without this batch.
+        The estimates are more precise than those of `posterior`, but take longer. The result is None if there
+        is no estimate yet.
         """
         controls = self._controls()
         if controls is None or not self.sampler.progress.happened.any():
@@ -190,12 +219,15 @@ class Course:
         Returns
         -------
         dict
-            ``answer``: one row for each event, with the columns of `summary.answer_table` and
-            ``simulations``; if the vehicle may lapse, the upper ends include `unseen_lapses`. ``budget``: the
-            table `posterior.budget` for the sampled event. ``draws``: one row for each draw of the law, with
-            its number ``draw``, ``law``, ``probability`` of the sampled event, relative ``error``, the parts
-            of this error ``shared_error`` and ``own_error`` (see `SampledPosterior`), number of ``batches``,
-            and bound `unseen_lapses`. ``crashes``: the table `crashes`.
+            ``answer``: one row for each event, with the columns ``event``, ``per_km`` (rate [1/km]) and
+            ``simulations``, and with the mean ``probability``, the ``median``, and the ends ``low50`` to
+            ``high95`` of the 50, 80 and 95 % credible intervals; if the vehicle may lapse, the upper ends
+            include `unseen_lapses`. ``budget``: the variance of the logarithm of the probability of the
+            sampled event by source (data, choice of law, sampling). ``draws``: one row for each draw of the
+            law, with its number ``draw``, ``law``, ``probability`` of the sampled event, relative ``error``,
+            the parts of this error ``shared_error`` and ``own_error`` (see `SampledPosterior`), number of
+            ``batches``, and bound `unseen_lapses`. ``crashes``: the runs that ended in the sampled event,
+            from `crashes`.
         """
         controls = self._controls()
         posteriors = {event: self._of(event, sampled, controls) for event in (sampled, *events)}
@@ -296,10 +328,10 @@ def is_part(event: Event, sampled: Event) -> bool:
 
 
 def answer_row(posterior: SampledPosterior | None, unseen_lapses: float = 0.0) -> dict[str, float]:
-    """Summarise a posterior by the columns of `summary.summarise`.
+    """Return mean, median and intervals of the probability of an event.
 
-    The sampling error is included in the median and the intervals; ``probability`` is the mean of the
-    estimates, which is the probability under the mean law.
+    The errors of the sampling are included in the median and the intervals; ``probability`` is the mean of
+    the estimates, which is the probability under the mean law.
 
     Parameters
     ----------
@@ -307,6 +339,12 @@ def answer_row(posterior: SampledPosterior | None, unseen_lapses: float = 0.0) -
         The posterior; None if there is none, in which case all values are NaN.
     unseen_lapses
         Bound on the probability of unobserved lapses, which is added to the upper ends of the intervals.
+
+    Returns
+    -------
+    dict
+        The mean ``probability``, the ``median``, and the ends ``low50`` to ``high95`` of the 50, 80 and 95 %
+        credible intervals.
     """
     if posterior is None:
         return dict.fromkeys(SUMMARY, np.nan)
@@ -316,12 +354,16 @@ def answer_row(posterior: SampledPosterior | None, unseen_lapses: float = 0.0) -
 
 
 def joined(outcomes: Sequence[Outcomes]) -> Outcomes:
-    """Concatenate the outcomes of several batches."""
+    """Concatenate the outcomes of several batches of simulations, in their order."""
     return Outcomes(**{name: np.concatenate([getattr(part, name) for part in outcomes]) for name in NAMES})
 
 
 def posterior_of(draws: pd.DataFrame) -> SampledPosterior:
-    """Return the posterior of one replicate from its table ``draws``; see `Course.tables`."""
+    """Return the posterior of one replicate from its table ``draws``.
+
+    The table has one row for each draw of the law, with the estimated probability and its errors; see
+    `Course.tables`.
+    """
     member = np.unique(draws["law"], return_inverse=True)[1]
     probability, error, own = (draws[name].to_numpy(float) for name in ("probability", "error", "own_error"))
     batches, shared = int(draws["batches"].iloc[0]), float(draws["shared_error"].iloc[0])
@@ -335,7 +377,7 @@ def answer_in_words(row: Mapping[str, Any], encounter: str = "a cut-in") -> list
     Parameters
     ----------
     row
-        The row, by column.
+        One row of the table ``answer`` of `Course.tables`: the values by the name of the column.
     encounter
         Name of an encounter in the text.
     """
@@ -355,14 +397,15 @@ def _ends(row: Mapping[str, Any], level: float) -> str:
 
 
 def budget_in_words(budget: pd.DataFrame) -> list[str]:
-    """Return a line of text with the share of each source in the variance of the logarithm.
+    """Return a line of text with the share of each source in the variance of the log probability.
 
     The list is empty if there is no estimate, or if the shares are not known.
 
     Parameters
     ----------
     budget
-        Table of `posterior.budget`.
+        Table with the columns ``source`` (data, choice of law, sampling) and ``variance_share``, as from
+        `posterior.budget`.
     """
     shares = budget.set_index("source")["variance_share"]
     if shares.empty or shares.isna().any():

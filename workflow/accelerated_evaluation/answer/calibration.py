@@ -61,7 +61,7 @@ class Strip:
 
     @property
     def names(self) -> list[str]:
-        """The names of the cells in tables."""
+        """Names of the cells in tables: the interval of the strip, and the speeds that limit the cell."""
         low, high = self.interval
         unit, what = ("m", "R") if self.counted == CLOSING else ("m/s", "v_L")
         begin = f"{what} {low:g} to {high:g} {unit}, {'' if self.counted == CLOSING else 'host '}"
@@ -71,7 +71,7 @@ class Strip:
         ]
 
     def inside(self, records: DistinctRecords) -> NDArray[np.intp]:
-        """Return the indices of the records in the interval."""
+        """Return the indices of the records whose range or lead speed is in the interval of the strip."""
         variable = records.range_ if self.counted == CLOSING else records.lead_speed
         low, high = self.interval
         return np.flatnonzero((variable >= low) & (variable <= high))
@@ -178,7 +178,7 @@ def with_limits(counts: pd.DataFrame) -> pd.DataFrame:
     pandas.DataFrame
         The table with the further columns ``low`` and ``high``, the 5 and 95 % quantiles of the Poisson
         distribution with the expected number as its mean; ``within``, whether the recorded number is between
-        them; and ``p_value``, see `mid_p`.
+        them; and ``p_value``, the two-sided mid-p value of the recorded number.
     """
     expected = counts["expected"].to_numpy()
     low, high = (poisson.ppf(level, expected) for level in LIMITS)
@@ -199,6 +199,11 @@ def mid_p(recorded: ArrayLike, expected: ArrayLike) -> Array:
         Counts.
     expected
         Means of the Poisson distributions, of the same shape.
+
+    Returns
+    -------
+    numpy.ndarray
+        The mid-p values, of the same shape as the counts.
     """
     recorded, expected = np.asarray(recorded), np.asarray(expected, dtype=float)
     half = poisson.pmf(recorded, expected) / 2

@@ -42,7 +42,7 @@ def shown_members(weighted: WeightedLaws) -> tuple[Member, ...]:
 def calibration_table(weighted: WeightedLaws, near: NearMisses | None = None) -> pd.DataFrame:
     """Compare recorded and expected numbers for the weighted mean of all laws and for some single laws.
 
-    The columns are ``law`` and those of `calibration.with_limits`.
+    The numbers are those of cut-ins in cells, of range and closing speed or of lead speed and host speed.
 
     Parameters
     ----------
@@ -50,6 +50,13 @@ def calibration_table(weighted: WeightedLaws, near: NearMisses | None = None) ->
         The laws with their weights.
     near
         Near misses of the replayed records; None if the records are not replayed.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each law and cell: ``law``; the cell ``where``; the speed that divides the cells,
+        ``counted``; the numbers ``recorded`` and ``expected``; the 5 and 95 % Poisson quantiles ``low`` and
+        ``high``; ``within``, whether the recorded number is between these; and its mid-p value ``p_value``.
     """
     records, family = weighted.records, weighted.family
 

@@ -138,7 +138,7 @@ def choose_sampled_law(choice: str, encounters: pd.DataFrame, config: Mapping[st
 def mean_law(
     scored: ScoredFamily, encounters: pd.DataFrame, count: int, seed: int, closing_speed_max: float
 ) -> MeanLaw:
-    """Return the mean of draws from the posterior of the laws, by their weights, and of their parameters.
+    """Return the mean of many draws of the law, from the posterior of the laws and of their parameters.
 
     Parameters
     ----------

@@ -60,7 +60,9 @@ def compare_estimates(own: Path, others: list[Path]) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        One row for each other estimate: its folder ``other``, and the columns of `compare`.
+        One row for each other estimate: its folder ``other``; the median ``ratio`` of the probabilities,
+        first by other; the ends ``ratio_low80`` and ``ratio_high80`` of its 80 % interval; and ``safer``, the
+        probability that the first vehicle has the smaller probability.
 
     Raises
     ------

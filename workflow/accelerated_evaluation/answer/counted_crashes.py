@@ -34,6 +34,11 @@ OUTPUT += ("in_hundred_car", "probability_of_so_few", "verdict", "comparable", "
 def read_events(path: str | Path) -> pd.DataFrame:
     """Read the event table of the 100-Car study.
 
+    Parameters
+    ----------
+    path
+        Tab-separated text file of the study, described in ``data/crash_counts/README.md``.
+
     Returns
     -------
     pandas.DataFrame
@@ -94,7 +99,7 @@ def count_events(events: pd.DataFrame) -> pd.DataFrame:
 
 
 def poisson_limits(count: int, level: float = LEVEL) -> tuple[float, float]:
-    """Return the exact confidence limits of the mean of a Poisson distribution (Garwood 1936).
+    """Return the exact lower and upper confidence limit of the mean of a Poisson distribution (Garwood 1936).
 
     Parameters
     ----------
@@ -121,7 +126,9 @@ def counted_rows(counts: pd.DataFrame, published: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        Rows of the table of `compare_with_counts`, with the columns of counted rows.
+        One row for each count: source ``who``; ``kind`` (counted); kind of crash ``what``; ``million_miles``
+        and ``count``; the rate ``per_million_miles`` with 95 % limits ``low95`` and ``high95``, NaN for
+        sources that estimate their counts from samples; and the texts ``comparable`` and ``reference``.
     """
     own = counts.assign(
         source=HUNDRED_CAR,
@@ -168,8 +175,11 @@ def predicted_rows(vehicles: pd.DataFrame, cut_ins_per_km: float | None, counted
     Returns
     -------
     pandas.DataFrame
-        Rows of the table of `compare_with_counts`, with the columns of predicted rows; empty if the distance
-        of the records is unknown.
+        One row for each vehicle: ``who``; ``kind`` (predicted); ``what``; the rate ``per_million_miles`` with
+        its 95 % limits ``low95`` and ``high95``; ``in_hundred_car``, the number of crashes that is expected
+        in the distance of the 100-Car study; ``probability_of_so_few``, the probability of at most
+        ``counted`` crashes at the lower limit; ``verdict``; and the texts ``comparable`` and ``reference``.
+        Empty if the distance of the records is unknown.
     """
     if cut_ins_per_km is None:
         return pd.DataFrame()
@@ -242,12 +252,12 @@ def cut_in_rate(exposure: pd.DataFrame) -> float | None:
 
 
 def count_of(counts: pd.DataFrame, what: str, severity: str) -> int:
-    """Return one number of the table of `count_events`.
+    """Return the number of crashes or of near-crashes after one kind of encounter in the 100-Car study.
 
     Parameters
     ----------
     counts
-        The table.
+        Table of `count_events`, with the columns ``what``, ``severity`` and ``count``.
     what, severity
         Kind of encounter, and ``crash`` or ``near-crash``.
     """

@@ -5,7 +5,9 @@ on fewer runs than the surrogate at the end. The difference estimator of a batch
 control variate that does not depend on the outcomes of the batch. The batches are therefore divided into
 `FOLDS` groups, and each batch gets the predictions of a surrogate that was fitted without its group
 (cross-fitting, Chernozhukov and others 2018). A small dependence remains, because later batches were designed
-with the outcomes of earlier ones; the tests and the benchmark find no bias.
+with the outcomes of earlier ones; the tests and the benchmark find no bias. A batch keeps some points of its
+pool, each of which represents an equal part of the sum of weights times control variate over the pool. At
+these kept points another control variate can be integrated.
 """
 
 from dataclasses import dataclass
@@ -29,15 +31,15 @@ NEVER = 10**9  # a number of runs that is never reached, so that lengths and axe
 
 @dataclass(frozen=True)
 class Control:
-    """A control variate of a batch.
+    """A control variate of a batch: predicted probabilities of the event at the points of the batch.
 
     Attributes
     ----------
     runs
         Its values at the runs of the batch, shape (n,).
     kept
-        Its values at the kept points of the batch, divided by the control variate with which the batch was
-        drawn, shape (m,).
+        Its values at the m points of the pool that the batch has kept, divided by the control variate with
+        which the batch was drawn, shape (m,).
     """
 
     runs: Array
@@ -50,10 +52,10 @@ class Control:
 
     @classmethod
     def by(cls, belief: Belief, batch: TwoPhaseBatch) -> "Control":
-        """Return the probabilities that another surrogate predicts as control variate.
+        """Return a control variate that consists of the predictions of another surrogate.
 
-        It is 0 wherever the control variate with which the batch was drawn is 0, because the kept points do
-        not represent these places.
+        The new control variate is 0 wherever the control variate with which the batch was drawn is 0, because
+        the kept points do not represent these places.
 
         Parameters
         ----------
@@ -69,19 +71,19 @@ class Control:
 
 
 def cross_fitted(sampler: Sampler, counted: int) -> list[Control]:
-    """Return cross-fitted control variates of the last batches.
+    """Return control variates for the last batches, each from a surrogate fitted without the batch.
 
     Parameters
     ----------
     sampler
-        The sampler, with its batches.
+        The sampler, with its batches of runs and their outcomes.
     counted
         Number of the last batches for which control variates are computed.
 
     Returns
     -------
     list of Control
-        The control variates, in the order of the batches.
+        One control variate for each of these batches, in their order.
     """
     state = sampler.state()
     progress, sizes = state.progress, [len(batch.z) for batch in state.progress.batches]

@@ -44,7 +44,7 @@ class Emphasis:
 
     @classmethod
     def of(cls, law: MeanLaw, posterior: SampledPosterior) -> Self:
-        """Return the emphasis that follows from preliminary estimates of the probabilities.
+        """Return the factor of the inclusion probabilities that follows from preliminary estimates.
 
         Parameters
         ----------

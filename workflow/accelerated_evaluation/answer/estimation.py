@@ -65,8 +65,8 @@ class Alone:
     encounters
         The encounter table.
     warning
-        How a new copy of the vehicle differed when it repeated the runs, see `alone.difference_when_alone`;
-        None if it did not differ. If it did, no estimate counts as converged.
+        Text that says how a newly started copy of the vehicle differed when it repeated the runs; None if it
+        did not differ. If there is a text, no estimate counts as converged.
     event
         The event for which the simulations were chosen.
     """
@@ -100,7 +100,8 @@ def estimate_alone(
         Number of independent replicates; under the paper's law they are the first replicates of the complete
         study.
     law
-        Name of the law or of its file; see `chosen_law.choose_sampled_law`.
+        ``answer`` for the mean of draws from the posterior of all laws, the name of a single law, or the path
+        of a law file.
     predecessor
         Path of the table of simulations (``runs.csv``) of a similar vehicle under the same law.
     share
@@ -193,7 +194,13 @@ def simulate_answer(
     traffic
         Frequency of cut-ins.
     replicates, predecessor, share
-        As in `estimate_alone`.
+        Number of independent replicates; runs of a similar vehicle that guide the sampler; and the allowed
+        relative increase of the width of the 80 % interval by the sampling.
+
+    Returns
+    -------
+    Simulated
+        The tables ``estimate``, ``runs`` and, for a mean law, those of the answer; and the warning.
     """
     law = problem.law
     with tqdm(desc="simulations", unit="", disable=None) as bar:
@@ -262,11 +269,16 @@ def _exposure(draws: pd.DataFrame, traffic: Traffic, event: str) -> pd.DataFrame
 def read_records(config: Mapping[str, Any]) -> tuple[pd.DataFrame, Account]:
     """Read and filter the records of a configuration.
 
+    Parameters
+    ----------
+    config
+        A complete, valid configuration, which names the source of the records and the filters.
+
     Returns
     -------
     encounters : pandas.DataFrame
-        The encounter table, as in the rule ``ingest_encounters``. Its ``attrs["exposure"]`` contains the
-        kilometres and hours in which the records were made; None if they are not known.
+        The encounter table, with one row for each record that passes the filters. Its ``attrs["exposure"]``
+        contains the kilometres and hours in which the records were made; None if they are not known.
     account : Account
         How many rows each filter has removed.
     """

@@ -128,7 +128,7 @@ class Cell:
         return cells.only(share[row] > 0)
 
     def only(self, chosen: Array) -> "Cell":
-        """Return the cells selected by an index array or a mask."""
+        """Return the cells that are selected by an array of indices or by a mask, as a new `Cell`."""
         return Cell(self.lead_speed[chosen], self.root[chosen], self.share[chosen], self.support)
 
     def at(self, across: Array | float, along: Array | float) -> tuple[Array, Array]:

@@ -81,7 +81,7 @@ class BrakingHuman:
     human: Human
 
     def draw_inner(self, size: int, generator: np.random.Generator) -> Array:
-        """Draw the parameters of ``size`` drivers, one row each; see `RandomVehicle.draw_inner`."""
+        """Draw the parameters of ``size`` drivers from their distribution, shape (size, parameters)."""
         return self.human.draw_inner(size, generator)
 
     def inner_weights(self, inner: Array, draws: int, generator: np.random.Generator) -> Array:
@@ -119,7 +119,13 @@ class BrakingHuman:
         return replace(outcomes, impact_speed=np.where(outcomes.crash, np.inf, largest))
 
     def simulate(self, lead_speed: Array, range_: Array, closing_speed: Array) -> Outcomes:
-        """Simulate n cut-ins, each with a randomly drawn driver; the arguments have shape (n,)."""
+        """Simulate n cut-ins, each with a randomly drawn driver, and return their outcomes.
+
+        Parameters
+        ----------
+        lead_speed, range_, closing_speed
+            Initial values [m/s], [m] and [m/s], shape (n,).
+        """
         return self.simulate_given(lead_speed, range_, closing_speed, self.human.draw_next(len(lead_speed)))
 
 

@@ -27,7 +27,7 @@ def impact_share(z: Array, outcomes: Outcomes, threshold: float) -> Callable[[Ar
     outcomes
         Their outcomes.
     threshold
-        Impact speed [m/s].
+        Impact speed [m/s] that has to be exceeded.
 
     Returns
     -------

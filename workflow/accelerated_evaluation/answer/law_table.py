@@ -143,7 +143,7 @@ def score_laws(
 
 
 def compare_laws(weighted: WeightedLaws, vehicle: Vehicle, lines: CrashLines) -> pd.DataFrame:
-    """Score all laws, and tabulate them with their weights and crash probabilities; see `law_table`.
+    """Score all laws, and tabulate them with their weights and crash probabilities.
 
     Parameters
     ----------
@@ -152,7 +152,13 @@ def compare_laws(weighted: WeightedLaws, vehicle: Vehicle, lines: CrashLines) ->
     vehicle
         The car under test.
     lines
-        Lines of its crash map.
+        Lines of its crash map: pairs of lead speed and range, with the closing speeds at which it crashes.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each law, with the columns of `law_table`: gains in the held-out scores, weight, crash
+        probability, and whether the law is rejected.
     """
     found = lines.probabilities(weighted.family, weighted.members)
     crash = {member.name: probability for member, probability in found.items()}
@@ -175,7 +181,8 @@ def law_table(
     weighted
         The family with its weights.
     scores, crps
-        As `score_laws` returns them.
+        Held-out log scores by law and region, and negative threshold-weighted CRPS by law, of each record,
+        shape (records,).
     probabilities
         Crash probabilities of the laws of the family.
 

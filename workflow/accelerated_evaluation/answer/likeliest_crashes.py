@@ -43,10 +43,11 @@ def ways_to_crash(
     Returns
     -------
     pandas.DataFrame
-        One row for each group, the most probable first, with the columns `SHOWN`: ``kind`` is "crash",
-        ``number`` is counted from 1, and ``probability`` is that of the group; the other columns are the
-        initial values and the outcome of the representative crash. There are no rows if the vehicle never
-        crashes, or if the probability underflows.
+        One row for each group, the most probable first: ``kind`` is "crash", ``number`` is counted from 1,
+        and ``probability`` is that of the group; the other columns are the initial values ``lead_speed``
+        [m/s], ``range`` [m] and ``closing_speed`` [m/s], and the outcome ``crash``, ``min_range`` [m],
+        ``min_ttc`` [s] and ``impact_speed`` [m/s] of the representative crash. There are no rows if the
+        vehicle never crashes, or if the probability underflows.
     """
     masses = lines.masses(law.ranges, law.speeds)
     if not masses.any():
@@ -67,7 +68,8 @@ def ways_among_runs(
     Parameters
     ----------
     crashes
-        Table of `averaged.Course.crashes`.
+        Table of the runs that crashed: initial values, and ``share``, the part of the crash probability that
+        the run represents; see `averaged.Course.crashes`.
     probability
         The crash probability.
     vehicle
@@ -139,9 +141,9 @@ def nearest_records(records: DistinctRecords, vehicle: Vehicle) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        One row for each of `WAYS` records, with the columns `SHOWN`: ``kind`` is "record", and
+        One row for each of `WAYS` records, with the columns of `ways_to_crash`: ``kind`` is "record", and
         ``probability`` is NaN. Crashes come first, in the order of falling impact speed, and then the other
-        records by the score of a crash.
+        records by their score, which decreases towards a crash.
     """
     place = records.lead_speed, records.range_, records.closing_speed
     outcomes = vehicle.simulate(*place)
@@ -163,8 +165,9 @@ def traces_of(shown: pd.DataFrame, vehicle: Vehicle) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        One row for each time step, with the ``kind`` and ``number`` of the encounter and the columns of
-        `traces.COLUMNS`. There are no rows if the vehicle does not report its states over time.
+        One row for each time step, with the ``kind`` and ``number`` of the encounter, the time [s], and the
+        positions [m], speeds [m/s], host acceleration [m/s^2] and range [m] (all columns: `traces.COLUMNS`).
+        There are no rows if the vehicle does not report its states over time.
     """
     parts = [pd.DataFrame(columns=["kind", "number", *COLUMNS])]
     if hasattr(vehicle, "trace"):

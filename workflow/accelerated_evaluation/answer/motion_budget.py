@@ -22,14 +22,15 @@ def motion_budget(moving: pd.DataFrame, vehicle: str, together: float) -> pd.Dat
     vehicle
         Name of the vehicle.
     together
-        The ``factor`` of all other sources together, from the table of `posterior.budget`.
+        The ``factor``, exp(standard deviation of the log probability), of all other sources together.
 
     Returns
     -------
     pandas.DataFrame
-        One row with the columns of `posterior.budget` and ``effect``. The ``variance_share`` is relative to
-        the variance of all other sources together, and ``effect`` is the factor of the probability for the
-        scale 1. There is no row if the vehicle is not in the table or never crashes.
+        One row: ``source``; ``factor``, exp(standard deviation of the logarithm); ``variance_share``; and
+        ``effect``. The ``variance_share`` is relative to the variance of all other sources together, and
+        ``effect`` is the factor of the probability for the scale 1. There is no row if the vehicle is not in
+        the table or never crashes.
     """
     own = moving[(moving["vehicle"] == vehicle) & (moving["gap"] == "closing")]
     own = own[(own["factor"] > 0) & (own["factor_half"] > 0)]

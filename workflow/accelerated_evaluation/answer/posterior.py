@@ -40,7 +40,7 @@ class Posterior:
 
     @property
     def probability(self) -> float:
-        """The median of the draws."""
+        """Median of the draws of the probability."""
         return float(np.median(self.probabilities))
 
     def interval(self, level: float) -> tuple[float, float]:
@@ -62,8 +62,9 @@ def draw_posterior(
     Parameters
     ----------
     lines
-        Lines of a thinned crash map, by event. All events use the same draws. If the lines have weights, each
-        draw of the law is combined with a draw of the uncertain parameters of the vehicle.
+        Lines of a crash map, by event: a random selection of pairs of lead speed and range, with the
+        intervals of closing speed in which the event happens. All events use the same draws. If the lines
+        have weights, each draw of the law is combined with a draw of the uncertain parameters of the vehicle.
     family
         The family fitted to all records.
     members
@@ -101,8 +102,12 @@ def drawn_laws(
 
     Parameters
     ----------
-    family, members, weights, generator
-        As in `draw_posterior`.
+    family, members
+        The family fitted to all records, and those of its laws that have weights.
+    weights
+        Draws of the weights, shape (draws, members), with rows that sum to 1.
+    generator
+        Source of all randomness.
 
     Yields
     ------
@@ -159,7 +164,7 @@ def log_variances(posterior: Posterior) -> dict[str, float]:
 
 
 def shares(variances: Mapping[str, float]) -> pd.DataFrame:
-    """Tabulate the variances of a logarithm by source, with the columns of `budget`.
+    """Tabulate the variances of a logarithm by source, with their shares of the total variance.
 
     If a variance is NaN, the event does not happen under some draw, so its logarithm has no variance. All
     factors are then 1, and all shares NaN.
@@ -168,6 +173,12 @@ def shares(variances: Mapping[str, float]) -> pd.DataFrame:
     ----------
     variances
         Variances of independent contributions to the logarithm, by source.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each source and one for all ``together``: ``source``; ``factor``, exp(standard deviation);
+        and ``variance_share``.
     """
     total = sum(variances.values())
     if np.isnan(total):

@@ -60,8 +60,8 @@ class Reference:
     ) -> Self:
         """Compute the crash probability of a vehicle from its crash map.
 
-        If the number of replayed records that crash contradicts the map, the map is replaced by one with
-        random closing speeds, as in `LawStudy.resolve`.
+        If the number of replayed records that crash contradicts the map, the map is replaced by one that is
+        computed at random closing speeds.
 
         Parameters
         ----------
@@ -165,8 +165,10 @@ def compared_with(own: SampledPosterior | None, references: Mapping[str, Referen
     Returns
     -------
     pandas.DataFrame
-        One row for each reference: its name ``other``, and the columns of `compared.compare`. The numbers are
-        NaN if ``own`` is None, or if the reference never crashes under some draw.
+        One row for each reference: its name ``other``; the median ``ratio`` of the crash probabilities, slow
+        vehicle by reference; the ends ``ratio_low80`` and ``ratio_high80`` of its 80 % interval; and
+        ``safer``, the probability that the slow vehicle crashes less often. The numbers are NaN if ``own`` is
+        None, or if the reference never crashes under some draw.
     """
     rows = []
     for name, reference in references.items():
@@ -180,7 +182,7 @@ def compared_with(own: SampledPosterior | None, references: Mapping[str, Referen
 def vehicles_with(
     own: SampledPosterior | None, references: Mapping[str, Reference], size: int
 ) -> pd.DataFrame:
-    """Return the table `summary.vehicle_table` of a slow vehicle and of reference vehicles.
+    """Tabulate the crash probabilities of a slow vehicle and of reference vehicles, with their ratios.
 
     The slow vehicle does not replay the records. If it may lapse, the upper ends of its intervals and its
     probabilities to be safer assume that it reaches the bound ``unseen_lapses``.
@@ -193,6 +195,12 @@ def vehicles_with(
         The reference vehicles by name.
     size
         Number of distinct records.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each vehicle, the slow one first, with the columns of `summary.vehicle_table`: crashes of
+        the records, probability with intervals, and ratios to the references.
     """
     posteriors = {} if own is None else {UNDER_TEST: own.whole}
     recorded: dict[str, int | None] = dict.fromkeys(posteriors)

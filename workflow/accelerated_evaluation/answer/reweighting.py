@@ -38,7 +38,8 @@ class Ratios:
     runs
         Ratios at the n runs of the batch, shape (K, n).
     kept
-        Ratios at its m kept points, shape (K, m).
+        Ratios at the m points of the pool that the batch keeps to integrate its control variate, shape (K,
+        m).
     """
 
     runs: Array
@@ -160,14 +161,15 @@ class Reweighting:
         happened
             Whether the event happened in each run, shape (runs,); by default the event that was sampled.
         controls
-            Control variates of the batches of `counted`; by default those with which they were drawn. If they
-            are given, the errors are divided into a common part and a part of each draw; see `divided`.
+            Control variates of the batches of `counted`, which are predicted probabilities of the event; by
+            default those with which the batches were drawn. If they are given, the errors are divided into a
+            common part and a part of each draw.
 
         Returns
         -------
         SampledPosterior or None
-            None if there are fewer than two batches of `counted`, or if the mean of the estimates is not
-            positive.
+            The estimates with their relative errors; None if there are fewer than two batches of `counted`,
+            or if the mean of the estimates is not positive.
         """
         counted = self.counted(progress)
         if len(counted) < 2:
@@ -268,7 +270,8 @@ def reweight(batch: TwoPhaseBatch, ratios: Ratios, happened: Array, control: Con
     Parameters
     ----------
     batch
-        A batch of the second phase.
+        A batch of the second phase, whose runs give an estimate; the runs of the first phase only search for
+        the event.
     ratios
         The density ratios f_k / f_sampled of the K draws at the points of the batch.
     happened

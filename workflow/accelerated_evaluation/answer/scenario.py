@@ -214,8 +214,10 @@ class ScenarioStudy:
         Returns
         -------
         dict
-            ``answer``, with a row for each event and part, whose name is in the column ``encounters``; and
-            ``budget`` and ``draws`` for a crash in all encounters. See `joint.posterior.answer_tables`.
+            ``answer``, a row for each ``event`` and part (``encounters``) with the mean ``probability``, the
+            ``median``, and the ends ``low50`` to ``high95`` of the 50, 80 and 95 % credible intervals; and,
+            for a crash in all encounters, ``budget`` (variance of the log probability by source) and
+            ``draws`` (the probability under each draw of the law).
         """
         rows, tables = [], {}
         for restriction in (WHOLE, *self.scenario.restrictions):
@@ -231,7 +233,9 @@ class ScenarioStudy:
     def answer_by_few_runs(
         self, vehicle: Vehicle, seed: int, event: Event, simulations: int = FEW
     ) -> dict[str, pd.DataFrame]:
-        """Estimate the probability of an event for a slow vehicle; see `surrogate_posterior`.
+        """Estimate the probability of an event for a slow vehicle from few simulations.
+
+        The surrogate-guided sampler chooses the simulations.
 
         Parameters
         ----------

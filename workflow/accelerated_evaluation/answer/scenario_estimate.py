@@ -44,7 +44,13 @@ class CountedVehicle:
         self.vehicle, self.not_ended = vehicle, 0
 
     def simulate(self, *columns: Array) -> Any:  # noqa: ANN401
-        """Simulate encounters, and count the simulations that were stopped at their time limit."""
+        """Simulate encounters, count the simulations that reach their time limit, and return the outcomes.
+
+        Parameters
+        ----------
+        columns
+            Values of each variable of the scenario, each of shape (n,).
+        """
         outcomes = self.vehicle.simulate(*columns)
         self.not_ended += int(np.count_nonzero(~getattr(outcomes, ENDED, np.array([], bool))))
         return outcomes

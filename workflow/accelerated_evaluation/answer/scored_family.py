@@ -23,7 +23,7 @@ class ScoredFamily:
     Attributes
     ----------
     fitter, family
-        The records with what fits need, and the fit to all records.
+        The records with the grids on which the laws are fitted, and the fit to all records.
     log_scores
         Held-out log scores, censored to inverse times to collision above that of `region`, shape (members,
         records).

@@ -31,10 +31,10 @@ class GivenLaw(Protocol):
     """A law of the closing speed at n pairs of lead speed and range."""
 
     def cumulative(self, closing_speed: Array) -> Array:
-        """Return the cumulative hazard -log P(C > c) at one closing speed c for each pair, shape (n,)."""
+        """Return the cumulative hazard -log P(C > c) at a closing speed c [m/s] for each pair, shape (n,)."""
 
     def log_density(self, closing_speed: Array) -> Array:
-        """Return the log density at one closing speed for each pair, shape (n,)."""
+        """Return the log density at one closing speed [m/s] for each pair, shape (n,)."""
 
 
 class FittedLaw(Protocol):
@@ -132,7 +132,8 @@ class HeldOut:
         Parameters
         ----------
         fitter, family
-            The records with what fits need, and the fit to all records, from which the fits start.
+            The records with the grids on which the laws are fitted, and the fit to all records, from which
+            the fits start.
         blocks
             Number of contiguous blocks.
         """

@@ -106,11 +106,11 @@ def stored_experiments(
     Returns
     -------
     pandas.DataFrame
-        The columns of `weight_table`, and ``weights`` (``as stored`` or ``doubled``). ``probability``,
-        ``error`` and ``effective_events`` are those of the complete experiment; ``crude`` is the probability
-        by crude Monte Carlo under the authors' law; ``errors_off`` is crude minus probability, in standard
-        errors of the experiment; and ``crude_runs`` is the number of crude simulations that would have shown
-        the difference.
+        One row for each experiment and kind of weights, with the columns of `weight_checks.weight_table`, and
+        ``weights`` (``as stored`` or ``doubled``). ``probability``, ``error`` and ``effective_events`` are
+        those of the complete experiment; ``crude`` is the probability by crude Monte Carlo under the authors'
+        law; ``errors_off`` is crude minus probability, in standard errors of the experiment; and
+        ``crude_runs`` is the number of crude simulations that would have shown the difference.
     """
     require_file(published, CHANGE)
     known = pd.read_csv(published).query("scenario == @scenario").set_index("experiment")

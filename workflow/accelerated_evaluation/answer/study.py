@@ -174,7 +174,13 @@ class LawStudy:
         return self.weighted.family
 
     def probabilities(self, event: str) -> dict[Member, float]:
-        """Return the probability of an event under each law, computed with the complete map."""
+        """Return the probability of an event under each law, computed from the complete crash map.
+
+        Parameters
+        ----------
+        event
+            Name of the event.
+        """
         return self.lines[event].probabilities(self.family, self.weighted.members)
 
     @cached_property
@@ -185,7 +191,15 @@ class LawStudy:
         return {name: vehicle.simulate(*cut_ins) for name, vehicle in self.vehicles.items()}
 
     def calibration(self) -> pd.DataFrame:
-        """Return the table ``calibration`` with the near misses of the records that the car replays."""
+        """Compare the recorded numbers of critical cut-ins with the numbers that the laws predict.
+
+        The near misses of the records that the car under test replays are included.
+
+        Returns
+        -------
+        pandas.DataFrame
+            The columns of `calibration_table.calibration_table`: one row for each law and cell or near miss.
+        """
         outcomes = self.replayed[next(iter(self.vehicles))]
         recorded = {name: int(event.happens(outcomes).sum()) for name, event in self.events.items()}
         near = NearMisses(recorded, {name: self.probabilities(name) for name in self.events})
@@ -304,8 +318,9 @@ class LawStudy:
         Returns
         -------
         pandas.DataFrame
-            The columns of `summary.vehicle_table`, and ``scan``, which is ``random`` if the map was replaced
-            by one with random closing speeds, and ``refined`` otherwise.
+            One row for each vehicle, with the columns of `summary.vehicle_table` (crashes of the records,
+            probability with intervals, and ratios to the references) and ``scan``, which is ``random`` if the
+            map was replaced by one with random closing speeds, and ``refined`` otherwise.
         """
         replays = zip(posteriors, self.replayed.values(), strict=True)
         recorded = {name: int(outcomes.crash.sum()) for name, outcomes in replays}
@@ -323,7 +338,8 @@ def with_draws(lines: CrashLines, vehicle: Vehicle, draws: int, generator: np.ra
     Parameters
     ----------
     lines, vehicle
-        Lines of a crash map of the vehicle, and the vehicle.
+        Lines of a crash map of the vehicle (pairs of lead speed and range, with the intervals of closing
+        speed in which an event happens), and the vehicle.
     draws
         Number of draws.
     generator

@@ -55,7 +55,9 @@ def answer_table(posteriors: Mapping[str, Posterior], events_per_km: float | Non
     Returns
     -------
     pandas.DataFrame
-        Column ``event``, the columns of `summarise`, and ``per_km`` [1/km].
+        One row for each ``event``: the mean ``probability``, the ``median``, and the ends ``low50`` to
+        ``high95`` of the 50, 80 and 95 % credible intervals; and the rate ``per_km`` [1/km], NaN if the
+        distance is not known.
     """
     table = pd.DataFrame([{"event": event} | summarise(posterior) for event, posterior in posteriors.items()])
     return table.assign(per_km=table["probability"] * (np.nan if events_per_km is None else events_per_km))
@@ -153,7 +155,8 @@ def threshold_table(
     Returns
     -------
     pandas.DataFrame
-        One row for each ``level`` of the threshold, with the columns of `summarise`.
+        One row for each ``level`` of the threshold, with the mean ``probability``, the ``median``, and the
+        ends ``low50`` to ``high95`` of the 50, 80 and 95 % credible intervals.
     """
     rows = []
     for level in sorted({member.level for member in weighted.members if member.level is not None}):
@@ -226,7 +229,8 @@ def quality_table(
     -------
     pandas.DataFrame
         One row for each treatment, with the columns ``reading`` (its name), ``events`` (number of records)
-        and those of `summarise`, which are NaN if too few records remain.
+        and the mean ``probability``, the ``median``, and the ends ``low50`` to ``high95`` of the 50, 80 and
+        95 % credible intervals. The results are NaN if too few records remain.
     """
     rows, answers = [], {}
     for reading, records in tqdm(choices.items(), desc="data quality", unit=" readings"):

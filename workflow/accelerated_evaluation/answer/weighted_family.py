@@ -33,7 +33,7 @@ class WeightedLaws(ScoredFamily):
 
     @classmethod
     def drawn(cls, scored: ScoredFamily, generator: np.random.Generator, draws: int = DRAWS) -> Self:
-        """Draw the weights of the members from their scores; see `weights.bootstrapped_weights`.
+        """Draw the weights of the laws from their held-out scores, by the Bayesian bootstrap of the records.
 
         Parameters
         ----------

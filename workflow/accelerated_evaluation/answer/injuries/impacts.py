@@ -132,7 +132,13 @@ class ImpactSpeeds:
         return np.where(crashed.any(axis=1), total / np.maximum(crashed.sum(axis=1), 1), risks[0])
 
     def risks(self, tabulated: Mapping[Key, Array]) -> Array:
-        """Return the mean risk of each part for each curve of `tabulated_risks`, shape (curves, parts)."""
+        """Return the mean risk over the crashes of each part for each curve, shape (curves, parts).
+
+        Parameters
+        ----------
+        tabulated
+            Risks of the curves at the impact speeds `SPEEDS`, as from `tabulated_risks`.
+        """
         return np.array([self.mean_of(risks) for risks in tabulated.values()])
 
 

@@ -179,7 +179,7 @@ def balance_table(injured: Mapping[str, Mapping[str, Injured]], tested: str) -> 
 def injury_budget(injured: Mapping[str, Injured], sampling_deviation: float) -> pd.DataFrame:
     """Divide the variance of the logarithm of the injured drivers among its sources, for each level.
 
-    The columns are ``level`` and those of `posterior.budget`, with the choice of curve as a further source.
+    The sources are the data, the choice of law, the choice of curve, and the sampling.
 
     Parameters
     ----------
@@ -187,6 +187,12 @@ def injury_budget(injured: Mapping[str, Injured], sampling_deviation: float) -> 
         Draws of the number of injured drivers, by level of injury.
     sampling_deviation
         Relative standard deviation of an estimator of the crash probability.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each level and source: ``level``; ``source``, the last of which is ``together``;
+        ``factor``, exp(standard deviation of the logarithm); and ``variance_share``.
     """
     sampling = float(np.log1p(sampling_deviation**2))
     parts = [
@@ -201,7 +207,8 @@ def injuries_by_curve(injured: Mapping[str, Mapping[str, Injured]]) -> pd.DataFr
     """Tabulate the injured drivers per cut-in for each combination of two curves.
 
     The columns are ``vehicle``, ``level``, ``frontal`` and ``rear`` (the sources of the curves of the two
-    drivers) and those of `summary.summarise`.
+    drivers) and, over the draws of the law, the mean ``probability``, the ``median``, and the ends ``low50``
+    to ``high95`` of the 50, 80 and 95 % credible intervals.
 
     Parameters
     ----------
@@ -248,7 +255,7 @@ def injury_tables(
     exposure: Mapping[str, float | None],
     sampling_deviation: float,
 ) -> dict[str, pd.DataFrame]:
-    """Return all tables of injuries.
+    """Return all tables of injuries: numbers, comparison of vehicles, budget of the variance, and curves.
 
     Parameters
     ----------
@@ -267,7 +274,8 @@ def injury_tables(
     Returns
     -------
     dict
-        ``injuries``, ``injuries_by_curve``, ``risk_balance``, ``injury_budget`` and ``injury_curves``.
+        ``injuries`` (see `injuries_table`), ``injuries_by_curve``, ``risk_balance`` (`balance_table`),
+        ``injury_budget`` and ``injury_curves`` (`curves_table`).
     """
     injured = {
         name: {level: Injured.of(posterior, keys, level) for level in LEVELS}

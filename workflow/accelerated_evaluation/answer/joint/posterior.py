@@ -77,13 +77,20 @@ class DrawnLaws:
         return cls(laws, member, [candidate.name for candidate in scored.candidates])
 
     def log_densities(self, x: Array) -> Array:
-        """Return the log density of each draw at points x, shape (n, d); shape (draws, n)."""
+        """Return the log density of each draw of the law at n points x, as an array of shape (draws, n).
+
+        Parameters
+        ----------
+        x
+            The points, shape (n, d).
+        """
         return np.array([law.log_density(x) for law in self.laws])
 
     def sample(self, n: int, generator: np.random.Generator) -> Array:
         """Draw points from the mean of the draws, the same number from each draw.
 
-        The number of points is n, rounded up to a multiple of the number of draws.
+        The number of points is n, rounded up to a multiple of the number of draws. The result has the shape
+        (points, d).
         """
         share = -(-n // len(self.laws))
         return np.concatenate([law.sample(share, generator) for law in self.laws])
@@ -106,11 +113,17 @@ def simulated_posterior(
     drawn
         Draws of the law.
     respond
-        Function that simulates the vehicle.
+        Function that simulates the vehicle at points, shape (n, d), and returns whether the event happened,
+        shape (n,), and the scores of the outcomes, shape (n,).
     generator
         Source of all randomness.
     simulations
         Number of simulations of a round.
+
+    Returns
+    -------
+    SampledPosterior
+        Estimated probability under each draw of the law, with its relative standard error.
 
     Raises
     ------
@@ -163,15 +176,17 @@ def surrogate_posterior(
     """Estimate the probability of the event under each draw of the law, from few simulations.
 
     The surrogate-guided sampler chooses the runs. They end when the sampling increases the width of the 80 %
-    interval of the answer by at most a given share and the certificate is met, or at the limit of
-    simulations. They also end if the vehicle may lapse and more runs would not improve the result.
+    interval of the answer by at most a given share and the certificate is met (a bound on the probability of
+    the parts of the event that no run has observed), or at the limit of simulations. They also end if the
+    vehicle may lapse and more runs would not improve the result.
 
     Parameters
     ----------
     drawn
         Draws of the law.
     respond
-        Function that simulates a vehicle.
+        Function that simulates the vehicle at points, shape (n, d), and returns whether the event happened,
+        shape (n,), and the scores of the outcomes, shape (n,).
     generator
         Source of all randomness.
     simulations
@@ -179,9 +194,11 @@ def surrogate_posterior(
     share
         Allowed relative increase of the width of the 80 % interval by the sampling.
     filled
-        Smallest share of the encounters in a part of the event in which the event happens; see `Event`.
+        Smallest share of the encounters in a part of the event in which the event happens. It is small if
+        rounding errors decide in a part of the encounters.
     deterministic
-        Whether an encounter always has the same outcome; None if this is unknown, see `Sampler`.
+        Whether an encounter always has the same outcome; None if this is unknown, so that some runs are
+        repeated.
     repeat
         Function that simulates the vehicle again, even if outcomes are stored; by default ``respond``.
 
@@ -225,14 +242,22 @@ def surrogate_posterior(
 
 
 def answer_tables(posterior: SampledPosterior, drawn: DrawnLaws) -> dict[str, pd.DataFrame]:
-    """Return the answer as tables.
+    """Return the probability of the event with its uncertainty as three tables.
+
+    Parameters
+    ----------
+    posterior
+        Estimated probability under each draw of the law.
+    drawn
+        The draws of the law.
 
     Returns
     -------
     dict
-        ``answer``, one row with the ``event`` and the columns of `summary.summarise`; ``budget``, see
-        `posterior.budget`; and ``draws``, one row for each draw of the law: its number ``draw``, ``law``,
-        ``probability`` of the event and relative ``error``.
+        ``answer``, one row with the ``event`` and the mean ``probability``, the ``median``, and the ends
+        ``low50`` to ``high95`` of the 50, 80 and 95 % credible intervals; ``budget``, the variance of the log
+        probability by source (data, choice of law, sampling); and ``draws``, one row for each draw of the
+        law: its number ``draw``, ``law``, ``probability`` of the event and relative ``error``.
     """
     draws = {
         "draw": np.arange(len(drawn.laws)) + 1,

@@ -261,11 +261,17 @@ def score_laws(
     records
         The records.
     respond
-        Function that simulates the vehicle.
+        Function that simulates the vehicle at points, shape (n, d), and returns whether the event happened,
+        shape (n,), and the scores of the outcomes, shape (n,).
     generator
         Source of all randomness.
     candidates
         The kinds of laws. The last one is the reference of the gains in `ScoredLaws.table`.
+
+    Returns
+    -------
+    ScoredLaws
+        The fits, with their held-out log scores over all records and near the event.
     """
     laws = [candidate.fit(records, generator) for candidate in candidates]
     own = respond(records.x)[1]
