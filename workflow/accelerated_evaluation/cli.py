@@ -12,17 +12,17 @@ and leaves no incomplete file."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command.
+    """Run the command ``accelerated-evaluation`` with one of its subcommands.
 
     Parameters
     ----------
     argv
-        Its arguments; None for those of the process.
+        Arguments of the command; None for those of the process.
 
     Returns
     -------
     int
-        Exit status: 0, 2 after bad input, or 130 if it was stopped from the keyboard.
+        Exit status: 0, 2 after bad input, or 130 if the command was stopped from the keyboard.
     """
     arguments = _parser().parse_args(argv)
     try:

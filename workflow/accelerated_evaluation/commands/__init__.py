@@ -31,16 +31,27 @@ class Command(Protocol):
 
     @staticmethod
     def add_arguments(command: argparse.ArgumentParser) -> None:
-        """Add the arguments of the subcommand to its parser."""
+        """Add the arguments of the subcommand to its parser.
+
+        Parameters
+        ----------
+        command
+            Parser of the subcommand.
+        """
 
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
         """Run the subcommand.
 
+        Parameters
+        ----------
+        arguments
+            The parsed arguments of the subcommand.
+
         Raises
         ------
         StudyError or OSError
-            If it cannot continue. The message is printed for the user.
+            If the subcommand cannot continue. The message is printed for the user.
         """
 
 

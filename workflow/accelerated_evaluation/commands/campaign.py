@@ -92,7 +92,10 @@ class CampaignCommand:
 
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
-        """Run one step; other processes with a campaign in the same folder wait until it has ended."""
+        """Begin a campaign, request runs, receive outcomes or print the status, as the arguments say.
+
+        Other processes with a campaign in the same folder wait until this step has ended.
+        """
         from accelerated_evaluation.track.campaign_file import locked
 
         with locked(arguments.campaign):

@@ -66,7 +66,7 @@ class Replay:
 
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
-        """Simulate the encounter, and write its trace and the figure."""
+        """Simulate the encounter, and write the states over time as a table and, on demand, a figure."""
         scenario, encounter = SCENARIOS[arguments.scenario], arguments.values
         if len(encounter) != scenario.dimension:
             raise InputError(

@@ -30,7 +30,7 @@ class Account:
 
     @classmethod
     def of(cls, raw: pd.DataFrame) -> Self:
-        """Begin the account of the records of a source.
+        """Return a new account of the records of a source, which counts the rows that filters drop.
 
         The account of the extraction, if the records were extracted from recordings, comes first. It is in
         ``raw.attrs["account"]``.
@@ -109,8 +109,8 @@ def drop_invalid(raw: pd.DataFrame, account: Account, *, policy: str, where: str
     Parameters
     ----------
     raw
-        Three columns as `encounter_table.complete` takes them, whose cells may be missing or text. Other
-        columns are ignored.
+        The three columns of a source: lead speed, range or its inverse, and closing speed or an equivalent
+        (`encounter_table.complete`). Cells may be missing or text. Other columns are ignored.
     account
         Account to which one line is added for each reason.
     policy
@@ -177,7 +177,9 @@ def drop_repeated(encounters: pd.DataFrame, account: Account, *, policy: str) ->
 
 
 def apply_filters(encounters: pd.DataFrame, account: Account, filters: Mapping[str, float]) -> pd.DataFrame:
-    """Keep the rows that section II of the paper keeps: the gap closes, and v_L and R are within the limits.
+    """Return the rows in which the gap closes, and lead speed and range are within the limits.
+
+    These are the rows that section II of the paper keeps.
 
     Parameters
     ----------
@@ -194,7 +196,17 @@ def apply_filters(encounters: pd.DataFrame, account: Account, filters: Mapping[s
 
 
 def apply_limits(encounters: pd.DataFrame, account: Account, filters: Mapping[str, float]) -> pd.DataFrame:
-    """Keep the rows whose lead speed and range are within the limits; parameters as for `apply_filters`."""
+    """Return the rows whose lead speed and range are within the limits, and count the others.
+
+    Parameters
+    ----------
+    encounters
+        Columns ``encounter_table.NUMBERS``.
+    account
+        Account to which one line is added for each limit.
+    filters
+        ``lead_speed_min`` [m/s] (inclusive), ``lead_speed_max`` [m/s] (exclusive) and ``range_max`` [m].
+    """
     low, high, range_max = (filters[key] for key in ("lead_speed_min", "lead_speed_max", "range_max"))
     outside = ~encounters["lead_speed"].between(low, high, inclusive="left")
     encounters = account.take(

@@ -23,7 +23,8 @@ def ingest(raw: pd.DataFrame, config: Mapping[str, Any], account: Account) -> pd
     Parameters
     ----------
     raw
-        Records as `sources.read_source` returns them.
+        Unfiltered records of a source: columns ``lead_speed`` [m/s], range and closing speed (or their
+        inverses, as in `encounter_table.complete`), index ``row`` from 1.
     config
         A valid configuration; its sections ``data``, ``filters`` and ``segments`` are used.
     account
@@ -71,8 +72,11 @@ def opening_cut_ins(raw: pd.DataFrame, config: Mapping[str, Any]) -> pd.DataFram
 
     Parameters
     ----------
-    raw, config
-        As for `ingest`.
+    raw
+        Unfiltered records of a source: columns ``lead_speed`` [m/s], range and closing speed (or their
+        inverses, as in `encounter_table.complete`), index ``row`` from 1.
+    config
+        A valid configuration; its sections ``data`` and ``filters`` are used.
 
     Returns
     -------

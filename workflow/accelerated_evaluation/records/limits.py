@@ -137,7 +137,8 @@ def limits_of(raw: pd.DataFrame, config: Mapping[str, Any]) -> dict[str, Any]:
     Parameters
     ----------
     raw
-        Records as `sources.read_source` returns them.
+        Unfiltered records of a source: columns ``lead_speed`` [m/s], range and closing speed (or their
+        inverses, as in `encounter_table.complete`), index ``row`` from 1.
     config
         A configuration that is complete except for the values ``auto``.
 

@@ -49,7 +49,7 @@ class Verdict:
 
     @classmethod
     def of(cls, report: pd.DataFrame, accepted: Iterable[str] = ()) -> Self:
-        """Return the verdict of a report on the records.
+        """Return the verdict that follows from a report, the table of the checks of the records.
 
         Parameters
         ----------
@@ -123,12 +123,18 @@ def verdict_on(raw: pd.DataFrame, config: Mapping[str, Any], simulate: Simulate 
     Parameters
     ----------
     raw
-        Records as `sources.read_source` returns them.
+        Unfiltered records of a source: columns ``lead_speed`` [m/s], range and closing speed (or their
+        inverses, as in `encounter_table.complete`), index ``row`` from 1.
     config
         A resolved configuration; its sections ``data``, ``filters`` and ``segments`` are used.
     simulate
         Function that simulates the recorded cut-ins with the vehicle under test; None to skip the check that
         replays them.
+
+    Returns
+    -------
+    Verdict
+        The checks with the verdict ``stop``, all of them accepted, and those with the verdict ``warning``.
 
     Raises
     ------

@@ -136,8 +136,13 @@ def resolved(
     ----------
     config
         A configuration from `completed`.
-    files, kept, trust
-        Arguments of `limits.with_limits`.
+    files
+        The files of the records. Limits that were saved earlier are reused only if the contents are
+        unchanged.
+    kept
+        File in which the limits are saved; None to derive them from the records every time.
+    trust
+        Whether to use the saved limits without checking that they belong to these records.
 
     Raises
     ------

@@ -265,7 +265,7 @@ class Campaign:
             )
 
     def as_predecessor(self, law: Source, event: Event) -> Predecessor:
-        """Return the runs of the complete batches as predecessor for the campaign of a similar vehicle.
+        """Return the runs of the complete batches, to guide the campaign of a similar vehicle.
 
         Parameters
         ----------
@@ -295,15 +295,17 @@ class Campaign:
     # ---- what follows
 
     def estimate(self) -> Estimate:
-        """Return the estimate from all complete batches."""
+        """Return the estimated probability of the event, with its interval, from all complete batches."""
         return self.sampler.estimate(self.goal)
 
 
 def sampler_rules(scenario: Scenario, event: Event) -> Mapping[str, Any]:
     """Return the arguments of `Sampler` that depend on the scenario and the event, by name.
 
-    For cut-ins, the mapping is empty, so that the sampler uses its defaults, which are for rare events. For
-    other scenarios, see `rules_of_joint_laws`.
+    For cut-ins, the mapping is empty, so that the sampler uses its defaults, which are for rare events. In
+    other scenarios the event may be frequent and may consist of separate parts. The sampler then begins in
+    another way, and converges only when a part that no run has observed has at most a small multiple of the
+    estimated probability.
     """
     return {} if scenario is CUT_IN else rules_of_joint_laws(event.filled)
 

@@ -60,7 +60,7 @@ def locked(path: str | os.PathLike) -> Iterator[None]:
 
 
 def law_of(campaign: Campaign) -> Law | JointLaw:
-    """Read the law of a campaign.
+    """Return the law of a campaign, read from its law file.
 
     Raises
     ------

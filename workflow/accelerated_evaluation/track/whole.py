@@ -55,7 +55,7 @@ def read_draws(path: Path, campaign: Campaign) -> MeanLaw:
 
 
 def whole_in_words(campaign: Campaign, law: Law | JointLaw, draws: MeanLaw | None = None) -> list[str]:
-    """Return lines of text about the answer of a campaign under all draws of a mean law.
+    """Return lines of text with the probability that a campaign estimates under all draws of a law.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def whole_in_words(campaign: Campaign, law: Law | JointLaw, draws: MeanLaw | Non
 
 
 def read_under(campaign: Campaign, law: Law, draws: MeanLaw) -> Course:
-    """Return the runs of a campaign with their density ratios f_k / f for each draw k of another law.
+    """Return the runs of a campaign with density ratios f_k / f for each draw k of another law.
 
     A cut-in with a closing speed above the cap of the campaign's law was driven with the cap. Its outcome is
     also used for the larger closing speed.
@@ -101,6 +101,12 @@ def read_under(campaign: Campaign, law: Law, draws: MeanLaw) -> Course:
         The law f under which the runs were chosen.
     draws
         The mean law with the draws f_k.
+
+    Returns
+    -------
+    Course
+        The runs of the complete batches with their outcomes and ratios, from which the probability under each
+        draw is estimated.
     """
 
     def log_ratios(z: Array) -> Array:
@@ -111,7 +117,9 @@ def read_under(campaign: Campaign, law: Law, draws: MeanLaw) -> Course:
 
 
 def log_density(law: Law, z: Array) -> Array:
-    """Return the log density of log R and closing speed [m/s] given v_L, without a cap, shape (n,).
+    """Return the joint log density of log R and closing speed [m/s] given v_L, shape (n,).
+
+    R is the range [m] and v_L the lead speed. The closing speed is not capped.
 
     Parameters
     ----------

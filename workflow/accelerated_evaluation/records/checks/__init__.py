@@ -104,11 +104,13 @@ class Records:
         Parameters
         ----------
         raw
-            Records as `sources.read_source` returns them.
+            Unfiltered records of a source: columns ``lead_speed`` [m/s], range and closing speed (or their
+            inverses, as in `encounter_table.complete`), index ``row`` from 1.
         config
             A resolved configuration; its sections ``filters`` and ``segments`` are used.
         simulate
-            As in `Records`.
+            Function that simulates cut-ins with the vehicle under test, given lead speed [m/s], range [m] and
+            closing speed [m/s]; None if there is no vehicle.
         """
         account = Account(len(raw))
         valid = drop_invalid(raw, account, policy="drop", where="the records")

@@ -26,7 +26,10 @@ FAR = (0.23, 0.31, 0.43)  # distances between rows of different cut-ins, as shar
 
 @CHECKS.add("repeated_rows")
 def repeated_rows(records: Records) -> Finding:
-    """Check for rows that are equal to the row before them."""
+    """Check for rows that are equal to the row before them.
+
+    The verdict is ``stop`` if more than half of the rows are such rows, and ``warning`` if there are some.
+    """
     rows = records.valid.index.difference(records.distinct.index)
     share = len(rows) / max(len(records.valid), 1)
     return Finding(
@@ -44,8 +47,8 @@ def repeated_rows(records: Records) -> Finding:
 def rows_repeated_elsewhere(records: Records) -> Finding:
     """Check for rows that are equal to an earlier row that is not the row directly before them.
 
-    Their number is compared with the number that occurs by chance. This number is estimated by counting equal
-    rows after one column has been shifted against the others.
+    The number of these rows is compared with the number that occurs by chance, by a Poisson test. The number
+    by chance is estimated by counting equal rows after one column has been shifted against the others.
     """
     rows = records.distinct[MEASURED].round(9)
     found = rows.index[rows.duplicated()]
@@ -65,7 +68,8 @@ def rows_repeated_elsewhere(records: Records) -> Finding:
 def nearly_repeated_rows(records: Records) -> Finding:
     """Check for rows that differ from the row before them by no more than the resolution of radars.
 
-    Their number is compared with the number of such pairs among rows that are far apart in the record.
+    The resolution is 0.1 m/s for speeds and 0.2 m for the range. The number of these rows is compared, by a
+    Poisson test, with the number of such pairs among rows that are far apart in the record.
     """
     rows = records.distinct[MEASURED].to_numpy()
     near = np.concatenate([[False], _near(rows, 1)])
@@ -86,7 +90,8 @@ def nearly_repeated_rows(records: Records) -> Finding:
 def stuck_sensor(records: Records) -> Finding:
     """Check for a quantity that has the same value as in the row before, while another quantity changes.
 
-    The number of such rows is compared with the number of equal values in rows that are far apart.
+    The number of these rows is compared with the number of equal values in rows that are far apart, by a
+    Poisson test for each of lead speed, range and closing speed.
     """
     rows, worst = records.distinct, (1.0, MEASURED[0], 0, pd.Index([]))
     for name in MEASURED:

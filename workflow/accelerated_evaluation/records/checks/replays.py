@@ -16,7 +16,11 @@ NEAR_TTC, NEAR_RANGE = 1.0, 1.0  # [s], [m]; the crash map defines near misses b
 
 @CHECKS.add("replayed_crashes")
 def replayed_crashes(records: Records) -> Finding:
-    """Simulate the filtered rows with the vehicle under test, and report crashes and near misses."""
+    """Simulate the filtered rows with the vehicle under test, and report crashes and near misses.
+
+    A near miss has a time to collision below 1 s or a range below 1 m. The verdict is ``stop`` if more than 1
+    % of the rows crash, and ``warning`` if there is any crash or near miss.
+    """
     looked_at = (
         f"rows that crash with the vehicle under test, or come to a TTC under {NEAR_TTC:g} s or a range "
         f"under {NEAR_RANGE:g} m"

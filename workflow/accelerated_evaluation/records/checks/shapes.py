@@ -29,7 +29,12 @@ EXTREMES = ("inverse_range", "inverse_ttc")  # quantities whose tails the models
 
 @CHECKS.add("round_numbers")
 def round_numbers(records: Records) -> Finding:
-    """Check for rounding: more rows on multiples of a step than on any shifted lattice of this step."""
+    """Check for rounding: more values on multiples of a step than on multiples plus an offset.
+
+    The steps are 0.5, 1, 5 and 10 in several units. The number of values on multiples is compared with the
+    largest number for any offset by a binomial test. If the test is significant, the verdict is ``stop`` if
+    more than half of the values are on multiples, and otherwise ``warning``.
+    """
     heaps, tests = [], sum(len(units) for units in UNITS.values()) * len(STEPS)
     for name, units in UNITS.items():
         values = _of(records, name)
@@ -102,7 +107,11 @@ def cut_edges(records: Records) -> Finding:
 
 @CHECKS.add("gaps")
 def gaps(records: Records) -> Finding:
-    """Check for gaps: intervals without a value, between values that are dense on both sides."""
+    """Check for gaps: intervals without a value, between values that are dense on both sides.
+
+    The widest gap of each quantity is compared with the distances of the 50 values on either side. The
+    verdict is ``warning`` if the gap is unlikely for a density that is constant nearby.
+    """
     worst = (1.0, "no gap", 0.0, 0.0, "range")
     for name in UNITS:
         values = np.unique(_of(records, name).round(9))
@@ -152,6 +161,8 @@ def outliers(records: Records) -> Finding:
 
     The scale of the tail is estimated from the median excess of the `TOP` largest values. The p-value of a
     value is the probability that the largest of as many exponential variables exceeds it.
+
+    The verdict is ``warning`` if there is any such value.
     """
     found: dict[int, float] = {}
     for name in EXTREMES:

@@ -13,7 +13,7 @@ CELL = (5.0, 10.0)  # [m/s], [m]: size of a cell of lead speed and range
 
 @CHECKS.add("rows_outside_limits")
 def rows_outside_limits(records: Records) -> Finding:
-    """Check how many closing rows the limits exclude, and how many of these are physically impossible.
+    """Check how many closing cut-ins the limits exclude, and how many of these are physically impossible.
 
     Impossible rows are counted because limits that are derived from the records (``auto``) exclude them
     without the user noticing.
@@ -41,6 +41,9 @@ def sample_size(records: Records) -> Finding:
     """Check whether each segment has enough distinct rows.
 
     Rows in cells of lead speed and range are counted as well, without an influence on the verdict.
+
+    The verdict is ``stop`` if the smallest segment has fewer than `MINIMUM_ROWS` rows, and ``warning`` if 5 %
+    of its rows, the share in a tail, are fewer than that.
     """
     counts = {name: len(rows) for name, rows in records.segments.items()}
     smallest = min(counts, key=counts.get)
@@ -60,7 +63,11 @@ def sample_size(records: Records) -> Finding:
 
 @CHECKS.add("size_of_tail")
 def size_of_tail(records: Records) -> Finding:
-    """Check the number of rows to which the tail of TTC^-1 is fitted, in the segment with the fewest."""
+    """Check the number of rows to which the tail of TTC^-1 is fitted, in the segment with the fewest.
+
+    The tail consists of the largest values of a segment, a share `TAIL` of its distinct rows. The verdict is
+    ``stop`` below `FEW` rows, and ``warning`` below `ENOUGH`.
+    """
     sizes = {
         name: int((rows["inverse_ttc"] > np.quantile(rows["inverse_ttc"], 1 - TAIL)).sum())
         for name, rows in records.segments.items()

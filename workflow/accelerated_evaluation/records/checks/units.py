@@ -43,7 +43,12 @@ def invalid_values(records: Records) -> Finding:
 
 @CHECKS.add("speed_unit")
 def speed_unit(records: Records) -> Finding:
-    """Check whether the speeds are plausible as speeds of road traffic in m/s."""
+    """Check whether the speeds are plausible as speeds of road traffic in m/s.
+
+    The verdict is ``stop`` if the median lead speed exceeds 45 m/s, or if more than 1 % of the rows have a
+    speed above 70 m/s. The verdict is ``warning`` if there is any such row, or if the source could not check
+    its units.
+    """
     fastest = np.maximum(records.valid["lead_speed"], records.host_speed)
     median, rows = records.valid["lead_speed"].median(), fastest[fastest > FASTEST_CAR]
     verdict = STOP if median > FASTEST_TRAFFIC else by_share(len(rows), len(fastest))
@@ -68,8 +73,8 @@ def speed_unit(records: Records) -> Finding:
 def time_gap(records: Records) -> Finding:
     """Check whether the median time gap, the range divided by the host speed, is plausible.
 
-    A median outside of `SHORTEST_GAP` to `LONGEST_GAP` means that the units of range and speed do not fit
-    together.
+    A median outside of `SHORTEST_GAP` to `LONGEST_GAP` (0.5 to 5 s) means that the units of range and speed
+    do not fit together.
     """
     moving = records.host_speed > 0
     median = float((records.valid["range"][moving] / records.host_speed[moving]).median())
@@ -134,7 +139,7 @@ def sign_of_range_rate(records: Records) -> Finding:
 
 @CHECKS.add("far_ranges")
 def far_ranges(records: Records) -> Finding:
-    """Check for ranges above `FARTHEST`, which are beyond the reach of automotive sensors."""
+    """Check for ranges above `FARTHEST` (300 m), which are beyond the reach of automotive sensors."""
     range_ = records.valid["range"]
     return _outside(
         range_[range_ > FARTHEST].sort_values(ascending=False),
@@ -147,7 +152,7 @@ def far_ranges(records: Records) -> Finding:
 
 @CHECKS.add("short_ranges")
 def short_ranges(records: Records) -> Finding:
-    """Check for ranges below `NEAREST`, which are too short for a lane change."""
+    """Check for ranges below `NEAREST` (3 m), which are too short for a lane change."""
     range_ = records.valid["range"]
     return _outside(
         range_[range_ < NEAREST].sort_values(),

@@ -154,8 +154,8 @@ def require_agreement(
     where
         Folder or file, for the error.
     moved, reported
-        Two sums over the recording that are equal, except for noise, if the units are right. Nothing is
-        checked unless ``reported`` is positive.
+        Two sums over the recording, such as distances from positions and from speeds, that are equal, except
+        for noise, if the units are right. Nothing is checked unless ``reported`` is positive.
     what, key
         Description of what is compared, and the name of what the user has to correct.
     factor

@@ -61,7 +61,8 @@ class Format:
         SQL statements that create the tables of these names from the views ``tracks`` and ``meta_file``, with
         the placeholders {rate} and {complete}.
     range_, same_lane
-        SQL expressions; see `trajectories.changes_of_lane`.
+        SQL expression of the range [m], and SQL condition that the host is in the lane of the vehicle that
+        cuts in.
     speeds
         Two texts for the check of the units: what is compared, and what the user has to correct.
     length

@@ -17,6 +17,11 @@ def joined_lanes(lanes: Iterable["Lane"]) -> dict[int, int]:
     Two pieces belong to one lane if each is the only continuation of the other. The number of a lane is the
     smallest number of its pieces. If a lane splits or lanes merge, a new lane begins, because it is undefined
     which of the lanes continues.
+
+    Parameters
+    ----------
+    lanes
+        Pieces of lanes of a trace, each with its number and the numbers of the pieces that continue it.
     """
     ends: dict[int, tuple[set[int], set[int]]] = defaultdict(lambda: (set(), set()))
     for lane in lanes:

@@ -165,7 +165,10 @@ def cut_ins_of(
     Returns
     -------
     pandas.DataFrame
-        Columns `OUTPUT`; see `cut_ins.finished` for the attributes.
+        One row for each cut-in: ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s] and
+        ``host_speed`` [m/s] in the first frame in the new lane; and ``recording``, ``time`` [s], ``vehicle``
+        and ``host``, which locate the cut-in. The attributes (``attrs``) are ``account``, ``exposure`` and
+        ``warnings``.
     """
     account = _account(counts)
     candidates = with_names(pd.concat(found), "recording {recording} vehicle {vehicle} at {time:g} s")

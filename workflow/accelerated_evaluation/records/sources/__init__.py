@@ -132,7 +132,8 @@ def read_source(data: Mapping[str, Any], generator: np.random.Generator) -> pd.D
     Returns
     -------
     pandas.DataFrame
-        Three columns as `encounter_table.complete` takes them; the index ``row`` counts the rows of the
+        ``lead_speed`` [m/s]; ``range`` [m] or ``inverse_range`` [1/m]; and one of ``closing_speed`` [m/s],
+        ``range_rate`` [m/s], ``ttc`` [s] and ``inverse_ttc`` [1/s]; the index ``row`` counts the rows of the
         source from 1. A sample keeps the order of the source. ``attrs["exposure"]`` contains the kilometres
         and hours in which all records were made, if they are known; they are unknown for a sample.
 

@@ -56,8 +56,9 @@ FRAMES = trajectories.FRAMES.format(
 def read(settings: Mapping[str, Any]) -> pd.DataFrame:
     """Return the cut-ins in OSI traces of GroundTruth messages; one trace is processed after the other.
 
-    A cut-in is defined as in the source `highd`. The host is the nearest vehicle behind in the same lane. The
-    range is the distance between the bounding boxes of the two vehicles along the heading of the host.
+    A vehicle that changes into another lane cuts in before the vehicle behind it in the new lane, the host.
+    The host is the nearest vehicle behind in the same lane. The range is the distance between the bounding
+    boxes of the two vehicles along the heading of the host.
 
     Parameters
     ----------
@@ -67,7 +68,10 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        As for `recordings.drone.read_recordings`.
+        One row for each cut-in: ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s] and
+        ``host_speed`` [m/s] in the first frame in the new lane; and ``recording``, ``time`` [s], ``vehicle``
+        and ``host``, which locate the cut-in. The attributes (``attrs``) contain the account of dropped
+        candidates and the exposure.
 
     Raises
     ------

@@ -93,8 +93,9 @@ def read(settings: Mapping[str, Any]) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        Three columns as `encounter_table.complete` takes them, index ``row`` (data rows counted from 1). Text
-        and missing cells are not changed; the filters handle them.
+        ``lead_speed`` [m/s]; ``range`` [m] or ``inverse_range`` [1/m]; and one of ``closing_speed`` [m/s],
+        ``range_rate`` [m/s], ``ttc`` [s] and ``inverse_ttc`` [1/s]; index ``row`` (data rows counted from 1).
+        Text and missing cells are not changed; the filters handle them.
 
     Raises
     ------
