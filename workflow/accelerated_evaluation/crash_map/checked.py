@@ -59,7 +59,7 @@ class MapCheck:
 
 
 def check_map(vehicle: Vehicle, crash_map: CrashMap, generator: np.random.Generator) -> MapCheck:
-    """Compare a crash map with simulations at random closing speeds on some of its lines.
+    """Compare the crash probability from a map with simulations at random closing speeds on some lines.
 
     Parameters
     ----------

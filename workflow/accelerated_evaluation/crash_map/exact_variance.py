@@ -175,7 +175,8 @@ def variation_table(
     proposals
         The accelerated distribution f* of each stratum, by method and seed.
     ignored_share
-        Share of the crash probability that is ignored in ``variation_trimmed``; see `exact_variation`.
+        Share of the crash probability that is ignored in ``variation_trimmed``: the cells with the largest
+        mean weights are left out, as long as they together contain at most this share.
 
     Returns
     -------

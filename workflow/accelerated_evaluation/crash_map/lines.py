@@ -61,7 +61,7 @@ class CrashLines(Lines):
     def of(
         cls, crash_map: CrashMap, lead_speeds: Array, event: Event = CRASH, support: Support = SUPPORT
     ) -> "CrashLines":
-        """Select the lines of a map on which an event happens and whose lead speeds were recorded.
+        """Return the lines of a map on which an event happens and whose cells contain recorded lead speeds.
 
         Parameters
         ----------
@@ -171,13 +171,13 @@ class CrashLines(Lines):
         return float(self.masses(ranges, law).sum())
 
     def probabilities(self, family: LawFamily, members: Iterable[Member]) -> dict[Member, float]:
-        """Return the probability of the event under each member of a family; see `masses_of`."""
+        """Return the probability of the event under each of the given members of a fitted family of laws."""
         members = tuple(members)
         masses = self.masses_of(family, members)
         return {member: float(mass.sum()) for member, mass in zip(members, masses, strict=True)}
 
     def place(self, line: NDArray) -> tuple[Array, Array]:
-        """Return lead speed [m/s] and range [m] of the lines with given indices."""
+        """Return the lead speeds [m/s] and ranges [m] of the n lines with the given indices."""
         return self.places.lead_speed[line], self.places.range_[line]
 
     def of_draw(self, draw: int) -> "CrashLines":
@@ -239,7 +239,7 @@ def crash_places(
     lines
         Lines on which crashes happen.
     masses
-        Probability of each interval under the law; see `CrashLines.masses`.
+        Probability that a cut-in under the law is in each interval, shape (intervals,).
     law
         Distribution of the closing speed given lead speed and range.
     size

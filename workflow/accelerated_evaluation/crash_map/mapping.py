@@ -41,6 +41,11 @@ def map_crashes(
     generator
         Source of the random places of the lines in their cells, and of the scan points on the lines.
 
+    Returns
+    -------
+    CrashMap
+        The map, with the intervals of closing speeds of each event.
+
     Raises
     ------
     InputError

@@ -110,7 +110,7 @@ class Grid:
         return Cells(np.column_stack(speeds), np.column_stack(roots), self.range_max)
 
     def refined(self, factor: float) -> "Grid":
-        """Return the grid with a finer or coarser resolution.
+        """Return the grid with a finer or coarser resolution of lead speed, range and scan.
 
         Parameters
         ----------
@@ -171,7 +171,7 @@ class Lines(ABC):
 
     @abstractmethod
     def place(self, line: NDArray) -> tuple[Array, Array]:
-        """Return lead speed [m/s] and range [m] of the lines with given indices."""
+        """Return the lead speeds [m/s] and ranges [m] of the n lines with the given indices."""
 
     def simulate(self, vehicle: Vehicle, line: NDArray, closing_speed: Array) -> Outcomes:
         """Simulate cut-ins on lines, with the inner variables of the lines if there are any.
@@ -211,7 +211,7 @@ class CrashMap(Lines):
     inner: Array | None = None
 
     def place(self, line: NDArray) -> tuple[Array, Array]:
-        """Return lead speed [m/s] and range [m] of the lines with given indices."""
+        """Return the lead speeds [m/s] and ranges [m] of the n lines with the given indices."""
         return self.lead_speed[line], 1 / self.inverse_range[line]
 
     def intervals(self, event: Event) -> Intervals:
@@ -252,7 +252,7 @@ def write_crash_map(path: str | os.PathLike, crash_map: CrashMap) -> None:
 
 
 def read_crash_map(path: str | os.PathLike) -> CrashMap:
-    """Read a crash map from a file of `write_crash_map`.
+    """Return the crash map in a file that `write_crash_map` wrote.
 
     Raises
     ------

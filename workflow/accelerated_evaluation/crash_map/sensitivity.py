@@ -78,7 +78,7 @@ def fit_for_crashes(
     smallest_inverse_ttc: float,
     closing_speed_max: float,
 ) -> IndependentLaw:
-    """Fit a piecewise model that is used only to compute its crash probability.
+    """Return a fitted piecewise model that is used only to compute its crash probability.
 
     If there are no crashes below the knot of TTC^-1, the crash probability depends only on the weight of the
     body. The body is then fitted by an exponential instead of the normal mixture, whose fit takes seconds.
@@ -247,7 +247,8 @@ def study_cap(
 ) -> pd.DataFrame:
     """Tabulate the crash probability for several caps on closing speeds.
 
-    A crash map is computed for each cap. The columns are those of `study_sensitivity`.
+    A crash map is computed for each cap. The columns are ``choice``, ``value`` (the cap), ``probability`` and
+    ``standard_error``.
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ class Bounded(Described):
 
     @abstractmethod
     def tilt(self, theta: float) -> Self:
-        """Return the exponentially tilted distribution; see `Tiltable.tilt`."""
+        """Return the exponentially tilted distribution, with density proportional to exp(theta x) f(x)."""
 
     @abstractmethod
     def ppf(self, q: ArrayLike) -> Array:

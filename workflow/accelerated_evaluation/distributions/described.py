@@ -56,7 +56,7 @@ class Described(ABC):
         return len(self.parameters)
 
     def rebounded(self, lower: float, upper: float) -> Self:
-        """Return the same distribution with other bounds of its support."""
+        """Return a distribution with the same parameters and the support [lower, upper)."""
         return dataclasses.replace(self, lower=lower, upper=upper)
 
     def to_dict(self) -> dict[str, Any]:
@@ -77,7 +77,7 @@ DescribedClass = TypeVar("DescribedClass", bound=type[Described])
 
 
 def distribution(kind: str) -> Callable[[DescribedClass], DescribedClass]:
-    """Return the class decorator that assigns a kind to a distribution and registers it."""
+    """Return the class decorator that assigns a kind (name in files) to a distribution and registers it."""
 
     def register(cls: DescribedClass) -> DescribedClass:
         cls.kind = kind

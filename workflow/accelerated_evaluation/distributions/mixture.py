@@ -58,11 +58,11 @@ class Mixture(Described):
         return sum(component.n_parameters for component in self.components) + len(self.weights) - 1
 
     def rebounded(self, lower: float, upper: float) -> Self:
-        """Return the mixture with the same weights, whose components have other bounds of their support."""
+        """Return the mixture with the same weights, whose components have the support [lower, upper)."""
         return type(self)(self.weights, [component.rebounded(lower, upper) for component in self.components])
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the mixture as a dictionary for JSON."""
+        """Return the kind, the weights and the components of the mixture as a dictionary for JSON."""
         components = [component.to_dict() for component in self.components]
         return {"kind": self.kind, "weights": list(self.weights), "components": components}
 
@@ -114,7 +114,7 @@ class Mixture(Described):
         return self._invert(q, "ppf", "cdf")
 
     def isf(self, q: ArrayLike) -> Array:
-        """Return x with P(X > x) = q, which is found numerically like `ppf`."""
+        """Return x with P(X > x) = q, which is found numerically between the quantiles of the components."""
         return self._invert(q, "isf", "sf")
 
     @np.errstate(over="ignore", invalid="ignore")
@@ -160,7 +160,7 @@ class Mixture(Described):
         return float(logsumexp(self._cumulants(theta)))
 
     def tilt(self, theta: float) -> Self:
-        """Return the exponentially tilted mixture.
+        """Return the exponentially tilted mixture, with density proportional to exp(theta x) f(x).
 
         Every component is tilted, and its weight is multiplied by its moment generating function at theta.
         The weights are then divided by their sum.
@@ -245,7 +245,7 @@ class PiecewiseMixture(Mixture):
         return x
 
     def accelerated(self, thetas: Sequence[float], weights: Sequence[float]) -> "PiecewiseMixture":
-        """Return the accelerated distribution f* of the paper (section V.B).
+        """Return the proposal f* of the paper: the mixture with tilted pieces and new weights (section V.B).
 
         Parameters
         ----------

@@ -51,7 +51,7 @@ def _described(encounters: pd.DataFrame) -> dict[str, int | str]:
 
 
 def read_law(path: str | os.PathLike, encounters: pd.DataFrame) -> Law:
-    """Read a law file.
+    """Return the law that a law file describes.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def read_law(path: str | os.PathLike, encounters: pd.DataFrame) -> Law:
 
 
 def require_shares(path: str | os.PathLike, law: Law, encounters: pd.DataFrame) -> None:
-    """Raise InputError unless a law and an encounter table have the same shares of segments.
+    """Raise InputError unless a law and a table have the same share of encounters in each segment.
 
     This check is for law files of earlier versions. They have no digest of the encounter table, with which
     `read_law` could compare the whole table.

@@ -69,11 +69,11 @@ class Factors:
     second: Distribution
 
     def logpdf(self, first: Array, second: Array) -> Array:
-        """Return the joint log density of pairs of coordinates, shape (n,)."""
+        """Return the joint log density of n pairs of coordinates; arguments and result have shape (n,)."""
         return self.first.logpdf(first) + self.second.logpdf(second)
 
     def rvs(self, generator: np.random.Generator, size: int) -> tuple[Array, Array]:
-        """Independent draws of both coordinates, each of shape (size,)."""
+        """Return independent draws of both coordinates, each of shape (size,)."""
         return self.first.rvs(generator, size), self.second.rvs(generator, size)
 
 
@@ -247,10 +247,10 @@ class Law(ABC):
 
     @abstractmethod
     def only(self, stratum: str) -> Self:
-        """Return the law restricted to one stratum, whose share is then one."""
+        """Return the law restricted to one stratum, given by its name, whose share is then one."""
 
     def capped(self, closing_speed: Array) -> Array:
-        """Return closing speeds [m/s] with the cap of the law applied."""
+        """Return closing speeds [m/s], in which values above the cap of the law are replaced by the cap."""
         return np.minimum(closing_speed, self.closing_speed_max)
 
     def draw(self, generator: np.random.Generator, size: int) -> tuple[CutIns, NDArray[np.intp]]:

@@ -27,7 +27,7 @@ class Sample:
     Attributes
     ----------
     first, second
-        Coordinates of the cut-ins in the stratum; see `Stratum`.
+        The two coordinates of the cut-ins in the stratum; for the paper's laws R^-1 [1/m] and TTC^-1 [1/s].
     log_ratio
         Log importance weight log(f / f*).
     happened
@@ -86,7 +86,9 @@ class Problem:
 
     @property
     def fingerprint(self) -> str:
-        """A text that identifies law, vehicle, event and ``graded``; see `ScoreProblem`.
+        """A text that identifies law, vehicle, event and ``graded``.
+
+        A sampler resumes a saved state only for a problem with the same text.
 
         An object without a ``repr`` of its own is represented by the name of its class.
         """
@@ -94,7 +96,7 @@ class Problem:
 
     @property
     def deterministic(self) -> bool | None:
-        """Whether a sampler can treat the outcomes as deterministic; None if this is unknown.
+        """Whether a cut-in that is simulated again has the same outcome; None if this is unknown.
 
         It is false for a vehicle with the attribute ``striped``, whose outcomes change between encounters
         that are almost equal.
@@ -102,7 +104,7 @@ class Problem:
         return False if getattr(self.vehicle, "striped", False) else repeats_itself(self.vehicle)
 
     def only(self, stratum: str) -> Self:
-        """Return the problem restricted to one stratum of the lead speed."""
+        """Return the problem restricted to one stratum (interval of the lead speed), given its name."""
         return replace(self, law=self.law.only(stratum))
 
     def simulate(self, cut_ins: CutIns) -> Outcomes:
@@ -112,21 +114,28 @@ class Problem:
         )
 
     def evaluate(self, z: Array) -> Response:
-        """Simulate the cut-ins at normal scores, and return whether the event happened.
+        """Simulate the cut-ins at normal scores z, shape (n, 3).
 
-        ``z`` has shape (n, 3). The results are described in `ScoreProblem.evaluate`.
+        Return whether the event happened, shape (n,), and the scores, shape (n,), or None without scores. A
+        score is smaller the closer the run came to the event.
         """
         return self._response(self.simulate(self.law.from_normal_scores(z)))
 
     def repeat(self, z: Array) -> Response:
-        """Simulate the cut-ins at normal scores z again, even if outcomes are stored; see `evaluate`."""
+        """Simulate the cut-ins at normal scores z, shape (n, 3), again, even if their outcomes are stored.
+
+        Return whether the event happened, shape (n,), and the scores, shape (n,), or None without scores.
+        """
         cut_ins = self.law.from_normal_scores(z)
         again = getattr(self.vehicle, "repeat", self.vehicle.simulate)
         closing_speed = self.law.capped(cut_ins.closing_speed)
         return self._response(again(cut_ins.lead_speed, cut_ins.range_, closing_speed))
 
     def coordinates(self, z: Array) -> dict[str, Array]:
-        """Return v_L, R^-1 and TTC^-1 at normal scores z, shape (n, 3), by name, each of shape (n,)."""
+        """Return the cut-ins at normal scores z, shape (n, 3), as a dictionary of arrays of shape (n,).
+
+        The names are ``lead_speed`` [m/s], ``inverse_range`` [1/m] and ``inverse_ttc`` [1/s].
+        """
         return vars(self.law.from_normal_scores(z))
 
     def _response(self, outcomes: Outcomes) -> Response:

@@ -83,7 +83,10 @@ class SystemProblem:
         return np.column_stack(list(columns))
 
     def evaluate(self, z: Array) -> Response:
-        """Run the system at normal scores z, shape (n, d); see `ScoreProblem.evaluate`."""
+        """Run the system at normal scores z, shape (n, d).
+
+        Return whether the event happened, shape (n,), and the scores, shape (n,), or None without scores.
+        """
         return self.respond(self.inputs(z))
 
 

@@ -58,14 +58,17 @@ class ScenarioProblem:
 
     @property
     def fingerprint(self) -> str:
-        """A text that identifies the problem; the law is represented by a digest of its parameters."""
+        """A text that identifies the problem; the law is represented by a digest of its parameters.
+
+        A sampler resumes a saved state only for a problem with the same text.
+        """
         law = value_digest([self.law.kind, self.law.box.content(), self.law.content()])
         parts = (self.scenario.name, law, self.vehicle, self.event, self.graded)
         return without_addresses(repr(parts))
 
     @property
     def deterministic(self) -> bool | None:
-        """Whether a sampler can treat the outcomes as deterministic; see `Problem.deterministic`."""
+        """Whether an encounter that is simulated again has the same outcome; None if this is unknown."""
         return False if getattr(self.vehicle, "striped", False) else repeats_itself(self.vehicle)
 
     def simulate(self, x: Array) -> Any:  # noqa: ANN401
@@ -84,16 +87,17 @@ class ScenarioProblem:
         return self.vehicle.simulate(*self.scenario.to_inputs(x).T)
 
     def evaluate(self, z: Array) -> Response:
-        """Simulate the encounters at normal scores, and return whether the event happened.
+        """Simulate the encounters at normal scores z, shape (n, d).
 
-        ``z`` has shape (n, d). The results are described in `ScoreProblem.evaluate`.
+        Return whether the event happened, shape (n,), and the scores, shape (n,), or None without scores. A
+        score is smaller the closer the run came to the event.
         """
         return self.response(self.simulate(self.law.from_normal_scores(z)))
 
     def repeat(self, z: Array) -> Response:
-        """Simulate the encounters at normal scores again, even if their outcomes are stored.
+        """Simulate the encounters at normal scores z, shape (n, d), again, even if their outcomes are stored.
 
-        ``z`` has shape (n, d). The results are described in `ScoreProblem.evaluate`.
+        Return whether the event happened, shape (n,), and the scores, shape (n,), or None without scores.
         """
         again = getattr(self.vehicle, "repeat", self.vehicle.simulate)
         return self.response(again(*self.scenario.to_inputs(self.law.from_normal_scores(z)).T))
@@ -131,7 +135,7 @@ def read_scenario_law(scenario: Scenario, path: str | os.PathLike) -> JointLaw:
     Raises
     ------
     InputError
-        If the file is not a joint law, or the law does not fit the scenario; see `require_law`.
+        If the file is not a joint law, or the law has other variables or exceeds the scenario's limits.
     """
     law = read_joint_law(path)
     require_law(scenario, law)

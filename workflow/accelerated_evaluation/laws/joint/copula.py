@@ -51,7 +51,10 @@ class GaussianCopula(JointLaw):
         weights: Array | None = None,
         start: Self | None = None,
     ) -> Self:
-        """Fit the marginal distributions, then the correlations of normal scores; see `JointLaw.fit`."""
+        """Return the law fitted to records x, shape (n, d): marginal distributions, then correlations.
+
+        The arguments are those of `JointLaw.fit`. The correlations are those of the normal scores.
+        """
         box.require(x, "the records")
         margins = tuple(
             _margin(values, side(box, j), generator, weights, None if start is None else start.margins[j])
@@ -98,7 +101,7 @@ class GaussianCopula(JointLaw):
         return self.from_normal_scores(generator.standard_normal((n, self.dimension)))
 
     def from_normal_scores(self, z: Array) -> Array:
-        """Map normal scores to points, shape (n, d); see `JointLaw.from_normal_scores`."""
+        """Map independent standard normal z to points that follow the law, both of shape (n, d)."""
         dependent = z @ self._factor.T
         values = [margin.from_normal_scores(dependent[:, [j]]) for j, margin in enumerate(self.margins)]
         return np.hstack(values)
@@ -138,7 +141,7 @@ class IndependentVariables(GaussianCopula):
 
 
 def side(box: Box, j: int) -> Box:
-    """Return the one-dimensional box of the variable with index j."""
+    """Return the one-dimensional box with the limits of the variable with index j."""
     return Box((box.names[j],), (box.lower[j],), (box.upper[j],))
 
 

@@ -78,7 +78,8 @@ class Expected:
     shares, normals
         The mixture.
     mass, first, second
-        Moments of the components within the box; see `Normals.moments`.
+        Probability of the box under each component, shape (K,), and first and second moments within the box
+        about the mean of the component, shapes (K, d) and (K, d, d).
     responsibility
         Probability of each component given each record, shape (K, n).
     value

@@ -31,7 +31,7 @@ def write_joint_law(path: str | os.PathLike, law: JointLaw, description: str) ->
 
 
 def read_joint_law(path: str | os.PathLike, box: Box | None = None) -> JointLaw:
-    """Read a joint law from a file.
+    """Return the joint law that a file describes.
 
     Parameters
     ----------

@@ -38,9 +38,10 @@ class KernelLaw(TruncatedNormalMixture):
         weights: Array | None = None,
         start: Self | None = None,
     ) -> Self:
-        """Fit the bandwidth to the records; see `JointLaw.fit`.
+        """Return the kernel law of records x, shape (n, d), with a fitted bandwidth.
 
-        If ``start`` is given, its covariance matrix is used without a fit.
+        If ``start``, an earlier law, is given, its covariance matrix is used without a fit. The other
+        arguments are those of `JointLaw.fit`.
         """
         box.require(x, "the records")
         shares = normalised(weights, len(x)) / len(x)

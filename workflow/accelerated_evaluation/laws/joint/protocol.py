@@ -112,7 +112,7 @@ class JointLaw(ABC):
         start: Self | None = None,
         **settings: int,
     ) -> Self:
-        """Fit the law to records.
+        """Return the law of this kind that is fitted to records.
 
         Parameters
         ----------
@@ -159,7 +159,7 @@ class JointLaw(ABC):
         """
 
     def encounters(self, z: Array) -> Array:
-        """Return the points at normal scores z, shape (n, d), as an array of d variables, shape (d, n)."""
+        """Return the points at normal scores z, shape (n, d), with one row per variable, shape (d, n)."""
         return self.from_normal_scores(z).T
 
     @abstractmethod

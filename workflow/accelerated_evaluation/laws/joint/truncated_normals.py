@@ -65,9 +65,9 @@ class TruncatedNormalMixture(JointLaw):
         start: Self | None = None,
         components: int = COMPONENTS,
     ) -> Self:
-        """Fit the mixture by the EM algorithm for truncated data; see `JointLaw.fit`.
+        """Return the mixture fitted to records x, shape (n, d), by the EM algorithm for truncated data.
 
-        The setting ``components`` is the number K of components.
+        ``components`` is the number K of components. The other arguments are those of `JointLaw.fit`.
         """
         box.require(x, "the records")
         begin = None if start is None else (start.shares, start.normals)
@@ -117,7 +117,7 @@ class TruncatedNormalMixture(JointLaw):
         return generator.permutation(np.concatenate([np.empty((0, self.dimension)), *drawn]))
 
     def from_normal_scores(self, z: Array) -> Array:
-        """Map normal scores to points, shape (n, d); see `JointLaw.from_normal_scores`.
+        """Map independent standard normal z to points that follow the law, both of shape (n, d).
 
         The distribution of the first variable is tabulated. The conditional distributions of the other
         variables are inverted by Newton's method. Probabilities are measured from the nearer end of the box,

@@ -42,7 +42,7 @@ class LeadMotion(Protocol):
         Returns
         -------
         numpy.ndarray
-            Lead speeds [m/s] at 0, 0.1, ..., 8 s, shape (n, STATES). They are not negative, and the first one
+            Lead speeds [m/s] at 0, 0.1, ..., 8 s, shape (n, 81). They are not negative, and the first one
             is the lead speed of the encounter.
         """
 
@@ -65,7 +65,7 @@ def draw_lead_speeds(motion: LeadMotion, encounters: Array, generator: np.random
     Returns
     -------
     numpy.ndarray
-        Lead speeds [m/s] at 0, 0.1, ..., 8 s, shape (n, STATES).
+        Lead speeds [m/s] at 0, 0.1, ..., 8 s, shape (n, 81).
     """
     return motion.lead_speeds(encounters, generator.random((encounters.shape[1], motion.inputs)))
 

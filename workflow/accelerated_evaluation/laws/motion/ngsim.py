@@ -56,7 +56,11 @@ class Ngsim:
     scale: float = 1.0
 
     def lead_speeds(self, encounters: Array, inputs: Array) -> Array:
-        """Return the lead speeds over time; see `LeadMotion.lead_speeds`."""
+        """Return the lead speeds [m/s] of n encounters at 0, 0.1, ..., 8 s, shape (n, 81).
+
+        ``encounters`` contains lead speed [m/s], range [m] and closing speed [m/s] at the lane change, shape
+        (3, n), and ``inputs`` contains uniform random numbers on [0, 1], shape (n, 3).
+        """
         changes = _changes(np.asarray(inputs, dtype=float).tobytes())
         return np.maximum(encounters[0][:, None] + self.scale * changes, 0.0)
 

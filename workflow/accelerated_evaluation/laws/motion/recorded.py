@@ -102,7 +102,11 @@ class Recorded:
         return math.ceil(len(self.courses) ** (4 / 7))
 
     def lead_speeds(self, encounters: Array, inputs: Array) -> Array:
-        """Return the lead speeds over time; see `LeadMotion.lead_speeds`."""
+        """Return the lead speeds [m/s] of n encounters at 0, 0.1, ..., 8 s, shape (n, 81).
+
+        ``encounters`` contains lead speed [m/s], range [m] and closing speed [m/s] at the lane change, shape
+        (3, n), and ``inputs`` contains uniform random numbers on [0, 1], shape (n, 1).
+        """
         # The weight of the farthest neighbour is zero, so that the law is continuous in the encounter.
         places = _features(encounters) / self._scale
         distance, near = self._tree.query(places, self.neighbours + 1)
@@ -166,7 +170,7 @@ def _balanced(weights: Array, offsets: Array) -> Array:
 
 
 def recorded_courses(table: pd.DataFrame, where: str = "recorded courses") -> Array:
-    """Return the recorded lead speeds of cut-ins every 0.1 s [m/s], shape (n, STATES).
+    """Return the recorded lead speeds [m/s] of n cut-ins at 0, 0.1, ..., 8 s, shape (n, 81).
 
     Parameters
     ----------
@@ -174,7 +178,7 @@ def recorded_courses(table: pd.DataFrame, where: str = "recorded courses") -> Ar
         ``lead_speed`` [m/s], and columns such as ``speed_0.2``, which contains the speed of the lead vehicle
         [m/s] 0.2 s after the lane change. The columns reach 8 s or more, and speeds in between are
         interpolated. Cells after the time when the lead vehicle left the lane again are empty; the vehicle
-        then gets the speed `AWAY`.
+        then gets the speed `AWAY` (100 m/s), so that it cannot be hit.
     where
         Name of the table, for the error.
 

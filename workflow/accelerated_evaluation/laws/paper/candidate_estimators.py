@@ -92,7 +92,7 @@ def _standardised(estimate: Estimator) -> Estimator:
 
 
 def fit_beta(y: Array) -> tuple[float, float]:
-    """Return the estimates of the two shapes of the beta distribution.
+    """Return the maximum-likelihood estimates of the two shapes of the beta distribution.
 
     The log-likelihood is strictly concave in the shapes.
     """
@@ -109,7 +109,7 @@ def fit_beta(y: Array) -> tuple[float, float]:
 
 
 def fit_birnbaum_saunders(y: Array) -> tuple[float, float]:
-    """Return the estimates of shape and scale of the Birnbaum-Saunders distribution.
+    """Return the maximum-likelihood estimates of shape and scale of the Birnbaum-Saunders distribution.
 
     The likelihood equation of the scale has one root between the harmonic and the arithmetic mean of the
     sample (Birnbaum and Saunders 1969).
@@ -125,7 +125,7 @@ def fit_birnbaum_saunders(y: Array) -> tuple[float, float]:
 
 
 def fit_exponential(y: Array) -> tuple[float]:
-    """Return the estimate of the rate of the exponential distribution, 1 / mean."""
+    """Return the maximum-likelihood estimate of the rate of the exponential distribution, 1 / mean."""
     return (1 / y.mean(),)
 
 
@@ -148,12 +148,12 @@ def _minima(x: Array, most: float = np.inf) -> tuple[float, float]:
 
 @_standardised
 def fit_extreme_value(x: Array) -> tuple[float, float]:
-    """Return the estimates of location and scale of the extreme value distribution of minima."""
+    """Return the maximum-likelihood location and scale of the extreme value distribution of minima."""
     return _minima(x)
 
 
 def fit_gamma(y: Array) -> tuple[float, float]:
-    """Return the estimates of shape and scale of the gamma distribution.
+    """Return the maximum-likelihood estimates of shape and scale of the gamma distribution.
 
     The likelihood equation is log(shape) - psi(shape) = log(mean y) - mean(log y). Its left side lies between
     1 / (2 shape) and 1 / shape, which gives a bracket for the root.
@@ -183,7 +183,7 @@ def _interior(theta: float, grid: Array) -> float:
 
 @_standardised
 def fit_generalized_extreme_value(x: Array) -> tuple[float, float, float]:
-    """Return the estimates of location, scale and shape of the generalized extreme value distribution.
+    """Return the maximum-likelihood location, scale and shape of the generalized extreme value distribution.
 
     The profile likelihood of a parameter theta is maximized. For fixed theta, w = -log(1 + theta x) / theta
     has the extreme value distribution of minima, with the scale shape / theta.
@@ -205,7 +205,7 @@ def fit_generalized_extreme_value(x: Array) -> tuple[float, float, float]:
 
 
 def fit_generalized_pareto(y: Array) -> tuple[float, float]:
-    """Return the estimates of shape and scale of the generalized Pareto distribution.
+    """Return the maximum-likelihood estimates of shape and scale of the generalized Pareto distribution.
 
     The profile likelihood of theta = shape / scale is maximized. For fixed theta, log(1 + theta y) / theta
     has an exponential distribution with mean ``scale``.
@@ -224,13 +224,13 @@ def fit_generalized_pareto(y: Array) -> tuple[float, float]:
 
 
 def fit_inverse_gaussian(y: Array) -> tuple[float, float]:
-    """Return the estimates of mean and shape of the inverse Gaussian distribution."""
+    """Return the maximum-likelihood estimates of mean and shape of the inverse Gaussian distribution."""
     return y.mean(), 1 / (1 / y - 1 / y.mean()).mean()
 
 
 @_standardised
 def fit_logistic(x: Array) -> tuple[float, float]:
-    """Return the estimates of location and scale of the logistic distribution.
+    """Return the maximum-likelihood estimates of location and scale of the logistic distribution.
 
     The log-likelihood is strictly concave in location / scale and 1 / scale.
     """
@@ -246,7 +246,7 @@ def fit_logistic(x: Array) -> tuple[float, float]:
 
 
 def fit_log_logistic(y: Array) -> tuple[float, float]:
-    """Return the estimates of shape and scale of the log-logistic distribution.
+    """Return the maximum-likelihood estimates of shape and scale of the log-logistic distribution.
 
     They follow from a logistic fit to log y.
     """
@@ -255,12 +255,12 @@ def fit_log_logistic(y: Array) -> tuple[float, float]:
 
 
 def fit_lognormal(y: Array) -> tuple[float, float]:
-    """Return the estimates of the lognormal distribution: mean and standard deviation of log y."""
+    """Return the maximum-likelihood estimates of mean and standard deviation of log y for lognormal y."""
     return fit_normal(np.log(y))
 
 
 def fit_nakagami(y: Array) -> tuple[float, float]:
-    """Return the estimates of shape and spread of the Nakagami distribution.
+    """Return the maximum-likelihood estimates of shape and spread of the Nakagami distribution.
 
     y^2 has a gamma distribution with this shape, and its mean is the spread.
     """
@@ -268,22 +268,22 @@ def fit_nakagami(y: Array) -> tuple[float, float]:
 
 
 def fit_normal(x: Array) -> tuple[float, float]:
-    """Return the estimates of mean and standard deviation of the normal distribution."""
+    """Return the maximum-likelihood estimates of mean and standard deviation of the normal distribution."""
     return x.mean(), x.std()
 
 
 def fit_pareto(ratio: Array) -> tuple[float]:
-    """Return the estimate of the shape of the Pareto distribution, given the ratios x / lower."""
+    """Return the maximum-likelihood estimate of the Pareto shape, given the ratios x / lower."""
     return (1 / np.log(ratio).mean(),)
 
 
 def fit_rayleigh(y: Array) -> tuple[float]:
-    """Return the estimate of the scale of the Rayleigh distribution, sqrt(mean(y^2) / 2)."""
+    """Return the maximum-likelihood scale of the Rayleigh distribution, sqrt(mean(y^2) / 2)."""
     return (np.sqrt((y**2).mean() / 2),)
 
 
 def fit_rician(y: Array) -> tuple[float, float]:
-    """Return the estimates of noncentrality c >= 0 and scale s of the Rician distribution.
+    """Return the maximum-likelihood estimates of noncentrality c >= 0 and scale s of the Rician distribution.
 
     At the maximum c^2 + 2 s^2 = mean(y^2), so the profile likelihood of q = c^2 / mean(y^2) is maximized.
     """
@@ -303,7 +303,7 @@ def fit_rician(y: Array) -> tuple[float, float]:
 
 @_standardised
 def fit_t(x: Array) -> tuple[float, float, float]:
-    """Return the estimates of location, scale and degrees of freedom of the t distribution.
+    """Return the maximum-likelihood location, scale and degrees of freedom of the t distribution.
 
     A gradient method searches for the maximum from three starting points: two with heavy tails, and one from
     the moments of the sample.
@@ -333,7 +333,7 @@ def fit_t(x: Array) -> tuple[float, float, float]:
 
 
 def fit_weibull(y: Array) -> tuple[float, float]:
-    """Return the estimates of shape and scale of the Weibull distribution.
+    """Return the maximum-likelihood estimates of shape and scale of the Weibull distribution.
 
     They follow from an extreme value fit to log y.
     """

@@ -119,7 +119,7 @@ class IndependentLaw(Law):
         return self.inverse_range.n_parameters + sum(law.n_parameters for law in self.inverse_ttc.values())
 
     def only(self, stratum: str) -> Self:
-        """Return the law restricted to one segment, whose share is then one."""
+        """Return the law restricted to one segment, given by its name, whose share is then one."""
         parts = {name: {stratum: getattr(self, name)[stratum]} for name in ("counts", "inverse_ttc")}
         return type(self)(
             self.description,

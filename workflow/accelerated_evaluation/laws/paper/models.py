@@ -164,7 +164,7 @@ def simpler_pieces(law: IndependentLaw, models: Mapping[str, Any]) -> list[str]:
 
 
 def fit_exponential_from_zero(x: Array) -> BoundedExponential:
-    """Fit an exponential distribution on [0, inf) to a sample x, shape (n,)."""
+    """Return the exponential distribution on [0, inf) fitted to a sample x, shape (n,), by its mean."""
     return BoundedExponential.fit(x, 0.0, math.inf)
 
 
@@ -182,9 +182,9 @@ def _by_segment(encounters: pd.DataFrame, fit: Callable[[Array], Distribution]) 
 
 
 def refit(law: PiecewiseMixture, x: Array) -> PiecewiseMixture:
-    """Fit the pieces of a piecewise mixture to another sample x, shape (n,), with the same knots.
+    """Return a piecewise mixture fitted to another sample x, shape (n,), with the same knots and families.
 
-    If a piece would contain fewer than two different values, the knots are moved; see `usable_knots`.
+    If a piece would contain fewer than two different values, the knots are moved as little as necessary.
     """
     families = [PieceFamily.of(piece) for piece in law.components]
     return fit_piecewise(x, law.lower, usable_knots(x, law.knots), families)

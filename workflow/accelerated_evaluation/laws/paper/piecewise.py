@@ -85,6 +85,11 @@ def usable_knots(x: Array, knots: Sequence[float]) -> list[float]:
     knots
         gamma_1 .. gamma_(k-1), in increasing order.
 
+    Returns
+    -------
+    list of float
+        The knots, moved where necessary.
+
     Raises
     ------
     InputError
@@ -134,6 +139,11 @@ def knots_by_profile_likelihood(
         Levels of the sample quantiles that form the grid.
     minimum_share
         Pieces with a smaller share of the sample are excluded.
+
+    Returns
+    -------
+    list of float
+        The knots gamma_1 .. gamma_(k-1), in increasing order.
 
     Raises
     ------

@@ -82,9 +82,10 @@ class Places:
     lead_speed, range_
         Lead speeds [m/s] and ranges [m], shape (n,).
     along_speed
-        Values of the splines of the lead speed, shape (n, p).
+        Values of the p splines of the lead speed, shape (n, p).
     splines
-        Values of the products of the splines of lead speed and root of the range, shape (n, p q).
+        Values of the products of the p splines of lead speed and the q splines of the square root of the
+        range, shape (n, p q).
     """
 
     lead_speed: Array
@@ -103,17 +104,23 @@ class Places:
         return cls(lead_speed, range_, along_speed, splines)
 
     def only(self, chosen: Array) -> "Places":
-        """Return the pairs selected by an index array or a mask."""
+        """Return the pairs that an index array or a mask selects, with the values of their splines."""
         return Places(
             *(getattr(self, name)[chosen] for name in ("lead_speed", "range_", "along_speed", "splines"))
         )
 
     def body(self, body: SmoothHazard) -> Cumulative:
-        """Return the cumulative hazards of the closing speed under a body, one function for each pair."""
+        """Return the cumulative hazards of the closing speed, one function for each pair.
+
+        ``body`` is a smooth hazard of the closing speed given lead speed and range.
+        """
         return body.cumulative(self.splines)
 
     def range_hazards(self, ranges: SmoothHazard) -> Cumulative:
-        """Return the cumulative hazards of log(R_max / R) given the lead speed, one for each pair."""
+        """Return the cumulative hazards of log(R_max / R) given the lead speed, one function for each pair.
+
+        ``ranges`` is the smooth hazard of log(R_max / R), where R_max is the largest range.
+        """
         return ranges.cumulative(self.along_speed)
 
 
@@ -223,14 +230,14 @@ class SpeedLaw:
         return Given(below, threshold, below.at(threshold), self.tail.scale(places.splines), self.tail)
 
     def drawn(self, generator: np.random.Generator) -> "SpeedLaw":
-        """Return a draw from the posterior of body and tail, which are independent."""
+        """Return a law with body and tail drawn from their posteriors, which are independent."""
         tail = None if self.tail is None else self.tail.drawn(generator)
         return replace(self, body=self.body.drawn(generator), tail=tail)
 
 
 @dataclass(frozen=True)
 class Given:
-    """Distributions of the closing speed given n pairs of lead speed and range; see `SpeedLaw`.
+    """Distributions of the closing speed given n pairs of lead speed and range, under a `SpeedLaw`.
 
     Attributes
     ----------
@@ -250,7 +257,7 @@ class Given:
     tail: Excess | None = None
 
     def cumulative(self, closing_speed: Array, row: Array | None = None) -> Array:
-        """Return -log P(C > c) at closing speeds c.
+        """Return the cumulative hazard -log P(C > c) at one closing speed c for each pair, shape (n,).
 
         Parameters
         ----------
@@ -299,7 +306,7 @@ class Given:
         return value
 
     def log_density(self, closing_speed: Array) -> Array:
-        """Return the log density at one closing speed [m/s] for each pair, shape (n,)."""
+        """Return the log density of the closing speed at one value [m/s] for each pair, shape (n,)."""
         body = np.log(self.below.rate(closing_speed)) - self.below.at(closing_speed)
         if self.tail is None:
             return body

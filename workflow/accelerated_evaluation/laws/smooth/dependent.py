@@ -34,7 +34,7 @@ PLACES_AT_ONCE = 50_000  # limits the memory to about 100 MB
 
 @dataclass(frozen=True)
 class DependentStratum(SmoothStratum):
-    """The law `DependentLaw` in one segment of the lead speed; see `Stratum`."""
+    """One segment of `DependentLaw`: a `Stratum` with unit-exponential coordinates."""
 
     lead_speed: Empirical
     ranges: SmoothHazard
@@ -56,14 +56,17 @@ class DependentStratum(SmoothStratum):
     def range_coordinate(self, lead_speed: Array, inverse_range: Array) -> tuple[Array, Array]:
         """Return the first coordinate, and its derivative with respect to log(R_max / R).
 
-        See `SmoothStratum.range_coordinate`.
+        The arguments are v_L [m/s] and R^-1 [1/m]. Arguments and results have shape (n,).
         """
         hazards = self.places(lead_speed, 1 / inverse_range).range_hazards(self.ranges)
         logarithm = self.logarithm(inverse_range)
         return hazards.at(logarithm), hazards.rate(logarithm)
 
     def second(self, lead_speed: ArrayLike, inverse_range: ArrayLike, closing_speed: ArrayLike) -> Array:
-        """Return the second coordinate -log P(C > c | v_L, R); it is infinite for an infinite c."""
+        """Return the second coordinate -log P(C > c | v_L, R), which is infinite for an infinite c.
+
+        The arguments are v_L [m/s], R^-1 [1/m] and closing speed c [m/s], of shapes that broadcast.
+        """
         arrays = np.broadcast_arrays(*floats(lead_speed, inverse_range, closing_speed))
         (coordinate,) = self._second_coordinates(*(array.ravel() for array in arrays))
         return coordinate.reshape(arrays[0].shape)
@@ -71,7 +74,10 @@ class DependentStratum(SmoothStratum):
     def closing_speed_probability(
         self, lead_speed: Array, inverse_range: Array, start: Array, end: Array
     ) -> Array:
-        """Return P(start <= closing speed < end) given v_L and R^-1; see `Stratum`."""
+        """Return P(start <= closing speed < end) given v_L [m/s] and R^-1 [1/m].
+
+        The ends of the intervals are in m/s. Arguments and result have shape (n,).
+        """
         coordinates = self._second_coordinates(lead_speed, inverse_range, start, end)
         return interval_probability(self.factors.second, *coordinates)
 
@@ -174,7 +180,11 @@ class DependentLaw(SmoothLaw):
     def from_content(
         cls, content: Mapping[str, Any], encounters: pd.DataFrame, description: str, closing_speed_max: float
     ) -> Self:
-        """Build a law from the content of its file; see `IndependentLaw.from_content` for the arguments."""
+        """Build a law from the content of its file.
+
+        ``encounters`` is the encounter table to which the law was fitted. It supplies the lead speeds.
+        ``closing_speed_max`` is the cap on closing speeds [m/s].
+        """
         support = Support.of(content["support"])
         grids = range_grid(support), speed_grid(support)
         ranges, body = (

@@ -115,7 +115,7 @@ class LawDraws:
         return self.only(np.unique(np.linspace(0, self.size - 1, min(size, self.size)).round().astype(int)))
 
     def only(self, chosen: NDArray[np.intp]) -> Self:
-        """Return the draws with the given indices, shape (k,)."""
+        """Return a set of the k draws with the given indices, shape (k,)."""
         used, shared = np.unique(self.shared[chosen], return_inverse=True)
         return replace(
             self,
@@ -131,7 +131,7 @@ class LawDraws:
         return Hazards.of(self._range_splines, self.ranges[0].grid.edges[2], places.along_speed)
 
     def speeds_at(self, places: Places) -> "SpeedsAt":
-        """Return the distributions of the closing speed of all draws, given pairs of lead speed and range."""
+        """Return the distributions of the closing speed under all K draws, given pairs of speed and range."""
         body = Hazards.of(self._body_splines, self.bodies[0].grid.edges[2], places.splines)
         return SpeedsAt(self, places, body)
 

@@ -61,7 +61,7 @@ class Excess:
         return np.exp(covariates @ self.coefficients)
 
     def drawn(self, generator: np.random.Generator) -> "Excess":
-        """Return a draw from the posterior of coefficients and parameters, in the normal approximation."""
+        """Return the distribution with parameters drawn from their approximately normal posterior."""
         noise = solve_triangular(self.factor, generator.standard_normal(len(self.factor)))
         p = self.coefficients.size
         return replace(

@@ -51,7 +51,10 @@ class Member:
 
 
 def members_at(levels: Sequence[float]) -> tuple[Member, ...]:
-    """Return the members of a family: the body alone, and each shape above the threshold of each level."""
+    """Return the members of a family: the body alone, and each shape of tail above each threshold.
+
+    A level is the probability that a closing speed is below the threshold, for example 0.95.
+    """
     return (Member(), *(Member(level, shape) for shape in SHAPES for level in levels))
 
 
@@ -182,7 +185,7 @@ class Fitter:
         object.__setattr__(self, "binned", (ranges, self.count_speeds(self.records)))
 
     def fit(self, start: LawFamily | None = None) -> LawFamily:
-        """Fit all laws to all records.
+        """Return the family of laws fitted to all records.
 
         No tails are fitted above a threshold that fewer than `FEWEST` records exceed.
 
@@ -205,7 +208,7 @@ class Fitter:
         return LawFamily(ranges, body, thresholds, above, tails)
 
     def refit(self, family: LawFamily, left_out: Array) -> LawFamily:
-        """Fit the laws of the closing speed again without some of the records.
+        """Return the family with laws of the closing speed that are fitted without some of the records.
 
         Thresholds and smoothing parameters are those of the fit to all records.
 
@@ -223,7 +226,7 @@ class Fitter:
         return replace(family, body=body, tails=self._tails(family.exceedances, kept, family))
 
     def count_speeds(self, records: DistinctRecords) -> Binned:
-        """Count records in the bins of lead speed, square root of the range, and closing speed."""
+        """Return numbers of records in bins of lead speed, square root of the range, and closing speed."""
         return self.grids[1].count(records.lead_speed, np.sqrt(records.range_), records.closing_speed)
 
     def _tails(

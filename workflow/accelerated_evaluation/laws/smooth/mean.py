@@ -46,7 +46,7 @@ PLACES_AT_ONCE = 400  # limits the memory to about 100 MB with 500 draws
 
 @dataclass(frozen=True)
 class MeanStratum(SmoothStratum):
-    """The mean law in one segment of the lead speed; see `Stratum`."""
+    """One segment of the mean law: a `Stratum` with unit-exponential coordinates."""
 
     lead_speed: Empirical
     draws: LawDraws
@@ -78,7 +78,7 @@ class MeanStratum(SmoothStratum):
     def range_coordinate(self, lead_speed: Array, inverse_range: Array) -> tuple[Array, Array]:
         """Return the first coordinate, and its derivative with respect to log(R_max / R).
 
-        See `SmoothStratum.range_coordinate`.
+        The arguments are v_L [m/s] and R^-1 [1/m]. Arguments and results have shape (n,).
         """
         scores = np.empty((2, lead_speed.size))
         for part in parts(lead_speed.size, PLACES_AT_ONCE):
@@ -87,7 +87,10 @@ class MeanStratum(SmoothStratum):
         return scores[0], scores[1]
 
     def second(self, lead_speed: ArrayLike, inverse_range: ArrayLike, closing_speed: ArrayLike) -> Array:
-        """Return the second coordinate -log P(C > c | v_L, R); it is infinite for an infinite c."""
+        """Return the second coordinate -log P(C > c | v_L, R), which is infinite for an infinite c.
+
+        The arguments are v_L [m/s], R^-1 [1/m] and closing speed c [m/s], of shapes that broadcast.
+        """
         arrays = np.broadcast_arrays(*floats(lead_speed, inverse_range, closing_speed))
         lead, inverse_range, closing = (array.ravel() for array in arrays)
         return self.second_at(lead, inverse_range, closing[:, None]).reshape(arrays[0].shape)
@@ -95,7 +98,7 @@ class MeanStratum(SmoothStratum):
     def second_at(self, lead_speed: Array, inverse_range: Array, closing_speeds: Array) -> Array:
         """Return the second coordinate of m closing speeds for each of n pairs of v_L and R^-1.
 
-        See `Stratum.second_at`.
+        v_L [m/s] and R^-1 [1/m] have shape (n,). Closing speeds [m/s] and result have shape (n, m).
         """
         score = np.full(closing_speeds.shape, math.inf)
         for part in parts(lead_speed.size, PLACES_AT_ONCE):
@@ -232,15 +235,15 @@ class MeanLaw(SmoothLaw):
         return {segment: MeanStratum(self.lead_speeds[segment], self.draws) for segment in self.counts}
 
     def thinned(self, size: int) -> Self:
-        """Return the mean law of at most ``size`` of the draws; see `LawDraws.thinned`."""
+        """Return the mean law of at most ``size`` of the draws, at equal distances in their order."""
         return replace(self, draws=self.draws.thinned(size))
 
     def only_draws(self, chosen: NDArray[np.intp]) -> Self:
-        """Return the mean law of some of the draws, given by their indices."""
+        """Return the mean law of the k draws with the given indices, shape (k,)."""
         return replace(self, draws=self.draws.only(chosen))
 
     def from_normal_scores(self, z: Array) -> CutIns:
-        """Map normal scores to cut-ins; see `Law.from_normal_scores`.
+        """Map normal scores z of v_L and of the two coordinates, shape (n, 3), to n cut-ins.
 
         The cut-ins of all strata are computed together, because the conditional distributions are the same.
         """
@@ -285,7 +288,11 @@ class MeanLaw(SmoothLaw):
     def from_content(
         cls, content: Mapping[str, Any], encounters: pd.DataFrame, description: str, closing_speed_max: float
     ) -> Self:
-        """Build a law from the content of its file; see `IndependentLaw.from_content` for the arguments."""
+        """Build a law from the content of its file.
+
+        ``encounters`` is the encounter table to which the law was fitted. It supplies the lead speeds.
+        ``closing_speed_max`` is the cap on closing speeds [m/s].
+        """
         support = Support.of(content["support"])
         grids = range_grid(support), speed_grid(support)
         ranges, bodies = (

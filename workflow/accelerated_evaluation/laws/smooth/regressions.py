@@ -223,7 +223,7 @@ class GivenRegression:
     shared: Array
 
     def log_density(self, closing_speed: Array) -> Array:
-        """Return the log density at one closing speed [m/s] for each of the n pairs, shape (n,)."""
+        """Return the log density of the closing speed at one value [m/s] for each pair, shape (n,)."""
         c = np.maximum(closing_speed, SLOWEST)
         return self.regression.terms(c, self.log_scale, self.log_shape, self.shared).value
 
@@ -236,7 +236,7 @@ class GivenRegression:
 def fit_regression(
     regression: Regression, records: DistinctRecords, start: FittedRegression | None = None
 ) -> FittedRegression:
-    """Fit a regression by penalised maximum likelihood, with Newton steps.
+    """Return a regression fitted by penalised maximum likelihood, with Newton steps.
 
     Parameters
     ----------

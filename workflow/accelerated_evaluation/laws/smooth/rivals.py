@@ -50,10 +50,10 @@ class IndependentTail:
 
     @classmethod
     def fit(cls, records: DistinctRecords, level: float, shape: Shape) -> "IndependentTail":
-        """Fit the histogram and the tail of TTC^-1 separately in each segment of the lead speed.
+        """Return the law with a histogram and a tail of TTC^-1 fitted in each segment of the lead speed.
 
         A segment with fewer than `MINIMUM_ROWS` records gets the distribution of all records. A knot that too
-        few records exceed is moved; see `usable_knots`.
+        few records exceed is moved as little as necessary.
 
         Parameters
         ----------
@@ -105,7 +105,7 @@ class GivenIndependent:
         return self._each(closing_speed)[0]
 
     def log_density(self, closing_speed: Array) -> Array:
-        """Return the log density at one closing speed [m/s] for each pair, shape (n,)."""
+        """Return the log density of the closing speed at one value [m/s] for each pair, shape (n,)."""
         return self._each(closing_speed)[1] - np.log(self.range_)
 
     def _each(self, closing_speed: Array) -> tuple[Array, Array]:
@@ -165,7 +165,7 @@ class ConditionalExtremes:
     def fit(
         cls, records: DistinctRecords, body: SmoothHazard, level: float, shape: Shape
     ) -> "ConditionalExtremes":
-        """Fit the law to the records whose closing speed is above a quantile.
+        """Return the law fitted to the records whose closing speed is above a quantile.
 
         Parameters
         ----------
@@ -254,7 +254,7 @@ class GivenExtremes:
         return np.where(closing_speed > self.threshold, above, self.body.cumulative(closing_speed))
 
     def log_density(self, closing_speed: Array) -> Array:
-        """Return the log density at one closing speed [m/s] for each pair, shape (n,)."""
+        """Return the log density of the closing speed at one value [m/s] for each pair, shape (n,)."""
         low, share = self._place(closing_speed)
         row = np.arange(low.size)
         above = (1 - share) * self.table[row, low] + share * self.table[row, low + 1] - self.at_threshold

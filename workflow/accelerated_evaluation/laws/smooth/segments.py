@@ -87,7 +87,7 @@ class SmoothStratum(Stratum):
         return np.maximum(np.log(self.support.range_max * inverse_range), 0.0)
 
     def places(self, lead_speed: Array, range_: Array) -> Places:
-        """Return pairs of lead speed [m/s] and range [m], shape (n,), with the splines of the support."""
+        """Return n pairs of lead speed [m/s] and range [m], with the values of the splines there."""
         return Places.of(lead_speed, range_, self.support)
 
 
@@ -112,7 +112,7 @@ class SmoothLaw(Law):
         return {segment: count / total for segment, count in self.counts.items()}
 
     def only(self, stratum: str) -> Self:
-        """Return the law restricted to one segment, whose share is then one."""
+        """Return the law restricted to one segment, given by its name, whose share is then one."""
         counts, lead_speeds = {stratum: self.counts[stratum]}, {stratum: self.lead_speeds[stratum]}
         return replace(self, counts=counts, lead_speeds=lead_speeds)
 

@@ -34,13 +34,13 @@ class Shape(Protocol):
     prior_deviation: ClassVar[tuple[float, ...]]
 
     def cumulative(self, z: Array, parameters: Array) -> Array:
-        """Return the cumulative hazard H(z) = -log P(Z > z)."""
+        """Return the cumulative hazard H(z) = -log P(Z > z) at excesses z, of the shape of z."""
 
     def inverse(self, level: Array, parameters: Array) -> Array:
         """Return the excess z at which the cumulative hazard H(z) equals a level."""
 
     def log_density(self, z: Array, parameters: Array) -> Array:
-        """Return the log density log H'(z) - H(z)."""
+        """Return the log density log H'(z) - H(z) at excesses z, of the shape of z."""
 
     def derivatives(self, z: Array, parameters: Array) -> tuple[Array, Array]:
         """Return the derivatives of the log density with respect to z and to the parameters.
@@ -77,9 +77,10 @@ class Exponential:
         return -np.asarray(z, dtype=float)
 
     def derivatives(self, z: Array, parameters: Array) -> tuple[Array, Array]:
-        """Return the derivatives of the log density; see `Shape.derivatives`.
+        """Return the derivatives of the log density at excesses z, shape (n,).
 
-        The derivative with respect to z is -1. There are no parameters, so the other array is empty.
+        The derivative with respect to z is -1, shape (n,). There are no parameters, so the other array, with
+        the derivatives with respect to them, is empty, shape (n, 0).
         """
         return np.full_like(z, -1.0), np.empty((z.size, 0))
 
@@ -103,7 +104,7 @@ class Generalised:
     prior_deviation = (0.1,)
 
     def cumulative(self, z: Array, parameters: Array) -> Array:
-        """Return the cumulative hazard H(z)."""
+        """Return the cumulative hazard H(z) = -log P(Z > z) at excesses z, given the shape parameter."""
         z, shape = np.asarray(z, dtype=float), np.asarray(parameters[0], dtype=float)
         size = np.abs(shape)
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
@@ -123,7 +124,7 @@ class Generalised:
     def derivatives(self, z: Array, parameters: Array) -> tuple[Array, Array]:
         """Return the derivatives of the log density with respect to z and to the shape parameter.
 
-        See `Shape.derivatives`.
+        The arrays have the shapes (n,) and (n, 1) for excesses z of shape (n,).
         """
         shape = float(parameters[0])
         if shape > 0:
@@ -152,7 +153,7 @@ class TwoKinds:
     prior_deviation = (1.0, 0.3)
 
     def cumulative(self, z: Array, parameters: Array) -> Array:
-        """Return the cumulative hazard H(z)."""
+        """Return the cumulative hazard H(z) = -log P(Z > z) at excesses z, given the two parameters."""
         share, ratio = self._natural(parameters)
         log_survival = np.logaddexp(np.log1p(-share) - z, np.log(share) - np.asarray(z) / ratio)
         return np.maximum(-log_survival, 0)  # rounding could make it negative at z = 0
@@ -176,7 +177,7 @@ class TwoKinds:
     def derivatives(self, z: Array, parameters: Array) -> tuple[Array, Array]:
         """Return the derivatives of the log density with respect to z and to the two parameters.
 
-        See `Shape.derivatives`.
+        The arrays have the shapes (n,) and (n, 2) for excesses z of shape (n,).
         """
         share, ratio = self._natural(parameters)
         first, second = self._parts(z, parameters)

@@ -150,7 +150,10 @@ class SmoothHazard:
         return Cumulative(self.grid.edges[2], hazard.T, table.T)
 
     def drawn(self, generator: np.random.Generator) -> "SmoothHazard":
-        """Return a draw from the posterior, in the normal approximation; the penalty acts as the prior."""
+        """Return the hazard with coefficients drawn from their approximately normal posterior.
+
+        The roughness penalty acts as the prior.
+        """
         noise = solve_triangular(self.factor, generator.standard_normal(self.coefficients.size))
         return replace(self, coefficients=self.coefficients + noise.reshape(self.coefficients.shape))
 
@@ -209,7 +212,10 @@ class Cumulative:
         return table + hazard * (values - self.edges[bin_])[:, None]
 
     def rate(self, value: Array, row: Array | None = None) -> Array:
-        """Return the hazard at given values; the parameters are those of `at`."""
+        """Return the hazard at given values of the variable, one value for each function.
+
+        If ``row``, an array of indices of functions, is given, there is one value for each of its elements.
+        """
         return self.hazard[np.arange(value.size) if row is None else row, self.bin_of(value)]
 
     def bin_of(self, value: Array) -> Array:
@@ -250,7 +256,7 @@ def fit_hazard(
     *,
     start: SmoothHazard | None = None,
 ) -> SmoothHazard:
-    """Fit a smooth hazard to binned data.
+    """Return a smooth hazard fitted to binned data by penalised Poisson regression.
 
     Parameters
     ----------

@@ -93,7 +93,7 @@ class Penalty:
 
     @classmethod
     def of(cls, bases: Sequence[Basis | Constant]) -> "Penalty":
-        """Return the penalties of a tensor product of bases."""
+        """Return the roughness penalties of a tensor product of bases, one for each axis."""
         matrices, roots = [], []
         for axis, basis in enumerate(bases):
             parts = [np.eye(other.size) for other in bases]
