@@ -73,6 +73,11 @@ def table(
         Number of significant digits in Markdown, LaTeX and notebooks; by default all digits are written.
     digest
         Function that returns a shorter table for Markdown, LaTeX and notebooks.
+
+    Returns
+    -------
+    Callable
+        The decorator. It returns the same function, which `show` can then publish.
     """
 
     def register(make: Make) -> Make:
@@ -104,7 +109,8 @@ def result_table(
     name
         Name of the result in `Study`, and of the files.
     digits, digest
-        As in `table`.
+        Number of significant digits in Markdown, LaTeX and notebooks (all by default), and a function that
+        returns a shorter table for them.
 
     Returns
     -------

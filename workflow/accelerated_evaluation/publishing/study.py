@@ -54,7 +54,7 @@ class Study:
         return cls(Path("results") / name, Path("figures") / name)
 
     def path(self, name: str, **parts: str) -> Path:
-        """Return the path of an existing result.
+        """Return the path of a result, which has to exist.
 
         Parameters
         ----------
@@ -174,7 +174,7 @@ class Study:
 
     @cached_property
     def account(self) -> pd.DataFrame:
-        """Every reason to leave out a row of the records, and how many rows it applies to."""
+        """Table of the reasons for which rows of the records are left out, with the number of rows."""
         return pd.read_csv(self.path("encounters_account.csv"), keep_default_na=False)
 
     @cached_property
@@ -260,5 +260,5 @@ class Study:
 
     @property
     def truth(self) -> pd.Series:
-        """Exact crash probability over all segments, and its standard error."""
+        """Exact crash probability over all segments, ``probability``, and its ``standard_error``."""
         return self.exact.set_index("segment").loc["all"]

@@ -19,7 +19,7 @@ UNKNOWN = "unknown (not a git repository)"
 
 
 def origin_of(study: Study) -> dict[str, str]:
-    """Return the provenance of a study: its name, its commit and the SHA-256 of its file ``config.json``."""
+    """Return the name of a study, its commit, and the SHA-256 of its file ``config.json``, by key."""
     configuration = study.path("config.json").read_bytes()
     return {
         "study": study.name,

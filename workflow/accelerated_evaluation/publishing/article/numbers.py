@@ -28,7 +28,7 @@ def collect(tables: Tables, benchmarks: Tables, config: Mapping[str, Any]) -> di
     Parameters
     ----------
     tables
-        Published tables of the study.
+        Published tables of the study, which are read by name.
     benchmarks
         Tables of the benchmarks, which belong to the default study of the project.
     config

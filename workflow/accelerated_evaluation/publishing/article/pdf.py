@@ -41,7 +41,15 @@ class Sources:
 
 
 def numbers_of(study: Study, sources: Sources) -> dict[str, Any]:
-    """Return all data that the text of the article uses: numbers, captions of its figures, and provenance."""
+    """Return all data that the text of the article uses: numbers, captions of its figures, and provenance.
+
+    Parameters
+    ----------
+    study
+        The finished results.
+    sources
+        Text, benchmarks and captions.
+    """
     figures = shown_figures(sources.text)
     numbers = collect(Tables(study.figures / "tables"), Tables(sources.benchmarks), study.config)
     captions = {name: _first_paragraph(sources.captions, name, study.config) for name in figures}

@@ -41,7 +41,7 @@ def known_to_pages(study: Study, records: Iterable[str]) -> dict[str, Any]:
     study
         The finished results.
     records
-        Data files of the study. The last page lists their SHA-256.
+        Data files of the study. The last page lists their SHA-256 checksums.
     """
     common = {
         "vehicle": study.config["vehicle"],

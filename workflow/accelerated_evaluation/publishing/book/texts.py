@@ -23,7 +23,9 @@ from accelerated_evaluation.publishing.tables.formats import as_markdown, readab
 
 
 def number(value: float, decimals: int = 0, sign: str = "") -> str:
-    """Write a number with a fixed number of decimals, such as 1,234.5; NaN and infinity as by `readable`.
+    """Write a number with a fixed number of decimals, such as 1,234.5.
+
+    NaN is written as a dash, and infinity as ∞.
 
     Parameters
     ----------
@@ -38,7 +40,17 @@ def number(value: float, decimals: int = 0, sign: str = "") -> str:
 
 
 def percent(value: float, decimals: int = 0, sign: str = "") -> str:
-    """Write a share between 0 and 1 as a percentage, such as 12.3%; the other parameters as for `number`."""
+    """Write a share between 0 and 1 as a percentage, such as 12.3%.
+
+    Parameters
+    ----------
+    value
+        The share.
+    decimals
+        Digits after the point.
+    sign
+        ``"+"`` writes the sign of positive numbers too.
+    """
     return f"{number(100 * value, decimals, sign)}%" if math.isfinite(value) else readable(float(value))
 
 

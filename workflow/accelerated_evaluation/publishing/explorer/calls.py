@@ -1,4 +1,4 @@
-"""Translation of calls, and of elements of arrays."""
+"""Translation of calls, and of elements of arrays, to WebAssembly."""
 
 import ast
 from collections.abc import Callable
@@ -56,7 +56,7 @@ class Calls(Expressions):
         return result
 
     def extreme(self, node: ast.Call, comparison: str) -> Type:
-        """Translate ``min`` or ``max`` of two values.
+        """Translate ``min`` or ``max`` of two values, and return the type of the result.
 
         As in Python, the result is the first value unless the second is smaller (``min``) or larger
         (``max``), which matters for NaN. Lanes of two floats have instructions of their own.
@@ -82,7 +82,10 @@ class Calls(Expressions):
         return kind
 
     def empty(self, node: ast.Call) -> Type:
-        """Translate ``np.empty`` with a constant shape: push the address of an array at a fixed place."""
+        """Translate ``np.empty`` with a constant shape, and return the type of the array.
+
+        The array has a fixed place in the memory. Its address is left on WebAssembly's stack.
+        """
         shape = self.constant(node.args[0])
         of_integers = len(node.args) == 2 and self.object(node.args[1]) is np.int64
         if len(node.args) > 1 + of_integers:
@@ -93,7 +96,7 @@ class Calls(Expressions):
         return kind
 
     def of_Subscript(self, node: ast.Subscript) -> Type:  # noqa: N802
-        """Translate an element or a column of an array, or one of several results of a function."""
+        """Translate an element or a column of an array, or a result of a function, and return its type."""
         if isinstance(node.value, ast.Call):
             kinds, place = self.value(node.value), self.constant(node.slice)
             if not isinstance(kinds, tuple) or not 0 <= place < len(kinds):
@@ -112,7 +115,7 @@ class Calls(Expressions):
         return kind
 
     def address(self, node: ast.Subscript) -> tuple[Type, int]:
-        """Push the address of an element or a column of an array.
+        """Add code that leaves the address of an element or a column of an array on WebAssembly's stack.
 
         Returns
         -------
@@ -147,7 +150,15 @@ class Calls(Expressions):
         return element, 0
 
     def add_scaled(self, push: Callable[[], None], stride: int) -> None:
-        """Add an index times ``stride`` elements to the address on the stack; ``push`` pushes the index."""
+        """Add code that increases the address on WebAssembly's stack by an index times a stride.
+
+        Parameters
+        ----------
+        push
+            Function that adds the code that leaves the index on the stack.
+        stride
+            Number of elements of the array between neighbouring indices.
+        """
         push()
         self.emit("i32.const", WORD * stride)
         self.emit("i32.mul")

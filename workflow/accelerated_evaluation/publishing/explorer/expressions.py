@@ -4,7 +4,7 @@ WebAssembly is a stack machine: the code of an expression leaves its value on th
 appends the code for a node X of Python's syntax tree, and returns the type of the value.
 
 A loop over encounters computes two of them, two lanes, at once where possible. A value then has the type
-`FLOATS` or `BOOLS`, with a number or a truth for each lane.
+`FLOATS` or `BOOLS`, with a number or a Boolean for each lane.
 """
 
 import ast
@@ -92,13 +92,14 @@ class Expressions:
         return translate(node)
 
     def expect(self, node: ast.expr, kind: str) -> None:
-        """Translate an expression, and convert its value to the given type."""
+        """Translate an expression, and convert its value to the type ``kind``."""
         self.convert(node, self.value(node), kind)
 
     def convert(self, node: ast.AST, kind: Type | None, expected: Type) -> None:
-        """Convert the value on the stack from type ``kind`` to type ``expected``.
+        """Convert the value on WebAssembly's stack from type ``kind`` to type ``expected``.
 
-        An integer or a truth becomes a float, and a single value becomes a value for each of two lanes.
+        An integer or a Boolean becomes a float, and a single value becomes a value for each of two lanes (two
+        encounters that are computed at once).
 
         Raises
         ------
@@ -113,11 +114,19 @@ class Expressions:
             raise self.error(node, f"{ast.unparse(node)} of type {kind}", f"type {expected}")
 
     def of_Constant(self, node: ast.Constant) -> Type:  # noqa: N802
-        """Translate a literal number."""
+        """Translate a literal number, and return its type."""
         return self.number(node, node.value)
 
     def number(self, node: ast.expr, value: object) -> Type:
-        """Push a constant, and return its type."""
+        """Add code that leaves a constant on WebAssembly's stack, and return the type of the constant.
+
+        Parameters
+        ----------
+        node
+            The expression, for an error message.
+        value
+            The constant.
+        """
         kind = type(value).__name__
         if kind not in SCALARS:
             raise self.error(node, f"{ast.unparse(node)}, a {kind}", "a number, a variable or a function")
@@ -125,7 +134,7 @@ class Expressions:
         return kind
 
     def of_Name(self, node: ast.Name) -> Type:  # noqa: N802
-        """Translate a local variable, or a constant of the module."""
+        """Translate a local variable, or a constant of the module, and return its type."""
         if node.id in self.variables:
             if node.id == self.lane:
                 raise self.error(node, f"the number {node.id} of a lane", "no number in a loop of two lanes")
@@ -135,7 +144,7 @@ class Expressions:
         return self.number(node, self.object(node))
 
     def of_Attribute(self, node: ast.Attribute) -> Type:  # noqa: N802
-        """Translate the field of a record, or a constant of a module such as ``np.inf``."""
+        """Translate the field of a record, or a constant such as ``np.inf``, and return its type."""
         if isinstance(node.value, ast.Name) and node.value.id in self.variables:
             local, kind = self.variables[node.value.id]
             names = [name for name, _ in kind.fields] if isinstance(kind, RecordOf) else []
@@ -167,7 +176,7 @@ class Expressions:
         return value
 
     def of_UnaryOp(self, node: ast.UnaryOp) -> Type:  # noqa: N802
-        """Translate the negative of a float, or the negation of a truth."""
+        """Translate the negative of a float or the negation of a Boolean, and return its type."""
         kind = self.value(node.operand)
         if isinstance(node.op, ast.USub) and kind in (FLOAT, FLOATS):
             self.emit(f"{INSTRUCTIONS[kind]}.neg")
@@ -188,7 +197,7 @@ class Expressions:
         Parameters
         ----------
         first, second
-            The operands, in the order in which they are pushed.
+            The operands, in the order in which their values are put on WebAssembly's stack.
         to_float
             Convert two integers to floats, as a division needs.
         to_lanes
@@ -212,7 +221,10 @@ class Expressions:
         return common
 
     def of_BinOp(self, node: ast.BinOp) -> Type:  # noqa: N802
-        """Translate ``+``, ``-``, ``*`` and ``/``, ``%`` of integers, and ``&`` and ``|`` of truths."""
+        """Translate an operation on two values, and return the type of the result.
+
+        The operations are ``+``, ``-``, ``*`` and ``/``, ``%`` of integers, and ``&`` and ``|`` of Booleans.
+        """
         operation = type(node.op)
         kind = self.pair(node.left, node.right, to_float=operation is ast.Div)
         if operation in (ast.BitAnd, ast.BitOr) and kind in (BOOL, BOOLS):
@@ -228,7 +240,7 @@ class Expressions:
         return kind
 
     def of_Compare(self, node: ast.Compare) -> Type:  # noqa: N802
-        """Translate one comparison of two numbers; its type is a truth, or a truth for each lane."""
+        """Translate a comparison of two numbers, and return its type: a Boolean, or one for each lane."""
         if len(node.ops) > 1 or type(node.ops[0]) not in COMPARISONS:
             raise self.error(node, ast.unparse(node), "one comparison of numbers")
         kind = self.pair(node.left, node.comparators[0])
@@ -238,7 +250,7 @@ class Expressions:
         return BOOLS if kind == FLOATS else BOOL
 
     def of_BoolOp(self, node: ast.BoolOp) -> Type:  # noqa: N802
-        """Translate ``and`` and ``or``; as in Python, later operands are evaluated only if needed."""
+        """Translate ``and`` or ``or``, and return the type. Later operands are evaluated only if needed."""
         *others, last = node.values
         for part in others:
             self.expect(part, BOOL)
@@ -255,7 +267,7 @@ class Expressions:
         return BOOL
 
     def of_IfExp(self, node: ast.IfExp) -> Type:  # noqa: N802
-        """Translate ``a if test else b``. Unlike in Python, both values are computed and one is selected."""
+        """Translate ``a if test else b``, and return its type. Unlike in Python, both values are computed."""
         tested = self.value(node.test)
         if tested not in (BOOL, BOOLS):
             raise self.error(node.test, ast.unparse(node.test), "a truth")

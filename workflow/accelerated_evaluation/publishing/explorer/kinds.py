@@ -33,12 +33,12 @@ class ArrayOf:
 
     @classmethod
     def of(cls, *shape: int, element: str = FLOAT) -> "ArrayOf":
-        """Return a contiguous array with one or two dimensions."""
+        """Return the type of a contiguous array with one or two dimensions."""
         return cls(element, shape, (1,) if len(shape) == 1 else (shape[1], 1))
 
     @property
     def size(self) -> int:
-        """Bytes in the memory."""
+        """Number of bytes that the array takes in the memory."""
         return WORD * math.prod(self.shape)
 
 
@@ -61,7 +61,7 @@ class RecordOf:
 
     @property
     def size(self) -> int:
-        """Bytes in the memory."""
+        """Number of bytes that the record takes in the memory."""
         return WORD * len(self.fields)
 
 

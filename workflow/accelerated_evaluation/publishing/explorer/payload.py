@@ -42,7 +42,7 @@ class Payload:
     _blocks: list[bytes] = field(default_factory=list)
 
     def add(self, name: str, values: ArrayLike, kind: str) -> None:
-        """Add an array.
+        """Add an array of numbers to the data of the page.
 
         Parameters
         ----------
@@ -96,7 +96,7 @@ def add_lines(payload: Payload, lines: ExploredLines) -> None:
 
 
 def add_laws(payload: Payload, weighted: WeightedLaws, drawn: DrawnLaws, logs: Array) -> None:
-    """Add the draws of the laws.
+    """Add the draws of the laws to the data of the page: index of the law, and ratios to the mean law.
 
     Parameters
     ----------
@@ -107,8 +107,8 @@ def add_laws(payload: Payload, weighted: WeightedLaws, drawn: DrawnLaws, logs: A
     drawn
         The draws, each with the index of its law.
     logs
-        Logarithm of the ratio of each draw to the mean law at the nodes, from
-        `answer.explored_ratios.log_ratios`.
+        Logarithm of the ratio of each draw to the mean law at nodes of lead speed, range and cumulative
+        hazard, from `answer.explored_ratios.log_ratios`.
     """
     members = weighted.members
     payload.add("member", drawn.member, "u1")
@@ -137,7 +137,10 @@ def add_laws(payload: Payload, weighted: WeightedLaws, drawn: DrawnLaws, logs: A
 
 
 def add_records(payload: Payload, records: DistinctRecords, generator: np.random.Generator) -> None:
-    """Add recorded cut-ins to show: those with the smallest TTC, and a random sample of the others."""
+    """Add recorded cut-ins to the data of the page, which shows them.
+
+    These are the cut-ins with the smallest time to collision, and a random sample of the others.
+    """
     order = np.argsort(-records.closing_speed / records.range_, kind="stable")
     drawn = generator.choice(order[URGENT:], min(RECORDS, max(records.size - URGENT, 0)), replace=False)
     shown = records.only(np.concatenate([order[:URGENT], drawn]))

@@ -23,7 +23,17 @@ from accelerated_evaluation.publishing.explorer.kinds import (
 
 
 class Body(Calls):
-    """The translation of one function; the parameters are those of `Expressions`."""
+    """The translation of the statements of one Python function to WebAssembly.
+
+    Parameters
+    ----------
+    module
+        Translator that also translates the functions that this one calls.
+    source
+        The Python function.
+    types
+        Types of its arguments.
+    """
 
     def translate(self) -> None:
         """Translate all statements of the function.
@@ -53,7 +63,7 @@ class Body(Calls):
             translate(node)
 
     def require_one_lane(self, node: ast.stmt) -> None:
-        """Raise TranslationError if the statement is in a loop that computes two lanes at once."""
+        """Raise TranslationError if the statement is in a loop that computes two rounds at once."""
         if self.lane is not None:
             raise self.error(node, f"a statement {type(node).__name__} in a loop of two lanes")
 
@@ -159,12 +169,13 @@ class Body(Calls):
         self.emit(store(array), offset)
 
     def store(self, target: ast.Name, kind: Type | None) -> None:
-        """Store the value on the stack in a variable. The first value that is stored determines its type.
+        """Store the value on WebAssembly's stack in a variable; the first value determines its type.
 
         Raises
         ------
         TranslationError
-            If the value is not a single one, or a lane would change a variable that the lanes share.
+            If the value is not a single one, or if one of two rounds that are computed at once would change a
+            variable that both use.
         """
         if kind is None or isinstance(kind, tuple):
             raise self.error(target, "no single value", "one value for one name")
@@ -289,7 +300,7 @@ class Body(Calls):
         Parameters
         ----------
         test
-            Function that adds code, which pushes whether the loop continues.
+            Function that adds the code that leaves on WebAssembly's stack whether the loop continues.
         node
             The loop, whose statements are translated.
         advance
@@ -318,12 +329,20 @@ class Body(Calls):
         self.close()
 
     def open(self, name: str, *result: int) -> None:
-        """Open a block with an instruction, ``block``, ``loop`` or ``if``."""
+        """Open a block of instructions with the instruction ``block``, ``loop`` or ``if``.
+
+        Parameters
+        ----------
+        name
+            Name of the instruction.
+        result
+            Type of the value that the block leaves on the stack, if any.
+        """
         self.emit(name, *result)
         self.depth += 1
 
     def close(self) -> None:
-        """Close the innermost block."""
+        """Close the block that was opened last with `open`."""
         self.emit("end")
         self.depth -= 1
 

@@ -43,7 +43,7 @@ class Translator:
         return address
 
     def export(self, name: str, function: Callable, *types: Type) -> None:
-        """Translate a function for arguments of given types, and export it under a name."""
+        """Translate a function for given types of its arguments, and export the result under a name."""
         self._exports[name] = self.translated(function, types)[0]
 
     def translated(self, function: Callable, types: Sequence[Type]) -> tuple[int, Type | None]:

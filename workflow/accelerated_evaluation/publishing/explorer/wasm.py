@@ -166,7 +166,7 @@ class Function:
 
     @property
     def type(self) -> bytes:
-        """The encoded signature."""
+        """Signature of the function: types of parameters and results in the binary format."""
         return (
             b"\x60"
             + vector(bytes([kind]) for kind in self.parameters)
@@ -175,7 +175,7 @@ class Function:
 
     @property
     def body(self) -> bytes:
-        """The encoded local variables and instructions."""
+        """Local variables and instructions of the function in the binary format."""
         own = self.local_types[len(self.parameters) :]
         content = vector(unsigned(1) + bytes([kind]) for kind in own) + bytes(self.code) + b"\x0b"
         return unsigned(len(content)) + content

@@ -96,7 +96,15 @@ def name_rows(axes: Axes, y: Array, groups: pd.Series, names: pd.Series) -> None
 
 
 def name_groups(axes: Axes, y: Array, groups: pd.Series) -> None:
-    """Write the name of each group as the label of its middle; y and groups are those of `name_rows`."""
+    """Write the name of each group of rows as the label of the y axis in the middle of the group.
+
+    Parameters
+    ----------
+    axes
+        The axes.
+    y, groups
+        Coordinate and group of each row, shape (n,).
+    """
     axes.set_yticks(pd.Series(y).groupby(groups.to_numpy(), sort=False).mean(), groups.unique())
 
 

@@ -86,7 +86,9 @@ def fig05_inverse_ttc_fit(
     Returns
     -------
     figure, data
-        As for `fig04_inverse_range_fit`, in inverse_ttc_per_s, bin_width_per_s and density_s.
+        The first panel shows densities of the body, the second survival functions, with marks at the knots.
+        The columns of the data are panel, curve, inverse_ttc_per_s, bin_width_per_s, count, density_s,
+        is_knot and survival.
     """
     law = piecewise.inverse_ttc[segment]
     curves = {f"piecewise ({len(law.components)} pieces)": Curve(law, style_of("piecewise"))}
@@ -103,7 +105,22 @@ def fig06_inverse_range_comparison(
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw the piecewise and the single parametric fit of R^-1, for all segments (paper, figure 6).
 
-    Parameters and results are those of `fig04_inverse_range_fit`.
+    The records are shown as a histogram.
+
+    Parameters
+    ----------
+    encounters
+        Encounter table.
+    piecewise, single
+        The piecewise and the single parametric model.
+    source
+        Description of the data.
+
+    Returns
+    -------
+    figure, data
+        The first panel shows densities of the body, the second survival functions. The columns of the data
+        are panel, curve, inverse_range_per_m, bin_width_per_m, count, density_m, is_knot and survival.
     """
     curves = _compared(piecewise.inverse_range, single.inverse_range)
     return _fit_figure(encounters["inverse_range"].to_numpy(), curves, INVERSE_RANGE, source)
@@ -115,7 +132,24 @@ def fig07_inverse_ttc_comparison(
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw the piecewise and the single parametric fit of TTC^-1 in one segment (paper, figure 7).
 
-    Parameters and results are those of `fig05_inverse_ttc_fit`.
+    The records are shown as a histogram.
+
+    Parameters
+    ----------
+    encounters
+        Encounter table.
+    piecewise, single
+        The piecewise and the single parametric model.
+    segment
+        Segment of v_L; the paper shows the second one.
+    source
+        Description of the data.
+
+    Returns
+    -------
+    figure, data
+        The first panel shows densities of the body, the second survival functions. The columns of the data
+        are panel, curve, inverse_ttc_per_s, bin_width_per_s, count, density_s, is_knot and survival.
     """
     curves = _compared(piecewise.inverse_ttc[segment], single.inverse_ttc[segment])
     return _fit_figure(_inverse_ttc(encounters, segment), curves, INVERSE_TTC, source, segment)

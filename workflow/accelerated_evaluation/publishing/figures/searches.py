@@ -28,6 +28,9 @@ DENSITY_FLOOR = 1e-4  # [s], smallest density that figure 11 shows
 def fig08_thresholds(trace: pd.DataFrame, segment: str, source: str) -> tuple[Figure, pd.DataFrame]:
     """Draw the thresholds of the relaxed events against the iteration of the search (paper, figure 8).
 
+    A relaxed event is a time to collision or a range below a threshold. The search lowers the thresholds
+    until the event is the crash.
+
     Parameters
     ----------
     trace
@@ -80,7 +83,16 @@ def fig09_inverse_range_parameters(
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw weight and tilt of each piece of R^-1 against the iteration of the search (paper, figure 9).
 
-    The parameters are those of `fig08_thresholds`.
+    The tilt theta of a piece multiplies its density at x by exp(theta x), up to a constant.
+
+    Parameters
+    ----------
+    trace
+        ``cross_entropy_trace.csv`` of a study.
+    segment
+        Segment of v_L, whose piecewise searches are drawn, that of the first seed in front.
+    source
+        Description of the data.
 
     Returns
     -------
@@ -97,7 +109,22 @@ def fig10_inverse_ttc_parameters(
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw weight and tilt of each piece of TTC^-1 against the iteration of the search (paper, figure 10).
 
-    Parameters and results are those of `fig09_inverse_range_parameters`, with columns from_per_s and theta_s.
+    The tilt theta of a piece multiplies its density at x by exp(theta x), up to a constant.
+
+    Parameters
+    ----------
+    trace
+        ``cross_entropy_trace.csv`` of a study.
+    segment
+        Segment of v_L, whose piecewise searches are drawn, that of the first seed in front.
+    source
+        Description of the data.
+
+    Returns
+    -------
+    figure, data
+        The figure shows the weights above the tilts. The columns of the data are seed, iteration, piece,
+        from_per_s, weight and theta_s.
     """
     return _parameters(trace, segment, "inverse_ttc", source)
 

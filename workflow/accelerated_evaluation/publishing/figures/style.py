@@ -74,7 +74,7 @@ _print: Print | None = None
 
 @contextmanager
 def printed(settings: Print) -> Iterator[None]:
-    """Draw figures for a paper within the block: with its font, and saved once for each width of a column."""
+    """Draw figures for a paper within a ``with`` block: with its font, and saved for each width."""
     global _print
     _print = settings
     try:
@@ -85,7 +85,7 @@ def printed(settings: Print) -> Iterator[None]:
 
 @contextmanager
 def paper_style() -> Iterator[None]:
-    """Draw in the style of the paper within the block."""
+    """Draw figures in the common style of this project within a ``with`` block."""
     font = {} if _print is None else {"font.serif": [_print.font], "mathtext.fontset": "stix"}
     with mpl.rc_context({**_RC, **font}):
         yield

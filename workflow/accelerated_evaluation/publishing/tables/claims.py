@@ -77,8 +77,10 @@ def claims_table(
     Returns
     -------
     pandas.DataFrame
-        A row for each claim. The verdict is ``agrees`` or ``differs`` by the rule of `verdict`, or ``not
-        comparable`` if the study departs from the paper's assumptions or has no similar quantity.
+        A row for each claim: the paper's number with its tolerance, ``paper_low`` to ``paper_high``; our
+        number ``ours`` with its spread, ``ours_low`` to ``ours_high``; ``verdict``; and its reason ``why``.
+        The verdict is ``agrees`` or ``differs`` by the rule of `verdict`, or ``not comparable`` if the study
+        departs from the paper's assumptions or has no similar quantity.
     """
     ours = _counts({"single": single, "piecewise": piecewise}, trace) | _searches(trace)
     ours |= _samples(estimates, course, exact, config["importance_sampling"])

@@ -13,6 +13,12 @@ COVERAGE_COLUMNS = (
 
 @table("coverage", digits=3)
 def coverage_table(coverage: pd.DataFrame) -> pd.DataFrame:
-    """Return ``coverage.csv`` with its columns in order, the coverage first."""
+    """Return the table of the coverage of intervals, with the columns that contain the coverage first.
+
+    Parameters
+    ----------
+    coverage
+        ``coverage.csv`` of a study.
+    """
     others = [name for name in coverage.columns if name not in COVERAGE_COLUMNS]
     return coverage[[*COVERAGE_COLUMNS, *others]]

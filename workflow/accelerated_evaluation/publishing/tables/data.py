@@ -7,7 +7,7 @@ from accelerated_evaluation.publishing.published import result_table, table
 
 @table("encounters_account")
 def account_table(account: pd.DataFrame) -> pd.DataFrame:
-    """Return the account of the dropped rows in the published form."""
+    """Return the account of the records, one row for each filter, for publication without changes."""
     return account
 
 

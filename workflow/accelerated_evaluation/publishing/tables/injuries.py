@@ -11,13 +11,23 @@ CUT_IN = "cut-in"
 
 
 def best_known(injuries: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of the injuries per million kilometres, or per cut-in if the distance is not known."""
+    """Return the injuries per million kilometres, or per cut-in if the distance is not known.
+
+    Parameters
+    ----------
+    injuries
+        ``injuries.csv`` of a study, whose column ``per`` names the unit of each row.
+    """
     per = DISTANCE if (injuries["per"] == DISTANCE).any() else CUT_IN
     return injuries[injuries["per"] == per]
 
 
 def injuries_digest(injuries: pd.DataFrame) -> pd.DataFrame:
-    """Return the table of injuries for readers: a row for each vehicle and level, with 80 % intervals."""
+    """Return a short table of injured drivers, with a row for each vehicle and level of injury.
+
+    The columns are the median per million kilometres (or per cut-in) with its 80 % interval, the number per
+    crash, and the share in impacts at low speed.
+    """
     rows = best_known(injuries).reset_index(drop=True)
     per = rows["per"].iloc[0] if len(rows) else CUT_IN
     per_cut_in = injuries[injuries["per"] == CUT_IN].set_index(["vehicle", "level"])["mean"]
@@ -40,7 +50,10 @@ injuries_table = result_table("injuries", digits=DIGITS, digest=injuries_digest)
 
 
 def balance_digest(risk_balance: pd.DataFrame) -> pd.DataFrame:
-    """Return the table of ratios for readers, with the limits of each 80 % interval in one column."""
+    """Return a short table of the ratios of injured drivers, vehicle under test by other vehicle.
+
+    The limits of the 80 % interval of a ratio are in one column.
+    """
     interval = interval_column(risk_balance["ratio_low80"], risk_balance["ratio_high80"])
     shown = risk_balance[["reference", "level", "ratio"]].assign(**{"80 %": interval})
     return shown.assign(fewer_injured=risk_balance["fewer_injured"])
@@ -54,7 +67,7 @@ injury_budget_table = result_table("injury_budget", digits=3)
 
 
 def curves_digest(injury_curves: pd.DataFrame) -> pd.DataFrame:
-    """Return the columns of the table of risk curves that fit on a page."""
+    """Return four columns of the table of risk curves: level, impact, source and curve."""
     return injury_curves[["level", "impact", "source", "curve"]]
 
 

@@ -37,13 +37,20 @@ def interval_column(low: pd.Series, high: pd.Series) -> list[str]:
 
 
 def without_details(laws: pd.DataFrame) -> pd.DataFrame:
-    """Return the main columns of the table of laws for readers, in the same order of rows."""
+    """Return the main columns of the table of laws, with all rows in the same order.
+
+    These are the gains of the held-out scores over the paper's law in three regions, the weights, the crash
+    probability, and whether the law is rejected.
+    """
     shown = ["law", "gain_inverse_ttc_0.25", "gain_inverse_ttc_0.35", "gain_inverse_ttc_0.45"]
     return laws[[*shown, "behind", "weight", "stacking", "probability", "refused"]]
 
 
 def of_the_answer(calibration: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of the calibration for the weighted mean of all laws, which is the first law in it."""
+    """Return the rows of the table ``calibration`` for the weighted mean of all laws.
+
+    The weighted mean is the first law of the table.
+    """
     return calibration[calibration["law"] == calibration["law"].iloc[0]].drop(columns="law")
 
 
@@ -109,7 +116,7 @@ def answer_budget_table(answer_budget: pd.DataFrame, lead_motion: pd.DataFrame) 
 
 
 def thresholds_digest(answer_thresholds: pd.DataFrame) -> pd.DataFrame:
-    """Return the table of answers by threshold for readers.
+    """Return a short table of the crash probability by the threshold of the laws' tails.
 
     The thresholds are written with all digits, because some of them are equal if they are rounded to two
     digits.
@@ -126,7 +133,14 @@ data_quality_table = result_table("data_quality", digits=DIGITS, digest=with_int
 
 
 def vehicles_digest(vehicles: pd.DataFrame) -> pd.DataFrame:
-    """Return the table of compared vehicles for readers: probabilities and ratios with 80 % intervals."""
+    """Return a short table of compared vehicles: crash probabilities and ratios with 80 % intervals.
+
+    Parameters
+    ----------
+    vehicles
+        ``vehicles.csv`` of a study: the median probability, the ratios to the reference vehicles and the
+        limits of their intervals, for each vehicle.
+    """
     return pd.DataFrame(
         {
             "vehicle": vehicles["vehicle"],
@@ -203,7 +217,10 @@ def stated_margin(crash_places: pd.DataFrame, level: float = 0.95) -> float:
 
 
 def without_sources(counted: pd.DataFrame) -> pd.DataFrame:
-    """Return the table of crash rates for readers, with the 95 % limits of a rate in one column."""
+    """Return a short table of predicted and counted crash rates, without the columns of references.
+
+    The 95 % limits of a rate [per million miles] are in one column.
+    """
     shown = ["who", "what", "count", "per_million_miles", "95 %", "in_hundred_car", "verdict"]
     return counted.assign(**{"95 %": interval_column(counted["low95"], counted["high95"])})[shown]
 
@@ -213,7 +230,7 @@ counted_crashes_table = result_table("counted_crashes", digits=2, digest=without
 
 
 def with_limits_in_one(predictions: pd.DataFrame) -> pd.DataFrame:
-    """Return the table of predicted counts for readers, with the 90 % limits of a count in one column."""
+    """Return a short table of predicted and counted crashes, with both 90 % limits in one column."""
     shown = ["driver", "event", "expected", "90 %", "counted", "verdict"]
     return predictions.assign(**{"90 %": interval_column(predictions["low90"], predictions["high90"])})[shown]
 
@@ -223,7 +240,10 @@ human_predictions_table = result_table("human_predictions", digits=2, digest=wit
 
 
 def with_errors(lead_motion: pd.DataFrame) -> pd.DataFrame:
-    """Return the columns of the table of crash probabilities with lead motion that readers need."""
+    """Return the main columns of the table of crash probabilities with a changing lead speed.
+
+    These are the probabilities with a constant and a changing lead speed, and their ratio, with errors.
+    """
     shown = ["vehicle", "gap", "constant", "moving", "standard_error", "high95", "factor", "factor_error"]
     return lead_motion[shown]
 

@@ -118,7 +118,10 @@ def table2_computation(
 
 @table("estimates", digits=3)
 def estimates_table(estimates: pd.DataFrame) -> pd.DataFrame:
-    """Return the columns of the estimates of all replicates, methods and scopes that are published."""
+    """Return the published columns of the estimates of all replicates, methods and scopes.
+
+    A scope is one segment of the lead speed, or all segments.
+    """
     return estimates[list(ESTIMATE_COLUMNS)]
 
 
@@ -135,9 +138,10 @@ def probability_table(estimates: pd.DataFrame, course: pd.DataFrame, alpha: floa
     Returns
     -------
     pandas.DataFrame
-        A row for each scope and method: scope, method; the pooled estimate ``pooled`` with ci_low and
-        ci_high; at_convergence, the mean estimate at convergence over the replicates; covering, the number of
-        replicates whose interval contains the pooled estimate; and the number of replicates.
+        A row for each scope (a segment, or all segments) and method: scope, method; the pooled estimate
+        ``pooled`` with ci_low and ci_high; at_convergence, the mean estimate at convergence over the
+        replicates; covering, the number of replicates whose interval contains the pooled estimate; and the
+        number of replicates.
     """
     rows = []
     for (scope, method), ends in estimates.groupby(["scope", "method"], sort=False):
@@ -169,9 +173,10 @@ def weight_health(estimates: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        A row for each scope and method: scope, method; means over the replicates of simulations, crashes,
-        effective_sample_size and crashes / effective_sample_size; the largest share of a single crash in the
-        sum of the weights, over all replicates; and the number of converged replicates.
+        A row for each scope (a segment, or all segments) and method: scope, method; means over the replicates
+        of simulations, crashes, effective_sample_size and crashes / effective_sample_size; the largest share
+        of a single crash in the sum of the weights, over all replicates; and the number of converged
+        replicates.
     """
     health = estimates.assign(crashes_per_effective=estimates["events"] / estimates["effective_sample_size"])
     return health.groupby(["scope", "method"], sort=False, as_index=False).agg(

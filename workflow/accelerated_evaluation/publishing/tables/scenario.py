@@ -58,12 +58,21 @@ def methods_table(scenario_estimates: pd.DataFrame) -> pd.DataFrame:
 
 @table("scenario_experiments", digits=DIGITS)
 def experiments_table(scenario_experiments: pd.DataFrame) -> pd.DataFrame:
-    """Return the table of stored experiments by importance sampling, and which checks each of them fails."""
+    """Return the table of the authors' experiments by importance sampling, without changes.
+
+    The table says which checks of its weights each experiment fails.
+    """
     return scenario_experiments
 
 
 @table("scenario_agreement")
 def agreement_table(scenario_agreement: pd.DataFrame) -> pd.DataFrame:
-    """Return the number of published verdicts that the vehicle reproduces, and their share."""
+    """Return the table of the published verdicts on crashes, with the share that the vehicle reproduces.
+
+    Parameters
+    ----------
+    scenario_agreement
+        Numbers of ``verdicts`` and of those that ``agree`` with the simulation of the vehicle.
+    """
     share = scenario_agreement["agree"] / scenario_agreement["verdicts"]
     return scenario_agreement.assign(share=share.round(6))

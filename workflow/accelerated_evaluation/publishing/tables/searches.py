@@ -4,7 +4,18 @@ import pandas as pd
 
 
 def search_totals(trace: pd.DataFrame) -> pd.Series:
-    """Return the number of simulations of a search, summed over the segments, by method and seed."""
+    """Return the number of simulations of each search, summed over the segments.
+
+    Parameters
+    ----------
+    trace
+        ``cross_entropy_trace.csv`` of a study.
+
+    Returns
+    -------
+    pandas.Series
+        The numbers, indexed by method and seed.
+    """
     searches = trace.groupby(["method", "segment", "seed"])["simulations_total"].max()
     return searches.groupby(["method", "seed"]).sum()
 
@@ -13,6 +24,13 @@ def searched_parameters(trace: pd.DataFrame, method: str) -> int:
     """Return the number of free parameters that the searches of a method change, summed over the segments.
 
     The weights of the pieces of a variable sum to one, so one of them is not counted.
+
+    Parameters
+    ----------
+    trace
+        ``cross_entropy_trace.csv`` of a study.
+    method
+        Name of the method.
     """
     columns = trace.filter(regex=r"^inverse_(range|ttc)_(rate|weight|theta|from)").columns
     total = 0

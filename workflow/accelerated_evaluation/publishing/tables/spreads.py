@@ -46,12 +46,22 @@ def spread_over(values: ArrayLike, things: str) -> Spread:
 
 
 def count(number: int) -> Spread:
-    """Return a count as a `Spread` of width zero."""
+    """Return a number that is known exactly as a `Spread` of width zero."""
     return Spread(number, number, number, "none, a count")
 
 
 def of_method(table: pd.DataFrame, method: str, scope: str = "all") -> pd.DataFrame:
-    """Return the rows of one method and scope of a table of estimates or courses."""
+    """Return the rows of a table of estimates that belong to one method and scope.
+
+    Parameters
+    ----------
+    table
+        Estimates, or their courses over the simulations, with columns ``method`` and ``scope``.
+    method
+        Name of the method.
+    scope
+        Name of a segment, or ``all`` for all segments together.
+    """
     return table[(table["method"] == method) & (table["scope"] == scope)]
 
 
@@ -60,6 +70,17 @@ def pooled_probability(course: pd.DataFrame, method: str, alpha: float, scope: s
 
     The courses continue beyond convergence. Unlike the mean of the estimates at convergence, the pooled
     estimate is therefore not biased by a stopping rule.
+
+    Parameters
+    ----------
+    course
+        ``estimates_course.csv`` of a study: estimates during the simulations of each replicate.
+    method
+        Name of the method.
+    alpha
+        The level of the interval is 1 - alpha.
+    scope
+        Name of a segment, or ``all`` for all segments together.
 
     Returns
     -------
