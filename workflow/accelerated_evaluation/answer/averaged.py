@@ -172,7 +172,8 @@ class Course:
         problem
             The law, the vehicle and the event.
         z
-            Normal scores of the requested runs, shape (n, d).
+            Normal scores of the requested runs (coordinates in which the mean law is standard normal), shape
+            (n, d).
         """
         if self.sampler.repeats_next:
             self.sampler.tell(*problem.repeat(z))
@@ -268,10 +269,16 @@ class Course:
     def crashes(self, sampled: Event) -> pd.DataFrame:
         """Return a table of the runs that ended in the sampled event.
 
-        The columns are the normal scores ``z_1`` to ``z_3``; ``lead_speed`` [m/s], ``range`` [m],
-        ``closing_speed`` [m/s]; the outcomes, as in `Outcomes`; and ``share``. The share of a run is its
-        weight in the estimate under the mean law without control variate, divided by the sum of all weights.
-        It is 0 for runs that were only used for learning.
+        The columns are the normal scores ``z_1`` to ``z_3`` (coordinates in which the mean law is standard
+        normal); ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s]; the outcomes ``crash``,
+        ``min_range`` [m] and so on, as in `Outcomes`; and ``share``. The share of a run is its weight in the
+        estimate under the mean law without control variate, divided by the sum of all weights. It is 0 for
+        runs that were only used for learning.
+
+        Parameters
+        ----------
+        sampled
+            The event for which the runs were chosen.
         """
         progress, outcomes = self.sampler.progress, joined(self.outcomes)
         counted = self.reweighting.counted(progress)
@@ -318,7 +325,15 @@ class Course:
 
 
 def is_part(event: Event, sampled: Event) -> bool:
-    """Return whether every encounter that ends in an event also ends in the sampled event."""
+    """Return whether every encounter that ends in an event also ends in the sampled event.
+
+    Parameters
+    ----------
+    event
+        The event that may be a part, such as a crash.
+    sampled
+        The event for which the runs were chosen, such as a near miss.
+    """
     if event == sampled:
         return True
     if event.quantity == sampled.quantity:

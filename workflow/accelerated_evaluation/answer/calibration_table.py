@@ -35,7 +35,7 @@ class NearMisses:
 
 
 def shown_members(weighted: WeightedLaws) -> tuple[Member, ...]:
-    """Return the laws that tables list individually, as far as there were enough records to fit them."""
+    """Return the laws that tables list individually, if there were enough records to fit them."""
     return tuple(member for member in SHOWN if member in weighted.members)
 
 
@@ -49,7 +49,8 @@ def calibration_table(weighted: WeightedLaws, near: NearMisses | None = None) ->
     weighted
         The laws with their weights.
     near
-        Near misses of the replayed records; None if the records are not replayed.
+        Crashes and near misses of the replayed records, each of which is a further row; None if the records
+        are not replayed.
 
     Returns
     -------

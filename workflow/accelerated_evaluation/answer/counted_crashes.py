@@ -216,9 +216,10 @@ def compare_with_counts(
     Parameters
     ----------
     vehicles, exposure
-        Tables ``vehicles`` and ``exposure`` of the study of laws; see `answer.study.LawStudy.answers`.
+        Tables of the study of laws: the crash probability of a cut-in for each vehicle with its interval, and
+        the rate of cut-ins per kilometre.
     events
-        Table of `read_events`.
+        Crashes and near-crashes of the 100-Car study, from `read_events`.
     published
         Table of published rates, ``data/crash_counts/published_rates.csv``.
 
@@ -245,7 +246,7 @@ def cut_in_rate(exposure: pd.DataFrame) -> float | None:
     Parameters
     ----------
     exposure
-        Table of `exposure.exposure_table`.
+        Table of `exposure.exposure_table`: rates of cut-ins and of events, per kilometre and per hour.
     """
     rows = exposure[(exposure["event"] == "cut-in") & (exposure["per"] == "kilometre")]
     return None if rows.empty else float(rows["mean"].iloc[0])

@@ -23,7 +23,7 @@ def impact_share(z: Array, outcomes: Outcomes, threshold: float) -> Callable[[Ar
     Parameters
     ----------
     z
-        Normal scores of all runs, shape (n, d).
+        Normal scores of all runs (coordinates in which the law is standard normal), shape (n, d).
     outcomes
         Their outcomes.
     threshold

@@ -25,14 +25,16 @@ def ways_to_crash(
 ) -> pd.DataFrame:
     """Divide the crashes under a law into groups, and represent each group by one crash.
 
-    Crashes are drawn from the law and divided into groups by k-means in normal scores, so that all variables
-    have the same scale. Each group is represented by the crash nearest to its centre, and has a share of the
-    crash probability. The groups together contain all crashes.
+    Crashes are drawn from the law and divided into groups by k-means in normal scores (coordinates in which
+    the law is standard normal), so that all variables have the same scale. Each group is represented by the
+    crash nearest to its centre, and has a share of the crash probability. The groups together contain all
+    crashes.
 
     Parameters
     ----------
     lines
-        Lines on which the vehicle crashes.
+        Lines of the crash map: pairs of lead speed and range, with the closing speeds at which the vehicle
+        crashes.
     law
         Law of the cut-ins.
     vehicle
@@ -63,7 +65,7 @@ def ways_among_runs(
     """Divide the crashes among weighted runs into groups, for a vehicle without a crash map.
 
     Crashes are drawn from the runs that crashed, by their shares of the crash probability, and are divided
-    into groups as in `ways_to_crash`.
+    into groups by k-means. Each group is represented by the crash nearest to its centre.
 
     Parameters
     ----------
@@ -80,7 +82,9 @@ def ways_among_runs(
     Returns
     -------
     pandas.DataFrame
-        As in `ways_to_crash`; there are at most as many groups as crashes with a positive share.
+        One row for each group, with its ``probability`` and the initial values and outcome of its
+        representative crash, in the columns of `ways_to_crash`; there are at most as many groups as crashes
+        with a positive share.
     """
     counted = crashes[crashes["share"] > 0]
     if counted.empty:
@@ -111,8 +115,8 @@ def _grouped(
 def normal_scores(law: DependentLaw, lead_speed: Array, range_: Array, closing_speed: Array) -> Array:
     """Return the normal scores of cut-ins, shape (n, 3).
 
-    The three scores are those of the lead speed v_L, of the range R given v_L, and of the closing speed C
-    given v_L and R.
+    Normal scores are coordinates in which the law is standard normal. The three scores are those of the lead
+    speed v_L, of the range R given v_L, and of the closing speed C given v_L and R.
 
     Parameters
     ----------

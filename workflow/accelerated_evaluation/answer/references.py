@@ -66,7 +66,7 @@ class Reference:
         Parameters
         ----------
         vehicle, crash_map
-            The vehicle and its map.
+            The vehicle and its crash map, the set of cut-ins in which it crashes.
         records
             The distinct recorded cut-ins.
         draws
@@ -103,7 +103,9 @@ def _by_map(
 def map_reference(
     name: str, config: Mapping[str, Any], records: DistinctRecords, draws: LawDraws
 ) -> Reference:
-    """Compute the crash map of a reference vehicle, and its crash probability under every draw of the law.
+    """Compute the crash probability of a reference vehicle under every draw of the law.
+
+    The probability is integrated over the crash map of the vehicle, the set of cut-ins in which it crashes.
 
     Parameters
     ----------
@@ -142,7 +144,8 @@ def under_draws(lines: CrashLines, draws: LawDraws) -> Array:
     Parameters
     ----------
     lines
-        Lines of a crash map on which the event happens.
+        Lines of a crash map: pairs of lead speed and range, with the intervals of closing speed in which the
+        event happens.
     draws
         Draws of the law of cut-ins.
     """

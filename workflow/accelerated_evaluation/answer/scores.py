@@ -48,7 +48,20 @@ Score = Callable[[GivenLaw, Array, Array], Array]
 
 
 def contiguous_blocks(size: int, blocks: int = BLOCKS) -> NDArray[np.int_]:
-    """Divide ``size`` records into contiguous blocks, and return the index of the block of each record."""
+    """Divide records into blocks of consecutive records, and return the block of each record.
+
+    Parameters
+    ----------
+    size
+        Number of records.
+    blocks
+        Number of blocks.
+
+    Returns
+    -------
+    numpy.ndarray
+        Index of the block of each record, from 0, shape (size,).
+    """
     return np.arange(size) * blocks // size
 
 
@@ -127,7 +140,7 @@ class HeldOut:
 
     @classmethod
     def of_family(cls, fitter: Fitter, family: LawFamily, blocks: int = BLOCKS) -> "HeldOut":
-        """Fit every member of a family without each block.
+        """Fit every law of a family once for each block of records, without the records of the block.
 
         Parameters
         ----------
@@ -135,7 +148,7 @@ class HeldOut:
             The records with the grids on which the laws are fitted, and the fit to all records, from which
             the fits start.
         blocks
-            Number of contiguous blocks.
+            Number of blocks of consecutive records.
         """
 
         def given_by(refit: LawFamily, places: Places) -> Iterator[GivenLaw]:
@@ -150,7 +163,7 @@ class HeldOut:
     def of_law(
         cls, fit: Callable[[DistinctRecords], FittedLaw], records: DistinctRecords, blocks: int = BLOCKS
     ) -> "HeldOut":
-        """Fit a single law without each block.
+        """Fit a single law once for each block of records, without the records of the block.
 
         Parameters
         ----------
@@ -159,7 +172,7 @@ class HeldOut:
         records
             Distinct cut-ins, in the order of the records.
         blocks
-            Number of contiguous blocks.
+            Number of blocks of consecutive records.
         """
         block = contiguous_blocks(records.size, blocks)
         fits = [fit(records.only(np.flatnonzero(block != number))) for number in range(blocks)]

@@ -60,14 +60,14 @@ def read_experiments(path: str | os.PathLike, names: tuple[str, ...], factor: fl
     path
         Table of the verdicts of the scenario. The rows with a stored weight belong to the experiments.
     names
-        Names of the variables.
+        Names of the variables of the scenario, which are columns of the table.
     factor
-        Factor of the stored weights: 1 to leave them as they are, or `RIGHT` to correct them.
+        Factor of the stored weights: 1 to leave them as they are, or `RIGHT` (2) to correct them.
 
     Returns
     -------
     dict
-        The experiments by name.
+        The simulations of each experiment, with their weights and outcomes, by its name.
     """
     require_file(path, CHANGE)
     rows = pd.read_csv(path).dropna(subset=["stored_weight"])

@@ -161,11 +161,11 @@ class LawStudy:
 
     @property
     def vehicle(self) -> Vehicle:
-        """The car under test."""
+        """The vehicle under test."""
         return next(iter(self.vehicles.values()))
 
     def crash_of(self, name: str) -> str:
-        """Return the name of the event that the vehicle of a given name crashes."""
+        """Return the name of the event of a crash for the vehicle with a given name."""
         return "crash" if self.vehicles[name] is self.vehicle else f"crash of {name}"
 
     @property
@@ -357,6 +357,14 @@ def event_name(event: Event) -> str:
 
 
 def answer_draws(posterior: Posterior, weighted: WeightedLaws) -> pd.DataFrame:
-    """Tabulate the draws of a posterior: the ``probability`` and the name of the ``law`` of each draw."""
+    """Tabulate the draws of a posterior: the ``probability`` and the name of the ``law`` of each draw.
+
+    Parameters
+    ----------
+    posterior
+        Draws of the probability, each with the index of its law.
+    weighted
+        The family of laws, for their names.
+    """
     names: Array = np.array([member.name for member in weighted.members])
     return pd.DataFrame({"probability": posterior.probabilities, "law": names[posterior.member]})

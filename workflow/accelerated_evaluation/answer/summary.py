@@ -148,7 +148,8 @@ def threshold_table(
     weighted
         The family with its weights.
     lines
-        Thinned lines of the crash map.
+        Lines of the crash map, thinned to the probable ones: pairs of lead speed and range, with the
+        intervals of closing speed in which the event happens.
     generator
         Source of all randomness, which is the same for all thresholds.
 
@@ -219,7 +220,8 @@ def quality_table(
     start
         The fit of the answer. The other fits start from it, and use its smoothing parameters.
     lines
-        Thinned lines of the crash map.
+        Lines of the crash map, thinned to the probable ones: pairs of lead speed and range, with the
+        intervals of closing speed in which the event happens.
     draws
         Number of draws of the posterior for each treatment.
     generator

@@ -76,7 +76,7 @@ class WeightedLaws(ScoredFamily):
         Parameters
         ----------
         level
-            Level of the threshold.
+            Level of the threshold of the closing speed above which a law has a separate tail.
 
         Returns
         -------
@@ -89,12 +89,13 @@ class WeightedLaws(ScoredFamily):
         return weights / weights.sum(axis=1, keepdims=True)
 
     def thinned(self, lines: CrashLines, generator: np.random.Generator, size: int = LINES) -> CrashLines:
-        """Thin the lines of an event to ``size`` lines, drawn by their probabilities under some of the laws.
+        """Select ``size`` lines of a crash map at random, by their probabilities under some of the laws.
 
         Parameters
         ----------
         lines
-            Lines of a crash map on which the event happens.
+            Lines of a crash map: pairs of lead speed and range, with the intervals of closing speed in which
+            the event happens.
         generator
             Source of the random choice.
         size
@@ -118,14 +119,15 @@ class WeightedLaws(ScoredFamily):
         Parameters
         ----------
         lines
-            Thinned lines of a crash map, by event.
+            Lines of a crash map, by event: pairs of lead speed and range, with the intervals of closing speed
+            in which the event happens.
         generator
             Source of all randomness.
         weights
             Draws of the weights, shape (draws, members); by default those of this family.
         risks
-            Risks in each interval of the lines of some events, shape (risks, intervals); see
-            `posterior.draw_posterior`.
+            Risks, such as the risk of an injury, in each interval of the lines of some events, shape (risks,
+            intervals).
 
         Returns
         -------

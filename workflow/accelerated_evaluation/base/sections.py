@@ -88,7 +88,17 @@ def number(
 
 
 def integer(default: int, low: int, high: int, description: str) -> Schema:
-    """Return the schema of a whole number; see `number`."""
+    """Return the schema of a whole number.
+
+    Parameters
+    ----------
+    default
+        Default value.
+    low, high
+        The smallest and the largest value that are allowed.
+    description
+        A sentence that says what the number is, with its unit in brackets.
+    """
     return number(default, low, high, description, kind="integer")
 
 

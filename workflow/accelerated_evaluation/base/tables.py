@@ -66,6 +66,13 @@ def listed(names: Sequence[str], wanted: str) -> str:
 def read_parquet(path: str | os.PathLike, named: Mapping[str, str] = MappingProxyType({})) -> pd.DataFrame:
     """Read a Parquet file.
 
+    Parameters
+    ----------
+    path
+        The file.
+    named
+        Mapping from the configuration key that names a required column to the name of the column.
+
     Raises
     ------
     InputError
@@ -81,6 +88,13 @@ def read_parquet(path: str | os.PathLike, named: Mapping[str, str] = MappingProx
 
 def read_csv(path: str | os.PathLike, named: Mapping[str, str] = MappingProxyType({})) -> pd.DataFrame:
     """Read a CSV file with all cells as text, so that pandas does not guess types.
+
+    Parameters
+    ----------
+    path
+        The file.
+    named
+        Mapping from the configuration key that names a required column to the name of the column.
 
     Raises
     ------

@@ -62,7 +62,18 @@ def write_encounters(path: str | os.PathLike, encounters: pd.DataFrame, descript
 
 
 def read_encounters(path: str | os.PathLike) -> pd.DataFrame:
-    """Read an encounter table; ``attrs["description"]`` contains the description of the data.
+    """Read an encounter table from a Parquet file.
+
+    Parameters
+    ----------
+    path
+        File that `write_encounters` wrote.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each encounter, with the columns `COLUMNS`. Its ``attrs["description"]`` contains the
+        description of the data.
 
     Raises
     ------

@@ -33,6 +33,11 @@ def assign_segments(encounters: pd.DataFrame, lead_speed_edges: Sequence[float])
     lead_speed_edges
         Increasing edges [m/s], shape (number of segments + 1,).
 
+    Returns
+    -------
+    pandas.DataFrame
+        The table with the additional column.
+
     Raises
     ------
     InputError
@@ -62,6 +67,11 @@ def assign_segments(encounters: pd.DataFrame, lead_speed_edges: Sequence[float])
 
 def require_rows(encounters: pd.DataFrame) -> None:
     """Check that there are enough encounters to fit a law.
+
+    Parameters
+    ----------
+    encounters
+        Encounter table, with the column ``segment``.
 
     Raises
     ------
@@ -96,6 +106,11 @@ def require_rows(encounters: pd.DataFrame) -> None:
 
 def segment_counts(encounters: pd.DataFrame) -> pd.DataFrame:
     """Count the rows of each segment of an encounter table.
+
+    Parameters
+    ----------
+    encounters
+        Encounter table, with the column ``segment``.
 
     Returns
     -------

@@ -126,7 +126,7 @@ def log_density(law: Law, z: Array) -> Array:
     law
         Any law of cut-ins.
     z
-        Normal scores of cut-ins, shape (n, 3).
+        Normal scores of cut-ins (coordinates in which the law is standard normal), shape (n, 3).
     """
     density = np.empty(len(z))
     for here, stratum, lead_speed, first, second in law.in_strata(z):

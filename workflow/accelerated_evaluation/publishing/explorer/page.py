@@ -74,7 +74,7 @@ class Explored:
 
 
 def write_page(explored: Explored, templates: Path, path: Path, generator: np.random.Generator) -> None:
-    """Write the page of a study.
+    """Write the explorer of a study: an HTML page on which a reader changes the vehicle.
 
     Parameters
     ----------
@@ -85,7 +85,8 @@ def write_page(explored: Explored, templates: Path, path: Path, generator: np.ra
     path
         File to write.
     generator
-        Random generator for the lines, and for the sample of the records that is shown.
+        Random generator for the lines (pairs of lead speed and range on which vehicles are simulated), and
+        for the sample of the records that is shown.
 
     Raises
     ------

@@ -51,9 +51,9 @@ def fig04_inverse_range_fit(
     Returns
     -------
     figure, data
-        The first panel shows densities of the body, the second survival functions, with marks at the knots.
-        The data contain everything that is drawn, with columns panel, curve, inverse_range_per_m,
-        bin_width_per_m, count, density_m, is_knot and survival.
+        The first panel shows densities of the body (the part below the tail), the second survival functions,
+        with marks at the knots. The data contain everything that is drawn, with columns panel, curve,
+        inverse_range_per_m, bin_width_per_m, count, density_m, is_knot and survival.
     """
     laws = two_pieces.inverse_range, three_pieces.inverse_range
     styles = (
@@ -86,9 +86,9 @@ def fig05_inverse_ttc_fit(
     Returns
     -------
     figure, data
-        The first panel shows densities of the body, the second survival functions, with marks at the knots.
-        The columns of the data are panel, curve, inverse_ttc_per_s, bin_width_per_s, count, density_s,
-        is_knot and survival.
+        The first panel shows densities of the body (the part below the tail), the second survival functions,
+        with marks at the knots. The columns of the data are panel, curve, inverse_ttc_per_s, bin_width_per_s,
+        count, density_s, is_knot and survival.
     """
     law = piecewise.inverse_ttc[segment]
     curves = {f"piecewise ({len(law.components)} pieces)": Curve(law, style_of("piecewise"))}

@@ -175,8 +175,9 @@ def inspect_records(records: Records) -> pd.DataFrame:
     -------
     pandas.DataFrame
         One row for each check, ordered by verdict (``stop``, ``warning``, ``fine``). Columns: ``check``,
-        ``verdict``, ``looked_at``, ``seen`` and ``number`` as in `Finding`, ``rows`` (number of affected
-        rows), ``example_rows`` (rows of the source, counted from 1) and ``advice``.
+        ``verdict``, ``looked_at``, ``seen`` and ``number`` (what was checked and found, and the number on
+        which the verdict is based), ``rows`` (number of affected rows), ``example_rows`` (rows of the source,
+        counted from 1) and ``advice``.
 
     Raises
     ------

@@ -17,7 +17,7 @@ COEFFICIENTS["fatal"] = (-9.032, 0.198, -1.921)
 
 @SOURCES.add("malliaris_1997")
 def malliaris_1997() -> Source:
-    """Return the curves of Malliaris and others (1997), with the direction of the force."""
+    """Return the curves of Malliaris and others (1997) for frontal impacts and impacts from behind."""
     curves = {}
     for level in LEVELS:
         intercept, slope, from_behind = COEFFICIENTS[level]
