@@ -42,6 +42,11 @@ def fit_paper_law(name: str, encounters: pd.DataFrame, config: Mapping[str, Any]
         Encounter table.
     config
         A complete, valid configuration.
+
+    Returns
+    -------
+    IndependentLaw
+        The fitted law: range and time to collision are independent within each segment of lead speed.
     """
     models = config["models"]
     limits = config["filters"]["range_max"], describe(config["data"]), models["closing_speed_max"]

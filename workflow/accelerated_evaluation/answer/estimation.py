@@ -112,6 +112,11 @@ def estimate_alone(
     for_draws
         Options of the command that were given and need a law with draws.
 
+    Returns
+    -------
+    Alone
+        The tables of the estimate, the law, the verdict on the records, and a warning if there is one.
+
     Raises
     ------
     InputError

@@ -114,6 +114,12 @@ class BrakingHuman:
             Initial values [m/s], [m] and [m/s], shape (n,).
         inner
             Parameters of the driver in each cut-in, as from `draw_inner`, n rows.
+
+        Returns
+        -------
+        Outcomes
+            The n outcomes. The impact speed is replaced by the largest deceleration [m/s^2] of the driver,
+            which is infinite in a crash.
         """
         outcomes, largest = self.human.braking_given(lead_speed, range_, closing_speed, inner)
         return replace(outcomes, impact_speed=np.where(outcomes.crash, np.inf, largest))
@@ -125,6 +131,12 @@ class BrakingHuman:
         ----------
         lead_speed, range_, closing_speed
             Initial values [m/s], [m] and [m/s], shape (n,).
+
+        Returns
+        -------
+        Outcomes
+            The n outcomes. The impact speed is replaced by the largest deceleration [m/s^2] of the driver,
+            which is infinite in a crash.
         """
         return self.simulate_given(lead_speed, range_, closing_speed, self.human.draw_next(len(lead_speed)))
 

@@ -144,7 +144,20 @@ class MovingProblem:
     motion: LeadMotion
 
     def closing(self, generator: np.random.Generator) -> Means:
-        """Estimate the crash probability of a closing cut-in from stratified, weighted draws."""
+        """Estimate the crash probability of a closing cut-in with a constant and a changing lead speed.
+
+        Lead speeds, ranges and motions are drawn and weighted; the closing speed is stratified.
+
+        Parameters
+        ----------
+        generator
+            Source of all randomness.
+
+        Returns
+        -------
+        Means
+            The two probabilities with their covariance.
+        """
         records = self.records
         lines = CrashLines.of(with_first_crashes(self.crash_map), records.lead_speed, support=records.support)
         given = self.law.given(lines.places)
@@ -167,7 +180,7 @@ class MovingProblem:
         return Means.of(weights * terms, LARGEST_WEIGHT * len(proposals) * place.sum())
 
     def opening(self, recorded: DistinctRecords, generator: np.random.Generator) -> Means:
-        """Estimate the crash probability of an opening cut-in.
+        """Estimate the crash probability of an opening cut-in with a constant and a changing lead speed.
 
         Recorded cut-ins are drawn with replacement; those with short ranges are drawn preferentially, and the
         terms are weighted accordingly.
@@ -178,6 +191,11 @@ class MovingProblem:
             Recorded opening cut-ins.
         generator
             Source of all randomness.
+
+        Returns
+        -------
+        Means
+            The two probabilities with their covariance.
         """
         nearness = 1 / recorded.range_
         chance = (1 / recorded.size + nearness / nearness.sum()) / 2

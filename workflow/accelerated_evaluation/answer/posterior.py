@@ -152,6 +152,11 @@ def log_variances(posterior: Posterior) -> dict[str, float]:
     ----------
     posterior
         Draws of the probability, and the law to which each draw belongs.
+
+    Returns
+    -------
+    dict
+        The two variances, by source.
     """
     with np.errstate(divide="ignore"):
         logs = pd.Series(np.log(posterior.probabilities))
@@ -205,6 +210,11 @@ def shrunk_estimates(estimates: Array, own: Array) -> Array:
         Positive estimates of the probabilities, shape (K,).
     own
         Relative error of each estimate, without the error that all estimates share, shape (K,).
+
+    Returns
+    -------
+    numpy.ndarray
+        The shrunk estimates, shape (K,).
     """
     logs = np.log(estimates)
     middle, variance = np.median(logs), logs.var()

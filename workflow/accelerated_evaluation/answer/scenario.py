@@ -107,6 +107,11 @@ class Restricted:
             Function that returns whether points, shape (n, d), are in the part.
         generator
             Source of the draws.
+
+        Returns
+        -------
+        Restricted
+            The conditional law.
         """
         return cls(law, holds, float(holds(law.sample(POINTS, generator)).mean()))
 
@@ -170,6 +175,11 @@ class ScenarioStudy:
             Root seed of the study.
         draws
             Number of draws of the law.
+
+        Returns
+        -------
+        ScenarioStudy
+            The fitted laws with their scores, and the draws of the law.
         """
         clustered = clustered_records(scenario, records)
         generator = child_generator(seed, "scenario", "laws")

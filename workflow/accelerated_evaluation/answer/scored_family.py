@@ -70,6 +70,11 @@ def score_family(
         Number of contiguous blocks, each of which is held out once.
     start
         An earlier fit to similar records, whose smoothing parameters are used again.
+
+    Returns
+    -------
+    ScoredFamily
+        The fit to all records, and the held-out log scores of each law, shape (members, records).
     """
     fitter = Fitter(records, members)
     family, boundary = fitter.fit(start), region(records) * records.range_

@@ -149,6 +149,11 @@ class HeldOut:
             the fits start.
         blocks
             Number of blocks of consecutive records.
+
+        Returns
+        -------
+        HeldOut
+            The fitted laws, one set for each block.
         """
 
         def given_by(refit: LawFamily, places: Places) -> Iterator[GivenLaw]:
@@ -173,6 +178,11 @@ class HeldOut:
             Distinct cut-ins, in the order of the records.
         blocks
             Number of blocks of consecutive records.
+
+        Returns
+        -------
+        HeldOut
+            The fitted laws, one for each block.
         """
         block = contiguous_blocks(records.size, blocks)
         fits = [fit(records.only(np.flatnonzero(block != number))) for number in range(blocks)]

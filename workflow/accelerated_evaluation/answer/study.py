@@ -113,6 +113,11 @@ class LawStudy:
             Number of draws of the weights and of the posterior.
         generator
             Source of all randomness.
+
+        Returns
+        -------
+        LawStudy
+            The study, from which the tables of the answer are computed.
         """
         records, support = scored.records, scored.records.support
         (_, own), *others = maps.items()
@@ -344,6 +349,11 @@ def with_draws(lines: CrashLines, vehicle: Vehicle, draws: int, generator: np.ra
         Number of draws.
     generator
         Random generator whose seed is used.
+
+    Returns
+    -------
+    CrashLines
+        The lines with the weights.
     """
     if not isinstance(vehicle, RandomVehicle) or lines.inner is None:
         return lines

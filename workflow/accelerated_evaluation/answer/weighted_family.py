@@ -100,6 +100,11 @@ class WeightedLaws(ScoredFamily):
             Source of the random choice.
         size
             Number of lines to keep.
+
+        Returns
+        -------
+        CrashLines
+            The selected lines, weighted to represent all lines.
         """
         guides = [member for member in self.members if member.level in (None, GUIDE)]
         shares = [mass / mass.sum() for mass in lines.masses_of(self.family, guides) if mass.any()]

@@ -96,7 +96,15 @@ def is_alive(process: int) -> bool:
 
 
 def write_text(path: str | os.PathLike, text: str) -> None:
-    """Write ``text`` as UTF-8, atomically."""
+    """Write ``text`` as UTF-8, atomically.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    text
+        Content of the file.
+    """
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 

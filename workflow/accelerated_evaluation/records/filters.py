@@ -52,6 +52,11 @@ class Account:
             Name of the filter, and the reason for dropping a row.
         drop
             If False, the rows are only counted and the complete table is returned.
+
+        Returns
+        -------
+        pandas.DataFrame
+            The remaining rows.
         """
         self.enter(
             int(found.sum()), step=step, reason=reason, drop=drop, examples=table.index[found][:NAMED_ROWS]

@@ -31,7 +31,8 @@ def report_in_words(report: pd.DataFrame) -> str:
 def summary(report: pd.DataFrame) -> str:
     """Return a summary of the table of `checks.inspect_records`.
 
-    It has the number of checks for each verdict, and the names of the checks whose verdict is ``stop``.
+    The summary states the number of checks for each verdict, and the names of the checks whose verdict is
+    ``stop``.
     """
     counts = ", ".join(f"{(report['verdict'] == verdict).sum()} {verdict}" for verdict in VERDICTS)
     stops = report.loc[report["verdict"] == STOP, "check"]

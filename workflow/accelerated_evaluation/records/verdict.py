@@ -161,6 +161,11 @@ def verdict_on_encounters(encounters: pd.DataFrame, where: str, accepted: Iterab
     accepted
         Names of the checks that the user accepts.
 
+    Returns
+    -------
+    Verdict
+        The checks with the verdict ``stop``, all of them accepted, and those with the verdict ``warning``.
+
     Raises
     ------
     InputError

@@ -144,6 +144,11 @@ def resolved(
     trust
         Whether to use the saved limits without checking that they belong to these records.
 
+    Returns
+    -------
+    dict
+        The configuration with a value for each limit.
+
     Raises
     ------
     ConfigurationError

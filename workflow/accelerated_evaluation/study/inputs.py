@@ -87,6 +87,11 @@ class StudyInputs:
         is_main_process
             Whether this is the main process of Snakemake. The processes of jobs skip slow checks.
 
+        Returns
+        -------
+        StudyInputs
+            The checked configuration, with the paths of all files.
+
         Raises
         ------
         StudyError

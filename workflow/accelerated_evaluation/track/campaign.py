@@ -130,6 +130,11 @@ class Campaign:
         scenario
             The scenario of the law.
 
+        Returns
+        -------
+        Campaign
+            The campaign, which has not requested any run yet.
+
         Raises
         ------
         InputError

@@ -127,6 +127,11 @@ def require_limits(limits: Limits, law: Law) -> float:
     law
         Law of cut-ins.
 
+    Returns
+    -------
+    float
+        The probability.
+
     Raises
     ------
     InputError

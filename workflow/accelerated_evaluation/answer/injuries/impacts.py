@@ -104,6 +104,11 @@ class ImpactSpeeds:
             The vehicle of the map.
         law
             Distribution of the closing speed, whose quantiles determine the ends of the parts.
+
+        Returns
+        -------
+        ImpactSpeeds
+            The divided map, with the impact speeds in each part.
         """
         if not lines.row.size:
             return cls(lines, np.empty((0, POINTS)))

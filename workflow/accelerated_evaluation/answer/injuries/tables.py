@@ -64,6 +64,11 @@ class Injured:
             Level, struck end and source of each risk of the posterior.
         level
             Level of injury, one of `curves.LEVELS`.
+
+        Returns
+        -------
+        Injured
+            Draws of the expected numbers of injured drivers, by curve of the risk.
         """
 
         def drawn(level: str, impact: str) -> tuple[Array, list[str]]:

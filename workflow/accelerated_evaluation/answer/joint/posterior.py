@@ -91,6 +91,13 @@ class DrawnLaws:
 
         The number of points is n, rounded up to a multiple of the number of draws. The result has the shape
         (points, d).
+
+        Parameters
+        ----------
+        n
+            Number of points.
+        generator
+            Source of all randomness.
         """
         share = -(-n // len(self.laws))
         return np.concatenate([law.sample(share, generator) for law in self.laws])
@@ -156,8 +163,21 @@ def simulated_posterior(
 def mean_law(drawn: DrawnLaws, generator: np.random.Generator) -> TruncatedNormalMixture:
     """Approximate the mean of the draws by a mixture of truncated normal distributions.
 
-    Normal scores are quickly mapped to encounters by the mixture. The approximation does not bias the answer,
-    because runs under the mixture are reweighted by exact ratios of densities.
+    The mixture maps normal scores (coordinates in which it is standard normal) to encounters quickly. The
+    approximation does not bias the answer, because runs under the mixture are reweighted by exact ratios of
+    densities.
+
+    Parameters
+    ----------
+    drawn
+        Draws of the law.
+    generator
+        Source of all randomness.
+
+    Returns
+    -------
+    TruncatedNormalMixture
+        The mixture, from which the sampler can draw its runs.
     """
     x = drawn.sample(MEAN_POINTS, generator)
     return TruncatedNormalMixture.fit(x, drawn.laws[0].box, generator, components=MEAN_COMPONENTS)

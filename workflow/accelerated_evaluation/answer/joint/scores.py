@@ -164,7 +164,10 @@ class ClusteredRecords:
         return ClusteredRecords(self.x[kept], self.cluster[kept], self.box)
 
     def resampled(self, generator: np.random.Generator) -> Array:
-        """Draw weights of the records by the Bayesian bootstrap over clusters (Rubin 1981), shape (n,)."""
+        """Draw weights of the records by the Bayesian bootstrap over clusters (Rubin 1981), shape (n,).
+
+        All records of a cluster have the same weight.
+        """
         return generator.standard_exponential(self.clusters)[self.cluster]
 
 
@@ -198,7 +201,15 @@ class ScoredLaws:
     def weights(self, draws: int, generator: np.random.Generator) -> Array:
         """Draw weights of the laws by their scores near the event, shape (draws, laws).
 
-        The weights are computed by `bootstrapped_weights`, with clusters in place of records.
+        In each draw the clusters get random weights (Bayesian bootstrap). The weight of a law is proportional
+        to the exponential of its weighted sum of held-out scores.
+
+        Parameters
+        ----------
+        draws
+            Number of draws.
+        generator
+            Source of all randomness.
         """
         scores = self.by_cluster(self.near_scores)
         return bootstrapped_weights(scores, np.ones(scores.shape[1], bool), draws, generator)

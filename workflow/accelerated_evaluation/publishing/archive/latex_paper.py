@@ -64,6 +64,13 @@ def numbers(claims: pd.DataFrame, origin: dict[str, str]) -> str:
     The name of a macro consists of the claim and of the kind of number: ``\CruxOursLow`` is the lower end of
     our spread of the claim "crux". Macro names have letters only, so digits are written as words.
 
+    Parameters
+    ----------
+    claims
+        Table of the numbers of the paper, compared with ours.
+    origin
+        Study, commit and configuration, as from `provenance.origin_of`.
+
     Raises
     ------
     InputError

@@ -114,6 +114,13 @@ def flow_table(boxes: Mapping[str, Box], arrows: Iterable[Arrow]) -> pd.DataFram
     """Return a table with a row for each box and arrow of a flow chart.
 
     The columns are kind (box or arrow), name, text, x_in, y_in, width_in, height_in, question, start and end.
+
+    Parameters
+    ----------
+    boxes
+        The boxes, by name.
+    arrows
+        The arrows between them.
     """
     rows = [{"kind": "box", "name": name, **asdict(box)} for name, box in boxes.items()]
     rows += [

@@ -68,6 +68,16 @@ def reproducible(table: pd.DataFrame) -> pd.DataFrame:
     Counts are not rounded. A column of counts with missing values contains floats, so a float without a
     fractional part is treated as a count. Above `LARGEST_COUNT`, floats cannot represent every whole number,
     so larger values are not treated as counts.
+
+    Parameters
+    ----------
+    table
+        Any table of numbers and texts.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The rounded table.
     """
     columns = {
         name: column.map(reproducible_value) for name, column in table.items() if column.dtype.kind in "fO"

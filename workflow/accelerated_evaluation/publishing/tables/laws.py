@@ -81,7 +81,13 @@ exposure_table = result_table("exposure", digits=DIGITS, digest=with_intervals)
 
 
 def rates_in_words(exposure: pd.DataFrame) -> str:
-    """Return the crash rates per million kilometres and hours as a sentence, or that they are not known."""
+    """Return the crash rates per million kilometres and hours as a sentence, or that they are not known.
+
+    Parameters
+    ----------
+    exposure
+        ``exposure.csv`` of a study: rates of events per kilometre and hour.
+    """
     crashes = exposure[exposure["event"] == "crash"]
     if crashes.empty:
         return "In how many kilometres or hours the records were made is not known, so there is no rate."
@@ -192,7 +198,13 @@ def _verdict(calibration: pd.DataFrame) -> pd.DataFrame:
 
 
 def threshold_ratio(answer_thresholds: pd.DataFrame) -> float:
-    """Return the ratio of the largest to the smallest crash probability over the thresholds of the tails."""
+    """Return the ratio of the largest to the smallest crash probability over the thresholds of the tails.
+
+    Parameters
+    ----------
+    answer_thresholds
+        ``answer_thresholds.csv`` of a study: the crash probability for each threshold.
+    """
     return float(answer_thresholds["probability"].max() / answer_thresholds["probability"].min())
 
 

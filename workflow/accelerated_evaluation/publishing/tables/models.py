@@ -98,9 +98,11 @@ def rank_table(candidates: pd.DataFrame) -> pd.DataFrame:
 
 @table("candidates", digits=5, digest=rank_table)
 def candidates_table(candidates: pd.DataFrame) -> pd.DataFrame:
-    """Tabulate the fits of all candidate families; the version for readers is the `rank_table`.
+    """Return the table of the fits of all candidate families, for publication.
 
     The column ``parameters`` contains numbers as JSON, which are rounded to `PARAMETER_DIGITS` digits.
+
+    Notebooks show the ranks of the families (`rank_table`) instead.
     """
 
     def rounded(text: str) -> str:

@@ -47,6 +47,16 @@ def search_digest(trace: pd.DataFrame) -> pd.DataFrame:
     The columns are means over the seeds: iterations with an update; simulations, with their extremes; the
     threshold, the crashes and the effective sample size of their weights in the last iteration; and the
     distance by which the heuristic method moved the truncation points [1/m], [1/s].
+
+    Parameters
+    ----------
+    trace
+        ``cross_entropy_trace.csv`` of a study: one row for each iteration.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each method and segment.
     """
     first, last = (
         trace.groupby(["method", "segment", "seed"], sort=False).nth(row).reset_index(drop=True)

@@ -103,6 +103,13 @@ def sample_size(estimates: pd.DataFrame, method: str) -> Spread:
 
     The number is the mean over the replicates. A replicate that did not converge contributes the simulations
     that it made, fewer than it needs; the description of the spread then says how many did not converge.
+
+    Parameters
+    ----------
+    estimates
+        ``estimates.csv`` of a study.
+    method
+        Name of the method.
     """
     rows = of_method(estimates, method)
     spread = spread_over(rows["simulations"], "replicates")

@@ -29,6 +29,11 @@ def repeated_rows(records: Records) -> Finding:
     """Check for rows that are equal to the row before them.
 
     The verdict is ``stop`` if more than half of the rows are such rows, and ``warning`` if there are some.
+
+    Returns
+    -------
+    Finding
+        The verdict (``fine``, ``warning`` or ``stop``), the number of such rows, and the rows.
     """
     rows = records.valid.index.difference(records.distinct.index)
     share = len(rows) / max(len(records.valid), 1)
@@ -49,6 +54,11 @@ def rows_repeated_elsewhere(records: Records) -> Finding:
 
     The number of these rows is compared with the number that occurs by chance, by a Poisson test. The number
     by chance is estimated by counting equal rows after one column has been shifted against the others.
+
+    Returns
+    -------
+    Finding
+        The verdict (``fine``, ``warning`` or ``stop``), the number of such rows, and the rows.
     """
     rows = records.distinct[MEASURED].round(9)
     found = rows.index[rows.duplicated()]
@@ -70,6 +80,11 @@ def nearly_repeated_rows(records: Records) -> Finding:
 
     The resolution is 0.1 m/s for speeds and 0.2 m for the range. The number of these rows is compared, by a
     Poisson test, with the number of such pairs among rows that are far apart in the record.
+
+    Returns
+    -------
+    Finding
+        The verdict (``fine``, ``warning`` or ``stop``), the number of such rows, and the rows.
     """
     rows = records.distinct[MEASURED].to_numpy()
     near = np.concatenate([[False], _near(rows, 1)])
@@ -92,6 +107,11 @@ def stuck_sensor(records: Records) -> Finding:
 
     The number of these rows is compared with the number of equal values in rows that are far apart, by a
     Poisson test for each of lead speed, range and closing speed.
+
+    Returns
+    -------
+    Finding
+        The verdict (``fine``, ``warning`` or ``stop``) for the most conspicuous quantity, and its rows.
     """
     rows, worst = records.distinct, (1.0, MEASURED[0], 0, pd.Index([]))
     for name in MEASURED:

@@ -20,6 +20,11 @@ def replayed_crashes(records: Records) -> Finding:
 
     A near miss has a time to collision below 1 s or a range below 1 m. The verdict is ``stop`` if more than 1
     % of the rows crash, and ``warning`` if there is any crash or near miss.
+
+    Returns
+    -------
+    Finding
+        The verdict, the number of crashes, and the rows that crash or nearly crash.
     """
     looked_at = (
         f"rows that crash with the vehicle under test, or come to a TTC under {NEAR_TTC:g} s or a range "

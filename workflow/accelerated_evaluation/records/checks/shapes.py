@@ -34,6 +34,11 @@ def round_numbers(records: Records) -> Finding:
     The steps are 0.5, 1, 5 and 10 in several units. The number of values on multiples is compared with the
     largest number for any offset by a binomial test. If the test is significant, the verdict is ``stop`` if
     more than half of the values are on multiples, and otherwise ``warning``.
+
+    Returns
+    -------
+    Finding
+        The verdict, the share of the values on the most conspicuous multiples, and their rows.
     """
     heaps, tests = [], sum(len(units) for units in UNITS.values()) * len(STEPS)
     for name, units in UNITS.items():
@@ -78,6 +83,12 @@ def cut_edges(records: Records) -> Finding:
 
     The cause may be a limit of the export or a saturated sensor. The number of values at the edge is compared
     with the mean number at the `NEIGHBOURS` values next to it, by a Poisson test.
+
+    Returns
+    -------
+    Finding
+        The verdict (``fine``, ``warning`` or ``stop``), the number of values at the most conspicuous edge,
+        and their rows.
     """
     worst, tests = (1.0, "no edge", 0.0, "range"), 2 * len(UNITS)
     for name in UNITS:
@@ -111,6 +122,11 @@ def gaps(records: Records) -> Finding:
 
     The widest gap of each quantity is compared with the distances of the 50 values on either side. The
     verdict is ``warning`` if the gap is unlikely for a density that is constant nearby.
+
+    Returns
+    -------
+    Finding
+        The verdict, the width of the most conspicuous gap, and the rows at its ends.
     """
     worst = (1.0, "no gap", 0.0, 0.0, "range")
     for name in UNITS:
@@ -163,6 +179,11 @@ def outliers(records: Records) -> Finding:
     value is the probability that the largest of as many exponential variables exceeds it.
 
     The verdict is ``warning`` if there is any such value.
+
+    Returns
+    -------
+    Finding
+        The verdict, the number of outliers, and their rows.
     """
     found: dict[int, float] = {}
     for name in EXTREMES:

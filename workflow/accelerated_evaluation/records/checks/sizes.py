@@ -17,6 +17,12 @@ def rows_outside_limits(records: Records) -> Finding:
 
     Impossible rows are counted because limits that are derived from the records (``auto``) exclude them
     without the user noticing.
+
+    Returns
+    -------
+    Finding
+        The verdict (``fine``, ``warning`` or ``stop``), the share of the closing cut-ins that is excluded,
+        and their rows.
     """
     closing = records.valid.index[records.valid["closing_speed"] > 0]
     rows = closing.difference(records.kept.index)
@@ -44,6 +50,11 @@ def sample_size(records: Records) -> Finding:
 
     The verdict is ``stop`` if the smallest segment has fewer than `MINIMUM_ROWS` rows, and ``warning`` if 5 %
     of its rows, the share in a tail, are fewer than that.
+
+    Returns
+    -------
+    Finding
+        The verdict, and the number of rows of the smallest segment.
     """
     counts = {name: len(rows) for name, rows in records.segments.items()}
     smallest = min(counts, key=counts.get)
@@ -67,6 +78,11 @@ def size_of_tail(records: Records) -> Finding:
 
     The tail consists of the largest values of a segment, a share `TAIL` of its distinct rows. The verdict is
     ``stop`` below `FEW` rows, and ``warning`` below `ENOUGH`.
+
+    Returns
+    -------
+    Finding
+        The verdict, and the smallest number of rows in a tail.
     """
     sizes = {
         name: int((rows["inverse_ttc"] > np.quantile(rows["inverse_ttc"], 1 - TAIL)).sum())

@@ -29,7 +29,13 @@ CRASHES = 1e-5
 
 @CHECKS.add("invalid_values")
 def invalid_values(records: Records) -> Finding:
-    """Check for rows that are not a valid encounter: missing, negative, infinite or impossible values."""
+    """Check for rows that are not a valid encounter: missing, negative, infinite or impossible values.
+
+    Returns
+    -------
+    Finding
+        The verdict (``fine``, ``warning`` or ``stop``), the number of such rows, and the rows.
+    """
     rows, size = list(records.invalid), len(records.valid) + len(records.invalid)
     return Finding(
         by_share(len(rows), size),
@@ -48,6 +54,11 @@ def speed_unit(records: Records) -> Finding:
     The verdict is ``stop`` if the median lead speed exceeds 45 m/s, or if more than 1 % of the rows have a
     speed above 70 m/s. The verdict is ``warning`` if there is any such row, or if the source could not check
     its units.
+
+    Returns
+    -------
+    Finding
+        The verdict, the median lead speed [m/s], and the rows with too high a speed.
     """
     fastest = np.maximum(records.valid["lead_speed"], records.host_speed)
     median, rows = records.valid["lead_speed"].median(), fastest[fastest > FASTEST_CAR]
@@ -75,6 +86,11 @@ def time_gap(records: Records) -> Finding:
 
     A median outside of `SHORTEST_GAP` to `LONGEST_GAP` (0.5 to 5 s) means that the units of range and speed
     do not fit together.
+
+    Returns
+    -------
+    Finding
+        The verdict (``fine`` or ``stop``), and the median time gap [s].
     """
     moving = records.host_speed > 0
     median = float((records.valid["range"][moving] / records.host_speed[moving]).median())
@@ -93,6 +109,12 @@ def unavoidable_crashes(records: Records) -> Finding:
 
     A constant deceleration of closing speed^2 / (2 range) is needed to avoid the crash. The number of rows in
     which it exceeds `FULL_BRAKING` is compared with the crash rate of human drivers.
+
+    Returns
+    -------
+    Finding
+        The verdict (``stop`` if there are more such rows than by chance), the largest deceleration that is
+        needed [m/s^2], and the rows.
     """
     valid = records.valid
     needed = valid["closing_speed"].clip(lower=0) ** 2 / (2 * valid["range"])
@@ -116,6 +138,11 @@ def sign_of_range_rate(records: Records) -> Finding:
     If the sign is wrong, the range seems to grow in most rows. If it grows in only a part of the rows, the
     rank correlation of range and closing speed decides. It is positive if the sign is right, because drivers
     who are slower than the car behind keep more distance to it.
+
+    Returns
+    -------
+    Finding
+        The verdict (``fine``, ``warning`` or ``stop``), and the share of the rows with a growing range.
     """
     range_, closing = records.valid["range"], records.valid["closing_speed"]
     opening = float((closing <= 0).mean())
@@ -139,7 +166,13 @@ def sign_of_range_rate(records: Records) -> Finding:
 
 @CHECKS.add("far_ranges")
 def far_ranges(records: Records) -> Finding:
-    """Check for ranges above `FARTHEST` (300 m), which are beyond the reach of automotive sensors."""
+    """Check for ranges above `FARTHEST` (300 m), which are beyond the reach of automotive sensors.
+
+    Returns
+    -------
+    Finding
+        The verdict (``fine``, ``warning`` or ``stop``), the number of such rows, and the rows.
+    """
     range_ = records.valid["range"]
     return _outside(
         range_[range_ > FARTHEST].sort_values(ascending=False),
@@ -152,7 +185,13 @@ def far_ranges(records: Records) -> Finding:
 
 @CHECKS.add("short_ranges")
 def short_ranges(records: Records) -> Finding:
-    """Check for ranges below `NEAREST` (3 m), which are too short for a lane change."""
+    """Check for ranges below `NEAREST` (3 m), which are too short for a lane change.
+
+    Returns
+    -------
+    Finding
+        The verdict (``fine``, ``warning`` or ``stop``), the number of such rows, and the rows.
+    """
     range_ = records.valid["range"]
     return _outside(
         range_[range_ < NEAREST].sort_values(),
