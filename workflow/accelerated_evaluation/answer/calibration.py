@@ -110,8 +110,8 @@ def cell_counts(
 ) -> list[pd.DataFrame]:
     """Count the records in each cell of the cut-ins, and compute the number expected under each law.
 
-    The cells are those of `strips`. The expected number is conditional on the lead speeds and ranges of the
-    records.
+    The cells are rectangles of range and closing speed, and of lead speed and host speed. The expected number
+    is conditional on the lead speeds and ranges of the records.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def _expected(law: GivenLaw, ends: list[Array]) -> list[float]:
 def near_miss_counts(
     recorded: Mapping[str, int], probability: Mapping[str, float], size: int
 ) -> pd.DataFrame:
-    """Return recorded and expected numbers of near misses, with the columns of `cell_counts`.
+    """Return a table of recorded and expected numbers of near misses.
 
     Parameters
     ----------
@@ -160,6 +160,13 @@ def near_miss_counts(
         Probability of each near miss under the law.
     size
         Number of distinct recorded cut-ins.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each near miss: its name (``where``), the ``recorded`` number, and the ``expected``
+        number, which is the probability times the number of records. The column ``counted`` says that the
+        records were replayed.
     """
     rows = [(name, REPLAYED, count, size * probability[name]) for name, count in recorded.items()]
     return pd.DataFrame(rows, columns=["where", "counted", "recorded", "expected"])

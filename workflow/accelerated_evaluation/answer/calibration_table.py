@@ -35,7 +35,15 @@ class NearMisses:
 
 
 def shown_members(weighted: WeightedLaws) -> tuple[Member, ...]:
-    """Return the laws that tables list individually, if there were enough records to fit them."""
+    """Return the laws that tables list individually, if there were enough records to fit them.
+
+    The weighted mean in these tables includes all laws.
+
+    Parameters
+    ----------
+    weighted
+        The laws with their weights.
+    """
     return tuple(member for member in SHOWN if member in weighted.members)
 
 

@@ -113,16 +113,20 @@ def choose_sampled_law(choice: str, encounters: pd.DataFrame, config: Mapping[st
     Parameters
     ----------
     choice
-        As in `choose_law`. For ``answer`` the result is the mean of draws from the posterior of the laws and
-        of their parameters. For a single smooth law with dependence it is the mean of draws of its
-        parameters. Any other law is returned as in `choose_law`, because its uncertainty is not known.
-    encounters, config
-        As in `choose_law`.
+        ``answer``, the name of a law, or the path of a law file. For ``answer`` the result is the mean of
+        draws from the posterior of the laws and of their parameters. For a single smooth law with dependence
+        it is the mean of draws of its parameters. Any other law is returned unchanged, because its
+        uncertainty is not known.
+    encounters
+        Encounter table.
+    config
+        A complete, valid configuration.
 
     Raises
     ------
     InputError
-        As in `choose_law`.
+        If the name is unknown, if the law of the file was fitted to other encounters, or if there are too few
+        records for the law.
     """
     require_law(choice)
     if choice != ANSWER and choice not in SMOOTH:

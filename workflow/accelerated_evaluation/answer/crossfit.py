@@ -47,7 +47,13 @@ class Control:
 
     @classmethod
     def own(cls, batch: TwoPhaseBatch) -> "Control":
-        """Return the original control variate of a batch: the predictions from the time when it was drawn."""
+        """Return the original control variate of a batch, with which the batch was drawn.
+
+        Parameters
+        ----------
+        batch
+            A batch of the second phase.
+        """
         return cls(batch.control, np.ones(len(batch.kept)))
 
     @classmethod

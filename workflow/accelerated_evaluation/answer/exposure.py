@@ -117,8 +117,9 @@ def exposure_table(
     Returns
     -------
     pandas.DataFrame
-        Columns ``event``, ``per`` (kilometre or hour), and those of `Rate.summary` [1/km or 1/h]. The event
-        ``cut-in`` is the rate of the cut-ins themselves. There is no row if the exposure is unknown.
+        Columns ``event``, ``per`` (kilometre or hour), and the ``mean``, ``median`` and interval ends
+        ``low50`` to ``high95`` of the rate [1/km or 1/h]. The event ``cut-in`` is the rate of the cut-ins
+        themselves. There is no row if the exposure is unknown.
     """
     rows = []
     for key, unit in UNITS.items():

@@ -18,7 +18,8 @@ def motion_budget(moving: pd.DataFrame, vehicle: str, together: float) -> pd.Dat
     Parameters
     ----------
     moving
-        Table of `motion_tables.motion_table`.
+        Crash probabilities of vehicles with a constant and a changing lead speed, and their ratio, the factor
+        (`motion_tables.motion_table`).
     vehicle
         Name of the vehicle.
     together

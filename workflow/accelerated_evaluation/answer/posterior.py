@@ -44,7 +44,13 @@ class Posterior:
         return float(np.median(self.probabilities))
 
     def interval(self, level: float) -> tuple[float, float]:
-        """Return the ends of the equal-tailed credible interval of a given level, from 0 to 1."""
+        """Return the lower and upper end of the equal-tailed credible interval of the probability.
+
+        Parameters
+        ----------
+        level
+            Probability that the interval contains, between 0 and 1.
+        """
         low, high = np.quantile(self.probabilities, [(1 - level) / 2, (1 + level) / 2])
         return float(low), float(high)
 

@@ -82,7 +82,7 @@ class SampledPosterior:
         """The posterior of the probability without the sampling error, as if the estimates were exact.
 
         The estimates vary more than the probabilities, because each has an error of its own. If this error is
-        known, the estimates are shrunk towards their median; see `posterior.shrunk_estimates`.
+        known, the estimates are shrunk towards their median (`posterior.shrunk_estimates`).
         """
         known = self.probabilities if self.own is None else shrunk_estimates(self.probabilities, self.own)
         return Posterior(known, self.member)
@@ -92,8 +92,8 @@ class SampledPosterior:
         """The posterior of the probability with the sampling error.
 
         Each draw is replaced by `NOISE` equally likely values of the probability, Y / (1 + t c), given its
-        estimate Y and its relative error c, with t from Student's distribution; see `combining.interval`. If
-        the two parts of the error are known, c is the common part, and Y is the shrunk estimate of `alone`.
+        estimate Y and its relative error c, with t from Student's distribution. If the two parts of the error
+        are known, c is the common part, and Y is the shrunk estimate of `alone`.
         """
         levels = (np.arange(NOISE) + 0.5) / NOISE
         t = stdtrit(self.batches - 1, levels)

@@ -247,7 +247,7 @@ class LawStudy:
         Parameters
         ----------
         tabulated
-            Risks at impact speeds; see `injuries.impacts.tabulated_risks`.
+            Risks of injury at given impact speeds, by curve, as from `injuries.impacts.tabulated_risks`.
         generator
             Source of all randomness.
 

@@ -100,7 +100,8 @@ def vehicle_table(
     -------
     pandas.DataFrame
         Columns ``vehicle``; ``recorded`` and ``expected`` crashes of the records; ``resolved`` (whether the
-        map is accepted); the columns of `summarise`; and for each reference, with its prefix, ``ratio``,
+        map is accepted); the mean ``probability``, the ``median``, and the ends ``low50`` to ``high95`` of
+        the 50, 80 and 95 % credible intervals; and for each reference, with its prefix, ``ratio``,
         ``ratio_low80`` and ``ratio_high80`` (median and 80 % interval of the ratio to the reference, NaN if
         the reference never crashes) and ``safer``, the share of the draws in which the vehicle crashes less
         often than the reference. The numbers are NaN if the map is rejected.

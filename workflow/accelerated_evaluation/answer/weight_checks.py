@@ -125,8 +125,10 @@ class Experiment:
         Returns
         -------
         pandas.DataFrame
-            As in `control_regions`, but ``share`` and ``weighted`` are probabilities that an encounter is in
-            the region and ends in the event.
+            One row for each interval between quantiles of a variable: ``variable``; the ends ``low`` and
+            ``high``; ``share`` and ``weighted``, the probability that an encounter is in the interval and
+            ends in the event, by the crude simulations and by the weights; the standard ``error`` of their
+            difference; and its p-value ``p``.
         """
         return self._regions(np.where(self.happened, self.weight, 0.0), reference, happened, names)
 
@@ -194,18 +196,19 @@ def weight_table(
     experiments
         The experiments by name.
     reference
-        Points that follow f, shape (m, d); see `Experiment.control_regions`.
+        Points that follow f, shape (m, d): draws of f, or the records to which f was fitted.
     names
         Names of the variables.
 
     Returns
     -------
     pandas.DataFrame
-        One row for each ``experiment``, with the columns of `Experiment.row`. Further columns describe the
-        control region with the smallest p-value: its name ``region``, ``share`` and ``weighted`` as in
-        `Experiment.control_regions`, and ``region_p``, the p-value times the number of regions (Bonferroni).
-        ``warns_events``, ``warns_mean`` and ``warns_region`` are true if there are too few effective events,
-        if the mean weight differs from 1, or if the probability of the control region is wrong.
+        One row for each ``experiment``, with the columns of `Experiment.row`: the estimate with its error and
+        interval, and effective sample sizes. Further columns describe the control region with the smallest
+        p-value: its name ``region``, ``share`` and ``weighted`` as in `Experiment.control_regions`, and
+        ``region_p``, the p-value times the number of regions (Bonferroni). ``warns_events``, ``warns_mean``
+        and ``warns_region`` are true if there are too few effective events, if the mean weight differs from
+        1, or if the probability of the control region is wrong.
     """
     rows = []
     for name, experiment in experiments.items():

@@ -126,7 +126,8 @@ def drop_invalid(raw: pd.DataFrame, account: Account, *, policy: str, where: str
     Returns
     -------
     pandas.DataFrame
-        Columns ``encounter_table.NUMBERS``, all finite.
+        Columns ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s], ``inverse_range`` [1/m] and
+        ``inverse_ttc`` [1/s], all finite.
 
     Raises
     ------
@@ -169,7 +170,8 @@ def drop_repeated(encounters: pd.DataFrame, account: Account, *, policy: str) ->
     Parameters
     ----------
     encounters
-        Columns ``encounter_table.NUMBERS``, in the order of the record.
+        Columns ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s], ``inverse_range`` [1/m] and
+        ``inverse_ttc`` [1/s], in the order of the record.
     account
         Account to which one line is added.
     policy
@@ -189,7 +191,8 @@ def apply_filters(encounters: pd.DataFrame, account: Account, filters: Mapping[s
     Parameters
     ----------
     encounters
-        Columns ``encounter_table.NUMBERS``.
+        Columns ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s], ``inverse_range`` [1/m] and
+        ``inverse_ttc`` [1/s].
     account
         Account to which one line is added for each filter.
     filters
@@ -206,7 +209,8 @@ def apply_limits(encounters: pd.DataFrame, account: Account, filters: Mapping[st
     Parameters
     ----------
     encounters
-        Columns ``encounter_table.NUMBERS``.
+        Columns ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s], ``inverse_range`` [1/m] and
+        ``inverse_ttc`` [1/s].
     account
         Account to which one line is added for each limit.
     filters

@@ -33,7 +33,8 @@ def ingest(raw: pd.DataFrame, config: Mapping[str, Any], account: Account) -> pd
     Returns
     -------
     pandas.DataFrame
-        The encounter table, columns ``encounter_table.COLUMNS``, in the order of the source.
+        The encounter table, in the order of the source: columns ``lead_speed`` [m/s], ``range`` [m],
+        ``closing_speed`` [m/s], ``inverse_range`` [1/m], ``inverse_ttc`` [1/s] and ``segment``.
 
     Raises
     ------
@@ -81,8 +82,9 @@ def opening_cut_ins(raw: pd.DataFrame, config: Mapping[str, Any]) -> pd.DataFram
     Returns
     -------
     pandas.DataFrame
-        Columns ``encounter_table.NUMBERS``. The table is empty if the source has only closing cut-ins, like
-        the published lane changes of the paper.
+        Columns ``lead_speed`` [m/s], ``range`` [m], ``closing_speed`` [m/s], ``inverse_range`` [1/m] and
+        ``inverse_ttc`` [1/s]. The table is empty if the source has only closing cut-ins, like the published
+        lane changes of the paper.
     """
     data, account = config["data"], Account.of(raw)
     found = drop_invalid(raw, account, policy=data["invalid_rows"], where=data[data["source"]]["path"])

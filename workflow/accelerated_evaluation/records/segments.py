@@ -126,7 +126,7 @@ def segment_counts(encounters: pd.DataFrame) -> pd.DataFrame:
 def dependence(encounters: pd.DataFrame, confidence: float = 0.95) -> pd.DataFrame:
     """Return Kendall's tau of each pair of variables in each segment, with a confidence interval.
 
-    The intervals are valid for dependent variables and for rows that are not independent; see `tau_interval`.
+    The intervals are valid for dependent variables and for rows that are not independent (block jackknife).
 
     Parameters
     ----------

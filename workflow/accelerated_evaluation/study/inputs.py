@@ -158,7 +158,7 @@ class StudyInputs:
 
     @property
     def description(self) -> str:
-        """Description of the records, as it is printed in the outputs."""
+        """Text that describes the records in tables and figures."""
         return describe(self.config["data"])
 
     def files_of(self, *names: str) -> list[str]:

@@ -231,7 +231,10 @@ def injuries_by_curve(injured: Mapping[str, Mapping[str, Injured]]) -> pd.DataFr
 
 
 def curves_table() -> pd.DataFrame:
-    """Tabulate all published curves, with coefficients, population, reference, and how they were checked."""
+    """Tabulate all published curves, with coefficients, population, reference, and how they were checked.
+
+    There is one row for each curve: level of injury, struck end of the car, source, and the equation.
+    """
     rows = [
         {
             "level": level,
@@ -272,7 +275,8 @@ def injury_tables(
     keys
         Level of injury, struck end and source of each risk.
     cut_ins, exposure
-        Number of cut-ins, and ``kilometres`` and ``hours`` of the records, as in `injuries_table`.
+        Number of distinct closing cut-ins, and the ``kilometres`` and ``hours`` in which they were recorded;
+        None if unknown.
     sampling_deviation
         Relative standard deviation of an estimator of the crash probability.
 

@@ -79,12 +79,14 @@ def table2_computation(
 
     Parameters
     ----------
-    estimates, course, alpha, beta
-        As in `table1_sample_size`.
+    estimates, course
+        ``estimates.csv`` and ``estimates_course.csv`` of a study.
     trace
         ``cross_entropy_trace.csv`` of a study.
     single, piecewise
         The fitted models; every method except ``single`` accelerates the piecewise model.
+    alpha, beta
+        Convergence is a relative half-width of at most beta of the interval with level 1 - alpha.
 
     Returns
     -------

@@ -37,7 +37,8 @@ def surrogate_table(replicates: pd.DataFrame, exact: pd.DataFrame) -> pd.DataFra
     Parameters
     ----------
     replicates
-        As in `side_by_side`.
+        One row for each replicate of every method: the estimate with its interval, and the numbers of
+        simulations for learning and for estimating.
     exact
         ``exact.csv`` of a study.
 

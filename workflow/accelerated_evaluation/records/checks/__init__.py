@@ -76,7 +76,8 @@ class Records:
     Attributes
     ----------
     valid
-        All rows with three finite numbers, columns ``encounter_table.NUMBERS``.
+        All rows with three finite numbers: columns ``lead_speed`` [m/s], ``range`` [m], ``closing_speed``
+        [m/s], ``inverse_range`` [1/m] and ``inverse_ttc`` [1/s].
     invalid
         Row numbers of the records that are not a valid encounter.
     kept

@@ -134,7 +134,7 @@ def read_csv(
     Raises
     ------
     InputError
-        As for `header_of`.
+        If the file is empty or is not text, or if a needed column is missing or occurs twice.
     """
     numbers = list(numbers)
     header = header_of(path, [*numbers, *texts])

@@ -141,7 +141,7 @@ def changes_into_path(
     Parameters
     ----------
     connection
-        A database with the tables ``targets`` and ``host``, see `sources.spmd_raw`.
+        A database with the tables ``targets`` (targets of the forward sensor) and ``host`` (host speeds).
     settings
         Section ``data.spmd_raw`` of a valid configuration.
 
