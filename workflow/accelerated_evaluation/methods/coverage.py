@@ -60,7 +60,9 @@ def predicted_size(
     pilot: int,
     stopping: Stopping,
 ) -> int:
-    """Predict from a pilot study how many simulations give a relative half-width of beta (VI.C, N-hat).
+    """Return how many simulations give a relative half-width of beta, predicted from a pilot study.
+
+    This number is N-hat in section VI.C of the paper.
 
     The result is at most `LARGEST`. If the pilot study has fewer than two events, its variance is unknown,
     and the result is the largest number of simulations that the stopping rule allows.
@@ -223,7 +225,7 @@ def replicate_rows(
     stopped
         For each rule, the sums at its end, and whether its criterion was met.
     weight_bound
-        Upper bound on every importance weight, for `intervals.gamma_interval`; None if it is not known.
+        Upper bound on every importance weight, which the gamma interval uses; None if it is not known.
 
     Returns
     -------

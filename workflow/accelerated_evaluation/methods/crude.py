@@ -104,7 +104,7 @@ def fingerprint(paths: Iterable[str | os.PathLike], settings: Mapping[str, Any])
 
 
 def simulate_batch(problem: Problem, generator: np.random.Generator, size: int) -> Counts:
-    """Simulate ``size`` cut-ins drawn from the law, and count simulations and events by stratum."""
+    """Simulate ``size`` cut-ins drawn from the law; return numbers of simulations and events by stratum."""
     cut_ins, stratum = problem.law.draw(generator, size)
     happened = problem.event.happens(problem.simulate(cut_ins))
     names = list(problem.law.shares)
@@ -176,9 +176,10 @@ class Crude(Method):
         return 0
 
     def estimate(self, problem: ScoreProblem, stopping: Stopping, generator: np.random.Generator) -> Estimate:
-        """Estimate the probability of the event by its relative frequency, with a gamma interval.
+        """Return the relative frequency of the event as an estimate, with a gamma interval.
 
-        The simulations end when this interval is narrow enough; see `intervals.sequential_estimate`.
+        The simulations end when the half-width of this interval, divided by the estimate, is at most the
+        ``beta`` of the stopping rule, or at its largest number of simulations.
         """
 
         def draw(size: int) -> Sums:
@@ -220,9 +221,10 @@ def crude_estimates(batches: list[Counts], alpha: float) -> pd.DataFrame:
 
 
 def crude_course(batches: list[Counts], alpha: float) -> pd.DataFrame:
-    """Return the estimate over all segments after each batch, from all batches up to it.
+    """Return the estimate over all segments after each batch, from this batch and all batches before.
 
-    The columns are those of `crude_estimates`, without ``segment`` and the 95 % intervals.
+    The table has one row for each batch, with the columns ``simulations``, ``crashes``, ``probability``,
+    ``ci_low`` and ``ci_high``, the ends of the 100 (1 - alpha) % interval of Clopper and Pearson.
     """
     counts = np.cumsum([np.sum(list(batch.values()), axis=0) for batch in batches], axis=0)
     return pd.DataFrame([_estimate(simulations, crashes, alpha) for simulations, crashes in counts.tolist()])

@@ -150,12 +150,12 @@ class Method(ABC):
 
     @classmethod
     def stopping(cls, config: Mapping[str, Any]) -> Stopping:
-        """Return the stopping rule of this method in the study, by default the paper's rule."""
+        """Return the stopping rule of this method for a configuration, by default the paper's rule."""
         return Stopping.configured(config["importance_sampling"])
 
     @classmethod
     def stream(cls, scope: str, replicate: int) -> tuple[str | int, ...]:
-        """Return the name of the random stream of one replicate; see `randomness.child_generator`.
+        """Return the name of the random stream of one replicate; streams with other names are independent.
 
         Parameters
         ----------
@@ -168,7 +168,7 @@ class Method(ABC):
 
     @abstractmethod
     def estimate(self, problem: ScoreProblem, stopping: Stopping, generator: np.random.Generator) -> Estimate:
-        """Estimate the probability of the event of a problem.
+        """Return the estimated probability of the event of a problem, with its interval.
 
         Parameters
         ----------

@@ -127,7 +127,7 @@ def bound_without_event(
 
 
 def estimate_from_weights(weights: Array, alpha: float, *, converged: bool, learning: int = 0) -> Estimate:
-    """Estimate the probability of the event by the mean weight, with a normal interval.
+    """Return the mean weight as the estimated probability of the event, with a normal interval.
 
     Parameters
     ----------

@@ -66,7 +66,7 @@ class NormalMixture:
 
     @classmethod
     def fitted(cls, z: Array, weights: Array, generator: np.random.Generator) -> "NormalMixture":
-        """Fit a mixture with one normal component for each cluster of the points.
+        """Return a mixture of a standard normal component and one component for each cluster of points.
 
         Parameters
         ----------
@@ -98,9 +98,9 @@ class NormalMixtureSampling(Method):
     style: ClassVar[dict[str, Any]] = {"color": "#b15928", "linestyle": (0, (1, 1)), "marker": "X"}
 
     def estimate(self, problem: ScoreProblem, stopping: Stopping, generator: np.random.Generator) -> Estimate:
-        """Fit a mixture, and estimate the probability of the event from new simulations.
+        """Fit a mixture, and return the probability of the event estimated from new simulations.
 
-        The interval is the gamma interval of `intervals.gamma_interval`. The diagnostics are
+        The interval is the gamma interval of Fay and Feuer (1997). The diagnostics are
         ``effective_sample_size``, (sum w)^2 / sum w^2 over the weights w of the events,
         and ``largest_weight_share``, the largest weight divided by the sum of all weights.
         """

@@ -16,6 +16,9 @@ class Piecewise(CrossEntropyMethod):
     style: ClassVar[dict[str, Any]] = {"color": "#08306b", "linestyle": "-", "marker": "o"}
 
     def start(self, f: Factors) -> tuple[ProposalFamily, ProposalFamily]:
-        """Return families that equal f, except that small weights are raised to the lower bound."""
+        """Return families of f* that begin at f, except that small weights are raised to the lower bound.
+
+        ``f`` contains the fitted distributions of both coordinates in one stratum.
+        """
         limits = self.cross_entropy["minimum_weight"], self.cross_entropy["minimum_piece_events"]
         return PiecewiseFamily.start(f.first, *limits), PiecewiseFamily.start(f.second, *limits)

@@ -16,5 +16,8 @@ class Single(CrossEntropyMethod):
     style: ClassVar[dict[str, Any]] = {"color": "#b2182b", "linestyle": "--", "marker": "s"}
 
     def start(self, f: Factors) -> tuple[ProposalFamily, ProposalFamily]:
-        """Return the exponential distributions that have the means of f."""
+        """Return families of f* that begin at the exponential distributions with the means of f.
+
+        ``f`` contains the fitted distributions of both coordinates in one stratum.
+        """
         return SingleFamily.start(f.first), SingleFamily.start(f.second)

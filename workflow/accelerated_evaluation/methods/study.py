@@ -93,7 +93,7 @@ def with_encounters(runs: pd.DataFrame, problem: Problem | ScenarioProblem) -> p
 def in_scope(
     problem: Problem, proposals: Sequence[Proposals], scope: str
 ) -> tuple[Problem, Sequence[Proposals]]:
-    """Restrict a problem and its proposals to one stratum.
+    """Return a problem and its proposals, restricted to one stratum.
 
     Parameters
     ----------

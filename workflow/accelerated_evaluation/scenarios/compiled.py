@@ -19,7 +19,7 @@ SLICE_FOR_A_THREAD = 16_384
 
 
 def compiled(function: Callable) -> Callable:
-    """Compile a function with numba; the result is cached on disk if numba finds a writable folder."""
+    """Return a function compiled with numba; the code is cached on disk if numba finds a writable folder."""
     options = {"error_model": "numpy", "nogil": True}
     try:
         return njit(cache=True, **options)(function)
@@ -35,7 +35,9 @@ def simulate_in_slices(
     *,
     threads: int,
 ) -> Any:  # noqa: ANN401
-    """Simulate a batch of encounters in equal slices, one for each thread; small batches use fewer threads.
+    """Return the outcomes of n encounters, simulated in equal slices, one for each thread.
+
+    Small batches use fewer threads than ``threads``.
 
     Parameters
     ----------
@@ -72,8 +74,8 @@ def simulate_in_slices(
 def available_threads() -> int:
     """Return the number of threads for a large batch.
 
-    It is the environment variable OMP_NUM_THREADS, which Snakemake sets to the number of threads of a rule.
-    Without the variable it is the number of cores.
+    The number is that of the environment variable OMP_NUM_THREADS, which Snakemake sets to the number of
+    threads of a rule. Without the variable, the number of cores is returned.
     """
     limit = os.environ.get("OMP_NUM_THREADS", "")
     return int(limit) if limit.isdigit() and int(limit) > 0 else numba.config.NUMBA_NUM_THREADS

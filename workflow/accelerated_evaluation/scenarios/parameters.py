@@ -9,7 +9,7 @@ from accelerated_evaluation.base.errors import InputError
 
 
 def parameter_names(vehicle_class: type) -> list[str]:
-    """Return the names of the parameters of a built-in vehicle, which are init fields of its dataclass."""
+    """Return the names of the parameters of a built-in vehicle: the init fields of its dataclass."""
     return [each.name for each in fields(vehicle_class) if each.init]
 
 
@@ -22,7 +22,7 @@ def required_names(vehicle_class: type) -> list[str]:
 def zero_or_more(default: float) -> Any:  # noqa: ANN401
     """Return a dataclass field for a parameter that must be 0 or positive.
 
-    A parameter with a plain default must be positive; see `check_number`.
+    A parameter with a plain number as default must be positive.
     """
     return field(default=default, metadata={"least": 0.0})
 

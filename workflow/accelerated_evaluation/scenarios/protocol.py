@@ -63,13 +63,13 @@ class Variable:
 
     @property
     def in_title(self) -> str:
-        """Return the name as text without the unit at its end, such as ``sdv speed``."""
+        """Return the name of the variable as text without the unit at its end, such as ``sdv speed``."""
         unit = self.unit.replace("/s", "ps")
         return self.name.removesuffix(f"_{unit}").replace("_", " ")
 
     @property
     def in_words(self) -> str:
-        """Return the limits as text, such as ``0 to 30 m/s``; only the unit if they exclude nothing."""
+        """Return the limits as text, such as ``0 to 30 m/s``; only the unit if the variable has no limits."""
         is_limited = max(abs(self.low), abs(self.high)) < UNLIMITED
         return f"{self.low:g} to {self.high:g} {self.unit}" if is_limited else self.unit
 
@@ -99,7 +99,7 @@ class Outcome:
 
 
 def outcome(unit: str, description: str) -> Any:  # noqa: ANN401
-    """Return a dataclass field for an outcome with a unit and a description; see `Scenario.outcome_type`."""
+    """Return a dataclass field for an outcome, an array of shape (n,), with its unit and its description."""
     return field(metadata={"unit": unit, "description": description})
 
 
@@ -347,7 +347,7 @@ class Scenario:
         return f"{name} {'above' if event.is_above else 'at most'} {event.threshold:g} {outcome.unit}"
 
     def outcomes_of(self, columns: Sequence[ArrayLike]) -> Any:  # noqa: ANN401
-        """Return an instance of `outcome_type` from columns of numbers.
+        """Return the outcomes of n encounters as an instance of `outcome_type`, from columns of numbers.
 
         Parameters
         ----------

@@ -18,7 +18,7 @@ Simulate = Callable[..., object]
 
 
 def inspect_scenario_records(scenario: Scenario, records: pd.DataFrame, simulate: Simulate) -> pd.DataFrame:
-    """Check the records of a scenario.
+    """Return the results of checks of the records of a scenario.
 
     Parameters
     ----------
@@ -32,8 +32,8 @@ def inspect_scenario_records(scenario: Scenario, records: pd.DataFrame, simulate
     Returns
     -------
     pandas.DataFrame
-        One row for each check, with the columns of `records.checks.inspect_records`. Rows of the source are
-        counted from 1.
+        One row for each check, with its verdict; the columns are those of `records.checks.inspect_records`.
+        Rows of the source are counted from 1.
     """
     numbered = records.set_axis(range(1, len(records) + 1))
     return report_of(

@@ -14,7 +14,7 @@ REPEATED, OUTSIDE = "repeated", "outside"  # columns of flags for the two reason
 
 
 def read_record_table(scenario: Scenario, path: str | os.PathLike, cluster: str) -> pd.DataFrame:
-    """Read the records of a scenario, and mark the rows to which laws are fitted.
+    """Return the records of a scenario from a file, and mark the rows to which laws are fitted.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def read_record_table(scenario: Scenario, path: str | os.PathLike, cluster: str)
 
 
 def read_scenario_records(scenario: Scenario, path: str | os.PathLike | None = None) -> pd.DataFrame:
-    """Read the records of a scenario, and check the rows to which laws are fitted.
+    """Return the records of a scenario, after a check of the rows to which laws are fitted.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def read_scenario_records(scenario: Scenario, path: str | os.PathLike | None = N
     Returns
     -------
     pandas.DataFrame
-        The table that ``scenario.read_records`` returns; see `read_record_table`.
+        All columns of the file, and flags for rows that are repeated, outside the limits, or used in fits.
 
     Raises
     ------

@@ -61,7 +61,7 @@ def outcome_error(
     vehicle, what
         Name of the vehicle, and the faulty part of its result.
     seen, expected, change
-        See `InputError`.
+        What was found, what was expected, and what the user should do.
     """
     advice = f"{change} See accelerated_evaluation.vehicles.protocol for the outcomes that are expected."
     return InputError(f"vehicle {vehicle}, {what}", seen=seen, expected=expected, change=advice)

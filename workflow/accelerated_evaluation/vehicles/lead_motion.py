@@ -15,7 +15,7 @@ DRAWN = ("constant", "ngsim")  # laws of lead motion that need no records
 
 
 def lead_speeds_of(text: str, encounter: Array, generator: np.random.Generator) -> Array:
-    """Return the lead speeds of one encounter every 0.1 s [m/s], shape (STATES,).
+    """Return the lead speeds [m/s] of one encounter at 0, 0.1, ..., 8 s, shape (81,).
 
     Parameters
     ----------

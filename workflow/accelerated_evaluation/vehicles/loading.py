@@ -29,7 +29,7 @@ def vehicles_of(scenario: Scenario) -> Mapping[str, type[Vehicle]]:
 
 
 def load_vehicle(name: str, scenario: Scenario = CUT_IN, /, **parameters: Any) -> Vehicle:  # noqa: ANN401
-    """Load a vehicle by its name.
+    """Return the vehicle with a given name and given parameters.
 
     Parameters
     ----------

@@ -36,12 +36,12 @@ class CompiledVehicle:
     def simulate_moving(
         self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, lead_speeds: ArrayLike
     ) -> Outcomes:
-        """Simulate n cut-ins behind lead vehicles that change their speeds.
+        """Return the outcomes of n cut-ins behind lead vehicles that change their speeds.
 
         Parameters
         ----------
         lead_speed, range_, closing_speed
-            As in `Vehicle.simulate`.
+            Lead speed [m/s], range [m] and closing speed [m/s] at the start, each of shape (n,).
         lead_speeds
             Lead speeds [m/s] at 0, 0.1, ... s, shape (n, at least 81). The first column is ``lead_speed``.
 
@@ -84,7 +84,7 @@ def motion_error(name: str) -> InputError:
 def simulate_motion(
     vehicle: MovingVehicle, cut_ins: tuple[Array, Array, Array], lead_speeds: Array, inner: Array | None
 ) -> Outcomes:
-    """Simulate n cut-ins with given lead speeds over time, and with given inner variables if there are any.
+    """Return the outcomes of n cut-ins with given lead speeds, and inner variables if there are any.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def checked_lead_speeds(lead_speeds: ArrayLike, lead_speed: Array) -> Array:
     Parameters
     ----------
     lead_speeds
-        Lead speeds [m/s] at 0, 0.1, ... s, shape (n, at least STATES).
+        Lead speeds [m/s] at 0, 0.1, ... s, shape (n, at least 81).
     lead_speed
         Lead speeds of the encounters [m/s], shape (n,), which must be equal to the first column.
 
@@ -145,12 +145,15 @@ def checked_lead_speeds(lead_speeds: ArrayLike, lead_speed: Array) -> Array:
 
 
 def checked_motion(lead_speeds: ArrayLike | None, encounter: Array) -> Array | None:
-    """Check the lead speeds over time of one encounter, shape (3, 1), and return them; None stays None."""
+    """Return the checked lead speeds over time [m/s] of one encounter, shape (3, 1).
+
+    The result is None if ``lead_speeds`` is None, that is, if the lead vehicle keeps its speed.
+    """
     return None if lead_speeds is None else checked_lead_speeds([lead_speeds], encounter[0])[0]
 
 
 def speeds_in(columns: Mapping[str, Sequence[float]], rows: Sequence[object], where: str) -> Array:
-    """Return the lead speeds over time from a table of n encounters, every 0.1 s [m/s], shape (n, STATES).
+    """Return the lead speeds [m/s] of n encounters of a table at 0, 0.1, ..., 8 s, shape (n, 81).
 
     Parameters
     ----------

@@ -46,7 +46,10 @@ class RandomVehicle(Vehicle, Protocol):
     def simulate_given(
         self, lead_speed: Array, range_: Array, closing_speed: Array, inner: Array
     ) -> Outcomes:
-        """Simulate n cut-ins with given inner variables, shape (n, variables); see `Vehicle.simulate`."""
+        """Return the outcomes of n cut-ins with given inner variables, shape (n, variables).
+
+        Lead speed [m/s], range [m] and closing speed [m/s] at the start have shape (n,).
+        """
 
     def inner_weights(self, inner: Array, draws: int, generator: np.random.Generator) -> Array:
         """Return importance weights of inner variables for random parameters of their distribution.
@@ -82,19 +85,19 @@ class MovingVehicle(Protocol):
     def simulate_moving(
         self, lead_speed: Array, range_: Array, closing_speed: Array, lead_speeds: Array
     ) -> Outcomes:
-        """Simulate n cut-ins with given lead speeds over time.
+        """Simulate n cut-ins with given lead speeds over time, and return their outcomes.
 
         Parameters
         ----------
         lead_speed, range_, closing_speed
-            As in `Vehicle.simulate`.
+            Lead speed [m/s], range [m] and closing speed [m/s] at the start, each of shape (n,).
         lead_speeds
             Lead speeds [m/s] at 0, 0.1, ... s, up to 8 s or more, shape (n, states).
         """
 
 
 def simulate_inner(vehicle: Vehicle, cut_ins: tuple[Array, Array, Array], inner: Array | None) -> Outcomes:
-    """Simulate n cut-ins with given inner variables, if the vehicle has any.
+    """Return the outcomes of n cut-ins, simulated with given inner variables if the vehicle has any.
 
     Parameters
     ----------

@@ -36,11 +36,11 @@ class SingleFamily:
 
     @classmethod
     def start(cls, model: Tiltable) -> "SingleFamily":
-        """Start at the exponential that has the mean of the model."""
+        """Return the family at the start of a search: the exponential that has the mean of the model."""
         return cls(BoundedExponential.from_mean(model.mean(), model.lower))
 
     def update(self, x: Array, weight: Array) -> "SingleFamily":
-        """Return the exponential whose mean is the weighted mean of the events."""
+        """Return the family whose exponential has the weighted mean of the events, values x, as its mean."""
         mean = float(np.average(x, weights=weight))
         return SingleFamily(BoundedExponential.from_mean(mean, self.distribution.lower))
 
@@ -75,7 +75,7 @@ class PiecewiseFamily:
 
     @classmethod
     def start(cls, model: PiecewiseMixture, minimum_weight: float, minimum_events: int) -> "PiecewiseFamily":
-        """Return the first family of a search: the model itself, with weights of at least the bound."""
+        """Return the first family of a search: the model itself, with small weights raised to the bound."""
         weights = bounded_weights(np.asarray(model.weights), minimum_weight)
         return cls(model, (0.0,) * len(weights), weights, minimum_weight, minimum_events)
 

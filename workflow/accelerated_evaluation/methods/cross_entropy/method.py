@@ -102,7 +102,7 @@ class CrossEntropyMethod(Method):
 
     @classmethod
     def stream(cls, scope: str, replicate: int) -> tuple[str | int, ...]:
-        """Return the name of the random stream of one replicate; see `randomness.child_generator`."""
+        """Return the name of the random stream of one replicate; streams with other names are independent."""
         return "importance_sampling", cls.name, scope, replicate
 
     @abstractmethod
@@ -126,7 +126,7 @@ class CrossEntropyMethod(Method):
         generator: np.random.Generator,
         on_iteration: Callable[[dict[str, float]], None] = lambda _: None,
     ) -> Search:
-        """Search for the accelerated distribution f* of one stratum with the settings of this method.
+        """Return the search for the accelerated distribution f* of one stratum, with this method's settings.
 
         Parameters
         ----------
@@ -153,7 +153,7 @@ class CrossEntropyMethod(Method):
         generator: np.random.Generator,
         proposals: Proposals | None = None,
     ) -> Estimate:
-        """Estimate the probability of the event by importance sampling, with new simulations from f*.
+        """Return the estimated probability of the event, by importance sampling with new simulations from f*.
 
         Parameters
         ----------

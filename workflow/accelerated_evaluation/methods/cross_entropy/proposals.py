@@ -32,14 +32,14 @@ class Proposals:
 
     @classmethod
     def of(cls, searches: Mapping[str, Search]) -> Self:
-        """Collect the results of searches, which are given by stratum."""
+        """Return f* and the number of simulations of each stratum, given the searches by stratum."""
         factors = {stratum: search.proposal for stratum, search in searches.items()}
         simulations = {stratum: search.simulations for stratum, search in searches.items()}
         reasons = {stratum: search.unfinished for stratum, search in searches.items() if search.unfinished}
         return cls(factors, simulations, reasons)
 
     def only(self, stratum: str) -> Self:
-        """Return the proposals restricted to one stratum."""
+        """Return the proposals restricted to one stratum, given by its name."""
         reason = {stratum: self.unfinished[stratum]} if stratum in self.unfinished else {}
         return type(self)({stratum: self.factors[stratum]}, {stratum: self.simulations[stratum]}, reason)
 
@@ -64,12 +64,12 @@ def write_proposals(path: str | os.PathLike, proposals: Proposals) -> None:
 
 
 def read_proposals(path: str | os.PathLike) -> Proposals:
-    """Read f* of each stratum from a file of `write_proposals`.
+    """Return f* of each stratum from a file that `write_proposals` wrote.
 
     Raises
     ------
     InputError
-        If the file is not such a file, or is damaged.
+        If the file does not contain proposals, or is damaged.
     """
     try:
         content = read_json(path)

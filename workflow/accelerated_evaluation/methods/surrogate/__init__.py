@@ -84,7 +84,8 @@ class Surrogate(Method):
         The bound on unobserved parts of the event that is required for convergence. Once the interval is
         narrow, the sampler continues to search for such parts until the certificate is met.
     predecessor
-        Runs of another vehicle that is similar to the one under test, with events among them; see `Sampler`.
+        Runs of another vehicle that is similar to the one under test, with events among them. The sampler
+        then begins near these events.
     begin
         Number and distribution of the first runs.
     """
@@ -125,10 +126,10 @@ class Surrogate(Method):
         return replace(rule, minimum_events=1, maximum_simulations=own["maximum_calls"], anytime=anytime)
 
     def estimate(self, problem: ScoreProblem, stopping: Stopping, generator: np.random.Generator) -> Estimate:
-        """Estimate the probability of the event with as few simulations as possible.
+        """Return the estimated probability of the event, from as few simulations as possible.
 
         The runs end when the estimate has converged. They also end, without convergence, if the vehicle may
-        fail in a few of its runs, because more runs cannot exclude such lapses; see `Sampler.has_ended`.
+        fail in a few of its runs, because no practicable number of runs excludes such lapses.
 
         Parameters
         ----------

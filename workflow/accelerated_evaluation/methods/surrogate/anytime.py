@@ -36,8 +36,8 @@ TERMS = 50  # number of terms of the series in `boundary`
 def boundary(alpha: float) -> float:
     """Return the boundary z that a Brownian motion W crosses with probability alpha.
 
-    The crossing is that of |W(V)| > z sqrt(V_g) at any time V in [0, V_g]. The probability that there is none
-    is (4 / pi) sum_k (-1)^k / (2k + 1) exp(-(2k + 1)^2 pi^2 / (8 z^2)), which is solved for z.
+    W crosses the boundary if |W(V)| > z sqrt(V_g) at any time V in [0, V_g]. The probability that it does not
+    is (4 / pi) sum_k (-1)^k / (2k + 1) exp(-(2k + 1)^2 pi^2 / (8 z^2)). It is equated with 1 - alpha.
     """
     odd = 2 * np.arange(TERMS) + 1
 
@@ -49,9 +49,9 @@ def boundary(alpha: float) -> float:
 
 
 def reach_of_goal(beta: float) -> float:
-    """Return the relative error r for which the interval from Y / (1 + r) to Y / (1 - r) is narrow enough.
+    """Return the relative error r for which the half-width of an interval is beta times the estimate Y.
 
-    Its half-width is then beta times the estimate Y.
+    The interval is that from Y / (1 + r) to Y / (1 - r).
     """
     return (math.sqrt(1 + 4 * beta**2) - 1) / (2 * beta)
 
@@ -64,7 +64,7 @@ def anytime_interval(
     Parameters
     ----------
     batches
-        The batches on which the estimate is based, at least two; see `combining.counted_batches`.
+        The batches on which the estimate is based, at least two, in their order.
     alpha
         Probability that any of the intervals misses the truth.
     beta

@@ -63,7 +63,7 @@ class Belief:
         self._calibration = Calibration()
 
     def fit(self, progress: Progress) -> None:
-        """Fit both surrogates to all runs, and learn their parameters again if there are enough new runs.
+        """Fit both surrogates to all runs of ``progress``, and learn their parameters again if necessary.
 
         The parameters are axes, lengths and amplitudes. They are learnt again when the number of runs has
         grown by the factor `RELEARN`, and always before the first batch of the second phase is known.
@@ -100,11 +100,11 @@ class Belief:
         )
 
     def probability(self, z: Array) -> Array:
-        """Return the calibrated probability of the event at points z, shape (m, d); shape (m,)."""
+        """Return the calibrated predicted probability of the event, shape (m,), at points z, shape (m, d)."""
         return self._calibration(self.foresee(z, both=self._calibration.trust > 0))
 
     def foresee(self, z: Array, *, both: bool = True) -> Array:
-        """Return the uncalibrated predictions of both surrogates at points z, shape (m, d); shape (m, 2).
+        """Return the uncalibrated predicted probabilities of both surrogates at z, shape (m, d), as (m, 2).
 
         If the second surrogate has too few runs or no event, or if ``both`` is False, its column repeats the
         prediction of the first.

@@ -86,7 +86,7 @@ class Unseen:
     def after(
         cls, wide_draws: Array, dimension: int, reach: float, curvature: float, filled: float = 1.0
     ) -> Self:
-        """Return the bounds for parts of the event in which there is none of the given draws.
+        """Return bounds on the probability of a part of the event that contains none of the draws.
 
         Parameters
         ----------
@@ -133,7 +133,8 @@ def look_beyond(wide_draws: Array, dimension: int, reach: float, curvature: floa
     Parameters
     ----------
     wide_draws, dimension, reach, curvature
-        As for `Unseen.after`.
+        Draws so far (number, smallest and largest rarity of each of k groups, shape (k, 3)), number of
+        normal scores, largest rarity of the defensive runs, and largest curvature of the modes.
     share
         Probability of the least probable mode that must be excluded.
     """

@@ -24,7 +24,8 @@ class BatchEstimate:
     probability
         The estimate Y.
     observed_variance
-        Variance of Y that is estimated from the runs of the batch, as the sum over both phases.
+        Variance of Y that is estimated from the runs of the batch: the sum of the variance of the pool (first
+        phase) and of the choice of runs from the pool (second phase).
     runs
         Number of runs.
     prediction
@@ -112,7 +113,7 @@ def interval(probability: float, error: float, batches: int, alpha: float) -> tu
 
 
 def ends(probability: float, reach: float) -> tuple[float, float]:
-    """Return the ends of the interval of all P with |probability - P| <= reach P.
+    """Return the ends of the interval of all probabilities P with |probability - P| <= reach P.
 
     The upper end is infinite if ``reach`` is 1 or more.
     """
@@ -188,7 +189,8 @@ def counted_batches(batches: Sequence[BatchEstimate], usable: float = USABLE) ->
 def combine(batches: Sequence[BatchEstimate]) -> Combined:
     """Return the weighted mean of the estimates of the batches, with its observed and predicted variance.
 
-    The weights are proportional to `BatchEstimate.importance`. They must not depend on the estimates or on
+    The weights are proportional to the number of runs divided by the variance of a run that was predicted
+    before the batch was drawn. They must not depend on the estimates or on
     their observed variances, because low estimates have small observed variances and would get too much
     weight.
     """

@@ -187,7 +187,7 @@ class EventSurrogate:
         self._scale = np.array([*[LENGTH_SPREAD] * len(lengths), AMPLITUDE_SPREAD])
 
     def fit(self, z: Array, event: NDArray[np.bool_], *, learn: bool, turned: Sequence[Array] = ()) -> None:
-        """Fit the surrogate to runs.
+        """Fit the surrogate to runs of the vehicle under test; its attributes are updated.
 
         Parameters
         ----------
@@ -231,7 +231,7 @@ class EventSurrogate:
         return runs[self._kept], sign[self._kept]
 
     def probability(self, z: Array) -> Array:
-        """Return the predicted probability of the event at points z, shape (m, d); shape (m,)."""
+        """Return the predicted probability of the event, shape (m,), at points z, shape (m, d)."""
         covariance = covariance_between(self._placed(z) / self._lengths, self._runs, self._variance)[0]
         mean = covariance @ self._weights
         covariance *= self._root

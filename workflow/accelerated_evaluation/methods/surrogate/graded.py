@@ -115,9 +115,9 @@ class GradedSurrogate:
         self._factor, self._weights = self._solve(covariance, noise_variance)
 
     def expect(self, z: Array) -> tuple[Array, Array]:
-        """Return the predicted mean and standard deviation of the graded outcome at points z, shapes (m,).
+        """Return mean and standard deviation of the predicted graded outcome, each of shape (m,).
 
-        The standard deviation does not include noise.
+        The points z have shape (m, d). The standard deviation does not include noise.
         """
         covariance = covariance_between(z / np.exp(self.theta[:-2]), self._runs, self._variance)[0]
         mean = covariance @ self._weights

@@ -50,8 +50,8 @@ class LapseBounds:
         estimate, the hardest cut-ins are included, so these are bounds on the probability of the event.
     runs
         Number of draws from the law itself, none of them an event, that would reduce the bound to a given
-        share of the estimate without any assumption. If there is no estimate, its bound is used instead, and
-        the number is a lower limit.
+        share of the estimate without any assumption. If there is no estimate, ``like_hardness`` is used
+        instead, and the number is a lower limit.
     """
 
     like_hardness: float

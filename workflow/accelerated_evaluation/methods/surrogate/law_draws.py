@@ -40,7 +40,7 @@ class LawDraws:
 
     @classmethod
     def none(cls, dimension: int) -> "LawDraws":
-        """Return the draws of a sampler that has made none."""
+        """Return an empty set of draws in ``dimension`` normal scores."""
         return cls(np.empty((0, dimension)), np.empty(0, bool))
 
     def __len__(self) -> int:
@@ -53,7 +53,7 @@ class LawDraws:
         return int(np.count_nonzero(self.happened))
 
     def extended(self, batch: LawBatch, happened: Flags) -> "LawDraws":
-        """Return these draws and those of a batch."""
+        """Return these draws, followed by the draws of a batch and their flags ``happened``, shape (n,)."""
         return LawDraws(np.vstack([self.z, batch.z]), np.append(self.happened, happened))
 
     def contradict(self, probability: float) -> bool:

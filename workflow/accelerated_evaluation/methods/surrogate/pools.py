@@ -65,7 +65,7 @@ class Pool:
         return np.where(there, self.wide * REACH / (end - begin), 0.0)
 
     def guard(self, reach: float, defence: "Defence") -> Array:
-        """Return the distribution of the defensive runs over the points of the pool, shape (m,).
+        """Return the probability of each point of the pool under the choice of defensive runs, shape (m,).
 
         A share `EVEN` of the runs is spread evenly over the points. The other runs follow the wide
         distribution up to the rarity ``reach``. Points with weight 0 get none of the evenly spread runs,
@@ -120,11 +120,11 @@ class SubspacePool(Pool):
     along: Pool
 
     def guard(self, reach: float, defence: Defence) -> Array:
-        """Return the distribution of the defensive runs over the points of the pool, shape (m,).
+        """Return the probability of each point of the pool under the choice of defensive runs, shape (m,).
 
         A share `ALONG` of the default defensive runs follows the wide distribution of the few coordinates on
-        which the event depends. The others are distributed as in `Pool.guard`, whose parameters this method
-        has.
+        which the event depends. The others are distributed as in `Pool.guard`. ``reach`` is the rarity
+        beyond which the event has almost no probability, and ``defence`` the share of the defensive runs.
         """
         share, mean = ALONG * DEFENCE / defence.share, defence.share if 0 < defence.beyond < reach else 1.0
         return (1 - share) * super().guard(reach, defence) + share * mean * self.along.within(0.0, reach)
@@ -137,7 +137,7 @@ def draw_pool(
     believed: Callable[[Array], Array],
     generator: np.random.Generator,
 ) -> Pool:
-    """Draw the points of a pool, with their weights and predicted probabilities.
+    """Return a pool of randomly drawn points, with their weights and predicted probabilities.
 
     The points are drawn from kernels around the centres, with the share `WIDE_SHARE` from the wide
     distribution. If there are no centres, all points are drawn from the wide distribution.

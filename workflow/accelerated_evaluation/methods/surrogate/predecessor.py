@@ -14,7 +14,7 @@ FLAGS = {"True": True, "False": False}
 
 
 def read_predecessor(path: str | os.PathLike, problem: Problem | ScenarioProblem) -> Predecessor:
-    """Read the simulations of a similar vehicle from the table ``runs.csv`` of the command ``estimate``.
+    """Return the runs of a similar vehicle from the table ``runs.csv`` of the command ``estimate``.
 
     Parameters
     ----------

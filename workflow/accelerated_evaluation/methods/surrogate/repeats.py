@@ -116,7 +116,7 @@ def choose_repeats(
     count: int,
     generator: np.random.Generator,
 ) -> RepeatBatch:
-    """Choose the runs to repeat next: half of them with the event, half without it.
+    """Return the runs to repeat next: half of them with the event, half without it.
 
     In each half, the runs that were repeated least often are chosen first. Among these, the runs nearest to
     the boundary of the event are chosen first, judged by their scores. Runs with an infinite score, such as

@@ -28,10 +28,10 @@ ROUNDING = 1e-12  # relative tolerance
 
 
 def estimate(progress: Progress, batch_size: int, stopping: Stopping, certificate: Certificate) -> Estimate:
-    """Estimate the probability of the event from the batches since the surrogate became usable.
+    """Return the estimated probability of the event, from the batches since the surrogate became usable.
 
-    If no simulation was an event, the estimate is 0, and the upper end of the interval is
-    `wide_laws.bound_without_event`. If every simulation was an event, the estimate is 1, and the lower end of
+    If no simulation was an event, the estimate is 0, and the upper end of the interval is the bound for an
+    event that no run has met. If every simulation was an event, the estimate is 1, and the lower end of
     the interval follows from the same bound for the complement. As long as there are not two batches on which
     an estimate can be based, the estimate is NaN and the interval is [0, 1].
 
@@ -47,8 +47,9 @@ def estimate(progress: Progress, batch_size: int, stopping: Stopping, certificat
     Returns
     -------
     Estimate
-        ``events`` counts the events of all simulations; ``tables["runs"]`` is as in `tabulate_runs`. The
-        diagnostics contain the bounds ``unseen_mode`` and ``unseen_any`` of `certificate`.
+        ``events`` counts the events of all simulations, and ``tables["runs"]`` has a row for each run. The
+        diagnostics contain the upper bounds ``unseen_mode`` and ``unseen_any`` on the probability of a part
+        of the event that no run has met; see `certificate`.
     """
     events, (combined, ends) = int(np.count_nonzero(progress.happened)), combined_estimate(progress, stopping)
     if combined is not None:
@@ -75,10 +76,10 @@ def estimate(progress: Progress, batch_size: int, stopping: Stopping, certificat
 
 
 def with_lapses(found: Estimate, progress: Progress, stopping: Stopping) -> Estimate:
-    """Extend the interval of an estimate by the probability that unobserved lapses can add.
+    """Return an estimate whose interval also includes the probability that unobserved lapses can add.
 
     A lapse is a failure of the vehicle in a few of its runs; the module `lapses` derives the bounds. The
-    bound `LapseBounds.like_hardness` is added to the upper end of the interval, or is the upper end if there
+    bound for cut-ins of equal hardness is added to the upper end of the interval, or is this end if there
     is no estimate. The diagnostics get the two bounds, ``unseen_lapses`` and ``unseen_lapses_monotone``, and
     ``settling_runs``, the number of draws from the law itself after which lapses could add at most
     ``stopping.beta`` times the estimate.
@@ -113,7 +114,7 @@ def lapse_bounds(progress: Progress, probability: float, share: float) -> LapseB
     probability
         The estimated probability of the event.
     share
-        Share of the estimate for the number ``runs`` of `LapseBounds`.
+        Share of the estimate to which the number ``runs`` of the result would reduce the bound.
     """
     draws = progress.law_draws
     z, happened = np.vstack([progress.z, draws.z]), np.append(progress.happened, draws.happened)
@@ -121,7 +122,7 @@ def lapse_bounds(progress: Progress, probability: float, share: float) -> LapseB
 
 
 def is_contradicted(progress: Progress) -> bool:
-    """Return whether the draws of the law contradict the estimate from the batches on which it is based."""
+    """Return whether the draws of the law contain far more events than the present estimate allows."""
     return progress.law_draws.contradict(_mean(progress))
 
 
@@ -140,7 +141,7 @@ def is_certified(progress: Progress, certificate: Certificate) -> bool:
 
 
 def where_to_search(progress: Progress, certificate: Certificate) -> float:
-    """Return the rarity beyond which the defensive runs are placed to meet the certificate.
+    """Return the rarity beyond which defensive runs are placed to exclude unobserved parts of the event.
 
     The result is 0 if there is no estimate, or if the certificate excludes no mode.
     """
@@ -172,7 +173,7 @@ def _unseen(progress: Progress, probability: float, certificate: Certificate) ->
 
 
 def combined_estimate(progress: Progress, stopping: Stopping) -> tuple[Combined | None, tuple[float, float]]:
-    """Return the estimate from the batches of `combining.counted_batches`, and its interval.
+    """Return the estimate from the last batches with consistent predictions, and its interval.
 
     If no event has been observed, or if there are fewer than two such batches, the estimate is None and the
     interval is [0, 1].

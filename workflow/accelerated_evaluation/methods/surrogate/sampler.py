@@ -230,12 +230,17 @@ class Sampler:
     def has_converged(self, stopping: Stopping) -> bool:
         """Return whether the estimate has converged.
 
-        The interval has to be narrow, with enough observed events, and `is_settled` has to be true.
+        The interval has to be narrow, with enough observed events. The certificate also has to be met,
+        all required repetitions have to be made, and the vehicle must not lapse.
         """
         return self.is_narrow(stopping) and self.is_settled()
 
     def is_settled(self) -> bool:
-        """Return whether the certificate is met, all repetitions are made, and the vehicle does not lapse."""
+        """Return whether no more runs are needed except to narrow the interval.
+
+        This is the case if the certificate is met, all required repetitions and draws of the law are made,
+        and the vehicle does not lapse.
+        """
         return self._has_excluded_all_else() and not self.may_lapse
 
     def has_ended(self, *, is_narrow: bool) -> bool:

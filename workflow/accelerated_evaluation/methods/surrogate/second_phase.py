@@ -59,7 +59,7 @@ class SecondPhase:
     generator: np.random.Generator
 
     def batch(self) -> TwoPhaseBatch:
-        """Draw a pool, and choose the runs of a batch from it."""
+        """Draw a pool, choose runs from it, and return them as a batch; ``progress.centres`` is replaced."""
         prediction, fringe_limit = self._look_ahead()
         pool = self._pool(self._pool_size)
         expected = expect(pool, fringe_limit, self._fringe, self.emphasis)

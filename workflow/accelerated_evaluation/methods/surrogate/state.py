@@ -41,16 +41,17 @@ class State:
     progress
         The runs so far, and the quantities derived from them.
     axes, theta, sites
-        Axes, logarithms of lengths and amplitude, and sites of the surrogate; see `EventSurrogate`.
+        Axes, logarithms of lengths and amplitude, and factors that approximate the likelihood of the flags;
+        arrays of the surrogate `EventSurrogate`.
     graded_theta
-        Parameters of the regression of the scores; see `GradedSurrogate`.
+        Logarithms of the lengths, the amplitude and the noise of the regression of the scores.
     generator
         State of the bit generator.
     predecessor
         Runs of a similar vehicle.
     deterministic, enough_repeats, enough_draws
         Whether the outcomes are stated to be deterministic, and the numbers of repetitions and of draws of
-        the law that are required otherwise; see `Sampler`.
+        the law that are required for convergence otherwise.
     """
 
     fingerprint: str
@@ -136,7 +137,7 @@ class State:
 
 
 def read_state(path: str | os.PathLike) -> State:
-    """Read a state file.
+    """Return the state of a sampler from a state file.
 
     Raises
     ------

@@ -97,7 +97,7 @@ Space = WholeSpace | Subspace
 
 
 def space_along(directions: Array | None, dimension: int) -> Space:
-    """Return the space in which the event is learnt.
+    """Return the space in which the event is learnt: a subspace, or the space of all normal scores.
 
     Parameters
     ----------

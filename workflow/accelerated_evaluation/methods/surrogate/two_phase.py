@@ -90,7 +90,7 @@ class Prediction:
 
     @property
     def reach(self) -> float:
-        """Rarity beyond which at most 5 % of the probability of the event can be; see `reach_of`."""
+        """Rarity beyond which at most 5 % of the predicted probability of the event can be."""
         return reach_of(self.probability)
 
 
@@ -141,7 +141,7 @@ class TwoPhaseBatch:
 
 
 def reach_of(probability: float) -> float:
-    """Return the rarity -log P(event) + `BEYOND`, but at most `REACH`.
+    """Return the rarity -log(probability) + `BEYOND`, but at most `REACH`, for an event of given probability.
 
     All points beyond this rarity together have at most exp(-`BEYOND`) = 5 % of the probability of the event.
     """
@@ -182,7 +182,7 @@ def expect(
 
 
 def predict(pool: Pool, expected: Expectation, runs: int, pool_size: int, defence: Defence) -> Prediction:
-    """Predict P(event) and the variance of a batch, from a pool that is independent of the batch.
+    """Return the predicted P(event) and variation of a batch, from a pool that is independent of the batch.
 
     The prediction determines the weight of the batch in the estimate, and this weight must not depend on the
     batch itself.
@@ -220,7 +220,7 @@ def draw_batch(
     foresee: Callable[[Array], Array],
     generator: np.random.Generator,
 ) -> TwoPhaseBatch:
-    """Draw the runs of a batch from its pool.
+    """Return a batch whose runs are drawn from a pool by systematic sampling.
 
     Parameters
     ----------

@@ -61,7 +61,7 @@ def draw_at(rarity: Array, dimension: int, generator: np.random.Generator) -> Ar
 
 
 def rarity(z: Array) -> Array:
-    """Return the rarity -log P(|Z| > |z|) of points z, shape (n, d), for a standard normal Z; shape (n,)."""
+    """Return the rarity -log P(|Z| > |z|), shape (n,), of points z, shape (n, d), for a standard normal Z."""
     return -_log_tail((z * z).sum(1), z.shape[1])
 
 
@@ -95,18 +95,18 @@ class WideLaw:
     dimension: int
 
     def draw(self, n: int, generator: np.random.Generator) -> Array:
-        """Draw n points, shape (n, d)."""
+        """Draw n points from the wide distribution, shape (n, d)."""
         return draw_wide(n, self.dimension, generator)
 
     def log_normal_ratio(self, z: Array) -> Array:
-        """Return the log ratio of the standard normal density to that of this distribution, shape (n,)."""
+        """Return the log ratio of the standard normal density to the wide density at points z, shape (n,)."""
         return log_normal_to_wide(z)
 
 
 def bound_without_event(runs: float, alpha: float) -> float:
     """Return an upper bound on the probability of an event that no run has met, with confidence 1 - alpha.
 
-    The runs are draws from the wide distribution. Under it, the event has at most the probability
+    The ``runs`` runs are draws from the wide distribution. Under it, the event has at most the probability
     m = 1 - alpha^(1/runs). Among all sets of probability m, the ball about the origin has the largest
     probability under the standard normal, 1 - exp(-REACH m), because the ratio of the normal to the wide
     density decreases with the radius.
@@ -115,7 +115,7 @@ def bound_without_event(runs: float, alpha: float) -> float:
 
 
 def log_normal(z: Array) -> Array:
-    """Return the log density of the standard normal distribution at points z, shape (n, d); shape (n,)."""
+    """Return the log density, shape (n,), of the standard normal distribution at points z, shape (n, d)."""
     return -0.5 * (z * z).sum(1) - z.shape[1] / 2 * math.log(2 * math.pi)
 
 
@@ -161,7 +161,7 @@ class KernelMixture:
         return cls(points, np.maximum(points.std(0), SMALLEST_SPREAD) * k ** (-1 / (d + 4)), wide_share)
 
     def draw(self, n: int, generator: np.random.Generator) -> Array:
-        """Draw n points, shape (n, d).
+        """Draw n points from the mixture, shape (n, d).
 
         The first ``wide_share`` n points, rounded down, are drawn from the wide distribution.
         """
@@ -171,7 +171,7 @@ class KernelMixture:
         return np.vstack([draw_wide(wide, d, generator), centre + self.width * step])
 
     def log_normal_ratio(self, z: Array) -> Array:
-        """Return the log ratio of the standard normal density to the density of the mixture, shape (n,)."""
+        """Return the log ratio of the standard normal to the mixture density at points z, shape (n,)."""
         d = z.shape[1]
         scale = self.width * math.sqrt(d)
         # The density of a kernel is exp(constant) (1 + |z - centre|^2 / scale^2)^-d. With d degrees of

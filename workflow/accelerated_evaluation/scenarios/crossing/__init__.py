@@ -42,7 +42,7 @@ PANELS = (
 
 
 def reported_rules(crash: bool, encounter: Mapping[str, float]) -> dict[str, ReportedRule]:
-    """Return rules for the reported outcomes of a run on a proving ground; see `Scenario.reported_rules`.
+    """Return the rules with which reported outcomes of a run on a proving ground are checked.
 
     Parameters
     ----------

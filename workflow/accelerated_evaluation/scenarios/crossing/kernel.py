@@ -105,7 +105,7 @@ class Path(NamedTuple):
 
 @compiled
 def control(car: Car, range_: float, rate: float, speed: float, memory: tuple) -> tuple:
-    """Return the state of the controller after a tick.
+    """Return the state of the controller (ACC and AEB) after a tick of the clock.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def velocity(encounter: NDArray, tick: float) -> tuple[float, float]:
 
 @compiled
 def position(path: Path, t: float) -> tuple[float, float]:
-    """Return the coordinates ahead and aside [m] at time t [s] after the tick."""
+    """Return the target's coordinates along and across the host's path [m] at time t [s] after the tick."""
     ahead = path.ahead + t * (path.ahead_1 + t * path.ahead_2)
     return ahead, path.aside + t * (path.aside_1 + t * path.aside_2)
 
@@ -176,7 +176,7 @@ def squared(path: Path, t: float) -> float:
 
 @compiled
 def parting(path: Path, t: float) -> float:
-    """Return half the derivative of the squared distance at time t [s] after the tick."""
+    """Return half the time derivative of the squared distance [m^2/s] at time t [s] after the tick."""
     ahead, aside = position(path, t)
     return ahead * (path.ahead_1 + 2.0 * t * path.ahead_2) + aside * (path.aside_1 + 2.0 * t * path.aside_2)
 
@@ -209,7 +209,7 @@ def roots(square: float, half: float, constant: float, begin: float, end: float)
 
 @compiled
 def closest(path: Path, begin: float, end: float) -> float:
-    """Return the time at which the distance of host and target is smallest, between ``begin`` and ``end``.
+    """Return the time [s] at which the distance of host and target is smallest, in [``begin``, ``end``].
 
     The derivative of the squared distance is a cubic. It is monotone between the roots of its own derivative,
     a quadratic. Each monotone piece in which the cubic changes from negative to positive has one local
@@ -230,7 +230,7 @@ def closest(path: Path, begin: float, end: float) -> float:
 
 @compiled
 def minimum(path: Path, left: float, right: float) -> float:
-    """Return the time between ``left`` and ``right`` at which the distance stops decreasing.
+    """Return the time [s] between ``left`` and ``right`` at which the distance stops decreasing.
 
     After 30 bisections, the error of the time is below 1e-10 s. The error of the distance is of the order of
     its square.
@@ -276,7 +276,7 @@ def touches(car: Car, path: Path, t: float) -> bool:
 
 @compiled
 def closest_to_the_side(car: Car, path: Path, end: float) -> float:
-    """Return the time before ``end`` at which the distance is smallest while the target is in the sector.
+    """Return the time [s] before ``end`` at which the distance is smallest while the target is in the sector.
 
     The result is -1 if the target is not in the sector to the side at any of these times. The times at which
     the target crosses one of the two edges of the sector are roots of quadratic equations.
@@ -297,9 +297,10 @@ def closest_to_the_side(car: Car, path: Path, end: float) -> float:
 
 @compiled
 def observe(car: Car, path: Path, end: float, outcome: NDArray) -> None:
-    """Update the outcomes by the time between a tick and ``end``.
+    """Update the outcomes of a run with the motion between a tick and the time ``end`` [s] after it.
 
-    The outcomes are the smallest distance and the clearance, and the impact speed at the first contact.
+    The updated elements of ``outcome`` are the smallest distance and the clearance [m], and the impact speed
+    [m/s] at the first contact.
     """
     reach = max(car.contact, car.side_contact)
     if adds_nothing(path, end, reach, outcome[MIN_DISTANCE]):
@@ -324,9 +325,9 @@ def observe(car: Car, path: Path, end: float, outcome: NDArray) -> None:
 
 @compiled
 def first_contact(car: Car, path: Path, within: float) -> float:
-    """Return the time at which a contact began, by bisection; it is 0 if the contact exists at the tick.
+    """Return the time [s] at which a contact began, by bisection; 0 if the contact exists at the tick.
 
-    ``within`` is a time at which host and target touch.
+    ``within`` is a time [s] at which host and target touch.
     """
     before = 0.0
     for _ in range(40):
@@ -338,7 +339,7 @@ def first_contact(car: Car, path: Path, within: float) -> float:
 
 @compiled
 def summed(speed: float, acceleration: float, rate: float, growth: float, h: float) -> tuple[float, float]:
-    """Return the increments of speed and range over a step, in the order of summation of ode45.
+    """Return the increments of speed [m/s] and range [m] over a step, in the order of summation of ode45.
 
     Parameters
     ----------
@@ -418,7 +419,7 @@ def integrate(
     tick
         Number of the tick.
     state
-        State of the solver, which is updated.
+        Speed, range and further working numbers of the solver, shape (5,), which are updated.
     """
     begin, end = tick * TICK, (tick + 1.0) * TICK
     t, stops = begin, False

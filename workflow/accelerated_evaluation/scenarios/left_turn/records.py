@@ -9,9 +9,10 @@ from accelerated_evaluation.scenarios.record_table import read_record_table
 
 
 def read_records(path: Path) -> pd.DataFrame:
-    """Read records of left turns from a file; the drivers of the instrumented vehicles are the clusters.
+    """Return the records of left turns in a file; the drivers of the instrumented vehicles are the clusters.
 
-    See `read_record_table` for the result. Some left turns are in the authors' file twice, with different
+    The table has the columns of the file, the cluster as text, and flags for rows that are repeated, outside
+    the limits of a variable, or used in fits. Some left turns are in the authors' file twice, with different
     times, and are counted once. The column ``in_fit`` of this file marks the rows to which the authors fitted
     their law.
     """

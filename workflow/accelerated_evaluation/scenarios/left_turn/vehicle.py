@@ -26,7 +26,7 @@ class LeftTurnCar(CrossingCar):
     contact: ClassVar[float] = 2.1
 
     def start(self, encounters: Array) -> Array:
-        """Return the initial state of each encounter; see `CrossingCar.start`.
+        """Return the initial states, shape (7, n), of encounters, shape (3, n); `kernel` lists the rows.
 
         The turning car starts one second before it reaches the conflict point, or at the beginning of its
         turn if that is later. Its velocity is given every 0.1 s, for a quarter turn and then straight ahead

@@ -12,15 +12,16 @@ RATE = 10.0  # [1/s], sampling rate
 
 
 def read_records(path: Path) -> pd.DataFrame:
-    """Read records of pedestrians from a file; the recording devices are the clusters.
+    """Return the records of pedestrians in a file; the recording devices are the clusters.
 
-    See `read_record_table` for the result.
+    The table has the columns of the file, the cluster as text, and flags for rows that are repeated, outside
+    the limits of a variable, or used in fits.
     """
     return read_record_table(PEDESTRIAN, path, "device")
 
 
 def records_of_series(series: pd.DataFrame) -> pd.DataFrame:
-    """Compute one record from each time series, in the same way as the authors of the paper.
+    """Return one record for each time series, computed in the same way as by the authors of the paper.
 
     Parameters
     ----------

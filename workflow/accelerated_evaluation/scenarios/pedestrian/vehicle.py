@@ -29,7 +29,7 @@ class PedestrianCar(CrossingCar):
     side_contact: ClassVar[float] = 2.0
 
     def start(self, encounters: Array) -> Array:
-        """Return the initial state of each encounter; see `CrossingCar.start`.
+        """Return the initial states, shape (7, n), of encounters, shape (3, n); `kernel` lists the rows.
 
         The pedestrian walks from one edge of the lane to the other; the direction makes no difference. The
         car starts at such a position that, at constant speed, it would have the given distance when the

@@ -100,12 +100,12 @@ class AccAeb(AccAebParameters, CompiledVehicle):
         closing_speed: float,
         lead_speeds: ArrayLike | None = None,
     ) -> pd.DataFrame:
-        """Simulate one encounter, and return its states over time; see `traces.trace_car`.
+        """Simulate one encounter, and return its states over time, one row for each step of 0.1 s.
 
         Parameters
         ----------
         lead_speed, range_, closing_speed
-            As in `simulate`, for one encounter.
+            Lead speed [m/s], range [m] and closing speed [m/s] at the start.
         lead_speeds
             Lead speeds every 0.1 s [m/s], shape (states,), if the lead vehicle changes its speed.
         """
@@ -145,5 +145,5 @@ class AccOnly(AccAeb):
 
 
 def simulate_encounters(car: AccAeb, encounters: Array, *, threads: int) -> Outcomes:
-    """Simulate checked encounters, shape (3, n), on at most ``threads`` threads; see `simulate_in_slices`."""
+    """Return the outcomes of checked encounters, shape (3, n), simulated on at most ``threads`` threads."""
     return simulate_in_slices(CUT_IN, simulate_slice, car.compiled(), encounters, threads=threads)

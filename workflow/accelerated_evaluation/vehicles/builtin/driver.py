@@ -120,12 +120,12 @@ class ReferenceDriver(CompiledVehicle):
         closing_speed: float,
         lead_speeds: ArrayLike | None = None,
     ) -> pd.DataFrame:
-        """Simulate one encounter, and return its states over time; see `traces.trace_driver`.
+        """Simulate one encounter, and return its states over time, one row for each step of 0.1 s.
 
         Parameters
         ----------
         lead_speed, range_, closing_speed
-            As in `simulate`, for one encounter.
+            Lead speed [m/s], range [m] and closing speed [m/s] at the start.
         lead_speeds
             Lead speeds every 0.1 s [m/s], shape (states,), if the lead vehicle changes its speed.
         """

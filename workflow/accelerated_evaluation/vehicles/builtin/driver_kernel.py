@@ -218,7 +218,7 @@ def watch(state: NDArray, count: int, driver: Driver) -> None:
 
 @compiled
 def decide(state: NDArray, count: int, driver: Driver) -> None:
-    """Compute the deceleration that the driver chooses [m/s^2] in the first ``count`` lanes of the state.
+    """Write the deceleration that the driver chooses [m/s^2] to the first ``count`` lanes of the state.
 
     The deceleration is 0 without danger.
     """
@@ -312,7 +312,12 @@ def _exchange(
 
 @compiled
 def follow_slice(encounters: NDArray, begin: int, end: int, driver: Driver, outcomes: NDArray) -> None:
-    """Simulate the columns ``begin`` to ``end`` of ``encounters``; see `kernel.simulate_slice`."""
+    """Simulate the columns ``begin`` to ``end`` of ``encounters``, excluding ``end``.
+
+    The rows of ``encounters``, shape (3, n), are lead speed [m/s], range [m] and closing speed [m/s]. The
+    outcomes crash (0 or 1), min_range [m], min_ttc [s] and impact_speed [m/s] are written to the columns of
+    ``outcomes``, shape (4, n).
+    """
     state = np.empty((FIELDS, LANES))
     count, upcoming = 0, begin
     while True:
@@ -327,7 +332,9 @@ def follow_slice(encounters: NDArray, begin: int, end: int, driver: Driver, outc
 
 @compiled
 def follow_moving(encounters: NDArray, lead_speeds: NDArray, driver: Driver, outcomes: NDArray) -> None:
-    """Simulate encounters with lead vehicles that change their speeds; see `kernel.simulate_moving`.
+    """Simulate encounters, shape (3, n), with lead speeds [m/s] every 0.1 s, shape (n, states).
+
+    The outcomes are written to ``outcomes``, shape (4, n), in the same order as in `follow_slice`.
 
     After the last given time the lead vehicle keeps its speed. Only then does an encounter end if the host
     does not close in any more. The cars move with their speeds at the end of each step, as in the whole file.

@@ -121,12 +121,18 @@ class Human:
         object.__setattr__(self, "_generator", child_generator(self.seed, "human"))
 
     def simulate(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
-        """Simulate n cut-ins, each with a new random driver; see `simulate_given` for the arguments."""
+        """Return the outcomes of n cut-ins, each simulated with a new random driver.
+
+        The arguments are lead speed [m/s], range [m] and closing speed [m/s], each of shape (n,).
+        """
         encounters = checked_encounters(lead_speed, range_, closing_speed)
         return self._outcomes(encounters, self.draw_next(encounters.shape[1]))[0]
 
     def draw_inner(self, size: int, generator: np.random.Generator) -> Array:
-        """Draw random drivers, and return their traits, shape (size, traits); see `human_numbers.TRAITS`."""
+        """Draw random drivers, and return their traits, shape (size, traits).
+
+        The columns are the names in `human_numbers.TRAITS`.
+        """
         population = Population.central(size) if self.certain else Population.draw(size, generator)
         traits = population.drivers(generator)
         if not self.swerves:
@@ -136,7 +142,7 @@ class Human:
     def inner_weights(self, inner: Array, draws: int, generator: np.random.Generator) -> Array:
         """Return the density of drivers in several possible populations, relative to the mean density.
 
-        The mean is over the populations; see `RandomVehicle.inner_weights`.
+        The mean is over the populations. The relative densities are importance weights of the drivers.
 
         Parameters
         ----------
@@ -166,7 +172,7 @@ class Human:
         Parameters
         ----------
         lead_speed, range_, closing_speed
-            As in `Vehicle.simulate`.
+            Lead speed [m/s], range [m] and closing speed [m/s] at the start, each of shape (n,).
         inner
             Traits of the drivers, shape (n, traits).
 
@@ -187,18 +193,21 @@ class Human:
     def braking_given(
         self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, inner: Array
     ) -> tuple[Outcomes, Array]:
-        """Return the outcomes as `simulate_given`, and the largest deceleration [m/s^2], shape (n,)."""
+        """Return the outcomes of n cut-ins with given drivers, and the largest deceleration of each driver.
+
+        The arguments are those of `simulate_given`. The decelerations [m/s^2] have shape (n,).
+        """
         return self._outcomes(checked_encounters(lead_speed, range_, closing_speed), inner)
 
     def simulate_moving(
         self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, lead_speeds: ArrayLike
     ) -> Outcomes:
-        """Simulate n cut-ins, each with a new random driver, behind lead vehicles that change their speeds.
+        """Return the outcomes of n cut-ins, each with a new random driver, with lead speeds that change.
 
         Parameters
         ----------
         lead_speed, range_, closing_speed
-            As in `Vehicle.simulate`.
+            Lead speed [m/s], range [m] and closing speed [m/s] at the start, each of shape (n,).
         lead_speeds
             Lead speeds [m/s] at 0, 0.1, ... s, shape (n, at least 81). The first column is ``lead_speed``.
 
@@ -218,17 +227,18 @@ class Human:
         lead_speeds: ArrayLike,
         inner: Array,
     ) -> Outcomes:
-        """Simulate n cut-ins with given drivers behind lead vehicles that change their speeds.
+        """Return the outcomes of n cut-ins with given drivers behind lead vehicles that change their speeds.
 
-        The arguments are those of `simulate_moving`, and the traits of the drivers (``inner``), shape (n,
-        traits).
+        The arguments are lead speed [m/s], range [m] and closing speed [m/s] at the start, each of shape
+        (n,); the lead speeds [m/s] at 0, 0.1, ... s, shape (n, at least 81); and the traits of the drivers
+        (``inner``), shape (n, traits).
         """
         encounters = checked_encounters(lead_speed, range_, closing_speed)
         speeds = checked_lead_speeds(lead_speeds, encounters[0])
         return self._outcomes(encounters, inner, speeds)[0]
 
     def draw_next(self, size: int) -> Array:
-        """Draw the next drivers with the random generator of this object; return traits, (size, traits)."""
+        """Return the traits, shape (size, traits), of drivers drawn with the generator of this object."""
         return self.draw_inner(size, self._generator)
 
     def trace(
@@ -240,8 +250,9 @@ class Human:
     ) -> pd.DataFrame:
         """Simulate one encounter with a new random driver, and return its states over time.
 
-        See `traces.trace_human`. Lead speeds every 0.1 s [m/s] are given if the lead vehicle changes its
-        speed.
+        The arguments are lead speed [m/s], range [m] and closing speed [m/s] at the start, and lead speeds
+        [m/s] every 0.1 s, shape (states,), if the lead vehicle changes its speed. The table has one row for
+        each state.
         """
         encounter = checked_encounters([lead_speed], [range_], [closing_speed])
         speeds = checked_motion(lead_speeds, encounter)

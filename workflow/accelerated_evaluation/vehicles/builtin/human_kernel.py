@@ -44,7 +44,7 @@ def head_start(numbers: HumanNumbers, traits: NDArray) -> float:
 def response_time(numbers: HumanNumbers, traits: NDArray, range_: float, closing: float) -> float:
     """Return the response time [s] of a driver, given range [m] and closing speed [m/s] at the crossing.
 
-    The mean response time depends exponentially on the inverse time to collision; see `human.Human`.
+    The mean response time is an exponential function of the inverse time to collision.
     """
     urgency = math.exp(-numbers.urgency_slope * max(closing, 0.0) / range_)
     mean = numbers.urgent_response + (numbers.calm_response - numbers.urgent_response) * urgency
@@ -168,7 +168,7 @@ def follow_motion(
     outcome: NDArray,
     course: NDArray,
 ) -> int:
-    """Simulate one encounter behind a lead vehicle that changes its speed; see `follow`.
+    """Simulate one encounter with a changing lead speed; return the number of states written to ``course``.
 
     A driver who has responded keeps watching the lead vehicle, and brakes again if a new approach begins.
     With a constant lead speed the driver does the same as in `follow`.
@@ -176,7 +176,7 @@ def follow_motion(
     Parameters
     ----------
     numbers, encounter, traits, outcome, course
-        As in `follow`.
+        As in `follow`; outcomes and states are written to ``outcome``, shape (5,), and ``course``.
     lead_speeds
         Lead speeds [m/s] at 0, 0.1, ... s; afterwards the lead vehicle keeps its last speed.
     """
@@ -245,7 +245,8 @@ def _settle(margin: float, closing: float, braking: float, outcome: NDArray) -> 
 def follow_all(numbers: HumanNumbers, encounters: NDArray, traits: NDArray, outcomes: NDArray) -> None:
     """Simulate the columns of ``encounters``, shape (3, n), each with the driver in a row of ``traits``.
 
-    The outcomes, shape (5, n), are written to ``outcomes``; see `follow` for their rows.
+    The outcomes are written to ``outcomes``, shape (5, n), with the rows crash, smallest range [m], smallest
+    time to collision [s], impact speed [m/s] and largest deceleration [m/s^2].
     """
     nothing, outcome = np.empty((0, 5)), np.empty(5)
     for i in range(encounters.shape[1]):
@@ -257,7 +258,7 @@ def follow_all(numbers: HumanNumbers, encounters: NDArray, traits: NDArray, outc
 def follow_all_moving(
     numbers: HumanNumbers, encounters: NDArray, lead_speeds: NDArray, traits: NDArray, outcomes: NDArray
 ) -> None:
-    """Simulate encounters as `follow_all`, with the lead speeds over time in the rows of ``lead_speeds``."""
+    """Simulate encounters as `follow_all`, with lead speeds [m/s] every 0.1 s in ``lead_speeds``."""
     nothing, outcome = np.empty((0, 5)), np.empty(5)
     for i in range(encounters.shape[1]):
         follow_motion(numbers, encounters[:, i], lead_speeds[i], traits[i], outcome, nothing)

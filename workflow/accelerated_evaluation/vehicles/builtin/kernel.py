@@ -96,7 +96,7 @@ def watch(state: NDArray, count: int, car: Car) -> None:
 
 @compiled
 def command(state: NDArray, count: int, car: Car) -> None:
-    """Compute the acceleration that the ACC or the AEB commands [m/s^2] in the first ``count`` lanes.
+    """Write the acceleration that ACC or AEB commands [m/s^2] to the first ``count`` lanes of the state.
 
     After a step with AEB, the last error of the time headway is 0 for the ACC.
     """
@@ -195,7 +195,7 @@ def simulate_moving(encounters: NDArray, lead_speeds: NDArray, car: Car, outcome
     Parameters
     ----------
     encounters, car, outcomes
-        As in `simulate_slice`.
+        As in `simulate_slice`: encounters of shape (3, n), parameters, and outcomes of shape (4, n).
     lead_speeds
         Lead speeds [m/s] at every step, shape (n, STEPS + 1).
     """

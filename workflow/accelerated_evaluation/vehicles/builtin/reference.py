@@ -17,7 +17,9 @@ from accelerated_evaluation.vehicles.protocol import Outcomes
 
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")
 def simulate(car: AccAeb, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
-    """Simulate n cut-ins; arguments, result and errors are those of `AccAeb.simulate`.
+    """Return the outcomes of n cut-ins for the car with given parameters.
+
+    Lead speed [m/s], range [m] and closing speed [m/s] at the start have shape (n,).
 
     An encounter ends with a crash when the range is 0 or less. It ends without a crash when the host stands
     still, and after 8 s.
@@ -115,7 +117,10 @@ def aeb_command(car: AccAeb, onset: Array, timer: Array) -> Array:
 
 
 def actuator(car: AccAeb, command: Array, acceleration: Array) -> Array:
-    """Return the new acceleration [m/s^2], which follows the command within limits of friction and jerk."""
+    """Return the new acceleration [m/s^2], which follows the command within limits of friction and jerk.
+
+    ``command`` and ``acceleration`` are the commanded and the present acceleration [m/s^2].
+    """
     possible = np.minimum(np.maximum(command, -car.friction_limit), car.friction_limit)
     change = car.actuator_jerk * STEP
     return np.minimum(np.maximum(possible, acceleration - change), acceleration + change)

@@ -107,7 +107,9 @@ def trace_driver(driver: Driver, encounter: Array) -> pd.DataFrame:
 def trace_moving_driver(driver: Driver, encounter: Array, lead_speeds: Array) -> pd.DataFrame:
     """Simulate one encounter of a reference driver with a changing lead speed, and return its trace.
 
-    See `trace_driver` for the trace, and `trace_car` for the lead speeds.
+    ``encounter`` contains the checked lead speed [m/s], range [m] and closing speed [m/s], shape (3, 1), and
+    ``lead_speeds`` the checked lead speeds over time [m/s], shape (states,). The table has one row for each
+    state, with the columns `COLUMNS`.
     """
     state, last = np.empty((driver_kernel.FIELDS, 1)), lead_speeds.size - 1
     driver_kernel.start(driver, encounter[:, 0], 0, state, 0)
@@ -138,7 +140,8 @@ def trace_human(
     numbers
         Parameters that all drivers share.
     encounter, lead_speeds
-        As for `trace_car`.
+        Lead speed [m/s], range [m] and closing speed [m/s], shape (3, 1), and lead speeds over time [m/s],
+        shape (states,); None if the lead vehicle keeps its speed.
     traits
         Traits of the driver, shape (traits,).
 

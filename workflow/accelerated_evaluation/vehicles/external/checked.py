@@ -64,7 +64,9 @@ class CheckedVehicle:
             raise outcome_error(self.name, "its attribute deterministic", seen, expected)
 
     def simulate(self, *columns: ArrayLike) -> Any:  # noqa: ANN401
-        """Simulate n encounters; see `Vehicle`.
+        """Return the checked outcomes of n encounters.
+
+        The arguments are the variables of the scenario, in order, each of shape (n,).
 
         Raises
         ------
@@ -95,7 +97,10 @@ class CheckedVehicle:
     def simulate_moving(
         self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, lead_speeds: ArrayLike
     ) -> Any:  # noqa: ANN401
-        """Simulate n cut-ins behind lead vehicles that change their speeds; see `MovingVehicle`.
+        """Return the checked outcomes of n cut-ins behind lead vehicles that change their speeds.
+
+        The arguments are lead speed [m/s], range [m] and closing speed [m/s] at the start, each of shape
+        (n,), and the lead speeds [m/s] at 0, 0.1, ... s, shape (n, at least 81).
 
         Raises
         ------
@@ -136,7 +141,8 @@ def after_repetition(
     Parameters
     ----------
     simulate, encounters, first, vehicle, scenario
-        As for `found_difference`.
+        Function that simulates encounters, the encounters of the first batch, shape (d, n), their first
+        outcomes, the name of the vehicle in messages, and the scenario.
     declared
         Whether the user states that the vehicle is deterministic; None without a statement. If it is False,
         nothing is simulated.

@@ -92,7 +92,9 @@ class Command(ForeignVehicle):
         return [Path(word) for word in self.words if Path(word).is_file()]
 
     def simulate(self, *columns: ArrayLike) -> Any:  # noqa: ANN401
-        """Run the command on n encounters; see `Vehicle`.
+        """Run the command on n encounters, and return their outcomes.
+
+        The arguments are the variables of the scenario, in order, each of shape (n,).
 
         Raises
         ------
@@ -110,7 +112,11 @@ class Command(ForeignVehicle):
     def simulate_moving(
         self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, lead_speeds: Array
     ) -> Any:  # noqa: ANN401
-        """Run the command on n cut-ins with lead speeds over time; see `MovingVehicle` and `simulate`."""
+        """Run the command on n cut-ins with lead speeds over time, and return their outcomes.
+
+        The arguments are lead speed [m/s], range [m] and closing speed [m/s] at the start, each of shape
+        (n,), and the lead speeds [m/s] at 0, 0.1, ... s, shape (n, states).
+        """
         encounters = self.scenario.checked(lead_speed, range_, closing_speed)
         return self._outcomes(encounters, checked_lead_speeds(lead_speeds, encounters[0])[:, 1:STATES])
 

@@ -92,7 +92,10 @@ class Fmu(ForeignVehicle):
         return [Path(self.file)]
 
     def simulate(self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike) -> Outcomes:
-        """Simulate n cut-ins, each with a new instance of the FMU; see `Vehicle`.
+        """Return the outcomes of n cut-ins, each simulated with a new instance of the FMU.
+
+        The arguments are lead speed [m/s], range [m] and closing speed [m/s] at the start, each of shape
+        (n,).
 
         Raises
         ------
@@ -105,7 +108,7 @@ class Fmu(ForeignVehicle):
     def simulate_moving(
         self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, lead_speeds: ArrayLike
     ) -> Outcomes:
-        """Simulate n cut-ins with lead speeds over time; see `MovingVehicle` and `simulate`.
+        """Return the outcomes of n cut-ins with lead speeds [m/s] at 0, 0.1, ... s, shape (n, states).
 
         Between 0, 0.1, ... s the lead speed is interpolated linearly. The inputs of the FMU are computed from
         the lead speed at the beginning of each step.

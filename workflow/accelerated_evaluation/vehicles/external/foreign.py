@@ -38,4 +38,4 @@ class ForeignVehicle(ABC):
 
     @abstractmethod
     def simulate(self, *columns: ArrayLike) -> Any:  # noqa: ANN401
-        """Simulate n encounters; see `Vehicle`."""
+        """Return the outcomes of n encounters, given the scenario's variables, each of shape (n,)."""

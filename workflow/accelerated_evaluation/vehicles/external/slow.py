@@ -57,7 +57,7 @@ class SlowVehicle:
     scenario
         The scenario whose encounters the vehicle simulates.
     deterministic
-        Whether the outcomes are deterministic; see `CheckedVehicle`.
+        Whether the outcomes are deterministic; None if this is unknown and has to be tested.
     takes_motion
         Whether the vehicle can be simulated with given lead speeds over time.
     simulated, found
@@ -105,13 +105,19 @@ class SlowVehicle:
         return self.scenario.outcome_type(*(np.concatenate(column) for column in pairs))
 
     def repeat(self, *columns: ArrayLike) -> Any:  # noqa: ANN401
-        """Simulate n encounters again, even if they are in the store; see `simulate`."""
+        """Simulate n encounters again, even if they are in the store, and return the new outcomes.
+
+        The arguments and errors are those of `simulate`.
+        """
         return self._again(self.scenario.checked(*columns))
 
     def simulate_moving(
         self, lead_speed: ArrayLike, range_: ArrayLike, closing_speed: ArrayLike, lead_speeds: ArrayLike
     ) -> Any:  # noqa: ANN401
-        """Simulate n cut-ins behind lead vehicles that change their speeds; see `MovingVehicle`.
+        """Return the outcomes of n cut-ins behind lead vehicles that change their speeds.
+
+        The arguments are lead speed [m/s], range [m] and closing speed [m/s] at the start, each of shape
+        (n,), and the lead speeds [m/s] at 0, 0.1, ... s, shape (n, at least 81).
 
         The outcomes are not stored, because the same lead motion is hardly ever drawn twice.
 

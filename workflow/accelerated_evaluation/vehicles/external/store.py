@@ -91,7 +91,9 @@ class Store:
         return {request: outcome for request, outcome in found.items() if outcome is not None}
 
     def add(self, requests: Sequence[Request], outcomes: Sequence[Outcome]) -> None:
-        """Store the outcomes of requests, in the same order; see `known` for requests.
+        """Store the outcomes of requests, in the same order.
+
+        A request is a pair of an encounter and the number of its simulation, counted from 0.
 
         Outcomes that another process has stored in the meantime are not replaced.
         """

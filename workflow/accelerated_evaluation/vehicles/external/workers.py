@@ -47,7 +47,7 @@ class Workers:
 def simulate_batch(
     name: str, parameters: Mapping[str, Any], encounters: Array, time_limit: float, scenario: str = "cut_in"
 ) -> Array:
-    """Simulate a batch of encounters in a worker.
+    """Return the outcomes of a batch of n encounters; this function runs in a worker.
 
     The printed output of the vehicle is discarded. If the vehicle takes too long, the worker process is
     ended, because there is no other way to stop compiled code.
@@ -133,7 +133,7 @@ class Processes(Executor):
             self._idle.put(pool)
 
     def submit(self, fn: Callable, /, *args: Any, **kwargs: Any) -> Future:  # noqa: ANN401
-        """Run a function in a free process; see `concurrent.futures.Executor.submit`.
+        """Run ``fn(*args, **kwargs)`` in a free process, and return the future of its result.
 
         The call blocks until a process is free.
         """
@@ -143,7 +143,10 @@ class Processes(Executor):
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes; see `concurrent.futures.Executor.shutdown`."""
+        """End the processes; with ``wait``, return only after their running calls have ended.
+
+        If ``cancel_futures`` is true, calls that have not begun are cancelled.
+        """
         for pool in self._pools:
             pool.shutdown(wait, cancel_futures=cancel_futures)
 
