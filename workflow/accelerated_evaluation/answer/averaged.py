@@ -73,8 +73,8 @@ class AveragedSurrogate(Surrogate):
 
         The runs end when `has_enough` is true and the certificate of the sampler is met. The certificate is a
         bound on the probability of the parts of the event that no run has observed. The runs also end if the
-        vehicle may lapse and more runs would not improve the result. The tables of the estimate are ``runs``
-        and those of `Course.tables`.
+        vehicle may lapse (rarely behave differently than in most runs of the same encounter) and more runs
+        would not improve the result. The tables of the estimate are ``runs`` and those of `Course.tables`.
 
         Parameters
         ----------
@@ -258,7 +258,8 @@ class Course:
     def unseen_lapses(self) -> float:
         """Return a bound on the probability that unobserved lapses add to the mean of the posterior.
 
-        It is 0 if the vehicle does not lapse, or if there is no posterior yet.
+        A lapse is a rare run in which the vehicle behaves differently from most other runs of the same
+        encounter. The bound is 0 if the vehicle does not lapse, or if there is no posterior yet.
         """
         posterior, progress = self.posterior(), self.sampler.progress
         if posterior is None or not self.sampler.may_lapse:
@@ -353,7 +354,8 @@ def answer_row(posterior: SampledPosterior | None, unseen_lapses: float = 0.0) -
     posterior
         The posterior; None if there is none, in which case all values are NaN.
     unseen_lapses
-        Bound on the probability of unobserved lapses, which is added to the upper ends of the intervals.
+        Bound on the probability of unobserved lapses (rare runs in which the vehicle behaves differently),
+        which is added to the upper ends of the intervals.
 
     Returns
     -------

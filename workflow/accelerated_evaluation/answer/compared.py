@@ -21,9 +21,10 @@ def compare(own: SampledPosterior, other: SampledPosterior) -> dict[str, float]:
     """Compare the crash probabilities of two vehicles under the same draws of the law.
 
     The sampling errors of the two estimates are independent. The ratio under a draw is therefore computed for
-    all pairs of `NOISE` equally likely errors of each estimate. If a vehicle may lapse, its probability can
-    be larger by up to the bound ``unseen_lapses``. The upper end of the interval and the probability to be
-    safer assume that the first vehicle reaches its bound, and the lower end that the second one does.
+    all pairs of `NOISE` equally likely errors of each estimate. If a vehicle may lapse (rarely behave
+    differently than in most runs of the same encounter), its probability can be larger by up to the bound
+    ``unseen_lapses``. The upper end of the interval and the probability to be safer assume that the first
+    vehicle reaches its bound, and the lower end that the second one does.
 
     Parameters
     ----------

@@ -187,8 +187,9 @@ def vehicles_with(
 ) -> pd.DataFrame:
     """Tabulate the crash probabilities of a slow vehicle and of reference vehicles, with their ratios.
 
-    The slow vehicle does not replay the records. If it may lapse, the upper ends of its intervals and its
-    probabilities to be safer assume that it reaches the bound ``unseen_lapses``.
+    The slow vehicle, which is expensive to simulate, does not replay the records. If the vehicle may lapse
+    (rarely behave differently than in most runs of the same encounter), the upper ends of its intervals and
+    its probabilities to be safer assume that it reaches the bound ``unseen_lapses``.
 
     Parameters
     ----------

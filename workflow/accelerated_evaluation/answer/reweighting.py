@@ -66,7 +66,8 @@ class SampledPosterior:
         Relative standard error of each estimate that is independent of the common error, shape (K,); None if
         it is not known.
     unseen_lapses
-        Bound on the probability that unobserved lapses add to each estimate; 0 if the vehicle does not lapse.
+        Bound on the probability that unobserved lapses (rare runs in which the vehicle behaves differently)
+        add to each estimate; 0 if the vehicle does not lapse.
     """
 
     probabilities: Array

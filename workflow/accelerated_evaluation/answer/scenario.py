@@ -261,9 +261,11 @@ class ScenarioStudy:
         Returns
         -------
         dict
-            ``answer``, ``budget`` and ``draws``, as in `answers`. The answer has the further columns
-            ``simulations`` and ``converged``, and, if the vehicle may lapse, upper ends that contain the
-            bound in the column ``unseen_lapses``.
+            ``answer``, with the probability and its intervals; ``budget``, the variance of the log
+            probability by source; and ``draws``, the probability under each draw of the law. The answer has
+            the further columns ``simulations`` and ``converged``, and, if the vehicle may lapse (rarely
+            behave differently than in most runs of the same encounter), upper ends that contain the bound in
+            the column ``unseen_lapses``.
 
         Raises
         ------

@@ -74,7 +74,7 @@ def compare_methods(
 
 
 def read_verdicts(scenario: Scenario, paths: Sequence[str]) -> pd.DataFrame:
-    """Read tables of published verdicts, and return them as one table.
+    """Read tables of published verdicts (crash or no crash in an encounter) as one table.
 
     Parameters
     ----------

@@ -47,7 +47,13 @@ class ScoredFamily:
 def region(records: DistinctRecords) -> float:
     """Return the inverse time to collision [1/s] above which laws are scored.
 
-    It is `REGION`, or a smaller value that is exceeded by the share `REGION_SHARE` of the records.
+    The value is `REGION`, or a smaller one if fewer than the share `REGION_SHARE` of the records exceed
+    `REGION`. The smaller value is exceeded by this share of the records.
+
+    Parameters
+    ----------
+    records
+        Distinct recorded cut-ins.
     """
     return min(REGION, float(np.quantile(records.closing_speed / records.range_, 1 - REGION_SHARE)))
 

@@ -362,7 +362,7 @@ def with_draws(lines: CrashLines, vehicle: Vehicle, draws: int, generator: np.ra
 
 
 def event_name(event: Event) -> str:
-    """Return the name of an event in tables, with its threshold and unit."""
+    """Return the name of an event in tables: the quantity with its threshold and unit."""
     return QUANTITIES[event.quantity].format(event.threshold)
 
 

@@ -27,7 +27,7 @@ class Paper:
 
     @staticmethod
     def add_arguments(command: argparse.ArgumentParser) -> None:
-        """Add the study, the folder and the font to the parser."""
+        """Add the arguments to the parser: name of the study, folder to write, and font of the figures."""
         command.add_argument("study", metavar="STUDY", help="name of the study, as in its configuration")
         command.add_argument(
             "--target", metavar="FOLDER", type=Path, help="folder to write (default: results/STUDY/paper)"
@@ -41,7 +41,7 @@ class Paper:
 
     @staticmethod
     def run(arguments: argparse.Namespace) -> None:
-        """Write the folder, and print its path."""
+        """Write the folder with figures, tables and numbers of the study, and print its path."""
         from accelerated_evaluation.publishing.archive.latex_paper import write_paper
         from accelerated_evaluation.publishing.study import Study
 

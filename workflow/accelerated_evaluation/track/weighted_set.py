@@ -66,7 +66,7 @@ class WeightedSet:
 
     @property
     def assumed_safe(self) -> float:
-        """Probability of the cut-ins that are assumed to be safe."""
+        """Probability, under the law, of the cut-ins that are assumed never to end in a crash."""
         return 1 - float(self.probabilities.sum())
 
 

@@ -198,7 +198,8 @@ def surrogate_posterior(
     The surrogate-guided sampler chooses the runs. They end when the sampling increases the width of the 80 %
     interval of the answer by at most a given share and the certificate is met (a bound on the probability of
     the parts of the event that no run has observed), or at the limit of simulations. They also end if the
-    vehicle may lapse and more runs would not improve the result.
+    vehicle may lapse (rarely behave differently than in most runs of the same encounter) and more runs would
+    not improve the result.
 
     Parameters
     ----------

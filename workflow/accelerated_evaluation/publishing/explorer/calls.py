@@ -59,7 +59,8 @@ class Calls(Expressions):
         """Translate ``min`` or ``max`` of two values, and return the type of the result.
 
         As in Python, the result is the first value unless the second is smaller (``min``) or larger
-        (``max``), which matters for NaN. Lanes of two floats have instructions of their own.
+        (``max``), which matters for NaN. Pairs of floats, for two encounters that are computed at once, have
+        instructions of their own.
 
         Parameters
         ----------

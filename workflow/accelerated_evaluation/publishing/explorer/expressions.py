@@ -191,8 +191,8 @@ class Expressions:
     ) -> Type:
         """Translate two operands, convert them to a common type, and return this type.
 
-        The common type is a float if one operand is a float. It has a value for each lane if one of the
-        operands has a value for each lane.
+        The common type is a float if one operand is a float. The type has a value for each lane (one of two
+        encounters that are computed at once) if one of the operands has.
 
         Parameters
         ----------
@@ -240,7 +240,10 @@ class Expressions:
         return kind
 
     def of_Compare(self, node: ast.Compare) -> Type:  # noqa: N802
-        """Translate a comparison of two numbers, and return its type: a Boolean, or one for each lane."""
+        """Translate a comparison of two numbers, and return its type.
+
+        The type is a Boolean, or a Boolean for each of two encounters that are computed at once.
+        """
         if len(node.ops) > 1 or type(node.ops[0]) not in COMPARISONS:
             raise self.error(node, ast.unparse(node), "one comparison of numbers")
         kind = self.pair(node.left, node.comparators[0])

@@ -210,8 +210,8 @@ class Body(Calls):
     def do_For(self, node: ast.For) -> None:  # noqa: N802
         """Translate a ``for`` loop over a range, whose ends are evaluated once.
 
-        If the step is 1 and no round depends on an earlier one, the code computes two rounds at once, as two
-        lanes, as long as two are left. A second loop computes the rest one by one.
+        If the step is 1 and no round depends on an earlier one, the code computes two rounds at once as long
+        as two are left. A second loop computes the remaining rounds one by one.
         """
         call = node.iter
         self.require_one_lane(node)
@@ -261,7 +261,7 @@ class Body(Calls):
         counter, last
             Indices of the local variables with the next number and the end of the range.
         step
-            Increment of the counter; 2 for two lanes at once, where a last odd round is left over.
+            Increment of the counter; 2 for two rounds at once, where a last odd round is left over.
         """
 
         def test() -> None:

@@ -169,13 +169,14 @@ def fig23_answer(
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw the crash probability with its 50, 80 and 95 % intervals.
 
-    Further rows show it with a single threshold of the laws' tails, and with changed records
-    (``data_quality.csv``).
+    Further rows show the probability with a single threshold of the laws' tails, and with other treatments of
+    the records (``data_quality.csv``).
 
     Parameters
     ----------
     answer, answer_thresholds, data_quality
-        Tables of a study.
+        Tables of a study: the probability and its intervals by event, by threshold of the tails, and by
+        treatment of the records.
     paper_interval
         The paper's 80 % interval (section VI.C).
     source
@@ -184,7 +185,8 @@ def fig23_answer(
     Returns
     -------
     figure, data
-        The figure, and a row for each of its rows: the columns of the tables, group and name.
+        The figure, and a table with a row for each row of the figure: the columns of the tables, group and
+        name.
     """
     crash = answer[answer["event"] == "crash"].assign(group="answer", name="crash of a cut-in")
     levels = answer_thresholds.assign(
@@ -301,7 +303,7 @@ def fig25_vehicles(vehicles: pd.DataFrame, source: str) -> tuple[Figure, pd.Data
     Parameters
     ----------
     vehicles
-        ``vehicles.csv`` of a study. Vehicles that are not ``resolved`` are not drawn.
+        ``vehicles.csv`` of a study. Vehicles whose crash map was rejected (not ``resolved``) are not drawn.
     source
         Description of the data.
 

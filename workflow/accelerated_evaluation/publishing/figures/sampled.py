@@ -34,7 +34,8 @@ def fig35_sampled_answer(
     Returns
     -------
     figure, data
-        The figure, and a row for each of its rows. Events without a known median are left out.
+        The figure, and a table with a row for each row of the figure. Events without a known median are left
+        out.
     """
     known = answer.dropna(subset="median")
     estimate = sampled_estimate.iloc[0]

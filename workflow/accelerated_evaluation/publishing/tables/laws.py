@@ -214,7 +214,8 @@ def stated_margin(crash_places: pd.DataFrame, level: float = 0.95) -> float:
     Parameters
     ----------
     crash_places
-        ``crash_places.csv`` of a study: random crashes under each law.
+        ``crash_places.csv`` of a study: random crashes under each law, with the closing speed in excess of
+        the records, ``beyond_recorded`` [m/s].
     level
         Share of the crashes of a law that exceed the records by at most the margin.
 

@@ -124,9 +124,9 @@ def close_call_table(
     Parameters
     ----------
     encounters
-        Encounter table.
+        Recorded cut-ins, one row each.
     models
-        Models with the same segments, by name.
+        Fitted laws of cut-ins with the same segments of lead speed, by name.
     ranges, ttcs
         Limits of the range [m] and of the time to collision [s].
 

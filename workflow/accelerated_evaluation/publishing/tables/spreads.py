@@ -38,7 +38,7 @@ def spread_over(values: ArrayLike, things: str) -> Spread:
     values
         The values, of any shape.
     things
-        Name of the things that have these values, such as "replicates", for the description.
+        What the values belong to, such as "replicates", for the description of the spread.
     """
     values = np.asarray(values, dtype=float)
     low, high = np.quantile(values, (0.1, 0.9))
