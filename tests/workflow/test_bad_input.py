@@ -63,7 +63,7 @@ def test_a_file_that_is_not_the_recorded_one(project):
 
 def test_when_no_row_is_left_the_account_is_kept_beside_the_log(project):
     output = message(study(project, **table(project, closing_speed=[-1.0] * 60)))
-    assert "none is left (60 by closing" in output
+    assert "none of which passed the filters (60 by closing" in output
     account = pd.read_csv(project.folder / "results/bad/logs/ingest_encounters_account.csv")
     assert account.set_index("step").loc["closing", "rows_dropped"] == 60
 
