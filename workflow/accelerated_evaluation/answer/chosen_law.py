@@ -39,7 +39,7 @@ def fit_paper_law(name: str, encounters: pd.DataFrame, config: Mapping[str, Any]
     name
         Name of the law in `PAPER_LAWS`.
     encounters
-        Encounter table.
+        Encounter table, with one row for each recorded cut-in.
     config
         A complete, valid configuration.
 
@@ -84,7 +84,7 @@ def choose_law(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any])
         configuration names; the name of any law of these two kinds; or the path of a law file, which ends in
         ``.json``, with a law that was fitted to the same encounters.
     encounters
-        Encounter table.
+        Encounter table, with one row for each recorded cut-in.
     config
         A complete, valid configuration.
 
@@ -118,7 +118,7 @@ def choose_sampled_law(choice: str, encounters: pd.DataFrame, config: Mapping[st
         it is the mean of draws of its parameters. Any other law is returned unchanged, because its
         uncertainty is not known.
     encounters
-        Encounter table.
+        Encounter table, with one row for each recorded cut-in.
     config
         A complete, valid configuration.
 
@@ -154,7 +154,7 @@ def mean_law(
     scored
         The fit of all laws to the distinct encounters.
     encounters
-        Encounter table.
+        Encounter table, with one row for each recorded cut-in.
     count
         Number of draws.
     seed

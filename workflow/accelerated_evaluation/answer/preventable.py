@@ -26,7 +26,15 @@ FORESEEN = (1e-3, 1e-5)  # shares of the cut-ins with a given range that have a 
 
 
 def shown_lead_speeds(lead_speeds: Array) -> list[float]:
-    """Return quantiles of the recorded lead speeds, rounded to integers, at which lines are shown [m/s]."""
+    """Return the lead speeds [m/s] for which a figure shows lines of preventable cut-ins.
+
+    These lead speeds are quantiles of the recorded ones, rounded to integers.
+
+    Parameters
+    ----------
+    lead_speeds
+        Recorded lead speeds [m/s].
+    """
     return np.round(np.quantile(lead_speeds, QUANTILES)).tolist()
 
 

@@ -155,7 +155,7 @@ def verdict_on_encounters(encounters: pd.DataFrame, where: str, accepted: Iterab
     Parameters
     ----------
     encounters
-        Encounter table.
+        Encounter table, with one row for each recorded cut-in.
     where
         File of the table, for the error.
     accepted

@@ -45,12 +45,15 @@ class Tables:
         )
 
     def row(self, name: str, key: str, value: str) -> dict[str, Any]:
-        """Return the first row of a table whose column ``key`` has the given value, as from `plain`."""
+        """Return the first row of a table whose column ``key`` has the given value.
+
+        The row maps the names of the columns to values of JSON types (see `plain`).
+        """
         table = self[name]
         return plain(table[table[key] == value].iloc[0].to_dict())
 
     def rows(self, name: str, columns: Mapping[str, str]) -> list[dict[str, Any]]:
-        """Return some columns of a table as a list of rows, as from `plain`.
+        """Return some columns of a table as a list of rows, with values of JSON types.
 
         Parameters
         ----------

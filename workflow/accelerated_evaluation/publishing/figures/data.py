@@ -25,7 +25,7 @@ def fig02_data(
     Parameters
     ----------
     encounters
-        Encounter table.
+        Encounter table, with one row for each recorded cut-in.
     lead_speed_edges
         Edges of the segments [m/s].
     source

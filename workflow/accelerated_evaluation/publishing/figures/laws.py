@@ -93,7 +93,7 @@ def fig22_calibration(
     calibration, crash_places
         ``calibration.csv`` and ``crash_places.csv`` of a study.
     encounters
-        Encounter table.
+        Encounter table, with one row for each recorded cut-in.
     source
         Description of the data.
 

@@ -42,7 +42,7 @@ def fig04_inverse_range_fit(
     Parameters
     ----------
     encounters
-        Encounter table.
+        Encounter table, with one row for each recorded cut-in.
     two_pieces, three_pieces
         The piecewise models, with two and three pieces of R^-1.
     source
@@ -75,7 +75,7 @@ def fig05_inverse_ttc_fit(
     Parameters
     ----------
     encounters
-        Encounter table.
+        Encounter table, with one row for each recorded cut-in.
     piecewise
         A piecewise model.
     segment
@@ -110,7 +110,7 @@ def fig06_inverse_range_comparison(
     Parameters
     ----------
     encounters
-        Encounter table.
+        Encounter table, with one row for each recorded cut-in.
     piecewise, single
         The piecewise and the single parametric model.
     source
@@ -137,7 +137,7 @@ def fig07_inverse_ttc_comparison(
     Parameters
     ----------
     encounters
-        Encounter table.
+        Encounter table, with one row for each recorded cut-in.
     piecewise, single
         The piecewise and the single parametric model.
     segment

@@ -43,7 +43,7 @@ def fig30_preventable(
     preventable
         ``preventable.csv`` of a study's folder ``happened``.
     encounters
-        Encounter table.
+        Encounter table, with one row for each recorded cut-in.
     source
         Description of the data.
 

@@ -30,7 +30,7 @@ def fig26_sample_size(encounters: pd.DataFrame, source: str) -> tuple[Figure, pd
     Parameters
     ----------
     encounters
-        Encounter table.
+        Encounter table, with one row for each recorded cut-in.
     source
         Description of the data.
 

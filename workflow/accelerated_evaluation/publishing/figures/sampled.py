@@ -68,7 +68,7 @@ def fig36_crashes_among_runs(
     sampled_runs, sampled_crashes
         ``sampled/runs.csv`` and ``sampled/crashes.csv`` of a study of a slow vehicle.
     encounters
-        Encounter table.
+        Encounter table, with one row for each recorded cut-in.
     source
         Description of the data.
 
