@@ -174,7 +174,7 @@ class Lines(ABC):
         """Return the lead speeds [m/s] and ranges [m] of the n lines with the given indices."""
 
     def simulate(self, vehicle: Vehicle, line: NDArray, closing_speed: Array) -> Outcomes:
-        """Simulate cut-ins on lines, with the inner variables of the lines if there are any.
+        """Return the outcomes of n cut-ins on lines, simulated with the lines' inner variables if any.
 
         Parameters
         ----------

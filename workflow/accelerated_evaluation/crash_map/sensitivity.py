@@ -137,7 +137,7 @@ class Refit:
 
     @classmethod
     def by(cls, crash_map: CrashMap, closing_speed_max: float) -> "Refit":
-        """Prepare refits for a crash map and a cap on closing speeds [m/s].
+        """Return refits of a model that use a given crash map and cap on closing speeds [m/s].
 
         The smallest TTC^-1 of a crash is computed once, because all refits need it.
         """

@@ -107,7 +107,7 @@ class BoundedNormal(Bounded):
         maximum_iterations: int = 2000,
         on_iteration: Callable[[float], None] = lambda _: None,
     ) -> Mixture:
-        """Fit a mixture of bounded normals with location 0 by Expectation-Maximization (paper, appendix B).
+        """Return a mixture of bounded normals with location 0, fitted by EM (paper, appendix B).
 
         Each iteration consists of three EM steps. The fit has converged when an iteration increases the
         log-likelihood by less than `TOLERANCE` per observation.

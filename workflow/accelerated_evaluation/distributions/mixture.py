@@ -196,11 +196,14 @@ class PiecewiseMixture(Mixture):
         return tuple(component.lower for component in self.components[1:])
 
     def rebounded(self, lower: float, upper: float) -> Self:
-        """Return the mixture with other outer bounds; the inner knots do not change."""
+        """Return the mixture with the outer bounds ``lower`` and ``upper``; the inner knots do not change."""
         return self.with_bounds([lower, *self.knots, upper])
 
     def with_bounds(self, bounds: Sequence[float]) -> Self:
-        """Return the same pieces and weights with other truncation points gamma_0 .. gamma_k."""
+        """Return a mixture with the same pieces and weights, and with truncation points gamma_0 .. gamma_k.
+
+        ``bounds`` contains these k + 1 points in increasing order.
+        """
         pieces = zip(self.components, pairwise(bounds), strict=True)
         return type(self)(self.weights, [piece.rebounded(low, high) for piece, (low, high) in pieces])
 

@@ -101,7 +101,7 @@ class Stratum(ABC):
 
     @abstractmethod
     def cut_ins(self, lead_speed: Array, first: Array, second: Array) -> CutIns:
-        """Return the cut-ins with given v_L [m/s] and given two coordinates; all arrays have shape (n,)."""
+        """Return the n cut-ins with given v_L [m/s], first and second coordinates, each of shape (n,)."""
 
     @abstractmethod
     def first(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:

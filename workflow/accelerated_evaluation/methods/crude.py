@@ -104,7 +104,10 @@ def fingerprint(paths: Iterable[str | os.PathLike], settings: Mapping[str, Any])
 
 
 def simulate_batch(problem: Problem, generator: np.random.Generator, size: int) -> Counts:
-    """Simulate ``size`` cut-ins drawn from the law; return numbers of simulations and events by stratum."""
+    """Simulate ``size`` cut-ins drawn from the law of a problem, and return counts by stratum.
+
+    The counts of a stratum are the numbers of its simulations and of its events.
+    """
     cut_ins, stratum = problem.law.draw(generator, size)
     happened = problem.event.happens(problem.simulate(cut_ins))
     names = list(problem.law.shares)

@@ -189,7 +189,10 @@ class Running:
 
 
 def running(weights: Array, alpha: float) -> Running:
-    """Return the estimate after each of n simulations, given their weights I f / f*, shape (n,)."""
+    """Return the estimate after each of n simulations, given their weights I f / f*, shape (n,).
+
+    The level of the normal interval is 100 (1 - alpha) %.
+    """
     n = np.arange(1, weights.size + 1)
     mean = np.cumsum(weights) / n
     # Welford's increments avoid the difference of two large sums.

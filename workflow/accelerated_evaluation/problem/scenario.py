@@ -107,7 +107,7 @@ class ScenarioProblem:
         return dict(zip(self.scenario.names, self.law.from_normal_scores(z).T, strict=True))
 
     def response(self, outcomes: Any) -> Response:  # noqa: ANN401
-        """Return whether the event happened in n simulated encounters, and their scores, each of shape (n,).
+        """Return whether the event happened in n simulated outcomes, and their scores, each of shape (n,).
 
         The scores are None if ``graded`` is false.
         """
@@ -127,7 +127,7 @@ def require_law(scenario: Scenario, law: JointLaw) -> None:
 
 
 def read_scenario_law(scenario: Scenario, path: str | os.PathLike) -> JointLaw:
-    """Read a joint law for a scenario from a file.
+    """Return the joint law for a scenario that a file describes.
 
     A law that allows negative values of a variable whose sign does not matter is folded: the variable is
     replaced by its absolute value.

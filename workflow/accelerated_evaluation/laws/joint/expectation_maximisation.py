@@ -96,7 +96,7 @@ class Expected:
 
 
 def parameters_of_mixture(components: int, dimension: int) -> int:
-    """Return the number of free parameters of a mixture of K normal distributions in d dimensions.
+    """Return the number of free parameters of a mixture of K components, normal in d dimensions.
 
     It is K - 1 + K (d + d (d + 1) / 2), for example 10 K - 1 for d = 3.
     """

@@ -92,7 +92,7 @@ class Recorded:
 
     @classmethod
     def read(cls, path: str | os.PathLike) -> Self:
-        """Return the law of the cut-ins in a Parquet file; columns and errors are those of `of`."""
+        """Return the law of the cut-ins with speed profiles in a Parquet file; columns are those of `of`."""
         require_file(path, "Name a Parquet file of cut-ins with courses.")
         return cls.of(read_parquet(path, {name: name for name in NAMES}), str(path))
 

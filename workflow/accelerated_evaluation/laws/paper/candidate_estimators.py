@@ -92,7 +92,7 @@ def _standardised(estimate: Estimator) -> Estimator:
 
 
 def fit_beta(y: Array) -> tuple[float, float]:
-    """Return the maximum-likelihood estimates of the two shapes of the beta distribution.
+    """Return the maximum-likelihood estimates of the two shapes of the beta distribution, given a sample y.
 
     The log-likelihood is strictly concave in the shapes.
     """
@@ -109,7 +109,7 @@ def fit_beta(y: Array) -> tuple[float, float]:
 
 
 def fit_birnbaum_saunders(y: Array) -> tuple[float, float]:
-    """Return the maximum-likelihood estimates of shape and scale of the Birnbaum-Saunders distribution.
+    """Return the maximum-likelihood shape and scale of the Birnbaum-Saunders distribution, given a sample y.
 
     The likelihood equation of the scale has one root between the harmonic and the arithmetic mean of the
     sample (Birnbaum and Saunders 1969).
@@ -125,7 +125,7 @@ def fit_birnbaum_saunders(y: Array) -> tuple[float, float]:
 
 
 def fit_exponential(y: Array) -> tuple[float]:
-    """Return the maximum-likelihood estimate of the rate of the exponential distribution, 1 / mean."""
+    """Return the maximum-likelihood rate of the exponential distribution, 1 / mean, given a sample y."""
     return (1 / y.mean(),)
 
 
@@ -153,7 +153,7 @@ def fit_extreme_value(x: Array) -> tuple[float, float]:
 
 
 def fit_gamma(y: Array) -> tuple[float, float]:
-    """Return the maximum-likelihood estimates of shape and scale of the gamma distribution.
+    """Return the maximum-likelihood estimates of shape and scale of the gamma distribution, given a sample y.
 
     The likelihood equation is log(shape) - psi(shape) = log(mean y) - mean(log y). Its left side lies between
     1 / (2 shape) and 1 / shape, which gives a bracket for the root.
@@ -205,7 +205,7 @@ def fit_generalized_extreme_value(x: Array) -> tuple[float, float, float]:
 
 
 def fit_generalized_pareto(y: Array) -> tuple[float, float]:
-    """Return the maximum-likelihood estimates of shape and scale of the generalized Pareto distribution.
+    """Return the maximum-likelihood shape and scale of the generalized Pareto distribution, given a sample y.
 
     The profile likelihood of theta = shape / scale is maximized. For fixed theta, log(1 + theta y) / theta
     has an exponential distribution with mean ``scale``.
@@ -224,13 +224,13 @@ def fit_generalized_pareto(y: Array) -> tuple[float, float]:
 
 
 def fit_inverse_gaussian(y: Array) -> tuple[float, float]:
-    """Return the maximum-likelihood estimates of mean and shape of the inverse Gaussian distribution."""
+    """Return the maximum-likelihood mean and shape of the inverse Gaussian distribution, given a sample y."""
     return y.mean(), 1 / (1 / y - 1 / y.mean()).mean()
 
 
 @_standardised
 def fit_logistic(x: Array) -> tuple[float, float]:
-    """Return the maximum-likelihood estimates of location and scale of the logistic distribution.
+    """Return the maximum-likelihood location and scale of the logistic distribution, given a sample x.
 
     The log-likelihood is strictly concave in location / scale and 1 / scale.
     """
@@ -246,7 +246,7 @@ def fit_logistic(x: Array) -> tuple[float, float]:
 
 
 def fit_log_logistic(y: Array) -> tuple[float, float]:
-    """Return the maximum-likelihood estimates of shape and scale of the log-logistic distribution.
+    """Return the maximum-likelihood shape and scale of the log-logistic distribution, given a sample y.
 
     They follow from a logistic fit to log y.
     """
@@ -260,7 +260,7 @@ def fit_lognormal(y: Array) -> tuple[float, float]:
 
 
 def fit_nakagami(y: Array) -> tuple[float, float]:
-    """Return the maximum-likelihood estimates of shape and spread of the Nakagami distribution.
+    """Return the maximum-likelihood shape and spread of the Nakagami distribution, given a sample y.
 
     y^2 has a gamma distribution with this shape, and its mean is the spread.
     """
@@ -333,7 +333,7 @@ def fit_t(x: Array) -> tuple[float, float, float]:
 
 
 def fit_weibull(y: Array) -> tuple[float, float]:
-    """Return the maximum-likelihood estimates of shape and scale of the Weibull distribution.
+    """Return the maximum-likelihood shape and scale of the Weibull distribution, given a sample y.
 
     They follow from an extreme value fit to log y.
     """

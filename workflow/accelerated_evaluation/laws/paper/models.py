@@ -182,7 +182,7 @@ def _by_segment(encounters: pd.DataFrame, fit: Callable[[Array], Distribution]) 
 
 
 def refit(law: PiecewiseMixture, x: Array) -> PiecewiseMixture:
-    """Return a piecewise mixture fitted to another sample x, shape (n,), with the same knots and families.
+    """Return ``law`` fitted again to another sample x, shape (n,), with the same knots and families.
 
     If a piece would contain fewer than two different values, the knots are moved as little as necessary.
     """

@@ -33,7 +33,7 @@ class PieceFamily:
         return cls(piece.kind)
 
     def fit(self, x: Array, lower: float, upper: float) -> Described:
-        """Fit the family to a sample by maximum likelihood.
+        """Return the member of the family that is fitted to a sample by maximum likelihood.
 
         Parameters
         ----------
@@ -55,12 +55,12 @@ class PieceFamily:
         return member.fit_mixture(x, lower, upper, self.components)
 
     def fit_or_simpler(self, x: Array, lower: float, upper: float) -> Described:
-        """Fit the family or, if this fails, a simpler family; the arguments are those of `fit`.
+        """Return a fit of the family to a sample x, shape (n,), on [lower, upper), or of a simpler family.
 
-        The number of components is reduced one by one. If a single component cannot be fitted either, a
-        bounded exponential distribution is fitted. This is always possible, because its density may also
-        increase, as the density of a few observations may do by chance. `PieceFamily.of` returns the family
-        that was fitted.
+        If the family cannot be fitted, the number of components is reduced one by one. If a single component
+        cannot be fitted either, a bounded exponential distribution is fitted. This is always possible,
+        because its density may also increase, as the density of a few observations may do by chance.
+        `PieceFamily.of` returns the family that was fitted.
         """
         for components in range(self.components, 0, -1):
             # If a component loses all its observations, a division by zero leads to one of these errors.

@@ -147,7 +147,7 @@ class Threshold:
 
     @classmethod
     def of(cls, body: SmoothHazard, level: float, support: Support = SUPPORT) -> "Threshold":
-        """Compute the threshold as a quantile of the body, at all nodes.
+        """Return the threshold, computed as a quantile of the body at all nodes of lead speed and range.
 
         Parameters
         ----------

@@ -43,7 +43,7 @@ class DependentStratum(SmoothStratum):
     factors: Factors = COORDINATES
 
     def cut_ins(self, lead_speed: Array, first: Array, second: Array) -> CutIns:
-        """Return the cut-ins with given v_L [m/s] and given two coordinates, each of shape (n,)."""
+        """Return the n cut-ins with given v_L [m/s], first and second coordinates, each of shape (n,)."""
         range_, speed = np.empty(first.size), np.empty(first.size)
         for part in parts(first.size, PLACES_AT_ONCE):
             farthest = self.support.range_max

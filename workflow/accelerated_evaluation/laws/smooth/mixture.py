@@ -45,7 +45,7 @@ class RangeMixture:
         return mixed(cumulative, np.log(rate) - cumulative, np.log(self.share))
 
     def log_density(self, value: Array) -> Array:
-        """Return the log density of x = log(R_max / R) under each component, shape (a, n)."""
+        """Return the log density, shape (a, n), of x = log(R_max / R), shape (n,), for each component."""
         cumulative, rate = self.ranges.at(value)
         return np.log(rate) - cumulative
 

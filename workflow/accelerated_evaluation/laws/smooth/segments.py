@@ -55,7 +55,10 @@ class SmoothStratum(Stratum):
         return 1 / self.support.range_max
 
     def first(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
-        """Return the first coordinate -log P(R^-1 > r | v_L); it is infinite for an infinite r."""
+        """Return the first coordinate -log P(R^-1 > r | v_L), which is infinite for an infinite r.
+
+        The arguments are v_L [m/s] and r [1/m], of shapes that broadcast.
+        """
         speed, inverse_range = np.broadcast_arrays(*floats(lead_speed, inverse_range))
         coordinate = np.full(speed.shape, math.inf)
         near = np.isfinite(inverse_range)
@@ -63,7 +66,10 @@ class SmoothStratum(Stratum):
         return coordinate
 
     def log_first_slope(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
-        """Return the log of the derivative of the first coordinate with respect to R^-1, for fixed v_L."""
+        """Return the log of the derivative of the first coordinate with respect to R^-1, for fixed v_L.
+
+        The arguments are v_L [m/s] and R^-1 [1/m], of shapes that broadcast.
+        """
         speed, inverse_range = np.broadcast_arrays(*floats(lead_speed, inverse_range))
         return np.log(self.range_coordinate(speed, inverse_range)[1]) - np.log(inverse_range)
 

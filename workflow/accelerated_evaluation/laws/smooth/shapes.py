@@ -67,13 +67,13 @@ class Exponential:
     prior_deviation = ()
 
     def cumulative(self, z: Array, parameters: Array) -> Array:
-        """Return the cumulative hazard H(z) = z."""
+        """Return the cumulative hazard H(z) = z at excesses z; there are no parameters."""
         return np.asarray(z, dtype=float)
 
     inverse = cumulative
 
     def log_density(self, z: Array, parameters: Array) -> Array:
-        """Return the log density, which is -z."""
+        """Return the log density at excesses z, which is -z; there are no parameters."""
         return -np.asarray(z, dtype=float)
 
     def derivatives(self, z: Array, parameters: Array) -> tuple[Array, Array]:
@@ -116,7 +116,7 @@ class Generalised:
         return self.cumulative(level, -np.asarray(parameters))
 
     def log_density(self, z: Array, parameters: Array) -> Array:
-        """Return the log density log H'(z) - H(z)."""
+        """Return the log density log H'(z) - H(z) at excesses z, given the shape parameter."""
         z, shape = np.asarray(z, dtype=float), np.asarray(parameters[0], dtype=float)
         log_hazard = np.where(shape > 0, -np.log1p(np.abs(shape) * z), -shape * z)
         return log_hazard - self.cumulative(z, parameters)
@@ -170,7 +170,7 @@ class TwoKinds:
         return (low + high) / 2
 
     def log_density(self, z: Array, parameters: Array) -> Array:
-        """Return the log density log H'(z) - H(z)."""
+        """Return the log density log H'(z) - H(z) at excesses z, given the two parameters."""
         first, second = self._parts(z, parameters)
         return np.logaddexp(first, second)
 

@@ -55,7 +55,8 @@ def rules_of_joint_laws(filled: float) -> dict[str, Any]:
     Parameters
     ----------
     filled
-        Smallest share of the encounters in a part of the event in which the event happens; see `Event`.
+        Smallest share of the encounters in a part of the event in which the event happens. It is below 1 if
+        rounding errors decide in this part.
 
     Returns
     -------

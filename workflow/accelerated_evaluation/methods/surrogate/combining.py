@@ -190,9 +190,8 @@ def combine(batches: Sequence[BatchEstimate]) -> Combined:
     """Return the weighted mean of the estimates of the batches, with its observed and predicted variance.
 
     The weights are proportional to the number of runs divided by the variance of a run that was predicted
-    before the batch was drawn. They must not depend on the estimates or on
-    their observed variances, because low estimates have small observed variances and would get too much
-    weight.
+    before the batch was drawn. They must not depend on the estimates or on their observed variances, because
+    low estimates have small observed variances and would get too much weight.
     """
     weight = np.array([batch.importance for batch in batches])
     weight /= weight.sum()

@@ -103,7 +103,7 @@ class Defence:
     beyond: float = 0.0
 
     def zones(self, reach: float) -> list[tuple[float, float]]:
-        """Return the intervals of rarity in each of which the defensive runs have a uniform density."""
+        """Return the intervals of rarity, up to ``reach``, with uniform density of the defensive runs."""
         return [(0.0, self.beyond), (self.beyond, reach)] if 0 < self.beyond < reach else [(0.0, reach)]
 
 

@@ -127,7 +127,7 @@ def is_contradicted(progress: Progress) -> bool:
 
 
 def is_narrow(progress: Progress, stopping: Stopping) -> bool:
-    """Return whether the interval is as narrow as the rule requires, and enough events were observed."""
+    """Return whether the interval is as narrow as a stopping rule requires, with enough observed events."""
     combined, (low, high) = combined_estimate(progress, stopping)
     if combined is None or np.count_nonzero(progress.happened) < stopping.minimum_events:
         return False

@@ -290,7 +290,7 @@ class Sampler:
         return max(self.enough_draws - len(self.progress.law_draws), 0)
 
     def is_narrow(self, stopping: Stopping) -> bool:
-        """Return whether the interval is as narrow as the rule requires, and enough events were observed."""
+        """Return whether the interval is as narrow as the rule requires, with enough observed events."""
         return results.is_narrow(self.progress, stopping)
 
     def estimate(self, stopping: Stopping) -> Estimate:

@@ -152,7 +152,7 @@ def read_state(path: str | os.PathLike) -> State:
 
 
 def write_state(path: str | os.PathLike, state: State) -> None:
-    """Write a state file atomically, so that an interruption cannot leave an incomplete file."""
+    """Write the state of a sampler to a file, atomically: an interruption leaves no incomplete file."""
     write_json(path, state.to_json())
 
 

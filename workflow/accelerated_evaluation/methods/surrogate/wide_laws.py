@@ -19,7 +19,7 @@ from accelerated_evaluation.methods.surrogate.constants import (
 
 
 def draw_wide(n: int, dimension: int, generator: np.random.Generator) -> Array:
-    """Draw n points from the wide distribution, shape (n, d).
+    """Draw n points from the wide distribution of ``dimension`` d normal scores, shape (n, d).
 
     Directions are uniform, and the rarity -log P(|Z| > radius) is uniform on [0, REACH] for a standard normal
     Z. Each power of ten of P(|Z| > radius) therefore gets the same number of points.
@@ -53,7 +53,7 @@ RARE, FREQUENT = Begin(START, REACH), Begin(FREQUENT_START, FREQUENT_REACH)
 def draw_at(rarity: Array, dimension: int, generator: np.random.Generator) -> Array:
     """Draw points with given rarities -log P(|Z| > radius), shape (n,), in uniform directions.
 
-    The points have shape (n, d).
+    The points have shape (n, d), where d is ``dimension``. Z is standard normal.
     """
     radius = np.sqrt(chdtri(dimension, np.exp(-rarity)))
     z = generator.normal(size=(len(rarity), dimension))

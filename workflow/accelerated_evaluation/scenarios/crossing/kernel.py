@@ -144,7 +144,8 @@ def control(car: Car, range_: float, rate: float, speed: float, memory: tuple) -
 def actuate(car: Car, command: float, acceleration: float) -> float:
     """Return the new acceleration [m/s^2], which follows the command within limits of friction and jerk.
 
-    ``command`` and ``acceleration`` are the commanded and the present acceleration [m/s^2].
+    ``command`` and ``acceleration`` are the commanded and the present acceleration [m/s^2]. ``car`` contains
+    the limits.
     """
     wanted = min(max(command, -car.friction_limit), car.friction_limit)
     return min(max(wanted, acceleration - car.acceleration_step), acceleration + car.acceleration_step)
@@ -152,7 +153,10 @@ def actuate(car: Car, command: float, acceleration: float) -> float:
 
 @compiled
 def velocity(encounter: NDArray, tick: float) -> tuple[float, float]:
-    """Return the velocity of the target at a tick [m/s]: towards the host, and across the host's path."""
+    """Return the velocity of the target at a tick [m/s]: towards the host, and across the host's path.
+
+    ``encounter`` is the initial state of the encounter, shape (7,), and ``tick`` the number of the tick.
+    """
     point, turning, speed = encounter[FIRST] + tick, encounter[TURNING], encounter[TARGET]
     if point >= turning:
         return 0.0, speed
@@ -169,7 +173,7 @@ def position(path: Path, t: float) -> tuple[float, float]:
 
 @compiled
 def squared(path: Path, t: float) -> float:
-    """Return the squared distance of host and target [m^2] at time t [s] after the tick."""
+    """Return the squared distance of host and target [m^2] on a path, at time t [s] after the tick."""
     ahead, aside = position(path, t)
     return ahead * ahead + aside * aside
 
@@ -230,7 +234,7 @@ def closest(path: Path, begin: float, end: float) -> float:
 
 @compiled
 def minimum(path: Path, left: float, right: float) -> float:
-    """Return the time [s] between ``left`` and ``right`` at which the distance stops decreasing.
+    """Return the time [s] in [``left``, ``right``] at which the distance of host and target stops decreasing.
 
     After 30 bisections, the error of the time is below 1e-10 s. The error of the distance is of the order of
     its square.
@@ -363,7 +367,7 @@ def summed(speed: float, acceleration: float, rate: float, growth: float, h: flo
 
 @compiled
 def first_step(car: Car, path: Path, speed: float, acceleration: float, rate: float) -> float:
-    """Return the first step [s] that ode45 tries.
+    """Return the length [s] of the first step that the solver ode45 tries.
 
     It follows from the relative derivatives of the states of the authors' simulation: speed, range, and the
     distances driven and the integral of the indicator of contact, which begin at 0. ``speed`` [m/s] and

@@ -145,7 +145,7 @@ def _ttc(gap: float, closing: float) -> float:
 
 @compiled
 def start(driver: Driver, encounter: NDArray, index: int, state: NDArray, i: int) -> None:
-    """Write the initial state of an encounter to lane ``i`` of the state.
+    """Write the initial state of an encounter to column ``i`` (a lane) of the array ``state``.
 
     The encounter is given by lead speed [m/s], range [m] and closing speed [m/s], and by its ``index``, which
     is the column of its outcomes.
@@ -170,7 +170,7 @@ def start(driver: Driver, encounter: NDArray, index: int, state: NDArray, i: int
 
 @compiled
 def skip(driver: Driver, state: NDArray, i: int) -> None:
-    """Advance lane ``i`` at once by all steps before the driver first perceives danger.
+    """Advance encounter ``i`` of the array ``state`` by all steps before the driver first perceives danger.
 
     This is possible if the other car is in the lane of the host, because speeds are constant until then.
     """
@@ -194,7 +194,7 @@ def skip(driver: Driver, state: NDArray, i: int) -> None:
 
 @compiled
 def watch(state: NDArray, count: int, driver: Driver) -> None:
-    """Update the smallest range and TTC in the first ``count`` lanes, and mark encounters that are over.
+    """Update smallest range and TTC of the first ``count`` encounters of ``state``; mark those that are over.
 
     An encounter is over after a crash, at the end of the simulated time, or if there can be no danger any
     more.
@@ -218,7 +218,7 @@ def watch(state: NDArray, count: int, driver: Driver) -> None:
 
 @compiled
 def decide(state: NDArray, count: int, driver: Driver) -> None:
-    """Write the deceleration that the driver chooses [m/s^2] to the first ``count`` lanes of the state.
+    """Write the deceleration that the driver chooses [m/s^2] to the first ``count`` columns of ``state``.
 
     The deceleration is 0 without danger.
     """
@@ -242,7 +242,7 @@ def decide(state: NDArray, count: int, driver: Driver) -> None:
 
 @compiled
 def move(state: NDArray, count: int, driver: Driver) -> None:
-    """Advance the first ``count`` lanes by one time step; encounters that have ended do not change."""
+    """Advance the first ``count`` encounters of the array ``state`` by 0.1 s; ended ones do not change."""
     for i in range(count):
         wanted, ramp, waited, speed = state[WANTED, i], state[RAMP, i], state[WAITED, i], state[SPEED, i]
         moving, distance, offset = state[MOVING, i], state[DISTANCE, i], state[OFFSET, i]

@@ -53,7 +53,7 @@ def response_time(numbers: HumanNumbers, traits: NDArray, range_: float, closing
 
 @compiled
 def wanted(numbers: HumanNumbers, traits: NDArray, margin: float, range_: float, closing: float) -> float:
-    """Return the deceleration [m/s^2] that the driver intends.
+    """Return the deceleration [m/s^2] that the driver intends, given range [m] and closing speed [m/s].
 
     It is the deceleration that ends the approach at a range equal to ``margin`` [m]. If this deceleration is
     at least ``hard_braking``, the driver brakes with the largest deceleration that this driver uses.
@@ -153,7 +153,10 @@ def follow(
 
 @compiled
 def lead_at(lead_speeds: NDArray, time: float) -> float:
-    """Return the lead speed [m/s] at a time [s] by linear interpolation; outside the times it is constant."""
+    """Return the lead speed [m/s] at a time [s], interpolated between the speeds at 0, 0.1, ... s.
+
+    After the last of these times, the lead speed is constant.
+    """
     place = min(max(time / STEP, 0.0), lead_speeds.size - 1.0)
     before = min(int(place), lead_speeds.size - 2)
     return lead_speeds[before] + (place - before) * (lead_speeds[before + 1] - lead_speeds[before])

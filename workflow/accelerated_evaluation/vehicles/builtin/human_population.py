@@ -82,7 +82,7 @@ class Population:
 
     @classmethod
     def draw(cls, size: int, generator: np.random.Generator) -> "Population":
-        """Draw ``size`` possible populations from the ranges of the parameters."""
+        """Return ``size`` possible populations, with parameters drawn at random from their ranges."""
         return cls(
             generator.uniform(*RESPONSE_SCALE, size),
             generator.uniform(*RESPONSE_SPREAD, size),

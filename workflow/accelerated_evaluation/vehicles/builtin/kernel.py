@@ -78,7 +78,7 @@ def start(encounters: NDArray, first: int, count: int, car: Car, state: NDArray,
 
 @compiled
 def watch(state: NDArray, count: int, car: Car) -> None:
-    """Update the smallest time to collision, and switch the AEB on or off, in the first ``count`` lanes."""
+    """Update the smallest TTC, and switch the AEB on or off, in the first ``count`` columns of ``state``."""
     for i in range(count):
         range_, speed, timer, min_ttc = state[RANGE, i], state[SPEED, i], state[TIMER, i], state[MIN_TTC, i]
         command, onset = state[COMMAND, i], state[ONSET, i]
@@ -96,7 +96,7 @@ def watch(state: NDArray, count: int, car: Car) -> None:
 
 @compiled
 def command(state: NDArray, count: int, car: Car) -> None:
-    """Write the acceleration that ACC or AEB commands [m/s^2] to the first ``count`` lanes of the state.
+    """Write the acceleration that ACC or AEB commands [m/s^2] to the first ``count`` columns of ``state``.
 
     After a step with AEB, the last error of the time headway is 0 for the ACC.
     """
@@ -113,7 +113,7 @@ def command(state: NDArray, count: int, car: Car) -> None:
 
 @compiled
 def move(state: NDArray, count: int, car: Car) -> None:
-    """Apply the actuator, and move the cars by one step, in the first ``count`` lanes of the state.
+    """Apply the actuator, and move the cars by 0.1 s, in the first ``count`` columns of ``state``.
 
     Encounters that have ended do not change.
     """

@@ -61,7 +61,7 @@ def time_to_collision(lead_speed: Array, range_: Array, speed: Array) -> Array:
 
 
 def aeb_threshold(car: AccAeb, speed: Array) -> Array:
-    """Return the TTC at which the AEB switches on [s], given the speed of the host [m/s].
+    """Return the time to collision at which the AEB switches on [s], given the speed of the host [m/s].
 
     With the published threshold it is linear in the speed up to 40 km/h, and then constant.
     """

@@ -119,7 +119,8 @@ class Fmu(ForeignVehicle):
     def trace(self, lead_speed: float, range_: float, closing_speed: float) -> pd.DataFrame:
         """Simulate one encounter with a constant lead speed, and return its states over time.
 
-        The table has one row for each step and the columns `traces.COLUMNS`. The acceleration in a row is
+        The arguments are lead speed [m/s], range [m] and closing speed [m/s] at the start. The table has one
+        row for each step and the columns `traces.COLUMNS`. The acceleration in a row is
         that of the step before, and "emergency" is always 0.
         """
         rows, before = [], 0.0

@@ -146,7 +146,7 @@ class Store:
 def store_of(
     name: str, parameters: Mapping[str, Any], files: Sequence[str], scenario: Scenario = CUT_IN
 ) -> Store:
-    """Open the store of a vehicle, in a folder whose name contains a digest of the vehicle's definition.
+    """Return the store of a vehicle, in a folder whose name contains a digest of the vehicle's definition.
 
     If a parameter or the content of a file changes, the vehicle gets another folder. Studies with the same
     vehicle share one folder. The file ``vehicle.json`` in the folder describes the vehicle.
