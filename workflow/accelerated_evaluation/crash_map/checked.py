@@ -93,7 +93,7 @@ def check_map(vehicle: Vehicle, crash_map: CrashMap, generator: np.random.Genera
 
 
 def require_right_map(vehicle: Vehicle, crash_map: CrashMap, generator: np.random.Generator) -> CrashMap:
-    """Check a crash map, and replace it by a map with random closing speeds if it is contradicted.
+    """Return a crash map, or a map with random closing speeds if simulations contradict the crash map.
 
     Parameters
     ----------

@@ -135,7 +135,7 @@ class _Scan:
     first: int
 
     def points(self, offset: Array, grid: Grid) -> tuple[Array, Outcomes]:
-        """Choose the closing speeds [m/s] to scan on each line, and simulate them.
+        """Return the closing speeds [m/s] to scan on each line, and their simulated outcomes.
 
         A quarter of the points cover the whole line. The others are placed near the closing speeds at which
         crashes begin and end, because most holes and islands of the crash set are there. If the outcome does
@@ -178,7 +178,10 @@ class _Scan:
         )
 
     def find(self, points: Array, outcomes: Outcomes, events: list[Event]) -> dict[Event, Intervals]:
-        """Return the intervals of each event; the index of a line is counted from the first of the batch."""
+        """Return the intervals of closing speeds of each event, from the scanned points and their outcomes.
+
+        The index of a line is counted from the first line of the batch.
+        """
         flags = [event.happens(outcomes).reshape(points.shape) for event in events]
         changes = [np.nonzero(flag[:, 1:] != flag[:, :-1]) for flag in flags]
         refined = self._bisect(points, events, flags, changes)

@@ -187,7 +187,7 @@ def study_sensitivity(
     encounters: pd.DataFrame,
     settings: Mapping[str, Any],
 ) -> pd.DataFrame:
-    """Change one choice at a time, fit the model again, and tabulate the crash probability over all segments.
+    """Tabulate the crash probability over all segments for models that are refitted with one other choice.
 
     Parameters
     ----------

@@ -49,7 +49,7 @@ def severity_table(
 
 
 def impact_speed_table(severity: pd.DataFrame) -> pd.DataFrame:
-    """Summarise the impact speeds of crashes: mean and quantiles for each segment.
+    """Tabulate the mean and the quantiles of the impact speeds of crashes for each segment.
 
     The survival function of the impact speed is interpolated linearly between the thresholds. It is assumed
     to reach 0 one step above the last threshold.
@@ -90,7 +90,7 @@ def exact_tables(
     encounters: int,
     distance: float | None,
 ) -> dict[str, pd.DataFrame]:
-    """Compute all tables of exact values from the crash maps and the laws.
+    """Return all tables of exact values, computed from the crash maps and the laws.
 
     Parameters
     ----------

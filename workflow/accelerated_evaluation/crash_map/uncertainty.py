@@ -30,7 +30,9 @@ def study_uncertainty(
     settings: Mapping[str, Any],
     alpha: float,
 ) -> dict[str, pd.DataFrame]:
-    """Refit the model to resampled lane changes, and divide the uncertainty of its result among its sources.
+    """Return the uncertainty of a crash probability, from refits of the model to resampled lane changes.
+
+    The uncertainty is divided among its sources: finite data, choice of the model, and sampling.
 
     Parameters
     ----------
@@ -50,8 +52,8 @@ def study_uncertainty(
     Returns
     -------
     dict
-        ``uncertainty``, the table of `uncertainty_budget`, and ``bootstrap``, the crash probability of each
-        refit to resampled data.
+        ``uncertainty``, a table with one row for each source (as `uncertainty_budget` returns), and
+        ``bootstrap``, the crash probability of each refit to resampled data.
     """
     studied = models[variant]
     bootstrap = bootstrap_probabilities(
@@ -122,7 +124,9 @@ def bootstrap_probabilities(
 
 
 def resampled_rows(starts: Array, rows: int, block_runs: int, generator: np.random.Generator) -> Array:
-    """Draw blocks of consecutive runs until there are as many runs as in the data, and return their rows.
+    """Return the rows of one bootstrap sample: random blocks of runs, until there are as many as in the data.
+
+    A run is a row and the rows after it that are equal to it.
 
     Parameters
     ----------
@@ -189,7 +193,7 @@ def uncertainty_budget(
     *,
     alpha: float,
 ) -> pd.DataFrame:
-    """Divide the variance of the crash probability among its sources.
+    """Return the variance of the crash probability, divided among its sources.
 
     The sources are the finite data, the choice of the model, and the sampling.
 

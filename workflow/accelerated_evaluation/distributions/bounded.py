@@ -66,7 +66,7 @@ class Bounded(Described):
 
     @np.errstate(over="ignore")
     def logpdf(self, x: ArrayLike) -> Array:
-        """Return the log density; -inf outside the support."""
+        """Return the log density at x; -inf outside the support."""
         x = np.asarray(x, dtype=float)
         density = self._log_relative(self._clip(x), self._mode) - math.log(self._total)
         return np.where((x < self.lower) | (x >= self.upper), -np.inf, density)

@@ -41,5 +41,5 @@ class Empirical:
         return float(self.values.mean())
 
     def rvs(self, generator: np.random.Generator, size: int) -> Array:
-        """Return independent draws, shape (size,)."""
+        """Return independent draws from the recorded values, shape (size,)."""
         return self.values[generator.integers(self.values.size, size=size)]

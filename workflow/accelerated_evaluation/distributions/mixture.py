@@ -84,7 +84,7 @@ class Mixture(Described):
         return np.logaddexp.reduce(terms)
 
     def logpdf(self, x: ArrayLike) -> Array:
-        """Return the log density; -inf outside the support."""
+        """Return the log density at x; -inf outside the support."""
         return self._log_sum("logpdf", x)
 
     def logsf(self, x: ArrayLike) -> Array:
@@ -136,7 +136,7 @@ class Mixture(Described):
         return root.reshape(shape)
 
     def rvs(self, generator: np.random.Generator, size: int) -> Array:
-        """Return independent draws, shape (size,).
+        """Return independent draws from the mixture, shape (size,).
 
         For each draw a component is chosen by the weights, and then a value is drawn from this component.
         """

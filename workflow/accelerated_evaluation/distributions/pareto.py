@@ -60,7 +60,7 @@ class Pareto(Described):
         return np.log1p((np.maximum(np.asarray(x, dtype=float), self.lower) - self.lower) / self.lower)
 
     def logpdf(self, x: ArrayLike) -> Array:
-        """Return the log density; -inf outside the support."""
+        """Return the log density at x; -inf outside the support."""
         density = math.log(self.shape / self.lower) - (self.shape + 1) * self._log_excess(x)
         return np.where(np.asarray(x) < self.lower, -np.inf, density)
 

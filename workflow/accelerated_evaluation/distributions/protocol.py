@@ -20,7 +20,7 @@ class Distribution(Protocol):
     upper: float
 
     def logpdf(self, x: ArrayLike) -> Array:
-        """Return the log density; -inf outside the support."""
+        """Return the log density at x; -inf outside the support."""
 
     def cdf(self, x: ArrayLike) -> Array:
         """Return P(X <= x)."""
@@ -41,7 +41,7 @@ class Distribution(Protocol):
         """Return the mean E X."""
 
     def rvs(self, generator: np.random.Generator, size: int) -> Array:
-        """Return independent draws, shape (size,)."""
+        """Return independent draws from the distribution, shape (size,)."""
 
 
 @runtime_checkable

@@ -97,7 +97,7 @@ class GaussianCopula(JointLaw):
         return logs
 
     def sample(self, n: int, generator: np.random.Generator) -> Array:
-        """Draw n independent points, shape (n, d)."""
+        """Draw n independent points from the law, shape (n, d)."""
         return self.from_normal_scores(generator.standard_normal((n, self.dimension)))
 
     def from_normal_scores(self, z: Array) -> Array:

@@ -147,7 +147,7 @@ class JointLaw(ABC):
 
     @abstractmethod
     def sample(self, n: int, generator: np.random.Generator) -> Array:
-        """Draw n independent points, shape (n, d)."""
+        """Draw n independent points from the law, shape (n, d)."""
 
     @abstractmethod
     def from_normal_scores(self, z: Array) -> Array:

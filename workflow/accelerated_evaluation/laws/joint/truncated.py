@@ -83,7 +83,7 @@ class Normals:
 
     @property
     def nothing_given(self) -> Array:
-        """Standardised variables of one point of which no variable is given, shape (K, 1, 0)."""
+        """Empty array, shape (K, 1, 0): standardised variables of one point if no variable is given."""
         return np.empty((len(self.mean), 1, 0))
 
     @cached_property

@@ -154,7 +154,11 @@ class _Problem:
     gram: Array  # of the covariates
 
     def maximise(self, values: Array, precision: Array) -> tuple[Array, Array]:
-        """Return the maximum point, and the Cholesky factor of the expected information at it."""
+        """Return the maximum of the penalised likelihood, found from the starting point ``values``.
+
+        The second result is the Cholesky factor of the expected information there. ``precision`` is the
+        precision matrix of the normal prior of the coefficients.
+        """
         objective = self._objective(values, precision)
         for _ in range(ITERATIONS):
             gradient, expected = self._derivatives(values, precision)

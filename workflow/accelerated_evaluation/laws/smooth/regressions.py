@@ -275,7 +275,7 @@ class _Problem:
     precision: Array
 
     def newton(self, values: Array) -> Array:
-        """Return the maximum point, from starting values."""
+        """Return the parameters that maximize the penalised likelihood, found from starting values."""
         objective, score, information = self._at(values)
         gain = np.inf
         for _ in range(ITERATIONS):

@@ -295,7 +295,11 @@ class _Problem:
     data: Binned
 
     def newton(self, coefficients: Array, precision: Array) -> tuple[Array, Array]:
-        """Maximize the penalised likelihood; return coefficients and Cholesky factor of the information."""
+        """Return the coefficients that maximize the penalised likelihood, found from given coefficients.
+
+        The second result is the Cholesky factor of the information there. ``precision`` is the precision
+        matrix of the normal prior of the coefficients.
+        """
         objective = self._objective(coefficients, precision)
         for _ in range(ITERATIONS):
             expected = self.data.exposure * self._hazard(coefficients)

@@ -96,12 +96,12 @@ class _Model:
 
     @property
     def free(self) -> NDArray[np.bool_]:
-        """Which entries of M are parameters, shape (d, k)."""
+        """Whether each entry of the matrix M is a free parameter, shape (d, k)."""
         return self.directions != 0
 
     @property
     def cost(self) -> float:
-        """The penalty of the parameters in the comparison of models.
+        """The cost of the parameters, which is added to the loss when models are compared.
 
         If all columns have the same free entries, a rotation of the columns changes nothing, so that the
         parameters of the rotation cost nothing.
@@ -112,11 +112,11 @@ class _Model:
 
     @property
     def vector(self) -> Array:
-        """All parameters in a row."""
+        """All parameters of the model in one vector."""
         return np.append(self.directions[self.free], self.others)
 
     def at(self, vector: Array) -> Self:
-        """Return the model with other values of its parameters."""
+        """Return the model whose parameters have the values in ``vector``, in the order of `vector`."""
         directions = np.zeros(self.directions.shape)
         directions[self.free] = vector[: -len(self.others)]
         return type(self)(directions, vector[-len(self.others) :])
