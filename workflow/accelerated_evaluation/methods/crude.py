@@ -134,7 +134,7 @@ def simulate_batches(
     checkpoint
         File of counts, which is written after every ``save_every`` batches and at the end.
     seed
-        Root seed; batch k uses the child ("crude", k).
+        Root seed, from which the random generator of every batch is derived.
     batches, batch_size
         Number of batches, and number of simulations in each.
     save_every

@@ -145,9 +145,10 @@ def checked_lead_speeds(lead_speeds: ArrayLike, lead_speed: Array) -> Array:
 
 
 def checked_motion(lead_speeds: ArrayLike | None, encounter: Array) -> Array | None:
-    """Return the checked lead speeds over time [m/s] of one encounter, shape (3, 1).
+    """Return the checked lead speeds over time [m/s] of one encounter, shape (states,).
 
-    The result is None if ``lead_speeds`` is None, that is, if the lead vehicle keeps its speed.
+    ``encounter`` contains lead speed [m/s], range [m] and closing speed [m/s], shape (3, 1). The result
+    is None if ``lead_speeds`` is None, that is, if the lead vehicle keeps its speed.
     """
     return None if lead_speeds is None else checked_lead_speeds([lead_speeds], encounter[0])[0]
 

@@ -41,7 +41,7 @@ class RandomVehicle(Vehicle, Protocol):
     """
 
     def draw_inner(self, size: int, generator: np.random.Generator) -> Array:
-        """Draw inner variables for ``size`` encounters, shape (size, variables)."""
+        """Draw the random inner variables of the vehicle for ``size`` encounters, shape (size, variables)."""
 
     def simulate_given(
         self, lead_speed: Array, range_: Array, closing_speed: Array, inner: Array

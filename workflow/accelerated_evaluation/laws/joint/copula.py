@@ -53,7 +53,8 @@ class GaussianCopula(JointLaw):
     ) -> Self:
         """Return the law fitted to records x, shape (n, d): marginal distributions, then correlations.
 
-        The arguments are those of `JointLaw.fit`. The correlations are those of the normal scores.
+        ``box`` contains the limits of the variables, ``weights`` a weight for each record, and ``start`` an
+        earlier fit from which the iterations begin. The correlations are those of the normal scores.
         """
         box.require(x, "the records")
         margins = tuple(

@@ -40,8 +40,8 @@ class KernelLaw(TruncatedNormalMixture):
     ) -> Self:
         """Return the kernel law of records x, shape (n, d), with a fitted bandwidth.
 
-        If ``start``, an earlier law, is given, its covariance matrix is used without a fit. The other
-        arguments are those of `JointLaw.fit`.
+        ``box`` contains the limits of the variables, and ``weights`` a weight for each record. If ``start``,
+        an earlier law, is given, its covariance matrix is used without a fit.
         """
         box.require(x, "the records")
         shares = normalised(weights, len(x)) / len(x)

@@ -67,7 +67,8 @@ class TruncatedNormalMixture(JointLaw):
     ) -> Self:
         """Return the mixture fitted to records x, shape (n, d), by the EM algorithm for truncated data.
 
-        ``components`` is the number K of components. The other arguments are those of `JointLaw.fit`.
+        ``box`` contains the limits of the variables, ``weights`` a weight for each record, and ``start`` an
+        earlier fit from which the iterations begin. ``components`` is the number K of components.
         """
         box.require(x, "the records")
         begin = None if start is None else (start.shares, start.normals)

@@ -278,7 +278,7 @@ class Given:
         return value if speed is closing_speed else np.where(finite, value, np.inf)
 
     def cumulative_at(self, closing_speeds: Array, part: slice) -> Array:
-        """Return -log P(C > c) for some of the pairs, at the same closing speeds c for all of them.
+        """Return the cumulative hazard -log P(C > c) for some pairs, at the same closing speeds c for all.
 
         Parameters
         ----------

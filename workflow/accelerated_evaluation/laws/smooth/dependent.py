@@ -56,7 +56,8 @@ class DependentStratum(SmoothStratum):
     def range_coordinate(self, lead_speed: Array, inverse_range: Array) -> tuple[Array, Array]:
         """Return the first coordinate, and its derivative with respect to log(R_max / R).
 
-        The arguments are v_L [m/s] and R^-1 [1/m]. Arguments and results have shape (n,).
+        The coordinate is the cumulative hazard of log(R_max / R), where R_max is the largest range. The
+        arguments are v_L [m/s] and R^-1 [1/m]. Arguments and results have shape (n,).
         """
         hazards = self.places(lead_speed, 1 / inverse_range).range_hazards(self.ranges)
         logarithm = self.logarithm(inverse_range)

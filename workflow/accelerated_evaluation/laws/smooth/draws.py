@@ -127,7 +127,10 @@ class LawDraws:
         )
 
     def ranges_at(self, places: Places) -> "Hazards":
-        """Return the hazards of log(R_max / R) at n lead speeds, under each of the draws in ``ranges``."""
+        """Return the hazards of log(R_max / R) at n lead speeds, under each of the draws in ``ranges``.
+
+        R_max is the largest range in the limits of the records.
+        """
         return Hazards.of(self._range_splines, self.ranges[0].grid.edges[2], places.along_speed)
 
     def speeds_at(self, places: Places) -> "SpeedsAt":

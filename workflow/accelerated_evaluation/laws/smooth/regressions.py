@@ -228,7 +228,7 @@ class GivenRegression:
         return self.regression.terms(c, self.log_scale, self.log_shape, self.shared).value
 
     def cumulative(self, closing_speed: Array) -> Array:
-        """Return -log P(C > c) at one closing speed c [m/s] for each of the n pairs, shape (n,)."""
+        """Return the cumulative hazard -log P(C > c) at a closing speed c [m/s] for each pair, (n,)."""
         c = np.maximum(closing_speed, SLOWEST)
         return -self.regression.log_survival(c, self.log_scale, self.log_shape, self.shared)
 

@@ -101,7 +101,7 @@ class GivenIndependent:
     range_: Array
 
     def cumulative(self, closing_speed: Array) -> Array:
-        """Return -log P(C > c) at one closing speed c [m/s] for each pair, shape (n,)."""
+        """Return the cumulative hazard -log P(C > c) at a closing speed c [m/s] for each pair, (n,)."""
         return self._each(closing_speed)[0]
 
     def log_density(self, closing_speed: Array) -> Array:
@@ -245,7 +245,7 @@ class GivenExtremes:
     table: Array
 
     def cumulative(self, closing_speed: Array) -> Array:
-        """Return -log P(C > c) at one closing speed c [m/s] for each pair, shape (n,)."""
+        """Return the cumulative hazard -log P(C > c) at a closing speed c [m/s] for each pair, (n,)."""
         low, share = self._place(closing_speed)
         beyond = np.cumsum(np.exp(self.table[:, ::-1]), axis=1)[:, ::-1] * LATTICE[1]
         row = np.arange(low.size)

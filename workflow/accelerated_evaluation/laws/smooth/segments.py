@@ -89,7 +89,7 @@ class SmoothStratum(Stratum):
         """
 
     def logarithm(self, inverse_range: Array) -> Array:
-        """Return log(R_max / R) for R^-1 [1/m], or 0 if the range R is larger than R_max."""
+        """Return log(R_max / R) for R^-1 [1/m], with the largest range R_max; 0 if R is larger than R_max."""
         return np.maximum(np.log(self.support.range_max * inverse_range), 0.0)
 
     def places(self, lead_speed: Array, range_: Array) -> Places:

@@ -70,7 +70,7 @@ class Support:
 
     @property
     def log_range_top(self) -> float:
-        """The value of log(R_max / R) above which the hazard of log(R_max / R) is constant.
+        """The value of log(R_max / R), with the largest range R_max, above which its hazard is constant.
 
         It is the value at the range R = `RANGE_BOTTOM`, or at R = R_max / 2 if that is smaller.
         """

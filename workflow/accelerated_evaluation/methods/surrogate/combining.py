@@ -80,7 +80,7 @@ class Combined:
         return math.sqrt(max(self.observed_variance, self.predicted_variance)) / self.probability
 
     def half_width(self, alpha: float) -> float:
-        """Return half the width of the 100 (1 - alpha) % interval."""
+        """Return half the width of the 100 (1 - alpha) % interval of the estimated probability."""
         low, high = self.interval(alpha)
         return (high - low) / 2
 

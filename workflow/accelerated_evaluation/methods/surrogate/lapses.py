@@ -60,7 +60,9 @@ class LapseBounds:
 
     @classmethod
     def after(cls, z: Array, happened: Flags, probability: float, share: float) -> "LapseBounds":
-        """Return the bounds that follow from given runs.
+        """Return the bounds on the probability that lapses can add, given the flags of n runs.
+
+        A lapse is a rare random failure of the vehicle, which the runs may have missed.
 
         Parameters
         ----------

@@ -92,6 +92,6 @@ class Progress:
 
     @classmethod
     def start(cls, dimension: int) -> Self:
-        """Return the progress of a sampler without any run."""
+        """Return the progress of a sampler without any run, in ``dimension`` normal scores."""
         nothing = np.empty((0, dimension)), np.empty(0, bool), np.empty(0)
         return cls(*nothing, LawDraws.none(dimension))

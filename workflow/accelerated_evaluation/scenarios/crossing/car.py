@@ -82,7 +82,7 @@ class CrossingCar(AccAebParameters):
         raise NotImplementedError
 
     def simulate(self, *columns: ArrayLike) -> CrossingOutcomes:
-        """Simulate n encounters.
+        """Simulate n encounters of the car with a crossing target, and return their outcomes.
 
         Parameters
         ----------
