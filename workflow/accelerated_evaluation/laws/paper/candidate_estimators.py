@@ -148,7 +148,10 @@ def _minima(x: Array, most: float = np.inf) -> tuple[float, float]:
 
 @_standardised
 def fit_extreme_value(x: Array) -> tuple[float, float]:
-    """Return the maximum-likelihood location and scale of the extreme value distribution of minima."""
+    """Return the maximum-likelihood location and scale of the extreme value distribution of minima.
+
+    Argument x is the sample.
+    """
     return _minima(x)
 
 
@@ -185,8 +188,8 @@ def _interior(theta: float, grid: Array) -> float:
 def fit_generalized_extreme_value(x: Array) -> tuple[float, float, float]:
     """Return the maximum-likelihood location, scale and shape of the generalized extreme value distribution.
 
-    The profile likelihood of a parameter theta is maximized. For fixed theta, w = -log(1 + theta x) / theta
-    has the extreme value distribution of minima, with the scale shape / theta.
+    Argument x is the sample. The profile likelihood of a parameter theta is maximized. For fixed theta,
+    w = -log(1 + theta x) / theta has the extreme value distribution of minima, with the scale shape / theta.
     """
     grid = np.concatenate([-TO_ONE[::-1] / x.max(), TO_ONE[1:] / -x.min()])
 
@@ -255,7 +258,7 @@ def fit_log_logistic(y: Array) -> tuple[float, float]:
 
 
 def fit_lognormal(y: Array) -> tuple[float, float]:
-    """Return the maximum-likelihood estimates of mean and standard deviation of log y for lognormal y."""
+    """Return the maximum-likelihood mean and standard deviation of log y, for a lognormal sample y."""
     return fit_normal(np.log(y))
 
 
@@ -268,7 +271,7 @@ def fit_nakagami(y: Array) -> tuple[float, float]:
 
 
 def fit_normal(x: Array) -> tuple[float, float]:
-    """Return the maximum-likelihood estimates of mean and standard deviation of the normal distribution."""
+    """Return the maximum-likelihood mean and standard deviation of the normal distribution for a sample x."""
     return x.mean(), x.std()
 
 
@@ -278,14 +281,15 @@ def fit_pareto(ratio: Array) -> tuple[float]:
 
 
 def fit_rayleigh(y: Array) -> tuple[float]:
-    """Return the maximum-likelihood scale of the Rayleigh distribution, sqrt(mean(y^2) / 2)."""
+    """Return the maximum-likelihood scale of the Rayleigh distribution of a sample y, sqrt(mean(y^2)/2)."""
     return (np.sqrt((y**2).mean() / 2),)
 
 
 def fit_rician(y: Array) -> tuple[float, float]:
     """Return the maximum-likelihood estimates of noncentrality c >= 0 and scale s of the Rician distribution.
 
-    At the maximum c^2 + 2 s^2 = mean(y^2), so the profile likelihood of q = c^2 / mean(y^2) is maximized.
+    Argument y is the sample. At the maximum c^2 + 2 s^2 = mean(y^2), so the profile likelihood of
+    q = c^2 / mean(y^2) is maximized.
     """
     root = np.sqrt((y**2).mean())
     unit = y / root
@@ -305,8 +309,8 @@ def fit_rician(y: Array) -> tuple[float, float]:
 def fit_t(x: Array) -> tuple[float, float, float]:
     """Return the maximum-likelihood location, scale and degrees of freedom of the t distribution.
 
-    A gradient method searches for the maximum from three starting points: two with heavy tails, and one from
-    the moments of the sample.
+    Argument x is the sample. A gradient method searches for the maximum from three starting points: two with
+    heavy tails, and one from the moments of the sample.
     """
     ties = np.unique(x, return_counts=True)[1].max()
     bounds = [(None, None), (np.log(1e-8), None), (np.log(ties / (x.size - ties)), np.log(MOST_DEGREES))]
