@@ -261,11 +261,7 @@ class Course:
         A lapse is a rare run in which the vehicle behaves differently from most other runs of the same
         encounter. The bound is 0 if the vehicle does not lapse, or if there is no posterior yet.
         """
-        posterior, progress = self.posterior(), self.sampler.progress
-        if posterior is None or not self.sampler.may_lapse:
-            return 0.0
-        probability = float(posterior.probabilities.mean())
-        return lapse_bounds(progress, probability, SHARE).like_hardness
+        return unseen_lapses(self.sampler, self.posterior())
 
     def crashes(self, sampled: Event) -> pd.DataFrame:
         """Return a table of the runs that ended in the sampled event.
@@ -341,6 +337,28 @@ def is_part(event: Event, sampled: Event) -> bool:
         is_impact = event.quantity == "impact_speed"
         return (event.threshold > sampled.threshold) == is_impact
     return event.quantity in ("crash", "impact_speed") and sampled.quantity != "impact_speed"
+
+
+def unseen_lapses(sampler: Sampler, posterior: SampledPosterior | None) -> float:
+    """Return a bound on the probability that unobserved lapses add to the mean of a posterior.
+
+    A lapse is a rare run in which the vehicle behaves differently from most other runs of the same encounter.
+
+    Parameters
+    ----------
+    sampler
+        The sampler, with its runs.
+    posterior
+        The probability of the sampled event under each draw of the law; None if there is no estimate yet.
+
+    Returns
+    -------
+    float
+        The bound; 0 if the vehicle does not lapse, or if there is no posterior.
+    """
+    if posterior is None or not sampler.may_lapse:
+        return 0.0
+    return lapse_bounds(sampler.progress, float(posterior.probabilities.mean()), SHARE).like_hardness
 
 
 def answer_row(posterior: SampledPosterior | None, unseen_lapses: float = 0.0) -> dict[str, float]:

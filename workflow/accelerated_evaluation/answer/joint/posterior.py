@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from accelerated_evaluation.answer.averaged import SHARE, answer_row
+from accelerated_evaluation.answer.averaged import SHARE, answer_row, unseen_lapses
 from accelerated_evaluation.answer.joint.scores import Respond, ScoredLaws
 from accelerated_evaluation.answer.posterior import budget
 from accelerated_evaluation.answer.reweighting import SMALLEST, Reweighting, SampledPosterior
@@ -23,7 +23,6 @@ from accelerated_evaluation.laws.joint import JointLaw
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 from accelerated_evaluation.methods.surrogate import rules_of_joint_laws
 from accelerated_evaluation.methods.surrogate.constants import ENOUGH_DRAWS
-from accelerated_evaluation.methods.surrogate.results import lapse_bounds
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.scenarios.protocol import FILLED
 
@@ -255,10 +254,8 @@ def surrogate_posterior(
         sampler.tell(*(repeat(x) if sampler.repeats_next else respond(x)))
         if sampler.progress.happened.any():
             posterior = reweighting.estimate(sampler.progress)
-    if posterior is not None and sampler.may_lapse:
-        mean = float(posterior.probabilities.mean())
-        bound = lapse_bounds(sampler.progress, mean, share).like_hardness
-        posterior = replace(posterior, unseen_lapses=bound)
+    if posterior is not None:
+        posterior = replace(posterior, unseen_lapses=unseen_lapses(sampler, posterior))
     return posterior, sampler, has_ended and not sampler.may_lapse
 
 

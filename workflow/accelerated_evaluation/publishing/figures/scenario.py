@@ -57,11 +57,11 @@ def fig01_scenario_records(
         ignore_index=True,
     )
     pairs = list(combinations(scenario.variables, 2))
-    looks = ((RECORD, PIECES[1], "o", 3), (HAPPENED, CRASH, "x", 6))
+    styles = ((RECORD, PIECES[1], "o", 3), (HAPPENED, CRASH, "x", 6))
     with paper_style():
         drawn, panels = plt.subplots(len(pairs), 1, figsize=(COLUMN_WIDTH, 2.1 * len(pairs)), squeeze=False)
         for axes, (x, y) in zip(panels[:, 0], pairs, strict=True):
-            for kind, color, marker, size in looks:
+            for kind, color, marker, size in styles:
                 own = points[points["kind"] == kind]
                 width = 0.0 if marker == "o" else 0.5
                 axes.scatter(
