@@ -18,7 +18,7 @@ from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.methods import Stopping
 from accelerated_evaluation.methods.estimate import Estimate
 from accelerated_evaluation.methods.surrogate import Surrogate, rules_of_joint_laws
-from accelerated_evaluation.problem import ScenarioProblem, read_scenario_law
+from accelerated_evaluation.problem import Problem, read_law_of
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles import load_vehicle
@@ -30,13 +30,13 @@ AT_ONCE = 200_000  # draws of the law
 TWICE = math.log(2)
 
 
-def problem_of(scenario: Scenario, law: Path, event: str) -> ScenarioProblem:
+def problem_of(scenario: Scenario, law: Path, event: str) -> Problem:
     """Return the problem of an event of the built-in car under a law."""
     car = load_vehicle(scenario.default_vehicle, scenario)
-    return ScenarioProblem(scenario, read_scenario_law(scenario, law), car, event_named(event, scenario))
+    return Problem(scenario, read_law_of(scenario, law), car, event_named(event, scenario))
 
 
-def crude_probability(problem: ScenarioProblem, draws: int) -> float:
+def crude_probability(problem: Problem, draws: int) -> float:
     """Return the share of draws of the law that end in the event."""
     generator = child_generator(0, "scenario seeds", "crude")
     sizes = [min(AT_ONCE, draws - first) for first in range(0, draws, AT_ONCE)]
@@ -44,7 +44,7 @@ def crude_probability(problem: ScenarioProblem, draws: int) -> float:
     return sum(int(problem.event.happens(each).sum()) for each in outcomes) / draws
 
 
-def estimates(problem: ScenarioProblem, seed: int) -> tuple[Estimate, Estimate]:
+def estimates(problem: Problem, seed: int) -> tuple[Estimate, Estimate]:
     """Return the estimate after at most `FEW` runs, and that after at most `MOST`."""
     stages: list[Estimate] = []
     method = Surrogate(**rules_of_joint_laws(problem.event.filled), on_batch=stages.append)

@@ -23,6 +23,7 @@ from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.study.preflight import compared_sections
 from accelerated_evaluation.vehicles import load_vehicle
@@ -66,7 +67,7 @@ def run(name: str, seeds: int, output: Path) -> None:
     reference = under_draws(careful, law.draws)
     sections = [config["vehicle"], *compared_sections(config["compared_vehicles"]).values()]
     parameters = next(section["parameters"] for section in sections if section["name"] == name)
-    problem = Problem(law, load_vehicle(name, **parameters))
+    problem = Problem(CUT_IN, law, load_vehicle(name, **parameters))
     method = AveragedSurrogate.configured(config)
     rows = pd.read_csv(output).to_dict("records") if output.exists() else []
     for seed in tqdm(range(len(rows), seeds), desc=name, unit=" seeds"):

@@ -18,6 +18,7 @@ from accelerated_evaluation.base.files import write_csv
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
 from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.vehicles import load_vehicle
 from tqdm import tqdm
@@ -58,7 +59,7 @@ def estimate(seeds: Iterable[int]) -> pd.DataFrame:
     config = load()
     encounters, _ = read_records(config)
     _, law = choose_sampled_law(ANSWER, encounters, config)
-    problem, method = Problem(law, load_vehicle(VEHICLE)), AveragedSurrogate.configured(config)
+    problem, method = Problem(CUT_IN, law, load_vehicle(VEHICLE)), AveragedSurrogate.configured(config)
     rows = []
     for seed in tqdm(seeds, desc="whole answers", unit=" seeds"):
         generator = child_generator(ROOT, "estimate", seed)

@@ -150,7 +150,7 @@ def segment_problem(segment: str, vehicle: Vehicle, factors: Factors | None = No
     only = law().only(segment)
     if factors is not None:
         only = replace(only, inverse_range=factors.first, inverse_ttc={segment: factors.second})
-    return library.Problem(only, vehicle)
+    return library.Problem(CUT_IN, only, vehicle)
 
 
 def range_left(outcomes: Outcomes, cut_ins: CutIns) -> Array:
@@ -236,7 +236,7 @@ def limit_state(
 
 def whole() -> Problem:
     """Return a crash in any segment."""
-    event = tabulated(library.Problem(law(), AccAeb()))
+    event = tabulated(library.Problem(CUT_IN, law(), AccAeb()))
     return Problem("all_segments", "all segments", event, ours_only=True)
 
 

@@ -18,6 +18,7 @@ from accelerated_evaluation.crash_map.maps import CrashMap, Grid, read_crash_map
 from accelerated_evaluation.crash_map.sampled import sample_crashes
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.problem import Problem as CutInProblem
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.study.preflight import compared_sections
 from accelerated_evaluation.vehicles import load_vehicle
@@ -96,7 +97,7 @@ def estimated(key: str, law: Law, maps: Mapping[str, CrashMap], seeds: int) -> p
         known = {"law": key, "vehicle": name, "exact": exact.probability, "exact_se": exact.standard_error}
         runs = pd.DataFrame({"seed": [None]})
         if exact.probability >= LEAST:
-            crash = CutInProblem(law, load_vehicle(name, **vehicles()[name]))
+            crash = CutInProblem(CUT_IN, law, load_vehicle(name, **vehicles()[name]))
             count = SEEDS_STRIPED if name in STRIPED else seeds
             runs = repeated(Problem(f"{key} {name}", name, crash, ours_only=True), METHOD, range(count))
         parts.append(runs.assign(**known))

@@ -21,6 +21,7 @@ from accelerated_evaluation.laws.smooth.support import SUPPORT
 from accelerated_evaluation.methods.estimate import Stopping
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.records.segments import assign_segments
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles.builtin.acc_aeb import AccAeb
 from kinds import independent_masses
 from scipy.special import ndtri
@@ -69,7 +70,7 @@ class Fitted:
         """Simulate the car under the mean of draws, some 150 times, and reweight the runs for each draw."""
         draws = LawDraws.of(self.family, MEMBERS, self.weights, SUPPORT, generator)
         law = MeanLaw.fitted(draws, assign_segments(records, EDGES), "world", TOP)
-        found = AveragedSurrogate().estimate(Problem(law, AccAeb()), STOPPING, generator)
+        found = AveragedSurrogate().estimate(Problem(CUT_IN, law, AccAeb()), STOPPING, generator)
         own = {"simulations": found.simulations, "converged": found.converged}
         if not len(found.tables["draws"]):
             return own

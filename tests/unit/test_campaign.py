@@ -16,6 +16,7 @@ from accelerated_evaluation.methods.estimate import Estimate
 from accelerated_evaluation.methods.surrogate import state as sampler_state
 from accelerated_evaluation.methods.surrogate.combining import interval
 from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.track.campaign_file import read_campaign, write_campaign
 from accelerated_evaluation.track.results import read_results
 from accelerated_evaluation.track.status import forecast, status_of
@@ -54,7 +55,9 @@ def test_a_campaign_is_the_sampler_told_run_by_run(begun):
             part.to_csv("part.csv", index=False)
             assert begun("tell", "part.csv") == 0
     surrogate = METHODS["surrogate"](batch_size=10)
-    wanted = surrogate.estimate(Problem(LAW, load_vehicle("acc_aeb")), GOAL, child_generator(4, "campaign"))
+    wanted = surrogate.estimate(
+        Problem(CUT_IN, LAW, load_vehicle("acc_aeb")), GOAL, child_generator(4, "campaign")
+    )
     assert status_of(read_campaign("c.json")).estimate.row() == wanted.row()
 
 
@@ -304,4 +307,4 @@ def test_the_tutorial_runs_as_it_is_written(tmp_path, monkeypatch):
 def _crude(size):
     """Return the crash probability by drawing from the law; its standard error is about a tenth."""
     cut_ins, _ = LAW.draw(np.random.default_rng(5), size)
-    return Problem(LAW, load_vehicle("acc_aeb")).simulate(cut_ins).crash.mean()
+    return Problem(CUT_IN, LAW, load_vehicle("acc_aeb")).simulate(cut_ins).crash.mean()

@@ -12,6 +12,7 @@ from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.methods import METHODS, Stopping
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.track.campaign import Campaign
 from accelerated_evaluation.track.campaign_file import read_campaign
 from accelerated_evaluation.track.limits import UNLIMITED, Limits
@@ -83,7 +84,7 @@ def test_a_campaign_within_limits_drives_nothing_beyond_and_finds_the_event_with
     assert status.spared == len(read_campaign("c.json").runs) - len(runs) > 0
     # Told of what lies beyond, the sampler itself comes to the same.
     wanted = METHODS["surrogate"](batch_size=20).estimate(
-        Problem(LAW, Within()), GOAL, child_generator(4, "campaign")
+        Problem(CUT_IN, LAW, Within()), GOAL, child_generator(4, "campaign")
     )
     assert status.estimate.row() == wanted.row()
     error = (status.estimate.high - status.estimate.low) / 2 / 1.28

@@ -15,6 +15,7 @@ from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMeth
 from accelerated_evaluation.methods.surrogate import Surrogate
 from accelerated_evaluation.methods.surrogate.lapses import LapseBounds, chance_in_words, upper_limit
 from accelerated_evaluation.problem import Problem, SystemProblem
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.track.weighted_set import draw_weighted_set
 from accelerated_evaluation.vehicles import load_vehicle
 from law_folder import LAW as CUT_INS
@@ -56,7 +57,7 @@ def noisy_half_space(spread, generator, *, deterministic=False, distance=3.5):
 
 @pytest.mark.parametrize("name", DRAWN_BY_LAW)
 def test_importance_sampling_estimates_the_mean_over_chance(name):
-    found = estimates(name, Problem(LAW, lapsing(0.6)))
+    found = estimates(name, Problem(CUT_IN, LAW, lapsing(0.6)))
     assert fits(found, 0.4 * exact())
     assert not fits(found, exact())  # of the vehicle that never lapses
 

@@ -19,6 +19,7 @@ from accelerated_evaluation.methods.cross_entropy.families import (
 )
 from accelerated_evaluation.methods.cross_entropy.search import SearchSettings, event_score, search
 from accelerated_evaluation.problem import Problem, Sample
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
 from toy_segment import CONFIG, PAPERS, SETTINGS, F, Toy, before, families, found, toy
 
@@ -220,7 +221,7 @@ def test_each_stratum_is_searched_and_sampled_with_its_own_law():
             seen.setdefault("speeds", set()).update(lead_speed.tolist())
             return super().simulate(lead_speed, range_, closing_speed)
 
-    problem = Problem(law, Recorder(inverse_ttc=0.3))
+    problem = Problem(CUT_IN, law, Recorder(inverse_ttc=0.3))
     single = METHODS["single"].configured(SETTINGS)
     for stratum, (f, speeds) in {"slow": (F.second, {6.0, 7.0}), "fast": (other, {30.0})}.items():
         seen.clear()
@@ -242,7 +243,7 @@ def test_twenty_seeds_end_well_before_the_car_of_the_study(method):
         {"5-15": Empirical(np.linspace(5, 15, 201)[:-1])},
         closing_speed_max=23.49,
     )
-    problem = Problem(law, AccAeb())
+    problem = Problem(CUT_IN, law, AccAeb())
     for seed in range(20):
         result = found(method, problem, seed)
         sample = problem.sample("5-15", result.proposal, np.random.default_rng(seed), 2000)

@@ -16,6 +16,7 @@ from accelerated_evaluation.methods.crude import (
     simulate_batches,
 )
 from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles.protocol import Outcomes
 
 THRESHOLD = 0.3
@@ -47,7 +48,7 @@ class Toy:
 
 def run(folder, vehicle, work="one", **settings):
     checkpoint = Checkpoint(folder / "checkpoint.json", work)
-    return simulate_batches(Problem(LAW, vehicle), checkpoint, **(SETTINGS | settings))
+    return simulate_batches(Problem(CUT_IN, LAW, vehicle), checkpoint, **(SETTINGS | settings))
 
 
 def written(folder, batches):

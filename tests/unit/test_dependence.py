@@ -13,6 +13,7 @@ from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.methods import METHODS, Stopping
 from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMethod
 from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.configuration import load
 from dependent_law import PIECES, UNIT, crash_probability, dependent_law
 from wall_car import GRID, WallCar
@@ -42,7 +43,7 @@ def crash_map():
 
 def test_crude_monte_carlo_finds_the_probability():
     size = 400_000
-    happened, _ = Problem(LAW, CAR).evaluate(np.random.default_rng(1).standard_normal((size, 3)))
+    happened, _ = Problem(CUT_IN, LAW, CAR).evaluate(np.random.default_rng(1).standard_normal((size, 3)))
     truth = truths()[ALL]
     error = math.sqrt(truth / size)
     assert 1e-4 < truth < 1e-2
@@ -53,7 +54,7 @@ def test_crude_monte_carlo_finds_the_probability():
 @pytest.mark.parametrize("method", PAPERS)
 @pytest.mark.parametrize("stratum", LAW.strata)
 def test_the_search_finds_the_probability_of_each_stratum(method, stratum):
-    problem, truth, size = Problem(LAW, CAR), truths()[stratum], 20_000
+    problem, truth, size = Problem(CUT_IN, LAW, CAR), truths()[stratum], 20_000
     found = configured(method).search(problem, stratum, np.random.default_rng(1))
     sample = problem.sample(stratum, found.proposal, np.random.default_rng(2), size)
     error = sample.weight.std() / math.sqrt(size)
@@ -76,7 +77,7 @@ def test_the_search_finds_the_probability_of_each_stratum(method, stratum):
 def test_likelihood_ratios_average_to_one(f_star, stratum):
     """The Jacobian of the map from scores to cut-ins cancels, in whatever variables the ratio is taken."""
     size = 20_000
-    log_ratio = Problem(LAW, CAR).sample(stratum, f_star, np.random.default_rng(3), size).log_ratio
+    log_ratio = Problem(CUT_IN, LAW, CAR).sample(stratum, f_star, np.random.default_rng(3), size).log_ratio
     ratio = np.exp(log_ratio)
     assert ratio.mean() == pytest.approx(1, abs=4 * ratio.std() / math.sqrt(size) + 1e-14)
     assert ratio.std() < 10
@@ -88,7 +89,7 @@ def test_likelihood_ratios_average_to_one(f_star, stratum):
 @pytest.mark.parametrize("method", PAPERS)
 def test_estimates_of_all_strata_cover(method):
     stopping = Stopping(alpha=0.01, beta=0.1, minimum_events=200, maximum_simulations=200_000)
-    estimate = configured(method).estimate(Problem(LAW, CAR), stopping, np.random.default_rng(4))
+    estimate = configured(method).estimate(Problem(CUT_IN, LAW, CAR), stopping, np.random.default_rng(4))
     assert estimate.converged
     assert estimate.covers(truths()[ALL])
     assert not estimate.covers(1.5 * truths()[ALL])
@@ -111,7 +112,7 @@ def test_a_cap_gathers_all_beyond_it(crash_map):
     truth = truths((12.0, 99.0, 99.0))
     for name, value in exact_probabilities(crash_map, dependent_law(cap=12.1)).items():
         assert abs(value.probability / truth[name] - 1) < 4 * value.standard_error / truth[name] + 3e-3
-    capped = Problem(dependent_law(cap=12.1), CAR)
+    capped = Problem(CUT_IN, dependent_law(cap=12.1), CAR)
     happened, _ = capped.evaluate(np.random.default_rng(6).standard_normal((400_000, 3)))
     assert abs(happened.mean() - truth[ALL]) < 4 * math.sqrt(truth[ALL] / 400_000)
 
@@ -126,7 +127,7 @@ def test_exact_variation_is_that_of_the_weights(crash_map):
     f_star = Factors(BoundedExponential(1.4), BoundedExponential(0.15))
     exact = exact_variation(crash_map, LAW, dict.fromkeys(LAW.strata, f_star))
     for k, name in enumerate(LAW.strata):
-        weight = Problem(LAW, CAR).sample(name, f_star, np.random.default_rng(k), 400_000).weight
+        weight = Problem(CUT_IN, LAW, CAR).sample(name, f_star, np.random.default_rng(k), 400_000).weight
         kurtosis = np.mean((weight - weight.mean()) ** 4) / weight.var() ** 2
         ratio = exact[name][0] ** 2 / (weight.var() / weight.mean() ** 2)
         # The relative error of a sample's variance is about sqrt((kurtosis - 1) / n).

@@ -26,6 +26,7 @@ from accelerated_evaluation.distributions.tails import interval_probability
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
 from accelerated_evaluation.vehicles.events import CRASH, events_from
 from wall_car import GRID, RANGE_LAWS, TTC_LAWS, WallCar, integral, law_of
@@ -181,7 +182,7 @@ def test_agrees_with_importance_sampling():
     )
     found = exact_probabilities(crash_map, capped)[ALL]
     assert exact_probabilities(crash_map, law)[ALL] == found  # the map ends at the cap
-    problem = Problem(capped, AccAeb())
+    problem = Problem(CUT_IN, capped, AccAeb())
     proposal = Factors(laws[0], BoundedExponential(8.0, 0.5))
     weights = problem.sample("5-15", proposal, np.random.default_rng(2), 400_000).weight
     error = np.hypot(weights.std() / np.sqrt(weights.size), found.standard_error)

@@ -22,6 +22,7 @@ from accelerated_evaluation.methods.importance_sampling import (
     running,
 )
 from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import Outcomes
 from scipy import stats
 
@@ -56,7 +57,7 @@ def accelerated(probabilities, slower=1.0, events=None):
         name: Factors(INVERSE_RANGE, BoundedExponential(rate / slower))
         for name, rate in zip(names, rates, strict=True)
     }
-    return Problem(law, Toy()), proposals
+    return Problem(CUT_IN, law, Toy()), proposals
 
 
 def crash_weights(size, seed=1, events=0.2):

@@ -9,6 +9,7 @@ from accelerated_evaluation.methods.surrogate.law_draws import LawDraws
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.methods.surrogate.state import State
 from accelerated_evaluation.problem import Problem, SystemProblem
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from sampler_checks import STOPPING
 from scipy.special import ndtr
 from scipy.stats import binom
@@ -86,7 +87,7 @@ def test_a_vehicle_that_says_nothing_is_drawn_from_the_law_and_one_that_says_so_
     silent, said = Corner(), Corner()
     silent.deterministic, said.deterministic = None, True
     for vehicle, draws in ((silent, ENOUGH_DRAWS), (said, 0)):
-        found = Surrogate().estimate(Problem(LAW, vehicle), STOPPING, np.random.default_rng(1))
+        found = Surrogate().estimate(Problem(CUT_IN, LAW, vehicle), STOPPING, np.random.default_rng(1))
         assert found.converged
         assert found.diagnostics["law_draws"] == draws
 

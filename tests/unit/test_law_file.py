@@ -46,7 +46,7 @@ def test_a_file_whose_counts_are_called_events_is_read(tmp_path):
     [
         BoundedExponential(1 / 3, 0.1),
         BoundedExponential(-1e-300, 0.5, 1.0),
-        BoundedNormal(5e-324, 0.1, math.inf, 0.3),
+        BoundedNormal(1e-9, 0.1, math.inf, 0.3),
         Pareto(math.pi, 1 / 75),
         BODY,
         PIECEWISE,

@@ -233,7 +233,7 @@ def test_the_emphasis_is_large_where_draws_of_small_probability_have_their_event
 def test_runs_that_are_chosen_for_a_near_miss_find_its_probability(law):
     # The quick closer has this near miss where the gap closes within six seconds.
     near = CUT_IN.event("min_ttc", 6.0)
-    problem = Problem(law, QuickCloser(), near)
+    problem = Problem(CUT_IN, law, QuickCloser(), near)
     stopping = Stopping(minimum_events=1, maximum_simulations=400)
     method = AveragedSurrogate(events=(CRASH, CUT_IN.event("min_range", 1.0)))
     found = method.estimate(problem, stopping, np.random.default_rng(10))

@@ -13,6 +13,7 @@ from accelerated_evaluation.methods import METHODS, Estimate, Method, Stopping
 from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMethod
 from accelerated_evaluation.methods.importance_sampling import draw_weights, estimate_from_weights
 from accelerated_evaluation.problem import Problem, SystemProblem
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.vehicles import Outcomes
 from scipy.stats import binom
@@ -49,7 +50,7 @@ LAW = IndependentLaw(
     },
     {"slow": Empirical(np.linspace(5, 15, 50)), "fast": Empirical(np.linspace(15, 25, 50))},
 )
-PROBLEM = Problem(LAW, Corner())
+PROBLEM = Problem(CUT_IN, LAW, Corner())
 
 
 def exact(law=LAW):

@@ -16,6 +16,7 @@ from accelerated_evaluation.methods.surrogate.predecessor import read_predecesso
 from accelerated_evaluation.methods.surrogate.sampler import Sampler
 from accelerated_evaluation.methods.surrogate.state import State
 from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.track.campaign_file import read_campaign
 from accelerated_evaluation.track.status import status_of
 from accelerated_evaluation.vehicles import load_vehicle
@@ -24,7 +25,7 @@ from sampler_checks import HALF_PLANE, STOPPING, drive, half_plane, numbers, sta
 from scipy.stats import ttest_1samp
 
 SEEDS = 8
-PROBLEM = Problem(LAW, load_vehicle("acc_aeb"))
+PROBLEM = Problem(CUT_IN, LAW, load_vehicle("acc_aeb"))
 
 
 def runs_of(event, seed=100):

@@ -42,7 +42,7 @@ LAW = IndependentLaw(
     {name: BoundedExponential(rate) for name, rate in RATES.items()},
     {name: Empirical(speeds) for name, speeds in SPEEDS.items()},
 )
-PROBLEM = Problem(LAW, Echo())
+PROBLEM = Problem(CUT_IN, LAW, Echo())
 
 
 def normal_scores(dimension, seed=1):
@@ -161,7 +161,7 @@ def test_samples_of_a_stratum_have_its_lead_speeds_and_the_densities_of_f_and_f_
             seen.append((lead_speed, range_, closing_speed))
             return super().simulate(lead_speed, range_, closing_speed)
 
-    sample = Problem(LAW, Recorder()).sample(name, f_star, np.random.default_rng(9), SIZE)
+    sample = Problem(CUT_IN, LAW, Recorder()).sample(name, f_star, np.random.default_rng(9), SIZE)
     ((lead_speed, range_, closing_speed),) = seen
     assert set(lead_speed) == set(SPEEDS[name])
     np.testing.assert_allclose(1 / range_, sample.first, rtol=1e-12)
@@ -203,7 +203,7 @@ FINGERPRINTED = {
 def test_the_fingerprint_tells_problems_apart():
     found = {problem.fingerprint: name for name, problem in FINGERPRINTED.items()}
     assert sorted(found.values()) == sorted(FINGERPRINTED)
-    assert Problem(replace(LAW), Echo()).fingerprint == PROBLEM.fingerprint
+    assert Problem(CUT_IN, replace(LAW), Echo()).fingerprint == PROBLEM.fingerprint
 
 
 def test_the_fingerprint_is_that_of_another_process():

@@ -11,7 +11,7 @@ from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalM
 from accelerated_evaluation.methods import METHODS, Stopping
 from accelerated_evaluation.methods.normal_mixture import DEFENSIVE, NormalMixture
 from accelerated_evaluation.methods.study import study_method
-from accelerated_evaluation.problem import ScenarioProblem
+from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
 from accelerated_evaluation.study.configuration import load
 from scipy.stats import binom, truncnorm
@@ -36,7 +36,7 @@ class Fast:
         return LEFT_TURN.outcome_type(**columns | flags)
 
 
-PROBLEM = ScenarioProblem(LEFT_TURN, law_within(), Fast(), LEFT_TURN.events[0])
+PROBLEM = Problem(LEFT_TURN, law_within(), Fast(), LEFT_TURN.events[0])
 EXACT = truncnorm(-MEAN[1] / DEVIATION[1], (60 - MEAN[1]) / DEVIATION[1], MEAN[1], DEVIATION[1]).sf(LIMIT)
 METHODS_OF_SCORES = ("crude", "normal_mixture", "surrogate")
 

@@ -20,6 +20,7 @@ from accelerated_evaluation.methods.cross_entropy.families import (
 )
 from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMethod
 from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.configuration import load
 from accelerated_evaluation.vehicles import Outcomes
 
@@ -67,7 +68,7 @@ def toy(inverse_range, inverse_ttc):
 def before(vehicle, cap=math.inf):
     """Return the problem of a vehicle before cut-ins of one segment, all at 20 m/s."""
     law = IndependentLaw("toy", {"all": 1}, F.first, {"all": F.second}, {"all": Empirical([20.0])}, cap)
-    return Problem(law, vehicle)
+    return Problem(CUT_IN, law, vehicle)
 
 
 def families(method):

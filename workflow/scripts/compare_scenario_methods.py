@@ -2,7 +2,7 @@
 
 from accelerated_evaluation.answer.scenario_methods import compare_methods
 from accelerated_evaluation.base.files import write_csv
-from accelerated_evaluation.laws.joint.files import read_joint_law
+from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.study.jobs import job
 from accelerated_evaluation.vehicles.external.slow import loaded_for
@@ -11,7 +11,7 @@ if __name__ == "__main__":
     with job(snakemake.log[0]):
         params = snakemake.params
         scenario = SCENARIOS[params.config["scenario"]["name"]]
-        laws = {"heaviest": read_joint_law(snakemake.input.law)}
+        laws = {"heaviest": read_law(snakemake.input.law)}
         with loaded_for(
             params.vehicle, params.simulations | {"workers": snakemake.threads}, scenario
         ) as vehicle:

@@ -11,6 +11,7 @@ from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.support import Support
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.study.jobs import job
 from accelerated_evaluation.vehicles.external.slow import loaded_for
 
@@ -24,7 +25,7 @@ if __name__ == "__main__":
         law = mean_law(read_family(files.family, records), encounters, draws, settings["seed"], fastest)
         traffic = Traffic(records.size, read_json(files.exposure))
         with loaded_for(settings["vehicle"], params.simulations | {"workers": snakemake.threads}) as vehicle:
-            found = simulate_answer(settings, Problem(law, vehicle), traffic)
+            found = simulate_answer(settings, Problem(SCENARIOS["cut_in"], law, vehicle), traffic)
         if found.warning is not None:
             say(f"warning: {found.warning}")
             print(found.warning, file=sys.stderr)

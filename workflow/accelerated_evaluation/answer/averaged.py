@@ -22,6 +22,7 @@ from accelerated_evaluation.answer.study import event_name
 from accelerated_evaluation.answer.summary import SUMMARY, summarise
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws.smooth.mean import MeanLaw
+from accelerated_evaluation.laws.strata import VARIABLES
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
 from accelerated_evaluation.methods.surrogate import Surrogate
 from accelerated_evaluation.methods.surrogate.results import lapse_bounds
@@ -286,9 +287,8 @@ class Course:
         share = np.zeros(len(progress.z))
         share[len(share) - sum(map(len, weights)) :] = np.concatenate(weights)
         happened = np.flatnonzero(sampled.happens(outcomes))
-        cut_ins, z = self.law.from_normal_scores(progress.z[happened]), progress.z[happened]
-        place = {"lead_speed": cut_ins.lead_speed, "range": cut_ins.range_}
-        place |= {"closing_speed": self.law.capped(cut_ins.closing_speed)}
+        z = progress.z[happened]
+        place = dict(zip(VARIABLES, self.law.from_normal_scores(z).T, strict=True))
         scores = {f"z_{k + 1}": z[:, k] for k in range(z.shape[1])}
         ended = {name: values[happened] for name, values in vars(outcomes).items()}
         return pd.DataFrame(scores | place | ended | {"share": share[happened] / share[happened].sum()})

@@ -16,7 +16,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import FITS, Law
-from accelerated_evaluation.laws.files import read_law, require_shares
+from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.laws.paper.models import PAPER_LAWS, fit_paper_laws
 from accelerated_evaluation.laws.smooth.dependent import DependentLaw
@@ -97,7 +97,6 @@ def choose_law(choice: str, encounters: pd.DataFrame, config: Mapping[str, Any])
     require_law(choice)
     if choice.endswith(FILE):
         law = read_law(choice, encounters)
-        require_shares(choice, law, encounters)
         return choice, law
     if choice == ANSWER or choice in SMOOTH:
         with threadpool_limits(1, "blas"):  # as in the jobs of the study, so that the digits are the same

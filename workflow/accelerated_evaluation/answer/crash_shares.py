@@ -8,7 +8,7 @@ part of its crash probability is an artefact. The table of this module shows how
 import numpy as np
 import pandas as pd
 
-from accelerated_evaluation.laws.joint.protocol import JointLaw
+from accelerated_evaluation.laws import Law
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.protocol import Vehicle
 
@@ -27,7 +27,7 @@ COLUMNS = (
 
 def crash_shares(
     scenario: Scenario,
-    law: JointLaw,
+    law: Law,
     vehicle: Vehicle,
     generator: np.random.Generator,
     *,
@@ -60,7 +60,7 @@ def crash_shares(
     if scenario.divided_by is None:
         return pd.DataFrame(columns=list(COLUMNS))
     variable, edges = scenario.divided_by
-    x = law.sample(simulations, generator)
+    x = law.draw(simulations, generator)
     outcomes = vehicle.simulate(*scenario.to_inputs(x).T)
     crash = outcomes.crash
     size = np.abs(x[:, scenario.names.index(variable)])

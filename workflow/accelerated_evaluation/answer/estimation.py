@@ -17,7 +17,7 @@ from accelerated_evaluation.answer.reweighting import LEVEL, SampledPosterior
 from accelerated_evaluation.answer.study import event_name
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.laws import CutIns, Law
+from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.laws.smooth.mean import MeanLaw
 from accelerated_evaluation.laws.smooth.support import Support
@@ -32,6 +32,7 @@ from accelerated_evaluation.records.ingest import ingest
 from accelerated_evaluation.records.segments import require_rows
 from accelerated_evaluation.records.sources import read_source
 from accelerated_evaluation.records.verdict import Verdict, verdict_on
+from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.protocol import Event
 from accelerated_evaluation.vehicles.events import CRASH, events_from
 from accelerated_evaluation.vehicles.external.alone import difference_when_alone
@@ -136,7 +137,7 @@ def estimate_alone(
                 expected="a law with draws, see --help",
                 change="Leave the option out, or choose another law.",
             )
-        problem = Problem(chosen, vehicle, event)
+        problem = Problem(SCENARIOS["cut_in"], chosen, vehicle, event)
         known = None if predecessor is None else read_predecessor(predecessor, problem)
         exposure = encounters.attrs["exposure"]
         cut_ins = DistinctRecords.of(encounters, Support.configured(config)).size
@@ -233,8 +234,7 @@ def _reproduced(section: Mapping[str, Any], problem: Problem, runs: pd.DataFrame
     if getattr(problem.vehicle, "deterministic", None) is False:
         return None
     own = runs[(runs["phase"] != "repeat") & (runs["replicate"] == runs["replicate"].max())]
-    cut_ins = CutIns(*(own[name].to_numpy() for name in ("lead_speed", "inverse_range", "inverse_ttc")))
-    encounters = np.array([cut_ins.lead_speed, cut_ins.range_, problem.law.capped(cut_ins.closing_speed)])
+    encounters = own[list(problem.scenario.names)].to_numpy().T
     happened = own["event"].to_numpy(dtype=bool)
     return difference_when_alone(section, encounters, happened, event=problem.event)
 

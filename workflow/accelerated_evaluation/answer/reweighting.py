@@ -17,7 +17,6 @@ from scipy.special import stdtrit
 from accelerated_evaluation.answer.crossfit import Control
 from accelerated_evaluation.answer.posterior import Posterior, shrunk_estimates
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.laws import CutIns
 from accelerated_evaluation.methods.surrogate.combining import BatchEstimate, counted_batches
 from accelerated_evaluation.methods.surrogate.progress import Progress
 from accelerated_evaluation.methods.surrogate.two_phase import TwoPhaseBatch
@@ -139,8 +138,8 @@ class Reweighting:
 
     def __init__(
         self,
-        ratios: Callable[[CutIns], Array],
-        cut_ins: Callable[[Array], CutIns],
+        ratios: Callable[[Array], Array],
+        cut_ins: Callable[[Array], Array],
         member: NDArray[np.int_],
     ) -> None:
         self._ratios, self._cut_ins, self.member = ratios, cut_ins, member

@@ -19,7 +19,7 @@ from accelerated_evaluation.answer.joint.scores import CANDIDATES, ClusteredReco
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.laws.joint import Box, JointLaw
+from accelerated_evaluation.laws import Box, Law
 from accelerated_evaluation.problem import Response
 from accelerated_evaluation.scenarios.protocol import CLUSTER, FITTED, Event, Scenario
 from accelerated_evaluation.vehicles.protocol import Vehicle, repeats_itself
@@ -87,13 +87,13 @@ class Restricted:
         Probability of the part under the law.
     """
 
-    law: JointLaw
+    law: Law
     holds: Callable[[Array], NDArray[np.bool_]]
     share: float
 
     @classmethod
     def of(
-        cls, law: JointLaw, holds: Callable[[Array], NDArray[np.bool_]], generator: np.random.Generator
+        cls, law: Law, holds: Callable[[Array], NDArray[np.bool_]], generator: np.random.Generator
     ) -> Self:
         """Condition a law on a part of its encounters.
 
@@ -113,7 +113,7 @@ class Restricted:
         Restricted
             The conditional law.
         """
-        return cls(law, holds, float(holds(law.sample(POINTS, generator)).mean()))
+        return cls(law, holds, float(holds(law.draw(POINTS, generator)).mean()))
 
     @property
     def box(self) -> Box:
@@ -124,11 +124,11 @@ class Restricted:
         """Return the log density at points x, shape (n, d); it is -inf outside of the part. Shape (n,)."""
         return np.where(self.holds(x), self.law.log_density(x) - np.log(self.share), -np.inf)
 
-    def sample(self, n: int, generator: np.random.Generator) -> Array:
+    def draw(self, n: int, generator: np.random.Generator) -> Array:
         """Draw n points, shape (n, d), by rejection."""
         kept = np.empty((0, self.law.dimension))
         while len(kept) < n:
-            x = self.law.sample(n, generator)
+            x = self.law.draw(n, generator)
             kept = np.concatenate([kept, x[self.holds(x)]])
         return kept[:n]
 
@@ -189,7 +189,7 @@ class ScenarioStudy:
         return cls(scenario, scored, DrawnLaws.of(scored, generator, draws), table)
 
     @property
-    def heaviest(self) -> JointLaw:
+    def heaviest(self) -> Law:
         """The fitted law with the largest weight."""
         return self.scored.laws[int(self.table["weight"].to_numpy().argmax())]
 

@@ -16,8 +16,9 @@ from accelerated_evaluation.answer.scenario_methods import METHODS_OF_SCORES, co
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.laws.joint import JOINT_LAWS, JointLaw
-from accelerated_evaluation.problem import read_scenario_law
+from accelerated_evaluation.laws import LAWS, Law
+from accelerated_evaluation.laws.joint.protocol import JointLaw
+from accelerated_evaluation.problem import read_law_of
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.protocol import ENDED, Scenario
 from accelerated_evaluation.scenarios.record_table import read_scenario_records
@@ -82,7 +83,7 @@ class ScenarioEstimate:
     """
 
     tables: Mapping[str, pd.DataFrame]
-    law: JointLaw
+    law: Law
     not_ended: int
     event: str
 
@@ -187,7 +188,7 @@ def estimate_scenario(
     return ScenarioEstimate(made | {"estimate": estimate}, chosen, vehicle.not_ended, named)
 
 
-def chosen_law(scenario: Scenario, law: str, config: Mapping[str, Any]) -> JointLaw:
+def chosen_law(scenario: Scenario, law: str, config: Mapping[str, Any]) -> Law:
     """Return the joint law that a user has chosen.
 
     Parameters
@@ -206,12 +207,13 @@ def chosen_law(scenario: Scenario, law: str, config: Mapping[str, Any]) -> Joint
         If the law is unknown, or the file or the records cannot be used.
     """
     if law.endswith(".json"):
-        return read_scenario_law(scenario, law)
-    if law not in JOINT_LAWS:
+        return read_law_of(scenario, law)
+    kinds = [name for name, kind in LAWS.items() if issubclass(kind, JointLaw)]
+    if law not in kinds:
         raise InputError(
             "--law",
             seen=repr(law),
-            expected=f"{ANSWER}, {', '.join(JOINT_LAWS)} or the file of a joint law (.json)",
+            expected=f"{ANSWER}, {', '.join(kinds)} or the file of a joint law (.json)",
             change="Name one of these.",
         )
     records = clustered_records(scenario, read_scenario_records(scenario, config["scenario"]["records"]))

@@ -9,12 +9,12 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.base.randomness import child_generator
-from accelerated_evaluation.laws.joint import JointLaw
+from accelerated_evaluation.laws import Law
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.study import study_method
 from accelerated_evaluation.methods.surrogate import rules_of_joint_laws
 from accelerated_evaluation.methods.surrogate.predecessor import read_predecessor
-from accelerated_evaluation.problem import ScenarioProblem
+from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.protocol import ENDED, Scenario
 from accelerated_evaluation.vehicles.events import event_named
 from accelerated_evaluation.vehicles.protocol import Vehicle
@@ -24,7 +24,7 @@ METHODS_OF_SCORES = ("crude", "normal_mixture", "surrogate")  # methods that onl
 
 def compare_methods(
     scenario: Scenario,
-    laws: Mapping[str, JointLaw],
+    laws: Mapping[str, Law],
     vehicle: Vehicle,
     config: Mapping[str, Any],
     methods: Sequence[str] = METHODS_OF_SCORES,
@@ -55,7 +55,7 @@ def compare_methods(
     event = event_named(config["scenario"]["event"], scenario)
     parts: dict[str, list[pd.DataFrame]] = {"estimates": [], "runs": []}
     for law_name, law in laws.items():
-        problem = ScenarioProblem(scenario, law, vehicle, event)
+        problem = Problem(scenario, law, vehicle, event)
         for name in methods:
             method = METHODS[name].configured(config)
             if name == "surrogate":

@@ -15,7 +15,6 @@ if TYPE_CHECKING:  # these imports take seconds, and --help does not need them
     import pandas as pd
 
     from accelerated_evaluation.laws import Law
-    from accelerated_evaluation.laws.joint import JointLaw
     from accelerated_evaluation.records.verdict import Verdict
     from accelerated_evaluation.scenarios import Scenario
     from accelerated_evaluation.track.sources import Source
@@ -95,7 +94,7 @@ class GivenLaw:
     verdict: "Verdict | None" = None
     table: "pd.DataFrame | None" = None
 
-    def read(self) -> "tuple[Law | JointLaw, str]":
+    def read(self) -> "tuple[Law, str]":
         """Return the law and its description."""
         from accelerated_evaluation.track.sources import law_in
 
@@ -124,7 +123,7 @@ def given_law(arguments: argparse.Namespace) -> GivenLaw:
         If a file is missing; if there is no encounter table for a law of cut-ins, or a table for another law;
         or if a check of the records has the verdict ``stop``, which the user does not accept.
     """
-    from accelerated_evaluation.laws.files import read_law, require_shares
+    from accelerated_evaluation.laws.files import read_law
     from accelerated_evaluation.records.encounter_table import read_encounters
     from accelerated_evaluation.records.verdict import verdict_on_encounters
     from accelerated_evaluation.scenarios import SCENARIOS
@@ -145,7 +144,7 @@ def given_law(arguments: argparse.Namespace) -> GivenLaw:
     sources = {name: source_of(getattr(arguments, name)) for name in ("law", "encounters")}
     table = read_encounters(arguments.encounters)
     verdict = verdict_on_encounters(table, str(arguments.encounters), arguments.accept)
-    require_shares(arguments.law, read_law(arguments.law, table), table)
+    read_law(arguments.law, table)
     return GivenLaw(scenario, sources, verdict, table)
 
 

@@ -213,7 +213,7 @@ def _estimate_scenario(arguments: argparse.Namespace, config: dict[str, Any]) ->
     """Estimate the probability in a scenario other than the cut-in, write tables, and print a summary."""
     from accelerated_evaluation.answer.scenario_estimate import estimate_scenario
     from accelerated_evaluation.base.files import write_csv
-    from accelerated_evaluation.laws.joint.files import write_joint_law
+    from accelerated_evaluation.laws.files import write_law
     from accelerated_evaluation.scenarios import SCENARIOS
     from accelerated_evaluation.vehicles.events import event_named
 
@@ -233,7 +233,7 @@ def _estimate_scenario(arguments: argparse.Namespace, config: dict[str, Any]) ->
     folder = Path("results", config["study"], "estimate")
     for table, rows in found.tables.items():
         write_csv(folder / f"{table}.csv", rows)
-    write_joint_law(folder / "law.json", found.law, f"records of the scenario {name}")
+    write_law(folder / "law.json", found.law)
     print(*found.lines(), f"tables: {folder}", sep="\n")
 
 

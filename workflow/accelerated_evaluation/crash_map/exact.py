@@ -13,7 +13,7 @@ import pandas as pd
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, CrashMap
-from accelerated_evaluation.laws import Law, Stratum
+from accelerated_evaluation.laws import StratifiedLaw, Stratum
 from accelerated_evaluation.scenarios.protocol import Event
 from accelerated_evaluation.vehicles.events import CRASH
 
@@ -134,7 +134,7 @@ def _outside(what: str, seen: str, mapped: str) -> InputError:
     return InputError(f"{what} of the law", seen=seen, expected=f"within the map: {mapped}", change=change)
 
 
-def exact_probabilities(crash_map: CrashMap, law: Law, event: Event = CRASH) -> dict[str, Exact]:
+def exact_probabilities(crash_map: CrashMap, law: StratifiedLaw, event: Event = CRASH) -> dict[str, Exact]:
     """Return the probability of an event in each stratum of a law, and over all strata as ``all``.
 
     Parameters
@@ -175,7 +175,7 @@ def summed(lines: Array) -> Exact:
     return Exact(min(probability, 1.0), float(np.sqrt(np.square(np.diff(lines)).sum()) / 2))
 
 
-def exact_table(crash_maps: Mapping[str, CrashMap], laws: Mapping[str, Law]) -> pd.DataFrame:
+def exact_table(crash_maps: Mapping[str, CrashMap], laws: Mapping[str, StratifiedLaw]) -> pd.DataFrame:
     """Tabulate the crash probability under each law, computed with maps of different resolutions.
 
     Parameters

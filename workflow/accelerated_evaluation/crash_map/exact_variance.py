@@ -10,7 +10,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.exact import ALL, capped_intervals, weighted_lines
 from accelerated_evaluation.crash_map.maps import LINES_PER_CELL, Cells, CrashMap
 from accelerated_evaluation.distributions import Distribution, Mixture
-from accelerated_evaluation.laws import Factors, Law, Stratum
+from accelerated_evaluation.laws import Factors, StratifiedLaw, Stratum
 from accelerated_evaluation.vehicles.events import CRASH
 
 _NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(8)
@@ -20,7 +20,7 @@ DECADES = 60  # the survival function of f decreases by this number of powers of
 
 def exact_variation(
     crash_map: CrashMap,
-    law: Law,
+    law: StratifiedLaw,
     proposals: Mapping[str, Factors],
     *,
     ignored_shares: Sequence[float] = (0.0,),
@@ -160,7 +160,7 @@ def _edges(law: Distribution) -> set[float]:
 
 def variation_table(
     crash_map: CrashMap,
-    law: Law,
+    law: StratifiedLaw,
     proposals: Mapping[tuple[str, int], Mapping[str, Factors]],
     ignored_share: float = 1e-3,
 ) -> pd.DataFrame:

@@ -8,14 +8,14 @@ import pandas as pd
 from accelerated_evaluation.crash_map.exact import exact_probabilities, exact_table
 from accelerated_evaluation.crash_map.exact_variance import variation_table
 from accelerated_evaluation.crash_map.maps import CrashMap
-from accelerated_evaluation.laws import Factors, Law
+from accelerated_evaluation.laws import Factors, StratifiedLaw
 
 UNITS = {"crash": "", "impact_speed": "m/s", "min_range": "m", "min_ttc": "s"}
 QUANTILES = (0.1, 0.25, 0.5, 0.75, 0.9)
 
 
 def severity_table(
-    crash_map: CrashMap, law: Law, encounters: int, *, distance: float | None = None
+    crash_map: CrashMap, law: StratifiedLaw, encounters: int, *, distance: float | None = None
 ) -> pd.DataFrame:
     """Tabulate the probability of every event of the map, for each segment and over all segments.
 
@@ -84,7 +84,7 @@ def impact_speed_table(severity: pd.DataFrame) -> pd.DataFrame:
 
 def exact_tables(
     crash_maps: Mapping[str, CrashMap],
-    laws: Mapping[str, Law],
+    laws: Mapping[str, StratifiedLaw],
     variant: str,
     proposals: Mapping[tuple[str, int], Mapping[str, Factors]],
     encounters: int,

@@ -1,4 +1,4 @@
-"""Laws of cut-ins: their components, sampling, densities, fits and files."""
+"""Laws of encounters: their components, sampling, densities, fits and files."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -6,12 +6,13 @@ from typing import Any
 import pandas as pd
 
 from accelerated_evaluation.base.registry import Registry
-from accelerated_evaluation.laws.protocol import CutIns, Factors, Law, Stratum
+from accelerated_evaluation.laws.protocol import Box, Law
+from accelerated_evaluation.laws.strata import Factors, StratifiedLaw, Stratum
 
 # Classes of laws, by the name in law files.
 LAWS: Registry[type[Law]] = Registry("law", __name__, __path__)
-# Functions that fit a law to an encounter table by a complete configuration, by the name that a user gives
-# to the option --law.
+# Functions that fit a law of cut-ins to an encounter table by a complete configuration, by the name that a
+# user gives to the option --law.
 FITS: Registry[Callable[[pd.DataFrame, Mapping[str, Any]], Law]] = Registry("fitted law", __name__, __path__)
 
-__all__ = ["FITS", "LAWS", "CutIns", "Factors", "Law", "Stratum"]
+__all__ = ["FITS", "LAWS", "Box", "Factors", "Law", "StratifiedLaw", "Stratum"]

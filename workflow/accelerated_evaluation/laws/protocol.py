@@ -1,342 +1,156 @@
-"""Interface of a law of cut-ins, a probability distribution of lead speed, range and closing speed.
+"""The interface of a law of encounters: a probability distribution of the variables of a scenario.
 
-A law draws cut-ins, maps normal scores to cut-ins, and computes the probability of intervals of the closing
-speed for crash maps. It is a mixture over strata of the lead speed v_L. In each stratum, v_L follows the
-recorded values, and two further coordinates describe a cut-in. The two coordinates are independent of each
-other within the stratum.
-
-For the paper's laws the coordinates are R^-1 and TTC^-1 themselves. A law whose closing speed depends on the
-range uses coordinates with unit exponential distributions: the Rosenblatt transformation maps any pair of
-dependent variables to such independent ones. Drawing, tilting, likelihood ratios, normal scores and interval
-probabilities then need only the distributions of the two coordinates and the map from coordinates to cut-ins.
+All laws of all scenarios have this interface. Some laws offer more, and whoever needs more asks for it: a
+`StratifiedLaw` of `laws.strata` has strata whose distributions can be tilted, and gives the probability of
+an interval of the closing speed; a `JointLaw` of `laws.joint` can be fitted to any records.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr
+import pandas as pd
+from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.distributions import Distribution, Empirical
-from accelerated_evaluation.distributions.tails import interval_probability, normal_score_quantile
+from accelerated_evaluation.base.errors import InputError
 
 
 @dataclass(frozen=True)
-class CutIns:
-    """Cut-ins in the variables of the paper; every array has shape (n,).
+class Box:
+    """The names and limits of d variables, which together form a box.
 
-    Attributes
+    Parameters
     ----------
-    lead_speed
-        v_L [m/s].
-    inverse_range
-        R^-1 [1/m].
-    inverse_ttc
-        TTC^-1 [1/s], the closing speed times R^-1.
+    names
+        Names of the variables.
+    lower, upper
+        Limits of each variable, in its unit; they belong to the box, and may be infinite.
+
+    Raises
+    ------
+    ValueError
+        If a lower limit is not below its upper limit.
+
+    Examples
+    --------
+    >>> box = Box(("speed", "distance"), (0.0, 0.0), (35.0, 150.0))
+    >>> box.contains(np.array([[10.0, 80.0], [40.0, 80.0]]))
+    array([ True, False])
     """
 
-    lead_speed: Array
-    inverse_range: Array
-    inverse_ttc: Array
+    names: tuple[str, ...]
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
 
-    def __len__(self) -> int:
-        """Return the number n of cut-ins."""
-        return len(self.lead_speed)
-
-    @property
-    def range_(self) -> Array:
-        """The range R [m]."""
-        return 1 / self.inverse_range
+    def __post_init__(self) -> None:
+        ends = np.array([self.lower, self.upper], dtype=float)
+        if ends.shape != (2, len(self.names)) or not (ends[0] < ends[1]).all():
+            raise ValueError(f"each variable needs a lower limit below an upper limit, got {self}")
 
     @property
-    def closing_speed(self) -> Array:
-        """Host speed minus lead speed [m/s], before any cap."""
-        return self.inverse_ttc / self.inverse_range
-
-
-@dataclass(frozen=True)
-class Factors:
-    """The distributions of the two independent coordinates of a cut-in in a stratum.
-
-    One instance describes the law f, and further instances describe proposals f*.
-    """
-
-    first: Distribution
-    second: Distribution
-
-    def logpdf(self, first: Array, second: Array) -> Array:
-        """Return the joint log density of n pairs of coordinates; arguments and result have shape (n,)."""
-        return self.first.logpdf(first) + self.second.logpdf(second)
-
-    def rvs(self, generator: np.random.Generator, size: int) -> tuple[Array, Array]:
-        """Return independent draws of both coordinates, each of shape (size,)."""
-        return self.first.rvs(generator, size), self.second.rvs(generator, size)
-
-
-class Stratum(ABC):
-    """The distribution of the cut-ins in one stratum of the lead speed.
-
-    Attributes
-    ----------
-    lead_speed
-        Empirical distribution of v_L [m/s]; importance sampling does not change it.
-    factors
-        Distributions of the two coordinates under the law.
-    """
-
-    lead_speed: Empirical
-    factors: Factors
+    def dimension(self) -> int:
+        """Number d of variables."""
+        return len(self.names)
 
     @property
-    def pieces(self) -> Factors:
-        """The distributions of `factors` as piecewise mixtures, whose pieces the paper's methods tilt.
+    def is_finite(self) -> bool:
+        """Whether all limits are finite."""
+        return bool(np.isfinite([self.lower, self.upper]).all())
 
-        By default they are `factors` itself.
-        """
-        return self.factors
+    def contains(self, x: Array) -> NDArray[np.bool_]:
+        """Return whether each of n points x, shape (n, d), is in the box; the result has shape (n,)."""
+        return ((x >= self.lower) & (x <= self.upper)).all(axis=1)
 
-    @abstractmethod
-    def cut_ins(self, lead_speed: Array, first: Array, second: Array) -> CutIns:
-        """Return the n cut-ins with given v_L [m/s], first and second coordinates, each of shape (n,)."""
+    def require(self, x: Array, where: str) -> None:
+        """Raise InputError, which names the table ``where``, if a row of x, shape (n, d), is outside."""
+        outside = np.flatnonzero(~self.contains(x))
+        if outside.size:
+            row = outside[0]
+            limits = zip(self.names, self.lower, self.upper, strict=True)
+            raise InputError(
+                f"{where}, row {row + 1}",
+                seen=", ".join(f"{name} = {v:g}" for name, v in zip(self.names, x[row], strict=True))
+                + f" ({outside.size} rows are outside)",
+                expected=", ".join(f"{low:g} <= {name} <= {high:g}" for name, low, high in limits),
+                change="Correct the row, leave it out, or change the limits.",
+            )
 
-    @abstractmethod
-    def first(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
-        """Return the first coordinate, which increases with R^-1 [1/m] for fixed v_L [m/s]."""
+    def content(self) -> list[dict[str, Any]]:
+        """Return the variables with their limits, for JSON, where an infinite limit is null."""
+        parts = zip(self.names, self.lower, self.upper, strict=True)
+        return [{"name": name, "lower": _or_null(low), "upper": _or_null(high)} for name, low, high in parts]
 
-    @abstractmethod
-    def second(self, lead_speed: ArrayLike, inverse_range: ArrayLike, closing_speed: ArrayLike) -> Array:
-        """Return the second coordinate, which increases with the closing speed for fixed v_L and R^-1.
+    @classmethod
+    def from_content(cls, content: list[Mapping[str, Any]]) -> Self:
+        """Build a box from the value that `content` returned."""
+        lower, upper = (
+            tuple(infinite if part[end] is None else float(part[end]) for part in content)
+            for end, infinite in (("lower", -np.inf), ("upper", np.inf))
+        )
+        return cls(tuple(str(part["name"]) for part in content), lower, upper)
 
-        The arguments are v_L [m/s], R^-1 [1/m] and closing speed [m/s], of shapes that broadcast.
-        """
 
-    def second_at(self, lead_speed: Array, inverse_range: Array, closing_speeds: Array) -> Array:
-        """Return the second coordinate of m closing speeds for each of n pairs of v_L and R^-1.
-
-        Parameters
-        ----------
-        lead_speed, inverse_range
-            v_L [m/s] and R^-1 [1/m], shape (n,).
-        closing_speeds
-            Closing speeds [m/s], shape (n, m).
-
-        Returns
-        -------
-        numpy.ndarray
-            The coordinates, shape (n, m).
-        """
-        columns = [self.second(lead_speed, inverse_range, speed) for speed in closing_speeds.T]
-        return np.column_stack(columns)
-
-    def log_first_slope(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
-        """Return the log of the derivative of the first coordinate with respect to R^-1, for fixed v_L.
-
-        The value is 0 if the first coordinate is R^-1 itself. The arguments are v_L [m/s] and R^-1 [1/m], of
-        shapes that broadcast.
-        """
-        return np.zeros(np.broadcast_shapes(np.shape(lead_speed), np.shape(inverse_range)))
-
-    def log_second_slope(self, lead_speed: Array, inverse_range: Array, closing_speed: Array) -> Array:
-        """Return the log of the derivative of the second coordinate with respect to the closing speed.
-
-        The value is log R^-1 if the second coordinate is TTC^-1 itself. Arguments (v_L [m/s], R^-1 [1/m] and
-        closing speed [m/s]) and result have shape (n,).
-        """
-        return np.log(inverse_range)
-
-    @property
-    @abstractmethod
-    def inverse_range_min(self) -> float:
-        """The smallest R^-1 [1/m] in the support of the law."""
-
-    def closing_speed_probability(
-        self, lead_speed: Array, inverse_range: Array, start: Array, end: Array
-    ) -> Array:
-        """Return P(start <= closing speed < end) given v_L and R^-1.
-
-        The exact crash probability of a crash map needs the distribution of the closing speed only in the
-        form of these probabilities.
-
-        Parameters
-        ----------
-        lead_speed, inverse_range
-            v_L [m/s] and R^-1 [1/m], shape (n,).
-        start, end
-            Ends of the intervals of the closing speed [m/s], shape (n,); the end may be infinite.
-
-        Returns
-        -------
-        numpy.ndarray
-            Probabilities, shape (n,).
-        """
-        ends = (self.second(lead_speed, inverse_range, speed) for speed in (start, end))
-        return interval_probability(self.factors.second, *ends)
-
-    def cell_probability(self, lead_speed: Array, inverse_range: Array) -> Array:
-        """Return the probability of rectangular cells of v_L and R^-1.
-
-        If the first coordinate depends on v_L, it is evaluated at the middle of the cell's interval of v_L.
-
-        Parameters
-        ----------
-        lead_speed, inverse_range
-            Lower and upper v_L [m/s] and R^-1 [1/m] of each cell, shape (cells, 2); the last R^-1 may be
-            infinite.
-
-        Returns
-        -------
-        numpy.ndarray
-            Probabilities, shape (cells,).
-        """
-        middle = lead_speed.mean(axis=1)
-        ends = (self.first(middle, inverse_range[:, side]) for side in (0, 1))
-        return self.lead_speed_share(lead_speed) * interval_probability(self.factors.first, *ends)
-
-    def lead_speed_share(self, lead_speed: Array) -> Array:
-        """Return the share of the recorded v_L in each interval [low, high) [m/s].
-
-        Parameters
-        ----------
-        lead_speed
-            The intervals, shape (n, 2).
-
-        Returns
-        -------
-        numpy.ndarray
-            Shares, shape (n,).
-        """
-        speeds = self.lead_speed.values
-        return np.diff(np.searchsorted(speeds, lead_speed), axis=1)[:, 0] / speeds.size
+def _or_null(limit: float) -> float | None:
+    return float(limit) if np.isfinite(limit) else None
 
 
 class Law(ABC):
-    """A law of cut-ins: a mixture over strata of the lead speed.
+    """A probability distribution of the d variables of a scenario.
 
     Attributes
     ----------
     kind
-        Name of this kind of law in files.
+        Name of this kind of law in the registry `LAWS` and in law files.
+    box
+        The variables and their limits; the density is 0 outside.
     description
-        Description of the data to which the law was fitted.
-    closing_speed_max
-        Cap on the closing speed [m/s], which is applied before a cut-in is simulated; infinity means no cap.
-    shares
-        Share of each stratum in the lane changes, by name of the stratum and in order of the lead speed; the
-        shares sum to one.
-    strata
-        The distribution in each stratum, by the same names.
+        What the law is, or to which records it was fitted, in one line.
+
+    See Also
+    --------
+    accelerated_evaluation.laws.joint.protocol.JointLaw : a law that can be fitted to any records.
+    accelerated_evaluation.laws.strata.StratifiedLaw : a law of cut-ins in strata of the lead speed.
     """
 
     kind: ClassVar[str]
+    needs_records: ClassVar[bool] = False  # whether a law file refers to the table of records for its values
+    box: Box
     description: str
-    closing_speed_max: float
 
     @property
-    @abstractmethod
-    def shares(self) -> Mapping[str, float]:
-        """Share of each stratum, by name of the stratum."""
-
-    @property
-    @abstractmethod
-    def strata(self) -> Mapping[str, Stratum]:
-        """The distribution in each stratum, by name of the stratum."""
+    def dimension(self) -> int:
+        """Number d of variables."""
+        return self.box.dimension
 
     @abstractmethod
-    def only(self, stratum: str) -> Self:
-        """Return the law restricted to one stratum, given by its name, whose share is then one."""
+    def from_normal_scores(self, z: Array) -> Array:
+        """Map independent standard normal variables to points that follow the law, both of shape (n, d).
 
-    def capped(self, closing_speed: Array) -> Array:
-        """Return closing speeds [m/s], in which values above the cap of the law are replaced by the cap."""
-        return np.minimum(closing_speed, self.closing_speed_max)
-
-    def draw(self, generator: np.random.Generator, size: int) -> tuple[CutIns, NDArray[np.intp]]:
-        """Draw independent cut-ins from the law, ordered by stratum.
-
-        Parameters
-        ----------
-        generator
-            Random generator.
-        size
-            Number n of cut-ins.
-
-        Returns
-        -------
-        cut_ins : CutIns
-            The cut-ins, of shape (n,).
-        stratum : numpy.ndarray
-            Index of the stratum of each cut-in, shape (n,).
+        The map is the inverse Rosenblatt transformation (Rosenblatt 1952). The first variable has its
+        marginal distribution, and every further variable has its conditional distribution given the variables
+        before.
         """
-        counts = generator.multinomial(size, list(self.shares.values()))
-        parts = []
-        for stratum, count in zip(self.strata.values(), counts.tolist(), strict=True):
-            lead_speed = stratum.lead_speed.rvs(generator, count)
-            parts.append(stratum.cut_ins(lead_speed, *stratum.factors.rvs(generator, count)))
-        columns = (np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0]))
-        return CutIns(*columns), np.repeat(np.arange(len(counts)), counts)
 
-    def stratum_of_normal_scores(self, z: Array) -> NDArray[np.intp]:
-        """Return the index of the stratum for each row of normal scores z, shape (n, 3)."""
-        share = np.array(list(self.shares.values()))
-        return np.searchsorted(np.cumsum(share) - share, ndtr(z[:, 0]), side="right") - 1
+    @abstractmethod
+    def log_density(self, x: Array) -> Array:
+        """Return the log density, shape (n,), at points x, shape (n, d); it is -inf outside the box.
 
-    def from_normal_scores(self, z: Array) -> CutIns:
-        """Map normal scores to cut-ins by the Rosenblatt transformation (Rosenblatt 1952).
-
-        The first normal score determines both the stratum and v_L: the strata occupy adjacent intervals of
-        the score, in order of v_L. A sampler in normal scores can therefore choose strata according to their
-        contribution to the event.
-
-        Parameters
-        ----------
-        z
-            Normal scores of v_L and of the two coordinates, shape (n, 3).
-
-        Returns
-        -------
-        CutIns
-            The cut-ins, of shape (n,).
+        A factor that all laws of the same records share may be missing: laws of cut-ins take lead speeds
+        from the records, and their density is that of range and closing speed given the lead speed.
         """
-        columns = np.empty((3, len(z)))
-        for here, stratum, *coordinates in self.in_strata(z):
-            columns[:, here] = list(vars(stratum.cut_ins(*coordinates)).values())
-        return CutIns(*columns)
 
-    def in_strata(self, z: Array) -> Iterator[tuple[NDArray[np.bool_], Stratum, Array, Array, Array]]:
-        """Yield the strata with the normal scores that belong to them.
+    def draw(self, n: int, generator: np.random.Generator) -> Array:
+        """Draw n independent points from the law, shape (n, d)."""
+        return self.from_normal_scores(generator.standard_normal((n, self.dimension)))
 
-        Parameters
-        ----------
-        z
-            Normal scores of v_L and of the two coordinates, shape (n, 3).
+    @abstractmethod
+    def content(self) -> dict[str, Any]:
+        """Return the parameters of the law, for JSON."""
 
-        Yields
-        ------
-        here : numpy.ndarray
-            Which rows of z belong to the stratum, shape (n,); m rows do.
-        stratum : Stratum
-            The stratum.
-        lead_speed, first, second : numpy.ndarray
-            v_L [m/s] and the two coordinates of these rows, each of shape (m,).
-        """
-        u, index = ndtr(z[:, 0]), self.stratum_of_normal_scores(z)
-        share = np.array(list(self.shares.values()))
-        before = np.cumsum(share) - share
-        for k, stratum in enumerate(self.strata.values()):
-            here = index == k
-            lead_speed = stratum.lead_speed.ppf((u[here] - before[k]) / share[k])
-            first = normal_score_quantile(stratum.factors.first, z[here, 1])
-            second = normal_score_quantile(stratum.factors.second, z[here, 2])
-            yield here, stratum, lead_speed, first, second
-
-    def encounters(self, z: Array) -> Array:
-        """Return the cut-ins at normal scores z, shape (n, 3), in the form in which vehicles are simulated.
-
-        The rows are lead speed [m/s], range [m] and closing speed [m/s] with the cap of the law, shape (3,
-        n).
-        """
-        cut_ins = self.from_normal_scores(z)
-        return np.stack([cut_ins.lead_speed, cut_ins.range_, self.capped(cut_ins.closing_speed)])
+    @classmethod
+    @abstractmethod
+    def from_content(cls, content: Mapping[str, Any], box: Box, records: pd.DataFrame | None) -> Self:
+        """Build a law from the value that `content` returned, its box, and its records if it needs them."""

@@ -108,8 +108,8 @@ def simulate_batch(problem: Problem, generator: np.random.Generator, size: int) 
 
     The counts of a stratum are the numbers of its simulations and of its events.
     """
-    cut_ins, stratum = problem.law.draw(generator, size)
-    happened = problem.event.happens(problem.simulate(cut_ins))
+    x, stratum = problem.law.draw_in_strata(size, generator)
+    happened = problem.event.happens(problem.simulate(x))
     names = list(problem.law.shares)
     simulations = np.bincount(stratum, minlength=len(names))
     events = np.bincount(stratum[happened], minlength=len(names))

@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.laws import Factors, Law
+from accelerated_evaluation.laws import Factors, StratifiedLaw
+from accelerated_evaluation.methods.cross_entropy.sample import Sample
 from accelerated_evaluation.methods.estimate import Estimate, Stopping, normal_reach
 from accelerated_evaluation.problem import Problem
 
@@ -49,12 +50,12 @@ def draw_weights(
         chosen = which == index
         count = int(np.count_nonzero(chosen))
         if count:
-            weights[chosen] = problem.sample(stratum, proposals[stratum], generator, count).weight
+            weights[chosen] = Sample.of(problem, stratum, proposals[stratum], generator, count).weight
     return weights
 
 
 def draw_log_ratios(
-    law: Law,
+    law: StratifiedLaw,
     proposals: Mapping[str, Factors],
     generator: np.random.Generator,
     size: int,
@@ -91,7 +92,11 @@ def draw_log_ratios(
 
 
 def bound_without_event(
-    law: Law, proposals: Mapping[str, Factors], simulations: int, alpha: float, generator: np.random.Generator
+    law: StratifiedLaw,
+    proposals: Mapping[str, Factors],
+    simulations: int,
+    alpha: float,
+    generator: np.random.Generator,
 ) -> float:
     """Return an upper limit of the probability of an event that did not happen in n simulations from f*.
 

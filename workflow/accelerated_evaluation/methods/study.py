@@ -7,16 +7,17 @@ import numpy as np
 import pandas as pd
 from tqdm import trange
 
+from accelerated_evaluation.laws import StratifiedLaw
 from accelerated_evaluation.methods.cross_entropy.proposals import Proposals
 from accelerated_evaluation.methods.estimate import Method, Stopping
-from accelerated_evaluation.problem import Problem, ScenarioProblem
+from accelerated_evaluation.problem import Problem
 
 ALL = "all"
 
 
 def study_method(
     method: Method,
-    problem: Problem | ScenarioProblem,
+    problem: Problem,
     stopping: Stopping,
     generators: Sequence[np.random.Generator],
     labels: Mapping[str, str],
@@ -63,7 +64,7 @@ def study_method(
     return {"estimates": pd.DataFrame(rows)} | joined
 
 
-def with_encounters(runs: pd.DataFrame, problem: Problem | ScenarioProblem) -> pd.DataFrame:
+def with_encounters(runs: pd.DataFrame, problem: Problem) -> pd.DataFrame:
     """Rename the normal scores of simulations by the coordinates of the law, and add these coordinates.
 
     Parameters
@@ -84,7 +85,7 @@ def with_encounters(runs: pd.DataFrame, problem: Problem | ScenarioProblem) -> p
     z = runs[scores].to_numpy()
     coordinates = problem.coordinates(z)
     renamed = runs.rename(columns={z: f"z_{name}" for z, name in zip(scores, coordinates, strict=True)})
-    if isinstance(problem, ScenarioProblem):
+    if not isinstance(problem.law, StratifiedLaw):
         return renamed.assign(**coordinates)
     names = np.array([*problem.law.shares])[problem.law.stratum_of_normal_scores(z)]
     return renamed.assign(**coordinates, segment=names)

@@ -16,7 +16,6 @@ from typing import Any, Self
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.randomness import child_generator
 from accelerated_evaluation.laws import Law
-from accelerated_evaluation.laws.joint import JointLaw
 from accelerated_evaluation.methods.estimate import Estimate, Stopping
 from accelerated_evaluation.methods.surrogate import rules_of_joint_laws
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
@@ -165,7 +164,7 @@ class Campaign:
         """The requested runs whose outcomes have not been reported yet."""
         return [run for run in self.runs if run.outcome is None]
 
-    def ask(self, law: Law | JointLaw, batch_size: int | None = None) -> list[Run]:
+    def ask(self, law: Law, batch_size: int | None = None) -> list[Run]:
         """Return the runs to drive next: the outstanding runs, or a new batch if there are none.
 
         Parameters
@@ -197,11 +196,11 @@ class Campaign:
             change="Begin another campaign with wider limits.",
         )
 
-    def _choose(self, law: Law | JointLaw) -> None:
+    def _choose(self, law: Law) -> None:
         """Let the sampler choose a batch; runs beyond the limits get their outcome without being driven."""
-        x = law.encounters(self.sampler.ask(certify=self.sampler.is_narrow(self.goal)))
-        encounters = self.scenario.to_inputs(x.T)
-        within = self.limits.hold(*x) if self.limits else [True] * len(encounters)
+        x = law.from_normal_scores(self.sampler.ask(certify=self.sampler.is_narrow(self.goal)))
+        encounters = self.scenario.to_inputs(x)
+        within = self.limits.hold(*x.T) if self.limits else [True] * len(encounters)
         first, batch = len(self.runs) + 1, self.batches + 1
         self.runs += [
             Run(first + place, batch, tuple(encounter), None if within[place] else BEYOND)

@@ -16,7 +16,6 @@ from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.files import read_json, write_text
 from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.laws import Law
-from accelerated_evaluation.laws.joint import JointLaw
 from accelerated_evaluation.methods.estimate import Stopping
 from accelerated_evaluation.methods.surrogate import state as sampler_state
 from accelerated_evaluation.methods.surrogate.progress import ApproachBatch
@@ -59,7 +58,7 @@ def locked(path: str | os.PathLike) -> Iterator[None]:
         os.close(handle)
 
 
-def law_of(campaign: Campaign) -> Law | JointLaw:
+def law_of(campaign: Campaign) -> Law:
     """Return the law of a campaign, read from its law file.
 
     Raises

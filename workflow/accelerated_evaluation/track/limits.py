@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.laws import Law, Stratum
+from accelerated_evaluation.laws import StratifiedLaw, Stratum
 
 SPEEDS = 400  # number of bins of the recorded lead speeds, each of which is represented by its mean
 MOST_BEYOND = 0.5  # largest probability beyond the limits; a campaign must be about most cut-ins of the law
@@ -63,7 +63,7 @@ class Limits:
         highest = math.inf if self.closing_speed_max is None else self.closing_speed_max
         return np.minimum(np.subtract(host, lead_speed), highest)
 
-    def beyond(self, law: Law) -> float:
+    def beyond(self, law: StratifiedLaw) -> float:
         """Return the probability under a law that a cut-in is beyond the limits.
 
         A cut-in is beyond the limits if its range is too short, or if its range is allowed and its closing
@@ -72,7 +72,7 @@ class Limits:
         """
         return float(sum(law.shares[name] * self._beyond(law, part) for name, part in law.strata.items()))
 
-    def _beyond(self, law: Law, stratum: Stratum) -> float:
+    def _beyond(self, law: StratifiedLaw, stratum: Stratum) -> float:
         speed, share = _binned(stratum.lead_speed.values)
         nearest = stratum.first(speed, np.full(speed.size, 1 / self.range_min if self.range_min else np.inf))
         far = stratum.factors.first.cdf(nearest)  # P(R >= range_min | v_L)
@@ -80,7 +80,7 @@ class Limits:
         speeds = np.repeat(speed, NODES.size)
         first = stratum.factors.first.ppf(u.ravel())
         middle = stratum.factors.second.ppf(np.full(speeds.size, 0.5))  # the range does not depend on it
-        inverse_range = stratum.cut_ins(speeds, first, middle).inverse_range
+        inverse_range = 1 / stratum.points(speeds, first, middle)[:, 1]
         highest = self.closing_speed(speeds)
         # All cut-ins above the cap of the law are simulated at the cap, so a limit above it excludes none.
         reached = highest < law.closing_speed_max
@@ -117,7 +117,7 @@ def _binned(values: Array) -> tuple[Array, Array]:
     return sums[counts > 0] / counts[counts > 0], counts[counts > 0] / values.size
 
 
-def require_limits(limits: Limits, law: Law) -> float:
+def require_limits(limits: Limits, law: StratifiedLaw) -> float:
     """Check the limits, and return the probability under a law that a cut-in is beyond the limits.
 
     Parameters

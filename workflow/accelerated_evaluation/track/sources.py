@@ -7,9 +7,7 @@ from pathlib import Path
 from accelerated_evaluation.base.digests import file_digest
 from accelerated_evaluation.base.tables import require_file
 from accelerated_evaluation.laws import Law
-from accelerated_evaluation.laws.files import read_law
-from accelerated_evaluation.laws.joint import JointLaw
-from accelerated_evaluation.problem import read_scenario_law
+from accelerated_evaluation.problem import read_law_of
 from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.scenarios.protocol import Scenario
 
@@ -37,7 +35,7 @@ def source_of(path: str | os.PathLike) -> Source:
     return Source(str(path), file_digest(path))
 
 
-def law_in(scenario: Scenario, law: Source, encounters: Source | None) -> tuple[Law | JointLaw, str]:
+def law_in(scenario: Scenario, law: Source, encounters: Source | None) -> tuple[Law, str]:
     """Read a law and its description.
 
     Parameters
@@ -54,8 +52,5 @@ def law_in(scenario: Scenario, law: Source, encounters: Source | None) -> tuple[
     InputError
         If a file cannot be used, or if the law belongs to another scenario.
     """
-    if encounters is None:
-        read = read_scenario_law(scenario, law.file)
-        return read, f"{read.kind.replace('_', ' ')}, law of the scenario {scenario.name}"
-    cut_ins = read_law(law.file, read_encounters(encounters.file))
-    return cut_ins, cut_ins.description
+    read = read_law_of(scenario, law.file, None if encounters is None else read_encounters(encounters.file))
+    return read, read.description

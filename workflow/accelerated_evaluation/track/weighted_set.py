@@ -21,9 +21,9 @@ from scipy.special import ndtri
 
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.laws import CutIns, Law
-from accelerated_evaluation.laws.joint import JointLaw
+from accelerated_evaluation.laws import Law, StratifiedLaw
 from accelerated_evaluation.laws.smooth.mean import MeanLaw
+from accelerated_evaluation.laws.strata import VARIABLES
 from accelerated_evaluation.scenarios.protocol import Scenario
 from accelerated_evaluation.vehicles.loading import load_vehicle
 
@@ -71,7 +71,7 @@ class WeightedSet:
 
 
 def draw_weighted_set(
-    law: Law, size: int, safe_deceleration: float, generator: np.random.Generator
+    law: StratifiedLaw, size: int, safe_deceleration: float, generator: np.random.Generator
 ) -> WeightedSet:
     """Draw a weighted set of cut-ins.
 
@@ -111,14 +111,12 @@ def draw_weighted_set(
     count = size // SHELLS
     shells = (_Shell(law, places, stratum, *ends) for ends in zip(begin.T, end.T, strict=True))
     drawn = np.hstack([shell.draw(count, generator) for shell in shells])
-    table = _table(("lead_speed", "range", "closing_speed"), drawn, probabilities, count)
+    table = _table(VARIABLES, drawn, probabilities, count)
     draws = _draws(law, table) if isinstance(law, MeanLaw) else None
     return WeightedSet(table, edges, probabilities, draws)
 
 
-def draw_scored_set(
-    scenario: Scenario, law: JointLaw, size: int, generator: np.random.Generator
-) -> WeightedSet:
+def draw_scored_set(scenario: Scenario, law: Law, size: int, generator: np.random.Generator) -> WeightedSet:
     """Draw a weighted set of encounters of any scenario.
 
     `POOL` draws of the law are simulated with the built-in vehicle of the scenario, and ordered by their
@@ -143,7 +141,7 @@ def draw_scored_set(
         If the size is out of range.
     """
     _check_size(size)
-    encounters = scenario.to_inputs(law.sample(POOL, generator))
+    encounters = scenario.to_inputs(law.draw(POOL, generator))
     known = load_vehicle(scenario.default_vehicle, scenario)
     score = scenario.events[0].score(known.simulate(*encounters.T))
     order = np.argsort(-score, kind="stable")  # the hardest last
@@ -169,8 +167,7 @@ def _table(names: Sequence[str], drawn: Array, probabilities: Array, count: int)
 
 def _draws(law: MeanLaw, table: pd.DataFrame) -> pd.DataFrame:
     """Return the weight of each cut-in under every draw k: its weight in the table times f_k / f_mean."""
-    lead_speed, range_, speed = (table[name].to_numpy() for name in ("lead_speed", "range", "closing_speed"))
-    ratios = np.exp(law.log_ratios(CutIns(lead_speed, 1 / range_, speed / range_)))
+    ratios = np.exp(law.log_ratios(table[list(VARIABLES)].to_numpy()))
     weights = (ratios * table["weight"].to_numpy()).T
     names = [f"draw_{number:03d}" for number in range(1, law.draws.size + 1)]
     return pd.DataFrame(weights, columns=names).assign(scenario=table["scenario"])[["scenario", *names]]
@@ -192,7 +189,7 @@ def _check_deceleration(safe_deceleration: float) -> None:
         )
 
 
-def _places(law: Law, generator: np.random.Generator) -> tuple[CutIns, NDArray[np.intp]]:
+def _places(law: StratifiedLaw, generator: np.random.Generator) -> tuple[Array, NDArray[np.intp]]:
     """Return lead speeds and ranges that represent the law evenly, by rising lead speed, and their strata.
 
     They are a lattice with the golden ratio and a random shift, so that every mean over them is unbiased. The
@@ -204,12 +201,12 @@ def _places(law: Law, generator: np.random.Generator) -> tuple[CutIns, NDArray[n
     return law.from_normal_scores(z), law.stratum_of_normal_scores(z)
 
 
-def _tails(law: Law, places: CutIns, stratum: NDArray[np.intp], edges: Array) -> Array:
+def _tails(law: StratifiedLaw, places: Array, stratum: NDArray[np.intp], edges: Array) -> Array:
     """Return the probability of at least each deceleration ``edges`` at each place, shape (places, edges)."""
     tails = np.empty((len(places), edges.size))
     for index, part in enumerate(law.strata.values()):
         here = stratum == index
-        lead_speed, inverse_range = places.lead_speed[here], places.inverse_range[here]
+        lead_speed, inverse_range = places[here, 0], 1 / places[here, 1]
         closing_speeds = np.sqrt(2 * edges / inverse_range[:, None])
         tails[here] = part.factors.second.sf(part.second_at(lead_speed, inverse_range, closing_speeds))
     return tails
@@ -219,8 +216,8 @@ def _tails(law: Law, places: CutIns, stratum: NDArray[np.intp], edges: Array) ->
 class _Shell:
     """A shell: its places, and the tail probabilities at the ends of its closing speeds, shape (places,)."""
 
-    law: Law
-    places: CutIns
+    law: StratifiedLaw
+    places: Array
     stratum: NDArray[np.intp]
     begin: Array
     end: Array
@@ -240,9 +237,8 @@ class _Shell:
         drawn = np.empty((3, count))
         for index, part in enumerate(self.law.strata.values()):
             here = self.stratum[chosen] == index
-            lead_speed = self.places.lead_speed[chosen][here]
-            first = part.first(lead_speed, self.places.inverse_range[chosen][here])
-            cut_ins = part.cut_ins(lead_speed, first, part.factors.second.isf(tail[here]))
-            closing_speed = self.law.capped(cut_ins.closing_speed)
-            drawn[:, here] = cut_ins.lead_speed, cut_ins.range_, closing_speed
+            lead_speed, range_, _ = self.places[chosen][here].T
+            first = part.first(lead_speed, 1 / range_)
+            drawn[:, here] = part.points(lead_speed, first, part.factors.second.isf(tail[here])).T
+        drawn[2] = self.law.capped(drawn[2])
         return drawn

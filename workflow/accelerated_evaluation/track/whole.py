@@ -10,9 +10,8 @@ from accelerated_evaluation.answer.reweighting import LEVEL, Reweighting
 from accelerated_evaluation.answer.study import event_name
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.laws import Law
-from accelerated_evaluation.laws.files import read_law, require_shares
-from accelerated_evaluation.laws.joint import JointLaw
+from accelerated_evaluation.laws import Law, StratifiedLaw
+from accelerated_evaluation.laws.files import read_law
 from accelerated_evaluation.laws.smooth.mean import MeanLaw
 from accelerated_evaluation.records.encounter_table import read_encounters
 from accelerated_evaluation.track.campaign import Campaign
@@ -47,14 +46,13 @@ def read_draws(path: Path, campaign: Campaign) -> MeanLaw:
         raise InputError("--under", seen=seen, expected=expected, change="Leave the option out.")
     encounters = read_encounters(campaign.encounters.file)
     law = read_law(path, encounters)
-    require_shares(path, law, encounters)
     if not isinstance(law, MeanLaw):
         change = "Name results/STUDY/estimate/law.json, which `accelerated-evaluation estimate` writes."
         raise InputError("--under", seen=f"the single law {path}", expected="a law with draws", change=change)
     return law
 
 
-def whole_in_words(campaign: Campaign, law: Law | JointLaw, draws: MeanLaw | None = None) -> list[str]:
+def whole_in_words(campaign: Campaign, law: Law, draws: MeanLaw | None = None) -> list[str]:
     """Return lines of text with the probability that a campaign estimates under all draws of a law.
 
     Parameters
@@ -66,7 +64,7 @@ def whole_in_words(campaign: Campaign, law: Law | JointLaw, draws: MeanLaw | Non
     draws
         The law for whose draws the runs are reweighted; by default ``law``, if it has draws.
     """
-    if isinstance(law, JointLaw):
+    if not isinstance(law, StratifiedLaw):
         return [JOINT]
     if draws is None and not isinstance(law, MeanLaw):
         return [ALONE]
@@ -109,33 +107,11 @@ def read_under(campaign: Campaign, law: Law, draws: MeanLaw) -> Course:
         draw is estimated.
     """
 
-    def log_ratios(z: Array) -> Array:
-        return draws.log_densities(law.from_normal_scores(z)) - log_density(law, z)
+    def log_ratios(x: Array) -> Array:
+        return draws.log_densities(x) - law.log_density(x)
 
     member = np.unique(draws.draws.names, return_inverse=True)[1]
-    return Course(draws, campaign.sampler, Reweighting(log_ratios, lambda z: z, member))
-
-
-def log_density(law: Law, z: Array) -> Array:
-    """Return the joint log density of log R and closing speed [m/s] given v_L, shape (n,).
-
-    R is the range [m] and v_L the lead speed. The closing speed is not capped.
-
-    Parameters
-    ----------
-    law
-        Any law of cut-ins.
-    z
-        Normal scores of cut-ins (coordinates in which the law is standard normal), shape (n, 3).
-    """
-    density = np.empty(len(z))
-    for here, stratum, lead_speed, first, second in law.in_strata(z):
-        cut_ins = stratum.cut_ins(lead_speed, first, second)
-        place = lead_speed, cut_ins.inverse_range
-        slopes = stratum.log_first_slope(*place) + np.log(cut_ins.inverse_range)
-        slopes += stratum.log_second_slope(*place, cut_ins.closing_speed)
-        density[here] = stratum.factors.logpdf(first, second) + slopes
-    return density
+    return Course(draws, campaign.sampler, Reweighting(log_ratios, law.from_normal_scores, member))
 
 
 def _reach(effective: Array) -> list[str]:

@@ -19,7 +19,7 @@ from accelerated_evaluation.answer.posterior import budget
 from accelerated_evaluation.answer.reweighting import SMALLEST, Reweighting, SampledPosterior
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.laws.joint import JointLaw
+from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
 from accelerated_evaluation.methods.surrogate import rules_of_joint_laws
 from accelerated_evaluation.methods.surrogate.constants import ENOUGH_DRAWS
@@ -49,7 +49,7 @@ class DrawnLaws:
         Names of the candidates.
     """
 
-    laws: Sequence[JointLaw]
+    laws: Sequence[Law]
     member: NDArray[np.int_]
     names: Sequence[str]
 
@@ -85,7 +85,7 @@ class DrawnLaws:
         """
         return np.array([law.log_density(x) for law in self.laws])
 
-    def sample(self, n: int, generator: np.random.Generator) -> Array:
+    def draw(self, n: int, generator: np.random.Generator) -> Array:
         """Draw points from the mean of the draws, the same number from each draw.
 
         The number of points is n, rounded up to a multiple of the number of draws. The result has the shape
@@ -99,7 +99,7 @@ class DrawnLaws:
             Source of all randomness.
         """
         share = -(-n // len(self.laws))
-        return np.concatenate([law.sample(share, generator) for law in self.laws])
+        return np.concatenate([law.draw(share, generator) for law in self.laws])
 
 
 def simulated_posterior(
@@ -138,7 +138,7 @@ def simulated_posterior(
     """
     rounds, size = [], 0
     while len(rounds) < ROUNDS and sum(map(len, rounds)) < ENOUGH_EVENTS:
-        x = drawn.sample(simulations, generator)
+        x = drawn.draw(simulations, generator)
         rounds.append(x[respond(x)[0]])
         size += len(x)
     events = np.concatenate(rounds)
@@ -178,7 +178,7 @@ def mean_law(drawn: DrawnLaws, generator: np.random.Generator) -> TruncatedNorma
     TruncatedNormalMixture
         The mixture, from which the sampler can draw its runs.
     """
-    x = drawn.sample(MEAN_POINTS, generator)
+    x = drawn.draw(MEAN_POINTS, generator)
     return TruncatedNormalMixture.fit(x, drawn.laws[0].box, generator, components=MEAN_COMPONENTS)
 
 

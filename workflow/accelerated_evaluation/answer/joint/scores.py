@@ -16,7 +16,8 @@ from accelerated_evaluation.answer.scores import BLOCKS
 from accelerated_evaluation.answer.weights import bootstrapped_weights
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.laws.joint import JOINT_LAWS, Box, JointLaw
+from accelerated_evaluation.laws import LAWS, Box
+from accelerated_evaluation.laws.joint.protocol import JointLaw
 from accelerated_evaluation.problem import Response
 
 NEAR = 0.1  # share of the records that are near the event: those with the smallest scores
@@ -36,7 +37,7 @@ class Candidate:
     name
         Name in tables.
     kind
-        Name in the registry `JOINT_LAWS`.
+        Name in the registry `LAWS`.
     settings
         Settings of the fit.
     """
@@ -62,7 +63,7 @@ class Candidate:
         known
             Optionally ``weights`` of the records, shape (n,), and a law ``start`` from which the fit begins.
         """
-        return JOINT_LAWS[self.kind].fit(records.x, records.box, generator, **known, **self.settings)
+        return LAWS[self.kind].fit(records.x, records.box, generator, **known, **self.settings)
 
 
 CANDIDATES = (
@@ -287,7 +288,7 @@ def score_laws(
     laws = [candidate.fit(records, generator) for candidate in candidates]
     own = respond(records.x)[1]
     limit = np.quantile(own, NEAR)
-    pool = np.concatenate([law.sample(POOL // len(laws), generator) for law in laws])
+    pool = np.concatenate([law.draw(POOL // len(laws), generator) for law in laws])
     reached = pool[respond(pool)[1] <= limit]
     log_pool = np.logaddexp.reduce([law.log_density(reached) for law in laws]) + np.log(len(pool) / len(laws))
     block, near = records.blocks(), own <= limit

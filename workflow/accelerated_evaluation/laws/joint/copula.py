@@ -10,17 +10,19 @@ from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
+import pandas as pd
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.laws.joint import JOINT_LAWS
-from accelerated_evaluation.laws.joint.protocol import Box, JointLaw, normalised
+from accelerated_evaluation.laws import LAWS
+from accelerated_evaluation.laws.joint.protocol import JointLaw, normalised
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
+from accelerated_evaluation.laws.protocol import Box
 
 MARGIN_COMPONENTS = (1, 2, 3, 4)  # numbers of components that are fitted; the smallest BIC decides
 STRONGEST = 0.999  # largest absolute correlation
 
 
-@JOINT_LAWS.add("gaussian_copula")
+@LAWS.add("gaussian_copula")
 @dataclass(frozen=True, eq=False)
 class GaussianCopula(JointLaw):
     """Smooth marginal distributions with a Gaussian copula.
@@ -97,10 +99,6 @@ class GaussianCopula(JointLaw):
         logs[inside] = copula + sum(parts)
         return logs
 
-    def sample(self, n: int, generator: np.random.Generator) -> Array:
-        """Draw n independent points from the law, shape (n, d)."""
-        return self.from_normal_scores(generator.standard_normal((n, self.dimension)))
-
     def from_normal_scores(self, z: Array) -> Array:
         """Map independent standard normal z to points that follow the law, both of shape (n, d)."""
         dependent = z @ self._factor.T
@@ -115,7 +113,7 @@ class GaussianCopula(JointLaw):
         }
 
     @classmethod
-    def from_content(cls, content: Mapping[str, Any], box: Box) -> Self:
+    def from_content(cls, content: Mapping[str, Any], box: Box, records: pd.DataFrame | None = None) -> Self:
         """Build a law from the value that `content` returned, and from its box."""
         margins = tuple(
             TruncatedNormalMixture.from_content(part, side(box, j))
@@ -124,7 +122,7 @@ class GaussianCopula(JointLaw):
         return cls(box, margins, np.array(content["correlation"], float))
 
 
-@JOINT_LAWS.add("independent_variables")
+@LAWS.add("independent_variables")
 @dataclass(frozen=True, eq=False)
 class IndependentVariables(GaussianCopula):
     """Independent variables with smooth marginal distributions."""

@@ -21,8 +21,9 @@ from scipy.cluster.vq import kmeans2
 from scipy.special import logsumexp
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.laws.joint.protocol import Box, normalised
+from accelerated_evaluation.laws.joint.protocol import normalised
 from accelerated_evaluation.laws.joint.truncated import Normals
+from accelerated_evaluation.laws.protocol import Box
 
 STARTS = 8  # number of runs of k-means from which the EM algorithm begins
 SHORT = 15  # number of iterations after which the starts are compared

@@ -3,9 +3,9 @@
 import numpy as np
 
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.laws.joint.protocol import Box
 from accelerated_evaluation.laws.joint.truncated import Normals
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
+from accelerated_evaluation.laws.protocol import Box
 
 BEYOND = 1e-3  # largest error of the total probability that is accepted if the box is not symmetric
 LEAST_SHARE = 1e-9  # components with a smaller share are dropped

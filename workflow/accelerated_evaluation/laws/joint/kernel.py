@@ -10,18 +10,20 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
+import pandas as pd
 from scipy.special import logsumexp
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.laws.joint import JOINT_LAWS
-from accelerated_evaluation.laws.joint.protocol import Box, normalised
+from accelerated_evaluation.laws import LAWS
+from accelerated_evaluation.laws.joint.protocol import normalised
 from accelerated_evaluation.laws.joint.truncated import Normals
 from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
+from accelerated_evaluation.laws.protocol import Box
 
 FACTORS = (0.3, 0.4, 0.5, 0.6, 0.75, 0.9, 1.1, 1.4)  # multiples of Scott's bandwidth, n^(-1 / (d + 4))
 
 
-@JOINT_LAWS.add("kernel")
+@LAWS.add("kernel")
 @dataclass(frozen=True, eq=False)
 class KernelLaw(TruncatedNormalMixture):
     """A mixture of truncated normal distributions, one about each record."""
@@ -63,7 +65,7 @@ class KernelLaw(TruncatedNormalMixture):
         return own | {"shares": self.shares.tolist()}
 
     @classmethod
-    def from_content(cls, content: Mapping[str, Any], box: Box) -> Self:
+    def from_content(cls, content: Mapping[str, Any], box: Box, records: pd.DataFrame | None = None) -> Self:
         """Build a law from the value that `content` returned, and from its box."""
         names = ("shares", "centres", "covariance")
         shares, centres, covariance = (np.array(content[name], float) for name in names)

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.laws.joint.protocol import Box
+from accelerated_evaluation.laws.protocol import Box
 
 NODES, NODE_WEIGHTS = np.polynomial.legendre.leggauss(32)
 LOG_ROOT_2PI = 0.5 * np.log(2 * np.pi)
@@ -75,6 +75,10 @@ class Normals:
     mean: Array
     covariance: Array
     box: Box
+
+    def __post_init__(self) -> None:
+        if not self.box.is_finite:
+            raise ValueError(f"truncated normal distributions need finite limits, got {self.box}")
 
     @cached_property
     def factor(self) -> Array:

@@ -10,19 +10,21 @@ from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 from scipy.special import logsumexp, ndtr, ndtri
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.laws.joint import JOINT_LAWS
+from accelerated_evaluation.laws import LAWS
 from accelerated_evaluation.laws.joint.expectation_maximisation import (
     Fitted,
     fit_mixture,
     parameters_of_mixture,
 )
-from accelerated_evaluation.laws.joint.protocol import Box, JointLaw
+from accelerated_evaluation.laws.joint.protocol import JointLaw
 from accelerated_evaluation.laws.joint.truncated import Normals
+from accelerated_evaluation.laws.protocol import Box
 from accelerated_evaluation.laws.smooth.mixture import solve
 
 COMPONENTS = 4
@@ -33,7 +35,7 @@ PAIRS_AT_ONCE = 1_000_000  # number of points times components, which limits the
 MAPPED_AT_ONCE = 800  # number of points times components, so that arrays stay in the cache of the processor
 
 
-@JOINT_LAWS.add("truncated_normals")
+@LAWS.add("truncated_normals")
 @dataclass(frozen=True, eq=False)
 class TruncatedNormalMixture(JointLaw):
     """Mixture of K normal distributions, each truncated to the box.
@@ -104,7 +106,7 @@ class TruncatedNormalMixture(JointLaw):
             logs[part] = logsumexp(self.normals.log_densities(x[part]) + self.log_scale[:, None], axis=0)
         return logs
 
-    def sample(self, n: int, generator: np.random.Generator) -> Array:
+    def draw(self, n: int, generator: np.random.Generator) -> Array:
         """Draw n independent points, shape (n, d); points outside the box are rejected and drawn again."""
         missing = generator.multinomial(n, self.shares)
         drawn = []
@@ -238,7 +240,7 @@ class TruncatedNormalMixture(JointLaw):
         }
 
     @classmethod
-    def from_content(cls, content: Mapping[str, Any], box: Box) -> Self:
+    def from_content(cls, content: Mapping[str, Any], box: Box, records: pd.DataFrame | None = None) -> Self:
         """Build a law from the value that `content` returned, and from its box."""
         parts = content["components"]
         shares, mean, covariance = (

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.distributions import Described, Empirical, from_dict
 from accelerated_evaluation.laws import LAWS
-from accelerated_evaluation.laws.protocol import CutIns, Factors, Law, Stratum
+from accelerated_evaluation.laws.protocol import Box
+from accelerated_evaluation.laws.strata import Factors, StratifiedLaw, Stratum
 
 UNITS = {"inverse_range": "1/m", "inverse_ttc": "1/s"}
 
@@ -24,9 +25,9 @@ class IndependentStratum(Stratum):
     lead_speed: Empirical
     factors: Factors
 
-    def cut_ins(self, lead_speed: Array, first: Array, second: Array) -> CutIns:
-        """Return the cut-ins with given v_L [m/s], R^-1 [1/m] and TTC^-1 [1/s], each of shape (n,)."""
-        return CutIns(lead_speed, first, second)
+    def points(self, lead_speed: Array, first: Array, second: Array) -> Array:
+        """Return the cut-ins, shape (n, 3), with given v_L [m/s], R^-1 [1/m] and TTC^-1 [1/s]."""
+        return np.column_stack([lead_speed, 1 / first, second / first])
 
     def first(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
         """Return the first coordinate, which is R^-1 [1/m] itself; it does not depend on v_L."""
@@ -44,7 +45,7 @@ class IndependentStratum(Stratum):
 
 @LAWS.add("independent")
 @dataclass(frozen=True)
-class IndependentLaw(Law):
+class IndependentLaw(StratifiedLaw):
     """The paper's law, in which v_L, R^-1 and TTC^-1 are independent within each segment of v_L.
 
     R^-1 has the same distribution in all segments, and TTC^-1 has one distribution for each segment (paper,
@@ -139,39 +140,17 @@ class IndependentLaw(Law):
         }
 
     @classmethod
-    def from_content(
-        cls, content: Mapping[str, Any], encounters: pd.DataFrame, description: str, closing_speed_max: float
-    ) -> Self:
-        """Build a law from the content of its file.
-
-        Parameters
-        ----------
-        content
-            Content of a law file, which includes the value that `content` returned.
-        encounters
-            Encounter table to which the law was fitted; it supplies the lead speeds.
-        description
-            Description of the data.
-        closing_speed_max
-            Cap on closing speeds [m/s].
-        """
-        counts, laws = recorded_counts(content), content["inverse_ttc"]["distributions"]
+    def from_content(cls, content: Mapping[str, Any], box: Box, records: pd.DataFrame) -> Self:
+        """Build a law from the content of its file, its limits, and the records, which supply v_L."""
+        counts, laws = content["counts"], content["inverse_ttc"]["distributions"]
         return cls(
-            description=description,
+            description=content["description"],
             counts=counts,
             inverse_range=from_dict(content["inverse_range"]["distribution"]),
             inverse_ttc={segment: from_dict(law) for segment, law in laws.items()},
-            lead_speeds=recorded_lead_speeds(encounters, counts),
-            closing_speed_max=closing_speed_max,
+            lead_speeds=recorded_lead_speeds(records, counts),
+            closing_speed_max=box.upper[2],
         )
-
-
-def recorded_counts(content: Mapping[str, Any]) -> dict[str, int]:
-    """Return the number of lane changes in each segment from the content of a law file.
-
-    The entry is called ``counts``; in files of earlier versions it is called ``events``.
-    """
-    return content["counts"] if "counts" in content else content["events"]
 
 
 def recorded_lead_speeds(encounters: pd.DataFrame, segments: Mapping[str, Any]) -> dict[str, Empirical]:

@@ -13,8 +13,8 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.distributions import Empirical
 from accelerated_evaluation.distributions.tails import interval_probability
 from accelerated_evaluation.laws import LAWS
-from accelerated_evaluation.laws.paper.independent import recorded_counts, recorded_lead_speeds
-from accelerated_evaluation.laws.protocol import CutIns, Factors
+from accelerated_evaluation.laws.paper.independent import recorded_lead_speeds
+from accelerated_evaluation.laws.protocol import Box
 from accelerated_evaluation.laws.smooth.conditional import SpeedLaw, Threshold, range_grid, speed_grid
 from accelerated_evaluation.laws.smooth.excess import Excess
 from accelerated_evaluation.laws.smooth.family import LawFamily, Member
@@ -28,6 +28,7 @@ from accelerated_evaluation.laws.smooth.segments import (
 )
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 from accelerated_evaluation.laws.smooth.support import SUPPORT, Support
+from accelerated_evaluation.laws.strata import Factors
 
 PLACES_AT_ONCE = 50_000  # limits the memory to about 100 MB
 
@@ -42,7 +43,7 @@ class DependentStratum(SmoothStratum):
     support: Support = SUPPORT
     factors: Factors = COORDINATES
 
-    def cut_ins(self, lead_speed: Array, first: Array, second: Array) -> CutIns:
+    def points(self, lead_speed: Array, first: Array, second: Array) -> Array:
         """Return the n cut-ins with given v_L [m/s], first and second coordinates, each of shape (n,)."""
         range_, speed = np.empty(first.size), np.empty(first.size)
         for part in parts(first.size, PLACES_AT_ONCE):
@@ -51,7 +52,7 @@ class DependentStratum(SmoothStratum):
             range_[part] = farthest * np.exp(-at_farthest.range_hazards(self.ranges).inverse(first[part]))
             places = self.places(lead_speed[part], range_[part])
             speed[part] = self.speeds.given(places).inverse(second[part])
-        return CutIns(lead_speed, 1 / range_, speed / range_)
+        return np.column_stack([lead_speed, range_, speed])
 
     def range_coordinate(self, lead_speed: Array, inverse_range: Array) -> tuple[Array, Array]:
         """Return the first coordinate, and its derivative with respect to log(R_max / R).
@@ -178,14 +179,8 @@ class DependentLaw(SmoothLaw):
         return content
 
     @classmethod
-    def from_content(
-        cls, content: Mapping[str, Any], encounters: pd.DataFrame, description: str, closing_speed_max: float
-    ) -> Self:
-        """Build a law from the content of its file.
-
-        ``encounters`` is the encounter table to which the law was fitted. It supplies the lead speeds.
-        ``closing_speed_max`` is the cap on closing speeds [m/s].
-        """
+    def from_content(cls, content: Mapping[str, Any], box: Box, records: pd.DataFrame) -> Self:
+        """Build a law from the content of its file, its limits, and the records, which supply v_L."""
         support = Support.of(content["support"])
         grids = range_grid(support), speed_grid(support)
         ranges, body = (
@@ -197,6 +192,6 @@ class DependentLaw(SmoothLaw):
             excess = content["excess"]
             surface = Threshold.from_content(excess["threshold"], grids[1])
             speeds = SpeedLaw(body, surface, Excess.from_content(excess))
-        counts = recorded_counts(content)
-        lead_speeds = recorded_lead_speeds(encounters, counts)
-        return cls(description, counts, ranges, speeds, lead_speeds, closing_speed_max, support)
+        counts, description = content["counts"], content["description"]
+        lead_speeds = recorded_lead_speeds(records, counts)
+        return cls(description, counts, ranges, speeds, lead_speeds, box.upper[2], support)

@@ -25,7 +25,7 @@ from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.distributions import Empirical
 from accelerated_evaluation.laws import LAWS
 from accelerated_evaluation.laws.paper.independent import recorded_lead_speeds
-from accelerated_evaluation.laws.protocol import CutIns, Factors
+from accelerated_evaluation.laws.protocol import Box
 from accelerated_evaluation.laws.smooth.conditional import Places, SpeedLaw, Threshold, range_grid, speed_grid
 from accelerated_evaluation.laws.smooth.draws import LawDraws, SpeedsAt
 from accelerated_evaluation.laws.smooth.excess import Excess
@@ -40,6 +40,7 @@ from accelerated_evaluation.laws.smooth.segments import (
 )
 from accelerated_evaluation.laws.smooth.smooth_hazard import SmoothHazard
 from accelerated_evaluation.laws.smooth.support import Support
+from accelerated_evaluation.laws.strata import Factors
 
 PLACES_AT_ONCE = 400  # limits the memory to about 100 MB with 500 draws
 
@@ -57,8 +58,8 @@ class MeanStratum(SmoothStratum):
         """Limits of the records."""
         return self.draws.support
 
-    def cut_ins(self, lead_speed: Array, first: Array, second: Array) -> CutIns:
-        """Return the n cut-ins with given v_L [m/s], first and second coordinates, each of shape (n,)."""
+    def points(self, lead_speed: Array, first: Array, second: Array) -> Array:
+        """Return the n cut-ins, shape (n, 3), with given v_L [m/s] and coordinates, each of shape (n,)."""
         range_, speed = np.empty(first.size), np.empty(first.size)
         farthest = self.support.range_max
         for part in parts(first.size, PLACES_AT_ONCE):
@@ -73,7 +74,7 @@ class MeanStratum(SmoothStratum):
                 second[part],
                 np.maximum(start, TOLERANCE),
             )
-        return CutIns(lead_speed, 1 / range_, speed / range_)
+        return np.column_stack([lead_speed, range_, speed])
 
     def range_coordinate(self, lead_speed: Array, inverse_range: Array) -> tuple[Array, Array]:
         """Return the first coordinate, and its derivative with respect to log(R_max / R).
@@ -243,30 +244,37 @@ class MeanLaw(SmoothLaw):
         """Return the mean law of the k draws with the given indices, shape (k,)."""
         return replace(self, draws=self.draws.only(chosen))
 
-    def from_normal_scores(self, z: Array) -> CutIns:
-        """Map normal scores z of v_L and of the two coordinates, shape (n, 3), to n cut-ins.
+    def from_normal_scores(self, z: Array) -> Array:
+        """Map normal scores z of v_L and of the two coordinates to n cut-ins, both of shape (n, 3).
 
         The cut-ins of all strata are computed together, because the conditional distributions are the same.
         """
         scores = np.empty((3, len(z)))
         for here, _, *coordinates in self.in_strata(z):
             scores[:, here] = coordinates
-        return next(iter(self.strata.values())).cut_ins(*scores)
+        return self.with_cap(self._any_stratum.points(*scores))
 
-    def log_densities(self, cut_ins: CutIns) -> Array:
-        """Return the joint log density of log R and closing speed of n cut-ins under each draw, given v_L.
+    @property
+    def _any_stratum(self) -> MeanStratum:
+        return next(iter(self.strata.values()))  # the conditional distributions are the same in all
 
-        The result has shape (K, n).
+    def log_densities(self, x: Array) -> Array:
+        """Return the log density of n cut-ins x, shape (n, 3), under each draw, shape (K, n).
+
+        It is the density of range and closing speed given v_L.
         """
-        stratum = next(iter(self.strata.values()))  # the conditional distributions are the same in all
-        return stratum.log_densities(cut_ins.lead_speed, cut_ins.range_, cut_ins.closing_speed)
+        return self._any_stratum.log_densities(*x.T) - np.log(x[:, 1])
 
-    def log_ratios(self, cut_ins: CutIns) -> Array:
+    def log_density(self, x: Array) -> Array:
+        """Return the log density of range and closing speed given v_L at cut-ins x, shape (n, 3)."""
+        return logsumexp(self.log_densities(x), axis=0) - math.log(self.draws.size)
+
+    def log_ratios(self, x: Array) -> Array:
         """Return the log importance weights log(f_k / f_mean) of n cut-ins for each draw k, shape (K, n).
 
         They are at most log K.
         """
-        densities = self.log_densities(cut_ins)
+        densities = self.log_densities(x)
         return densities - (logsumexp(densities, axis=0) - math.log(self.draws.size))
 
     def content(self) -> dict[str, Any]:
@@ -286,14 +294,8 @@ class MeanLaw(SmoothLaw):
         }
 
     @classmethod
-    def from_content(
-        cls, content: Mapping[str, Any], encounters: pd.DataFrame, description: str, closing_speed_max: float
-    ) -> Self:
-        """Build a law from the content of its file.
-
-        ``encounters`` is the encounter table to which the law was fitted. It supplies the lead speeds.
-        ``closing_speed_max`` is the cap on closing speeds [m/s].
-        """
+    def from_content(cls, content: Mapping[str, Any], box: Box, records: pd.DataFrame) -> Self:
+        """Build a law from the content of its file, its limits, and the records, which supply v_L."""
         support = Support.of(content["support"])
         grids = range_grid(support), speed_grid(support)
         ranges, bodies = (
@@ -305,8 +307,8 @@ class MeanLaw(SmoothLaw):
         shared = np.array([part["shared"] for part in content["draws"]])
         names = tuple(part["name"] for part in content["draws"])
         draws = LawDraws(ranges, bodies, laws, shared, names, support)
-        counts = content["counts"]
-        return cls(description, counts, draws, recorded_lead_speeds(encounters, counts), closing_speed_max)
+        counts, description = content["counts"], content["description"]
+        return cls(description, counts, draws, recorded_lead_speeds(records, counts), box.upper[2])
 
 
 def _tail_content(law: SpeedLaw) -> dict[str, Any]:

@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.distributions import BoundedExponential, Empirical, PiecewiseMixture
 from accelerated_evaluation.laws.paper.independent import recorded_lead_speeds
-from accelerated_evaluation.laws.protocol import Factors, Law, Stratum
 from accelerated_evaluation.laws.smooth.conditional import Places
 from accelerated_evaluation.laws.smooth.support import Support
+from accelerated_evaluation.laws.strata import Factors, StratifiedLaw, Stratum
 
 COORDINATES = Factors(BoundedExponential(1.0), BoundedExponential(1.0))
 TAIL = 0.05  # probability of the upper piece of a coordinate, as for the tail of TTC^-1 in the paper
@@ -97,7 +97,7 @@ class SmoothStratum(Stratum):
         return Places.of(lead_speed, range_, self.support)
 
 
-class SmoothLaw(Law):
+class SmoothLaw(StratifiedLaw):
     """Base class of laws whose conditional distributions given v_L are the same in all segments of v_L.
 
     Attributes

@@ -13,7 +13,8 @@ import numpy as np
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.methods.cross_entropy.families import PiecewiseFamily, ProposalFamily
-from accelerated_evaluation.problem import Problem, Sample
+from accelerated_evaluation.methods.cross_entropy.sample import Sample
+from accelerated_evaluation.problem import Problem
 
 
 @dataclass(frozen=True)
@@ -232,7 +233,7 @@ def _draw_level(
     happened ``minimum_events`` times, or ``maximum_batches`` is reached, and the threshold is the score of
     rank ``minimum_events``.
     """
-    sample = problem.sample(stratum, proposal, generator, settings.sample_size)
+    sample = Sample.of(problem, stratum, proposal, generator, settings.sample_size)
     rank = max(int(settings.event_quantile * settings.sample_size), 1)
     quantile = np.partition(event_score(sample, settings.range_per_ttc), rank - 1)[rank - 1]
     if quantile < threshold:
@@ -240,7 +241,7 @@ def _draw_level(
     for _ in range(settings.maximum_batches - 1):
         if np.count_nonzero(sample.happened) >= settings.minimum_events:
             break
-        sample = sample.join(problem.sample(stratum, proposal, generator, settings.sample_size))
+        sample = sample.join(Sample.of(problem, stratum, proposal, generator, settings.sample_size))
     scores = event_score(sample, settings.range_per_ttc)
     rank = min(settings.minimum_events, scores.size)
     return sample, min(threshold, float(np.partition(scores, rank - 1)[rank - 1]))

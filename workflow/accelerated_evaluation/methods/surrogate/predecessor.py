@@ -7,13 +7,13 @@ import numpy as np
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.base.tables import read_csv, require_file
 from accelerated_evaluation.methods.surrogate.gaussian_process import Predecessor
-from accelerated_evaluation.problem import Problem, ScenarioProblem
+from accelerated_evaluation.problem import Problem
 
 ROUNDING = 1e-6  # relative tolerance; laws that were fitted on two kinds of processor differ by less
 FLAGS = {"True": True, "False": False}
 
 
-def read_predecessor(path: str | os.PathLike, problem: Problem | ScenarioProblem) -> Predecessor:
+def read_predecessor(path: str | os.PathLike, problem: Problem) -> Predecessor:
     """Return the runs of a similar vehicle from the table ``runs.csv`` of the command ``estimate``.
 
     Parameters

@@ -1,0 +1,310 @@
+"""Laws of cut-ins in strata of the lead speed, in each of which two further coordinates are independent.
+
+A law is a mixture over strata of the lead speed v_L. In each stratum, v_L follows the recorded values, and
+two further coordinates describe a cut-in. They are independent of each other within the stratum.
+
+For the paper's laws the coordinates are R^-1 and TTC^-1 themselves. A law whose closing speed depends on the
+range uses coordinates with unit exponential distributions: the Rosenblatt transformation maps any pair of
+dependent variables to such independent ones. Drawing, tilting, likelihood ratios, normal scores and interval
+probabilities then need only the distributions of the two coordinates and the map from coordinates to cut-ins.
+"""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.distributions import Distribution, Empirical
+from accelerated_evaluation.distributions.tails import interval_probability, normal_score_quantile
+from accelerated_evaluation.laws.protocol import Box, Law
+
+VARIABLES = ("lead_speed", "range", "closing_speed")
+
+
+@dataclass(frozen=True)
+class Factors:
+    """The distributions of the two independent coordinates of a cut-in in a stratum.
+
+    One instance describes the law f, and further instances describe proposals f*.
+    """
+
+    first: Distribution
+    second: Distribution
+
+    def logpdf(self, first: Array, second: Array) -> Array:
+        """Return the joint log density of n pairs of coordinates; arguments and result have shape (n,)."""
+        return self.first.logpdf(first) + self.second.logpdf(second)
+
+    def rvs(self, generator: np.random.Generator, size: int) -> tuple[Array, Array]:
+        """Return independent draws of both coordinates, each of shape (size,)."""
+        return self.first.rvs(generator, size), self.second.rvs(generator, size)
+
+
+class Stratum(ABC):
+    """The distribution of the cut-ins in one stratum of the lead speed.
+
+    Attributes
+    ----------
+    lead_speed
+        Empirical distribution of v_L [m/s]; importance sampling does not change it.
+    factors
+        Distributions of the two coordinates under the law.
+    """
+
+    lead_speed: Empirical
+    factors: Factors
+
+    @property
+    def pieces(self) -> Factors:
+        """The distributions of `factors` as piecewise mixtures, whose pieces the paper's methods tilt.
+
+        By default they are `factors` itself.
+        """
+        return self.factors
+
+    @abstractmethod
+    def points(self, lead_speed: Array, first: Array, second: Array) -> Array:
+        """Return the n cut-ins with given v_L [m/s] and coordinates, each of shape (n,).
+
+        The columns are lead speed [m/s], range [m] and closing speed [m/s] before any cap, shape (n, 3).
+        """
+
+    @abstractmethod
+    def first(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
+        """Return the first coordinate, which increases with R^-1 [1/m] for fixed v_L [m/s]."""
+
+    @abstractmethod
+    def second(self, lead_speed: ArrayLike, inverse_range: ArrayLike, closing_speed: ArrayLike) -> Array:
+        """Return the second coordinate, which increases with the closing speed for fixed v_L and R^-1.
+
+        The arguments are v_L [m/s], R^-1 [1/m] and closing speed [m/s], of shapes that broadcast.
+        """
+
+    def second_at(self, lead_speed: Array, inverse_range: Array, closing_speeds: Array) -> Array:
+        """Return the second coordinate of m closing speeds for each of n pairs of v_L and R^-1.
+
+        Parameters
+        ----------
+        lead_speed, inverse_range
+            v_L [m/s] and R^-1 [1/m], shape (n,).
+        closing_speeds
+            Closing speeds [m/s], shape (n, m).
+
+        Returns
+        -------
+        numpy.ndarray
+            The coordinates, shape (n, m).
+        """
+        columns = [self.second(lead_speed, inverse_range, speed) for speed in closing_speeds.T]
+        return np.column_stack(columns)
+
+    def log_first_slope(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
+        """Return the log of the derivative of the first coordinate with respect to R^-1, for fixed v_L.
+
+        The value is 0 if the first coordinate is R^-1 itself. The arguments are v_L [m/s] and R^-1 [1/m], of
+        shapes that broadcast.
+        """
+        return np.zeros(np.broadcast_shapes(np.shape(lead_speed), np.shape(inverse_range)))
+
+    def log_second_slope(self, lead_speed: Array, inverse_range: Array, closing_speed: Array) -> Array:
+        """Return the log of the derivative of the second coordinate with respect to the closing speed.
+
+        The value is log R^-1 if the second coordinate is TTC^-1 itself. Arguments (v_L [m/s], R^-1 [1/m] and
+        closing speed [m/s]) and result have shape (n,).
+        """
+        return np.log(inverse_range)
+
+    @property
+    @abstractmethod
+    def inverse_range_min(self) -> float:
+        """The smallest R^-1 [1/m] in the support of the law."""
+
+    def closing_speed_probability(
+        self, lead_speed: Array, inverse_range: Array, start: Array, end: Array
+    ) -> Array:
+        """Return P(start <= closing speed < end) given v_L and R^-1.
+
+        The exact crash probability of a crash map needs the distribution of the closing speed only in the
+        form of these probabilities.
+
+        Parameters
+        ----------
+        lead_speed, inverse_range
+            v_L [m/s] and R^-1 [1/m], shape (n,).
+        start, end
+            Ends of the intervals of the closing speed [m/s], shape (n,); the end may be infinite.
+
+        Returns
+        -------
+        numpy.ndarray
+            Probabilities, shape (n,).
+        """
+        ends = (self.second(lead_speed, inverse_range, speed) for speed in (start, end))
+        return interval_probability(self.factors.second, *ends)
+
+    def cell_probability(self, lead_speed: Array, inverse_range: Array) -> Array:
+        """Return the probability of rectangular cells of v_L and R^-1.
+
+        If the first coordinate depends on v_L, it is evaluated at the middle of the cell's interval of v_L.
+
+        Parameters
+        ----------
+        lead_speed, inverse_range
+            Lower and upper v_L [m/s] and R^-1 [1/m] of each cell, shape (cells, 2); the last R^-1 may be
+            infinite.
+
+        Returns
+        -------
+        numpy.ndarray
+            Probabilities, shape (cells,).
+        """
+        middle = lead_speed.mean(axis=1)
+        ends = (self.first(middle, inverse_range[:, side]) for side in (0, 1))
+        return self.lead_speed_share(lead_speed) * interval_probability(self.factors.first, *ends)
+
+    def lead_speed_share(self, lead_speed: Array) -> Array:
+        """Return the share of the recorded v_L in each interval [low, high) [m/s].
+
+        Parameters
+        ----------
+        lead_speed
+            The intervals, shape (n, 2).
+
+        Returns
+        -------
+        numpy.ndarray
+            Shares, shape (n,).
+        """
+        speeds = self.lead_speed.values
+        return np.diff(np.searchsorted(speeds, lead_speed), axis=1)[:, 0] / speeds.size
+
+    def log_density(self, x: Array, cap: float = math.inf) -> Array:
+        """Return the log density of range and closing speed given v_L at cut-ins x, shape (n, 3).
+
+        At the cap on the closing speed [m/s], the density of the closing speed is replaced by the probability
+        that it reaches the cap.
+        """
+        lead_speed, range_, closing_speed = x.T
+        inverse_range = 1 / range_
+        first = self.first(lead_speed, inverse_range)
+        second = self.second(lead_speed, inverse_range, closing_speed)
+        # |d(first) / dR| = |d(first) / d(R^-1)| R^-2
+        of_range = self.log_first_slope(lead_speed, inverse_range) + 2 * np.log(inverse_range)
+        of_speed = self.factors.second.logpdf(second)
+        of_speed += self.log_second_slope(lead_speed, inverse_range, closing_speed)
+        of_speed = np.where(closing_speed >= cap, self.factors.second.logsf(second), of_speed)
+        return self.factors.first.logpdf(first) + of_range + of_speed
+
+
+class StratifiedLaw(Law):
+    """A law of cut-ins: a mixture over strata of the lead speed.
+
+    Attributes
+    ----------
+    closing_speed_max
+        Cap on the closing speed [m/s]; infinity means no cap.
+    shares
+        Share of each stratum in the lane changes, by name of the stratum and in order of the lead speed; the
+        shares sum to one.
+    strata
+        The distribution in each stratum, by the same names.
+    """
+
+    needs_records: ClassVar[bool] = True
+    closing_speed_max: float
+
+    @property
+    @abstractmethod
+    def shares(self) -> Mapping[str, float]:
+        """Share of each stratum, by name of the stratum."""
+
+    @property
+    @abstractmethod
+    def strata(self) -> Mapping[str, Stratum]:
+        """The distribution in each stratum, by name of the stratum."""
+
+    @abstractmethod
+    def only(self, stratum: str) -> Self:
+        """Return the law restricted to one stratum, given by its name, whose share is then one."""
+
+    @property
+    def box(self) -> Box:
+        """Lead speeds [m/s] are those of the records, so that their limits are not stated."""
+        least = min(stratum.inverse_range_min for stratum in self.strata.values())
+        farthest = 1 / least if least > 0 else math.inf
+        return Box(VARIABLES, (0.0, 0.0, 0.0), (math.inf, farthest, self.closing_speed_max))
+
+    def capped(self, closing_speed: Array) -> Array:
+        """Return closing speeds [m/s], in which values above the cap of the law are replaced by the cap."""
+        return np.minimum(closing_speed, self.closing_speed_max)
+
+    def draw(self, n: int, generator: np.random.Generator) -> Array:
+        """Draw n independent cut-ins, ordered by stratum, shape (n, 3)."""
+        return self.draw_in_strata(n, generator)[0]
+
+    def draw_in_strata(self, n: int, generator: np.random.Generator) -> tuple[Array, NDArray[np.intp]]:
+        """Draw n independent cut-ins, shape (n, 3), and the index of the stratum of each, shape (n,)."""
+        counts = generator.multinomial(n, list(self.shares.values()))
+        parts = []
+        for stratum, count in zip(self.strata.values(), counts.tolist(), strict=True):
+            lead_speed = stratum.lead_speed.rvs(generator, count)
+            parts.append(stratum.points(lead_speed, *stratum.factors.rvs(generator, count)))
+        return self.with_cap(np.concatenate(parts)), np.repeat(np.arange(len(counts)), counts)
+
+    def stratum_of_normal_scores(self, z: Array) -> NDArray[np.intp]:
+        """Return the index of the stratum for each row of normal scores z, shape (n, 3)."""
+        share = np.array(list(self.shares.values()))
+        return np.searchsorted(np.cumsum(share) - share, ndtr(z[:, 0]), side="right") - 1
+
+    def from_normal_scores(self, z: Array) -> Array:
+        """Map normal scores of v_L and of the two coordinates to cut-ins, both of shape (n, 3).
+
+        The first normal score determines both the stratum and v_L: the strata occupy adjacent intervals of
+        the score, in order of v_L. A sampler in normal scores can therefore choose strata according to their
+        contribution to the event.
+        """
+        x = np.empty((len(z), 3))
+        for here, stratum, *coordinates in self.in_strata(z):
+            x[here] = stratum.points(*coordinates)
+        return self.with_cap(x)
+
+    def in_strata(self, z: Array) -> Iterator[tuple[NDArray[np.bool_], Stratum, Array, Array, Array]]:
+        """Yield the flags of the normal scores z, shape (n, 3), that belong to each stratum, and the stratum.
+
+        With them come v_L [m/s] and the two coordinates at these m normal scores, each of shape (m,).
+        """
+        u, index = ndtr(z[:, 0]), self.stratum_of_normal_scores(z)
+        share = np.array(list(self.shares.values()))
+        before = np.cumsum(share) - share
+        for k, stratum in enumerate(self.strata.values()):
+            here = index == k
+            lead_speed = stratum.lead_speed.ppf((u[here] - before[k]) / share[k])
+            first = normal_score_quantile(stratum.factors.first, z[here, 1])
+            second = normal_score_quantile(stratum.factors.second, z[here, 2])
+            yield here, stratum, lead_speed, first, second
+
+    def log_density(self, x: Array) -> Array:
+        """Return the log density of range and closing speed given v_L at cut-ins, shape (n, 3).
+
+        At the cap, the density of the closing speed is replaced by the probability of the cap.
+        """
+        logs, stratum = np.empty(len(x)), self._stratum_of(x[:, 0])
+        for k, each in enumerate(self.strata.values()):
+            logs[stratum == k] = each.log_density(x[stratum == k], self.closing_speed_max)
+        return np.where(x[:, 2] > self.closing_speed_max, -math.inf, logs)
+
+    def _stratum_of(self, lead_speed: Array) -> NDArray[np.intp]:
+        """Return the index of the stratum of each lead speed [m/s]; strata begin at their least record."""
+        begins = [stratum.lead_speed.values[0] for stratum in self.strata.values()]
+        return np.maximum(np.searchsorted(begins, lead_speed, side="right") - 1, 0)
+
+    def with_cap(self, x: Array) -> Array:
+        """Apply the cap on the closing speed to cut-ins x, shape (n, 3), in place, and return them."""
+        x[:, 2] = self.capped(x[:, 2])
+        return x

@@ -1,0 +1,165 @@
+"""The problem of every method: a vehicle in encounters that follow a law, and an event."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+import pandas as pd
+
+from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.digests import value_digest
+from accelerated_evaluation.base.errors import InputError
+from accelerated_evaluation.laws import Law
+from accelerated_evaluation.laws.files import read_law
+from accelerated_evaluation.laws.joint.folding import folded
+from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
+from accelerated_evaluation.problem.protocol import Response, without_addresses
+from accelerated_evaluation.records.encounter_table import read_encounters
+from accelerated_evaluation.scenarios import SCENARIOS
+from accelerated_evaluation.scenarios.protocol import Event, Scenario
+from accelerated_evaluation.vehicles.external.slow import loaded_for
+from accelerated_evaluation.vehicles.protocol import Vehicle, repeats_itself
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A vehicle in the encounters of a scenario that follow a law, and an event whose probability is sought.
+
+    Parameters
+    ----------
+    scenario
+        The scenario, which names the d variables of an encounter.
+    law
+        Law of the variables.
+    vehicle
+        Object whose ``simulate`` takes one array of shape (n,) for each variable.
+    event
+        An event of the outcomes; by default the first of the scenario, the crash.
+    graded
+        Whether samplers may use the score of the event, in addition to whether it happened.
+
+    Raises
+    ------
+    InputError
+        If the law has other variables than the scenario, or exceeds its limits.
+
+    Examples
+    --------
+    >>> from accelerated_evaluation.scenarios import SCENARIOS
+    >>> from accelerated_evaluation.vehicles import load_vehicle
+    >>> left_turn = SCENARIOS["left_turn"]
+    >>> x = np.array([[14.0, 6.0, 20.0], [14.0, 6.0, 60.0]])
+    >>> Problem.crashes(left_turn, load_vehicle("acc_aeb", left_turn), x)
+    array([ True, False])
+    """
+
+    scenario: Scenario
+    law: Law
+    vehicle: Vehicle
+    event: Event = None  # type: ignore[assignment]
+    graded: bool = True
+
+    def __post_init__(self) -> None:
+        if self.event is None:
+            object.__setattr__(self, "event", self.scenario.events[0])
+        require_law(self.scenario, self.law)
+
+    @property
+    def dimension(self) -> int:
+        """Number d of variables, and of normal scores."""
+        return self.law.dimension
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Text that identifies the problem, so that a saved state is only resumed for the same problem."""
+        law = value_digest([self.law.kind, self.law.box.content(), self.law.content()])
+        return without_addresses(repr((self.scenario.name, law, self.vehicle, self.event, self.graded)))
+
+    @property
+    def deterministic(self) -> bool | None:
+        """Whether the vehicle states that it repeats itself; None if it does not say.
+
+        A vehicle whose crash set consists of many thin stripes counts as random, because a sampler that
+        learns the set from few runs cannot resolve them.
+        """
+        return False if getattr(self.vehicle, "striped", False) else repeats_itself(self.vehicle)
+
+    def only(self, stratum: str) -> Self:
+        """Return the problem in one stratum of a stratified law, given by its name."""
+        return replace(self, law=self.law.only(stratum))
+
+    def simulate(self, x: Array) -> Any:  # noqa: ANN401
+        """Simulate the vehicle in n encounters x, shape (n, d), and return the outcomes of the scenario."""
+        return self.vehicle.simulate(*self.scenario.to_inputs(x).T)
+
+    def evaluate(self, z: Array) -> Response:
+        """Simulate at normal scores z, shape (n, d); return the flags of the event and the scores."""
+        return self.response(self.simulate(self.law.from_normal_scores(z)))
+
+    def repeat(self, z: Array) -> Response:
+        """Simulate again, without stored outcomes, at normal scores z, shape (n, d)."""
+        again = getattr(self.vehicle, "repeat", self.vehicle.simulate)
+        return self.response(again(*self.scenario.to_inputs(self.law.from_normal_scores(z)).T))
+
+    def coordinates(self, z: Array) -> dict[str, Array]:
+        """Return the variables, each of shape (n,), at normal scores z, shape (n, d), by name."""
+        return dict(zip(self.scenario.names, self.law.from_normal_scores(z).T, strict=True))
+
+    def response(self, outcomes: Any) -> Response:  # noqa: ANN401
+        """Return whether the event happened in n runs, shape (n,), and the scores, or None if not graded."""
+        return self.event.happens(outcomes), self.event.score(outcomes) if self.graded else None
+
+
+def require_law(scenario: Scenario, law: Law) -> None:
+    """Raise InputError unless a law has the variables of a scenario, within their limits."""
+    own = np.column_stack([law.box.lower, law.box.upper])
+    if law.box.names != scenario.names or not _within(own, scenario.limits):
+        raise InputError(
+            f"the law for the scenario {scenario.name}",
+            seen=_in_words(law.box.names, own),
+            expected=f"limits within {_in_words(scenario.names, scenario.limits)}",
+            change="Name a law of this scenario, or fit the law again within these limits.",
+        )
+
+
+def read_law_of(scenario: Scenario, path: str, records: pd.DataFrame | None = None) -> Law:
+    """Read a law of a scenario from its file, with the encounter table that a law of cut-ins needs.
+
+    A law that gives a probability to both signs of a variable whose sign does not matter is folded to its
+    absolute value.
+    """
+    law = read_law(path, records)
+    require_law(scenario, law)
+    for k, variable in enumerate(scenario.variables):
+        if not variable.sign_matters and isinstance(law, TruncatedNormalMixture) and law.box.lower[k] < 0:
+            law = folded(law, k)
+    return law
+
+
+def _within(limits: Array, others: Array) -> bool:
+    return bool((limits[:, 0] >= others[:, 0]).all() and (limits[:, 1] <= others[:, 1]).all())
+
+
+def _in_words(names: Sequence[str], limits: Array) -> str:
+    rows = zip(names, limits.tolist(), strict=True)
+    return ", ".join(f"{name} from {low:g} to {high:g}" for name, (low, high) in rows)
+
+
+@contextmanager
+def loaded_problem(
+    law: str, encounters: str, vehicle: Mapping[str, Any], simulations: Mapping[str, Any]
+) -> Iterator[Problem]:
+    """Yield the problem of a vehicle in cut-ins under a law file, and close the vehicle at the end.
+
+    Parameters
+    ----------
+    law, encounters
+        Law file, and the encounter table to which the law was fitted.
+    vehicle, simulations
+        The sections of the configuration with these names.
+    """
+    with loaded_for(vehicle, simulations) as car:
+        yield Problem(SCENARIOS["cut_in"], read_law(law, read_encounters(encounters)), car)
