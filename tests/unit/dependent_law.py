@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 from accelerated_evaluation.distributions import BoundedExponential, Empirical, PiecewiseMixture
-from accelerated_evaluation.laws import CutIns, Factors, Law, Stratum
+from accelerated_evaluation.laws import Factors, StratifiedLaw, Stratum
 
 LOWER, POWER = 1 / 75, 1.5
 UNIT = BoundedExponential(1.0)
@@ -40,13 +40,13 @@ class DependentStratum(Stratum):
     lead_speed: Empirical
     factors: Factors = FACTORS
 
-    inverse_range_min = LOWER
+    range_max = 1 / LOWER
     pieces = Factors(PIECES, PIECES)
 
-    def cut_ins(self, lead_speed, first, second):
+    def points(self, lead_speed, first, second):
         inverse_range = LOWER + first / rate(lead_speed)
         closing_speed = scale(lead_speed, inverse_range) * second ** (1 / POWER)
-        return CutIns(lead_speed, inverse_range, closing_speed * inverse_range)
+        return np.column_stack([lead_speed, 1 / inverse_range, closing_speed])
 
     def first(self, lead_speed, inverse_range):
         return rate(lead_speed) * (inverse_range - LOWER)
@@ -57,10 +57,15 @@ class DependentStratum(Stratum):
     def log_first_slope(self, lead_speed, inverse_range):
         return np.log(rate(lead_speed)) + 0 * inverse_range
 
+    def log_second_slope(self, lead_speed, inverse_range, closing_speed):
+        width = scale(lead_speed, inverse_range)
+        return np.log(POWER / width) + (POWER - 1) * np.log(closing_speed / width)
+
 
 @dataclass(frozen=True)
-class DependentLaw(Law):
+class DependentLaw(StratifiedLaw):
     kind: ClassVar[str] = "toy with dependence"
+    from_content = None  # it is in no file
 
     parts: Mapping[str, DependentStratum]
     weights: Mapping[str, float]
@@ -74,6 +79,9 @@ class DependentLaw(Law):
     @property
     def strata(self):
         return self.parts
+
+    def content(self):
+        return {"shares": self.weights, "factors": repr([part.factors for part in self.parts.values()])}
 
     def only(self, stratum):
         part = {stratum: self.parts[stratum]}

@@ -75,10 +75,10 @@ def crash_probability(law):
     for name, stratum in law.strata.items():
         speeds = stratum.lead_speed.ppf((np.arange(20) + 0.5) / 20)
         speed, first = (x.ravel() for x in np.meshgrid(speeds, stratum.factors.first.ppf(u)))
-        cut_ins = stratum.cut_ins(speed, first, stratum.factors.second.ppf(np.full(first.size, 0.5)))
-        start = LIMIT * cut_ins.range_
+        range_ = stratum.points(speed, first, stratum.factors.second.ppf(np.full(first.size, 0.5)))[:, 1]
+        start = LIMIT * range_
         closing = start, np.full(start.size, np.inf)
-        inside = stratum.closing_speed_probability(speed, cut_ins.inverse_range, *closing)
+        inside = stratum.closing_speed_probability(speed, 1 / range_, *closing)
         probability += law.shares[name] * inside[start < law.closing_speed_max].sum() / start.size
     return probability
 
@@ -102,7 +102,7 @@ def test_the_estimate_is_of_the_law_that_was_chosen(config, chosen, choice):
 def test_a_law_file_of_a_study_is_taken_and_of_other_records_refused(config, chosen, tmp_path):
     encounters, _ = read_records(config)
     law = chosen("hazard")
-    write_law(tmp_path / "law.json", law)
+    write_law(tmp_path / "law.json", law, encounters)
     name, read = choose_law(str(tmp_path / "law.json"), encounters, config)
     assert name == str(tmp_path / "law.json")
     assert read.content() == law.content()

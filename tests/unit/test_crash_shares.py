@@ -14,7 +14,7 @@ PEDESTRIAN = replace(SCENARIOS["pedestrian"], divided_by=("pedestrian_speed_mps"
 class UniformLaw:
     """Pedestrian speeds from -4 to 4 m/s, all equally likely."""
 
-    def sample(self, n, generator):
+    def draw(self, n, generator):
         return np.column_stack([np.full(n, 8.0), generator.uniform(-4, 4, n), np.full(n, 20.0)])
 
 
@@ -43,11 +43,11 @@ def test_shares_and_probabilities_are_those_of_the_law():
 
 
 def test_a_vehicle_without_crashes_has_no_shares():
-    law = UniformLaw()
-    fast = type(
-        "Fast", (UniformLaw,), {"sample": lambda self, n, g: law.sample(n, g) * [1, 0, 1] + [0, 2, 0]}
-    )()
-    table = crash_shares(PEDESTRIAN, fast, SlowCrashes(), np.random.default_rng(1), simulations=100)
+    class Fast(UniformLaw):
+        def draw(self, n, generator):
+            return super().draw(n, generator) * [1, 0, 1] + [0, 2, 0]
+
+    table = crash_shares(PEDESTRIAN, Fast(), SlowCrashes(), np.random.default_rng(1), simulations=100)
     assert table["encounters"].tolist() == [0, 1, 0]
     assert table["crashes"].isna().all()
     assert table["probability_above"].tolist()[:2] == [0, 0]

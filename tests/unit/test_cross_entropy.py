@@ -10,15 +10,16 @@ from accelerated_evaluation.distributions import (
     BoundedExponential,
     Empirical,
 )
-from accelerated_evaluation.laws import CutIns, Factors
+from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.methods import METHODS
 from accelerated_evaluation.methods.cross_entropy import search as cross_entropy
 from accelerated_evaluation.methods.cross_entropy.families import (
     PiecewiseFamily,
 )
+from accelerated_evaluation.methods.cross_entropy.sample import Sample
 from accelerated_evaluation.methods.cross_entropy.search import SearchSettings, event_score, search
-from accelerated_evaluation.problem import Problem, Sample
+from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
 from toy_segment import CONFIG, PAPERS, SETTINGS, F, Toy, before, families, found, toy
@@ -47,7 +48,7 @@ def test_event_score_is_the_threshold_of_nested_events():
 
 def test_samples_join_and_weigh_crashes_alone():
     problem, generator = toy(None, 0.01), np.random.default_rng(1)
-    parts = [problem.sample("all", F, generator, size) for size in (3, 500)]
+    parts = [Sample.of(problem, "all", F, generator, size) for size in (3, 500)]
     whole = parts[0].join(parts[1])
     assert whole.first.shape == whole.outcomes.crash.shape == (503,)
     for name in ("first", "second", "happened"):
@@ -67,9 +68,10 @@ def test_closing_speeds_are_capped():
             return Toy().simulate(*inputs)
 
     recorder = Recorder()
-    cut_ins = CutIns(np.array([20.0, 30.0]), np.array([0.1, 0.01]), np.array([0.5, 0.5]))
-    before(recorder, cap=23.49).simulate(cut_ins)
-    np.testing.assert_allclose(recorder.seen, [[20, 30], [10, 100], [5, 23.49]], rtol=1e-15)
+    Sample.of(before(recorder, cap=2.5), "all", F, np.random.default_rng(1), 500)
+    assert recorder.seen[2].max() == 2.5 > recorder.seen[2].min()
+    before(recorder).simulate(np.array([[20.0, 10.0, 5.0], [30.0, 100.0, 50.0]]))
+    assert recorder.seen.tolist() == [[20, 30], [10, 100], [5, 50]]
 
 
 def accelerated(law, thetas, shift=0.0):
@@ -89,7 +91,7 @@ def accelerated(law, thetas, shift=0.0):
 )
 def test_likelihood_ratios_average_to_one(f_star):
     size = 20_000
-    sample = toy(None, None).sample("all", f_star, np.random.default_rng(3), size)
+    sample = Sample.of(toy(None, None), "all", f_star, np.random.default_rng(3), size)
     ratio = np.exp(sample.log_ratio)
     assert ratio.mean() == pytest.approx(1, abs=4 * ratio.std() / math.sqrt(size) + 1e-14)
     assert ratio.std() < 10
@@ -107,7 +109,7 @@ def test_known_probabilities_are_found(method, inverse_range, inverse_ttc):
     problem = toy(inverse_range, inverse_ttc)
     truth = (inverse_range or 1.0) * (inverse_ttc or 1.0)
     result = found(method, problem, 11)
-    sample = problem.sample("all", result.proposal, np.random.default_rng(12), 20_000)
+    sample = Sample.of(problem, "all", result.proposal, np.random.default_rng(12), 20_000)
     weight = sample.weight
     assert sample.outcomes.crash.mean() > 0.05
     assert weight.mean() == pytest.approx(truth, rel=0, abs=4 * weight.std() / math.sqrt(weight.size))
@@ -227,7 +229,7 @@ def test_each_stratum_is_searched_and_sampled_with_its_own_law():
         seen.clear()
         result = single.search(problem, stratum, np.random.default_rng(1))
         assert seen["speeds"] == speeds
-        sample = problem.sample(stratum, result.proposal, np.random.default_rng(2), 20_000)
+        sample = Sample.of(problem, stratum, result.proposal, np.random.default_rng(2), 20_000)
         error = 4 * sample.weight.std() / math.sqrt(20_000)
         assert sample.weight.mean() == pytest.approx(float(f.sf(0.3)), rel=0, abs=error)
         assert error < 0.15 * float(f.sf(0.3))
@@ -246,5 +248,5 @@ def test_twenty_seeds_end_well_before_the_car_of_the_study(method):
     problem = Problem(CUT_IN, law, AccAeb())
     for seed in range(20):
         result = found(method, problem, seed)
-        sample = problem.sample("5-15", result.proposal, np.random.default_rng(seed), 2000)
+        sample = Sample.of(problem, "5-15", result.proposal, np.random.default_rng(seed), 2000)
         assert sample.happened.mean() > 0.05

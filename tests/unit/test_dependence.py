@@ -12,6 +12,7 @@ from accelerated_evaluation.distributions import BoundedExponential
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.methods import METHODS, Stopping
 from accelerated_evaluation.methods.cross_entropy.method import CrossEntropyMethod
+from accelerated_evaluation.methods.cross_entropy.sample import Sample
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.study.configuration import load
@@ -56,7 +57,7 @@ def test_crude_monte_carlo_finds_the_probability():
 def test_the_search_finds_the_probability_of_each_stratum(method, stratum):
     problem, truth, size = Problem(CUT_IN, LAW, CAR), truths()[stratum], 20_000
     found = configured(method).search(problem, stratum, np.random.default_rng(1))
-    sample = problem.sample(stratum, found.proposal, np.random.default_rng(2), size)
+    sample = Sample.of(problem, stratum, found.proposal, np.random.default_rng(2), size)
     error = sample.weight.std() / math.sqrt(size)
     assert sample.happened.mean() > 0.05
     assert sample.happened.mean() > 20 * truth
@@ -77,7 +78,9 @@ def test_the_search_finds_the_probability_of_each_stratum(method, stratum):
 def test_likelihood_ratios_average_to_one(f_star, stratum):
     """The Jacobian of the map from scores to cut-ins cancels, in whatever variables the ratio is taken."""
     size = 20_000
-    log_ratio = Problem(CUT_IN, LAW, CAR).sample(stratum, f_star, np.random.default_rng(3), size).log_ratio
+    log_ratio = Sample.of(
+        Problem(CUT_IN, LAW, CAR), stratum, f_star, np.random.default_rng(3), size
+    ).log_ratio
     ratio = np.exp(log_ratio)
     assert ratio.mean() == pytest.approx(1, abs=4 * ratio.std() / math.sqrt(size) + 1e-14)
     assert ratio.std() < 10
@@ -127,7 +130,7 @@ def test_exact_variation_is_that_of_the_weights(crash_map):
     f_star = Factors(BoundedExponential(1.4), BoundedExponential(0.15))
     exact = exact_variation(crash_map, LAW, dict.fromkeys(LAW.strata, f_star))
     for k, name in enumerate(LAW.strata):
-        weight = Problem(CUT_IN, LAW, CAR).sample(name, f_star, np.random.default_rng(k), 400_000).weight
+        weight = Sample.of(Problem(CUT_IN, LAW, CAR), name, f_star, np.random.default_rng(k), 400_000).weight
         kurtosis = np.mean((weight - weight.mean()) ** 4) / weight.var() ** 2
         ratio = exact[name][0] ** 2 / (weight.var() / weight.mean() ** 2)
         # The relative error of a sample's variance is about sqrt((kurtosis - 1) / n).

@@ -25,6 +25,7 @@ from accelerated_evaluation.distributions import (
 from accelerated_evaluation.distributions.tails import interval_probability
 from accelerated_evaluation.laws import Factors
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.methods.cross_entropy.sample import Sample
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import AccAeb, Outcomes
@@ -184,11 +185,11 @@ def test_agrees_with_importance_sampling():
     assert exact_probabilities(crash_map, law)[ALL] == found  # the map ends at the cap
     problem = Problem(CUT_IN, capped, AccAeb())
     proposal = Factors(laws[0], BoundedExponential(8.0, 0.5))
-    weights = problem.sample("5-15", proposal, np.random.default_rng(2), 400_000).weight
+    weights = Sample.of(problem, "5-15", proposal, np.random.default_rng(2), 400_000).weight
     error = np.hypot(weights.std() / np.sqrt(weights.size), found.standard_error)
     assert abs(weights.mean() - found.probability) < 4 * error
     assert error / found.probability < 0.02
-    crude = problem.sample("5-15", Factors(*laws), np.random.default_rng(4), 1_000_000).outcomes
+    crude = Sample.of(problem, "5-15", Factors(*laws), np.random.default_rng(4), 1_000_000).outcomes
     events = list(crash_map.events)[1:]
     for event in events:
         value = exact_probabilities(crash_map, capped, event)[ALL]
@@ -214,7 +215,7 @@ def test_all_is_the_mean_of_the_segments():
     [
         (np.array([4.9, 6.0]), RANGE_LAWS["exponential"], "v_L"),
         (np.array([6.0, 15.0]), RANGE_LAWS["exponential"], "v_L"),
-        (np.array([6.0, 7.0]), BoundedExponential(50.0, 0.01), "R"),
+        (np.array([6.0, 7.0]), BoundedExponential(50.0, 0.01), "range of the law: seen up to 100 m"),
     ],
 )
 def test_models_beyond_the_map_are_refused(speeds, law, where):

@@ -158,15 +158,15 @@ def test_the_map_agrees_with_crude_simulation_of_new_drivers():
     crash_map = map_crashes(human, GRID, [], generator)
     exact = exact_probabilities(crash_map, LAW)["all"]
     stratum, size = LAW.strata["all"], 400_000
-    cut_ins = stratum.cut_ins(stratum.lead_speed.rvs(generator, size), *stratum.factors.rvs(generator, size))
-    closing_speed = LAW.capped(cut_ins.closing_speed)
-    crash = human.simulate(cut_ins.lead_speed, cut_ins.range_, closing_speed).crash
+    x = stratum.points(stratum.lead_speed.rvs(generator, size), *stratum.factors.rvs(generator, size))
+    cut_ins = LAW.with_cap(x).T
+    crash = human.simulate(*cut_ins).crash
     error = np.hypot(np.sqrt(crash.mean() / size), exact.standard_error)
     assert abs(crash.mean() - exact.probability) < 4 * error
     assert error < 0.1 * exact.probability
     # A single driver for all, the one of the medians, is the wrong way to average over drivers.
     typical = np.repeat(np.median(crash_map.inner, axis=0)[None], size, axis=0)
-    single = human.simulate_given(cut_ins.lead_speed, cut_ins.range_, closing_speed, typical).crash
+    single = human.simulate_given(*cut_ins, typical).crash
     assert abs(single.mean() - exact.probability) > 4 * error
 
 

@@ -10,9 +10,8 @@ from accelerated_evaluation.answer.joint.posterior import (
 )
 from accelerated_evaluation.answer.joint.scores import NEAR, Candidate, ClusteredRecords, score_laws
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.laws.joint import Box
-from accelerated_evaluation.laws.joint.truncated import Normals
-from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
+from accelerated_evaluation.laws import Box
+from normal_law import normal_law
 from scipy.stats import truncnorm
 
 BOX = Box(("a_mps", "b_m"), (0.0, 0.0), (10.0, 10.0))
@@ -23,9 +22,9 @@ CANDIDATES = (
 LIMIT = 7.5  # of a, above which the toy crashes
 
 
-def normal_law(mean=(4.0, 5.0), correlation=0.0, box=BOX):
+def toy_law(mean=(4.0, 5.0), correlation=0.0, box=BOX):
     covariance = np.array([[4.0, 4 * correlation], [4 * correlation, 4.0]])
-    return TruncatedNormalMixture(np.ones(1), Normals(np.array([mean]), covariance[None], box))
+    return normal_law(mean, covariance, box)
 
 
 def respond(x):
@@ -40,8 +39,8 @@ def exact(law):
 
 
 def records(generator, clusters=60, each=5, law=None):
-    law = normal_law(correlation=0.8) if law is None else law
-    x = law.sample(clusters * each, generator)
+    law = toy_law(correlation=0.8) if law is None else law
+    x = law.draw(clusters * each, generator)
     return ClusteredRecords.of(x, np.repeat(np.arange(clusters), each), BOX)
 
 
@@ -86,13 +85,13 @@ def test_scores_near_the_event_are_censored(scored):
     block, limit = own.blocks(), np.quantile(own.x[:, 0], 1 - NEAR)
     out = (block == 0) & ~scored.near
     held = CANDIDATES[0].fit(own.only(block != 0), np.random.default_rng(7), start=scored.laws[0])
-    share = np.mean(held.sample(400_000, np.random.default_rng(8))[:, 0] < limit)
+    share = np.mean(held.draw(400_000, np.random.default_rng(8))[:, 0] < limit)
     assert scored.near_scores[0, out] == pytest.approx(np.log(share), abs=0.01)
 
 
 def test_both_ways_find_the_probability_under_each_draw():
     means = [(3.5, 5.0), (4.0, 4.0), (4.5, 6.0)]
-    drawn = DrawnLaws([normal_law(mean) for mean in means], np.zeros(3, int), ["toy"])
+    drawn = DrawnLaws([toy_law(mean) for mean in means], np.zeros(3, int), ["toy"])
     truth = np.array([exact(law) for law in drawn.laws])
     many = simulated_posterior(drawn, respond, np.random.default_rng(9), 60_000)
     few, sampler, _ = surrogate_posterior(drawn, respond, np.random.default_rng(10), 150, share=0.1)
@@ -108,7 +107,7 @@ def test_both_ways_find_the_probability_under_each_draw():
 def test_the_interval_is_that_of_the_clusters():
     """Repeating each record within its cluster adds no information, and must not narrow the interval."""
     generator = np.random.default_rng(11)
-    x = normal_law().sample(60, generator)
+    x = toy_law().draw(60, generator)
     once = ClusteredRecords.of(x, np.arange(60), BOX)
     repeated = ClusteredRecords.of(np.repeat(x, 8, axis=0), np.repeat(np.arange(60), 8), BOX)
     ignored = ClusteredRecords.of(repeated.x, np.arange(480), BOX)
@@ -129,7 +128,7 @@ def test_the_answer_has_intervals_and_a_budget(scored):
     row = tables["answer"].iloc[0]
     ends = ["low95", "low80", "low50", "median", "high50", "high80", "high95"]
     assert row[ends].is_monotonic_increasing
-    truth = np.mean(normal_law(correlation=0.8).sample(400_000, np.random.default_rng(17))[:, 0] > LIMIT)
+    truth = np.mean(toy_law(correlation=0.8).draw(400_000, np.random.default_rng(17))[:, 0] > LIMIT)
     assert row["low95"] < truth < row["high95"]
     assert tables["budget"].set_index("source")["variance_share"]["together"] == 1
     assert len(tables["draws"]) == 40
@@ -137,13 +136,13 @@ def test_the_answer_has_intervals_and_a_budget(scored):
 
 def test_a_law_without_mass_at_the_event_ends_with_one_message():
     box = Box(BOX.names, (0.0, 0.0), (7.0, 10.0))
-    drawn = DrawnLaws([normal_law(box=box)], np.zeros(1, int), ["bounded too low"])
+    drawn = DrawnLaws([toy_law(box=box)], np.zeros(1, int), ["bounded too low"])
     with pytest.raises(InputError, match=r"bounded too low.*no event in 125,000 encounters.*limits"):
         simulated_posterior(drawn, respond, np.random.default_rng(18), 5_000)
 
 
 def test_a_rare_event_is_simulated_in_rounds():
-    drawn = DrawnLaws([normal_law()], np.zeros(1, int), ["toy"])
+    drawn = DrawnLaws([toy_law()], np.zeros(1, int), ["toy"])
 
     def probability(limit):
         return simulated_posterior(drawn, lambda x: (x[:, 0] > limit, None), np.random.default_rng(19), 2_000)
@@ -165,7 +164,7 @@ def test_records_of_one_cluster_are_refused():
 
 @pytest.mark.parametrize(("deterministic", "rate"), [(False, 0.03), (None, 0.03), (None, 0.0)])
 def test_lapses_are_found_and_the_interval_contains_their_bound(deterministic, rate):
-    drawn = DrawnLaws([normal_law((mean, 5.0)) for mean in (3.0, 4.0, 5.0)], np.zeros(3, int), ["toy"])
+    drawn = DrawnLaws([toy_law((mean, 5.0)) for mean in (3.0, 4.0, 5.0)], np.zeros(3, int), ["toy"])
     truth, chance = np.mean([exact(law) for law in drawn.laws]), np.random.default_rng(23)
 
     def lapsing(x):
@@ -188,7 +187,7 @@ def test_few_runs_that_miss_a_part_are_not_called_converged():
         happened = (np.abs(x[:, 1] - 6.2) < 0.02) | (x[:, 0] > 9.9)
         return happened, 9.9 - x[:, 0]
 
-    drawn = DrawnLaws([normal_law()], np.zeros(1, int), ["toy"])
+    drawn = DrawnLaws([toy_law()], np.zeros(1, int), ["toy"])
     truth = simulated_posterior(drawn, misleading, np.random.default_rng(22), 60_000).probabilities[0]
     missed = 0
     for seed in range(2):

@@ -7,10 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation import cli
-from accelerated_evaluation.laws.joint import Box
-from accelerated_evaluation.laws.joint.files import write_joint_law
-from accelerated_evaluation.laws.joint.truncated import Normals
-from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
+from accelerated_evaluation.laws.files import write_law
 from accelerated_evaluation.scenarios import SCENARIOS
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
 from accelerated_evaluation.scenarios.record_report import inspect_scenario_records
@@ -19,22 +16,17 @@ from accelerated_evaluation.track.campaign_file import read_campaign, write_camp
 from accelerated_evaluation.track.export import page, table_of
 from accelerated_evaluation.track.weighted_set import draw_scored_set
 from accelerated_evaluation.vehicles import load_vehicle
+from normal_law import left_turn_law
 
 ROOT = Path(__file__).resolve().parents[2]
 ENCOUNTERS = {"left_turn": ["15", "7", "20"], "pedestrian": ["5", "-1", "20"]}
-MEAN, DEVIATION = np.array([14.0, 7.0, 60.0]), np.array([5.0, 4.0, 25.0])
-
-
-def law():
-    """Return a law of left turns in which one in twenty crashes."""
-    box = Box(LEFT_TURN.names, *(tuple(map(float, ends)) for ends in LEFT_TURN.limits.T))
-    return TruncatedNormalMixture(np.ones(1), Normals(MEAN[None], np.diag(DEVIATION**2)[None], box))
+LAW = left_turn_law(deviation=(5, 4, 25))  # one in twenty left turns crashes
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    write_joint_law("law.json", law(), "made up")
+    write_law("law.json", LAW)
     return tmp_path
 
 
@@ -106,9 +98,9 @@ def recipe_of(drawn):
 
 def test_the_recipe_of_a_set_gives_the_crash_probability(folder, monkeypatch, capsys):
     monkeypatch.setattr(weighted_set, "POOL", 20_000)
-    sets = [draw_scored_set(LEFT_TURN, law(), 150, np.random.default_rng(seed)) for seed in range(20)]
+    sets = [draw_scored_set(LEFT_TURN, LAW, 150, np.random.default_rng(seed)) for seed in range(20)]
     found = [recipe_of(drawn) for drawn in sets]
-    x = law().sample(100_000, np.random.default_rng(99))
+    x = LAW.draw(100_000, np.random.default_rng(99))
     truth = load_vehicle("acc_aeb", LEFT_TURN, headway=1.3).simulate(*x.T).crash.mean()
     estimates = np.array([one["probability"] for one in found])
     reach = 4 * np.hypot(estimates.std(ddof=1) / np.sqrt(len(sets)), np.sqrt(truth / len(x)))

@@ -9,36 +9,29 @@ from accelerated_evaluation import cli
 from accelerated_evaluation.answer.scenario import Restricted, records_account
 from accelerated_evaluation.answer.scenario_methods import agreement, read_verdicts
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.laws.joint import Box
-from accelerated_evaluation.laws.joint.files import write_joint_law
-from accelerated_evaluation.laws.joint.truncated import Normals
-from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
+from accelerated_evaluation.laws.files import write_law
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
 from accelerated_evaluation.scenarios.record_table import read_scenario_records
 from accelerated_evaluation.vehicles.loading import load_vehicle
+from normal_law import left_turn_law
 from scipy.stats import truncnorm
 
 ROOT = Path(__file__).resolve().parents[2]
-MEAN, DEVIATION = np.array([14.0, 7.0, 100.0]), np.array([5.0, 3.0, 10.0])
-
-
-def law():
-    box = Box(LEFT_TURN.names, (0.0, 0.0, 0.0), (35.0, 60.0, 150.0))
-    return TruncatedNormalMixture(np.ones(1), Normals(MEAN[None], np.diag(DEVIATION**2)[None], box))
+FAR = left_turn_law((14, 7, 100), (5, 3, 10))
 
 
 def test_a_restricted_law_is_the_conditional_distribution():
     generator = np.random.default_rng(1)
-    found = Restricted.of(law(), lambda x: x[:, 1] >= 9, generator)
+    found = Restricted.of(FAR, lambda x: x[:, 1] >= 9, generator)
     low, high = (0 - 7) / 3, (60 - 7) / 3
     share = truncnorm(low, high, 7, 3).sf(9)
     assert found.share == pytest.approx(share, abs=4 * np.sqrt(share * (1 - share) / 20_000))
-    x = found.sample(20_000, generator)
+    x = found.draw(20_000, generator)
     expected = truncnorm((9 - 7) / 3, high, 7, 3)
     assert x[:, 1].min() >= 9
     assert x[:, 1].mean() == pytest.approx(expected.mean(), abs=4 * expected.std() / np.sqrt(20_000))
     inside, outside = np.array([[14.0, 10.0, 100.0]]), np.array([[14.0, 8.0, 100.0]])
-    assert found.log_density(inside) == pytest.approx(law().log_density(inside) - np.log(found.share))
+    assert found.log_density(inside) == pytest.approx(FAR.log_density(inside) - np.log(found.share))
     assert found.log_density(outside) == -np.inf
 
 
@@ -66,10 +59,9 @@ def test_the_account_of_the_records_counts_every_row():
 
 def test_the_event_of_an_estimate_can_be_an_impact(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    near = Normals(np.array([[14.0, 7.0, 20.0]]), np.diag(DEVIATION**2)[None], law().box)
-    known = TruncatedNormalMixture(np.ones(1), near)
-    write_joint_law("near.json", known, "left turns at short distances")
-    outcomes = load_vehicle("acc_aeb", LEFT_TURN).simulate(*known.sample(50_000, np.random.default_rng(6)).T)
+    known = left_turn_law((14, 7, 20), (5, 3, 10))
+    write_law("near.json", known)
+    outcomes = load_vehicle("acc_aeb", LEFT_TURN).simulate(*known.draw(50_000, np.random.default_rng(6)).T)
     exact = np.mean(outcomes.impact_speed > 15)
     assert 0.01 < exact < 0.7 * outcomes.crash.mean()
     arguments = ["estimate", "--scenario", "left_turn", "--law", "near.json", "--event", "impact_speed=15"]
@@ -81,7 +73,7 @@ def test_the_event_of_an_estimate_can_be_an_impact(tmp_path, monkeypatch, capsys
 
 def test_a_law_without_mass_at_the_event_is_named(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    write_joint_law("far.json", law(), "a law of left turns with long distances alone")
+    write_law("far.json", FAR)
     arguments = ["estimate", "--scenario", "left_turn", "--law", "far.json", "--method", "crude"]
     Path("few.yaml").write_text("study: far\nimportance_sampling: {maximum_simulations: 2000}\n")
     assert cli.main([*arguments, "--config", "few.yaml"]) == 2

@@ -9,6 +9,7 @@ from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.severity import impact_speed_table, severity_table
 from accelerated_evaluation.distributions import BoundedExponential, PiecewiseMixture
 from accelerated_evaluation.laws import Factors
+from accelerated_evaluation.methods.cross_entropy.sample import Sample
 from accelerated_evaluation.problem import Problem
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles.events import events_from
@@ -26,7 +27,9 @@ def test_variation_is_that_of_the_weights():
         PiecewiseMixture([0.1, 0.9], [TTC_LAWS["pieces"].components[0], BoundedExponential(15.0, 0.166)]),
     )
     exact = exact_variation(crash_map, law, {"5-15": proposal})
-    weights = Problem(CUT_IN, law, car).sample("5-15", proposal, np.random.default_rng(2), 1_000_000).weight
+    weights = Sample.of(
+        Problem(CUT_IN, law, car), "5-15", proposal, np.random.default_rng(2), 1_000_000
+    ).weight
     assert exact["5-15"] == exact[ALL]
     # The relative error of a sample's variance is about sqrt((kurtosis - 1) / n).
     kurtosis = np.mean((weights - weights.mean()) ** 4) / weights.var() ** 2

@@ -83,16 +83,15 @@ def cell_weights(crash_map: CrashMap, stratum: Stratum) -> Array:
     Raises
     ------
     InputError
-        If some lead speeds, or a part of the distribution of R^-1, are outside of the map.
+        If some lead speeds, or some ranges, are outside of the map.
     """
     grid, speeds = crash_map.grid, stratum.lead_speed
     if speeds.lower < grid.lead_speed_min or speeds.upper >= grid.lead_speed_max:
         mapped = f"[{grid.lead_speed_min:g}, {grid.lead_speed_max:g}) m/s"
         raise _outside("v_L", f"{speeds.lower:g} to {speeds.upper:g} m/s", mapped)
-    lowest = stratum.inverse_range_min
     # The inverse of a range may differ in its last digit, depending on how it was computed.
-    if lowest * grid.range_max < 1 - 1e-12:
-        raise _outside("R^-1", f"{lowest:g} 1/m and more", f"{1 / grid.range_max:g} 1/m and more")
+    if stratum.range_max > grid.range_max * (1 + 1e-12):
+        raise _outside("range", f"up to {stratum.range_max:g} m", f"up to {grid.range_max:g} m")
     return stratum.cell_probability(crash_map.cells.lead_speed, crash_map.cells.inverse_range)
 
 

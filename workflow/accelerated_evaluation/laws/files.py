@@ -33,11 +33,12 @@ def write_law(path: str | os.PathLike, law: Law, records: pd.DataFrame | None = 
         The law.
     records
         The encounter table to which a law of cut-ins was fitted, from which it takes its lead speeds. A
-        digest of the table is written to the file, by which `read_law` refuses other tables.
+        digest of the table is written to the file, by which `read_law` refuses other tables. Other laws need
+        no table.
     """
     header = {"format": FORMAT, "version": VERSION, "kind": law.kind, "description": law.description}
     header |= {"variables": law.box.content()}
-    if records is not None:
+    if law.needs_records:
         header |= {"records": _described(records)}
     write_json(path, header | law.content())
 
@@ -75,9 +76,10 @@ def read_law(path: str | os.PathLike, records: pd.DataFrame | None = None) -> La
             raise InputError(str(path), seen=seen, expected=f"one of {', '.join(LAWS)}", change=CHANGE)
         kind = LAWS[content["kind"]]
         if kind.needs_records:
-            _require_table(path, records, content.get("records"))
-        law = kind.from_content(content, Box.from_content(content["variables"]), records)
-        _require_possible(law)
+            _require_table(path, records, content["records"])
+        box = Box.from_content(content["variables"])
+        law = kind.from_content(content, box, records)
+        _require_possible(law, box)
         json.dumps(law.content(), allow_nan=False)  # raises ValueError if a number is NaN or infinite
         return law
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
@@ -86,13 +88,13 @@ def read_law(path: str | os.PathLike, records: pd.DataFrame | None = None) -> La
 
 
 def _require_table(
-    path: str | os.PathLike, records: pd.DataFrame | None, expected: Mapping[str, Any] | None
+    path: str | os.PathLike, records: pd.DataFrame | None, expected: Mapping[str, Any]
 ) -> None:
     where = f"{path}, the encounter table of this law"
     change = "Name the encounter table, or the configuration, of the study to which the law belongs."
     if records is None:
         raise InputError(where, seen="no table", expected="the table of the law", change=change)
-    if expected is not None and (given := _described(records)) != expected:
+    if (given := _described(records)) != expected:
         raise InputError(
             where,
             seen=f"another table: {_table(given)}",
@@ -105,8 +107,10 @@ def _table(fitted: Mapping[str, Any]) -> str:
     return f"{fitted['rows']:,} rows with the SHA-256 checksum {fitted['sha256'][:12]}..."
 
 
-def _require_possible(law: Law) -> None:
-    """Raise ValueError if a law has no description, or points or densities that are impossible."""
+def _require_possible(law: Law, box: Box) -> None:
+    """Raise ValueError if a law has no description, another box, or impossible points or densities."""
+    if law.box != box:
+        raise ValueError(f"variables {box} in a law of {law.box}")
     if not isinstance(law.description, str):
         raise ValueError(f"a description that is not a text: {law.description!r}")
     with np.errstate(all="ignore"):

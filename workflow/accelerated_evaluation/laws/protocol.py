@@ -15,6 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.digests import value_digest
 from accelerated_evaluation.base.errors import InputError
 
 
@@ -124,6 +125,11 @@ class Law(ABC):
     def dimension(self) -> int:
         """Number d of variables."""
         return self.box.dimension
+
+    @property
+    def digest(self) -> str:
+        """A text that is the same for two laws if and only if they are the same distribution."""
+        return value_digest([self.kind, self.box.content(), self.content()])
 
     @abstractmethod
     def from_normal_scores(self, z: Array) -> Array:

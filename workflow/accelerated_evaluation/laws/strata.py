@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from accelerated_evaluation.base.arrays import Array
+from accelerated_evaluation.base.digests import value_digest
 from accelerated_evaluation.distributions import Distribution, Empirical
 from accelerated_evaluation.distributions.tails import interval_probability, normal_score_quantile
 from accelerated_evaluation.laws.protocol import Box, Law
@@ -122,8 +123,8 @@ class Stratum(ABC):
 
     @property
     @abstractmethod
-    def inverse_range_min(self) -> float:
-        """The smallest R^-1 [1/m] in the support of the law."""
+    def range_max(self) -> float:
+        """The largest range [m] in the support of the law; it may be infinite."""
 
     def closing_speed_probability(
         self, lead_speed: Array, inverse_range: Array, start: Array, end: Array
@@ -236,9 +237,13 @@ class StratifiedLaw(Law):
     @property
     def box(self) -> Box:
         """Lead speeds [m/s] are those of the records, so that their limits are not stated."""
-        least = min(stratum.inverse_range_min for stratum in self.strata.values())
-        farthest = 1 / least if least > 0 else math.inf
+        farthest = max(stratum.range_max for stratum in self.strata.values())
         return Box(VARIABLES, (0.0, 0.0, 0.0), (math.inf, farthest, self.closing_speed_max))
+
+    @property
+    def digest(self) -> str:
+        """The digest of the law and of its lead speeds, which are not part of its content."""
+        return value_digest([super().digest, *(repr(part.lead_speed) for part in self.strata.values())])
 
     def capped(self, closing_speed: Array) -> Array:
         """Return closing speeds [m/s], in which values above the cap of the law are replaced by the cap."""
@@ -294,10 +299,11 @@ class StratifiedLaw(Law):
 
         At the cap, the density of the closing speed is replaced by the probability of the cap.
         """
-        logs, stratum = np.empty(len(x)), self._stratum_of(x[:, 0])
+        logs, inside, stratum = np.full(len(x), -math.inf), self.box.contains(x), self._stratum_of(x[:, 0])
         for k, each in enumerate(self.strata.values()):
-            logs[stratum == k] = each.log_density(x[stratum == k], self.closing_speed_max)
-        return np.where(x[:, 2] > self.closing_speed_max, -math.inf, logs)
+            here = inside & (stratum == k)
+            logs[here] = each.log_density(x[here], self.closing_speed_max)
+        return logs
 
     def _stratum_of(self, lead_speed: Array) -> NDArray[np.intp]:
         """Return the index of the stratum of each lead speed [m/s]; strata begin at their least record."""

@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 
 from accelerated_evaluation.base.arrays import Array
-from accelerated_evaluation.base.digests import value_digest
 from accelerated_evaluation.base.errors import InputError
 from accelerated_evaluation.laws import Law
 from accelerated_evaluation.laws.files import read_law
@@ -75,8 +74,8 @@ class Problem:
     @cached_property
     def fingerprint(self) -> str:
         """Text that identifies the problem, so that a saved state is only resumed for the same problem."""
-        law = value_digest([self.law.kind, self.law.box.content(), self.law.content()])
-        return without_addresses(repr((self.scenario.name, law, self.vehicle, self.event, self.graded)))
+        parts = self.scenario.name, self.law.digest, self.vehicle, self.event, self.graded
+        return without_addresses(repr(parts))
 
     @property
     def deterministic(self) -> bool | None:

@@ -1,5 +1,6 @@
 """The answer of a campaign under the draws of a mean law, which includes the uncertainty of the records."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -85,11 +86,11 @@ def whole_in_words(campaign: Campaign, law: Law, draws: MeanLaw | None = None) -
     ]
 
 
-def read_under(campaign: Campaign, law: Law, draws: MeanLaw) -> Course:
+def read_under(campaign: Campaign, law: StratifiedLaw, draws: MeanLaw) -> Course:
     """Return the runs of a campaign with density ratios f_k / f for each draw k of another law.
 
     A cut-in with a closing speed above the cap of the campaign's law was driven with the cap. Its outcome is
-    also used for the larger closing speed.
+    used for all closing speeds from the cap on, so the draws get the same cap.
 
     Parameters
     ----------
@@ -106,6 +107,7 @@ def read_under(campaign: Campaign, law: Law, draws: MeanLaw) -> Course:
         The runs of the complete batches with their outcomes and ratios, from which the probability under each
         draw is estimated.
     """
+    draws = replace(draws, closing_speed_max=law.closing_speed_max)
 
     def log_ratios(x: Array) -> Array:
         return draws.log_densities(x) - law.log_density(x)

@@ -38,9 +38,10 @@ class IndependentStratum(Stratum):
         return np.asarray(closing_speed) * inverse_range
 
     @property
-    def inverse_range_min(self) -> float:
-        """The smallest R^-1 [1/m] in the support of its distribution."""
-        return self.factors.first.lower
+    def range_max(self) -> float:
+        """The inverse of the smallest R^-1 in the support of its distribution [m]."""
+        lowest = self.factors.first.lower
+        return 1 / lowest if lowest > 0 else math.inf
 
 
 @LAWS.add("independent")

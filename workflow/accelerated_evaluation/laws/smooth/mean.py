@@ -130,25 +130,19 @@ class MeanStratum(SmoothStratum):
             slope[part] = np.log(mixed(*speeds.at(closing_speed[part]), log_weight)[1])
         return slope
 
-    def log_densities(self, lead_speed: Array, range_: Array, closing_speed: Array) -> Array:
-        """Return the joint log density of log(R_max / R) and closing speed under each draw, given v_L.
+    def log_densities(self, x: Array, cap: float = math.inf) -> Array:
+        """Return the log density of n cut-ins x, shape (n, 3), under each draw given v_L, shape (K, n).
 
-        Parameters
-        ----------
-        lead_speed, range_, closing_speed
-            n cut-ins: v_L [m/s], R [m] and closing speed [m/s], each of shape (n,).
-
-        Returns
-        -------
-        numpy.ndarray
-            Log densities, shape (K, n).
+        The density is that of `Stratum.log_density`, with the cap on the closing speed [m/s].
         """
-        density = np.empty((self.draws.size, lead_speed.size))
-        for part in parts(lead_speed.size, PLACES_AT_ONCE):
-            places = self.places(lead_speed[part], range_[part])
-            value = self.logarithm(1 / range_[part])
-            of_range = self._mixture(places).log_density(value)[self.draws.shared]
-            density[:, part] = of_range + self.draws.speeds_at(places).at(closing_speed[part])[1]
+        density = np.empty((self.draws.size, len(x)))
+        for part in parts(len(x), PLACES_AT_ONCE):
+            lead_speed, range_, closing_speed = x[part].T
+            places = self.places(lead_speed, range_)
+            of_range = self._mixture(places).log_density(self.logarithm(1 / range_))[self.draws.shared]
+            hazard, of_speed = self.draws.speeds_at(places).at(closing_speed)
+            of_speed = np.where(closing_speed >= cap, -hazard, of_speed)
+            density[:, part] = of_range - np.log(range_) + of_speed
         return density
 
     def _mixture(self, places: Places) -> RangeMixture:
@@ -261,18 +255,21 @@ class MeanLaw(SmoothLaw):
     def log_densities(self, x: Array) -> Array:
         """Return the log density of n cut-ins x, shape (n, 3), under each draw, shape (K, n).
 
-        It is the density of range and closing speed given v_L.
+        As in `log_density`, it is the density of range and closing speed given v_L. At the cap, the density
+        of the closing speed is replaced by the probability of the cap.
         """
-        return self._any_stratum.log_densities(*x.T) - np.log(x[:, 1])
+        densities, inside = np.full((self.draws.size, len(x)), -math.inf), self.box.contains(x)
+        densities[:, inside] = self._any_stratum.log_densities(x[inside], self.closing_speed_max)
+        return densities
 
     def log_density(self, x: Array) -> Array:
-        """Return the log density of range and closing speed given v_L at cut-ins x, shape (n, 3)."""
+        """Return the log of the mean density of the draws at n cut-ins x, shape (n, 3)."""
         return logsumexp(self.log_densities(x), axis=0) - math.log(self.draws.size)
 
     def log_ratios(self, x: Array) -> Array:
         """Return the log importance weights log(f_k / f_mean) of n cut-ins for each draw k, shape (K, n).
 
-        They are at most log K.
+        They are at most log K. The cut-ins must be within the limits of the law.
         """
         densities = self.log_densities(x)
         return densities - (logsumexp(densities, axis=0) - math.log(self.draws.size))

@@ -50,9 +50,9 @@ class SmoothStratum(Stratum):
         return Factors(CUT, CUT)
 
     @property
-    def inverse_range_min(self) -> float:
-        """The smallest R^-1 [1/m], the inverse of the largest recorded range."""
-        return 1 / self.support.range_max
+    def range_max(self) -> float:
+        """The largest recorded range [m]."""
+        return self.support.range_max
 
     def first(self, lead_speed: ArrayLike, inverse_range: ArrayLike) -> Array:
         """Return the first coordinate -log P(R^-1 > r | v_L), which is infinite for an infinite r.
