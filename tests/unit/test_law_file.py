@@ -1,9 +1,10 @@
-"""The law file: what is read back is equal to what was written, and nothing else is read."""
+"""Law files: what is read back is equal to what was written, and nothing else is read."""
 
 import json
 import math
 from dataclasses import replace
 
+import numpy as np
 import pandas as pd
 import pytest
 from accelerated_evaluation.base.errors import InputError
@@ -15,14 +16,15 @@ from accelerated_evaluation.distributions import (
     Pareto,
     PiecewiseMixture,
 )
+from accelerated_evaluation.laws import LAWS, Box
 from accelerated_evaluation.laws.files import read_law, write_law
 from accelerated_evaluation.laws.paper.independent import IndependentLaw
+from accelerated_evaluation.records.encounter_table import complete
 
 BODY = Mixture((0.1, 0.9), (BoundedNormal(0.1 / 3, 0.0, 0.166), BoundedNormal(0.07, 0.0, 0.166, -1e-17)))
 PIECEWISE = PiecewiseMixture((0.95, 0.05), (BODY, BoundedExponential(21.084581450393657, 0.166)))
-ENCOUNTERS = pd.DataFrame(
-    {"segment": ["15-25", "5-15", "5-15", "25-35"], "lead_speed": [20.0, 7.0, 6.0, 30.0]}
-)
+RAW = {"lead_speed": [20.0, 7.0, 6.0, 30.0], "range": [9.0, 8.0, 7.0, 6.0], "closing_speed": [1.0, 2, 3, 4]}
+ENCOUNTERS = complete(pd.DataFrame(RAW)).assign(segment=["15-25", "5-15", "5-15", "25-35"])
 LAW = IndependentLaw(
     "made up for a test: Größe",
     {"5-15": 75783, "15-25": 3},
@@ -31,18 +33,43 @@ LAW = IndependentLaw(
     {"5-15": Empirical([6.0, 7.0]), "15-25": Empirical([20.0])},
     closing_speed_max=23.49,
 )
+BOX = Box(("speed_mps", "distance_m"), (-3.0, 0.0), (4.0, 50.0))
+JOINT = ("gaussian_copula", "independent_variables", "kernel", "truncated_normals")
 
 
-def test_a_file_whose_counts_are_called_events_is_read(tmp_path):
-    write_law(tmp_path / "law.json", LAW)
-    content = json.loads((tmp_path / "law.json").read_text(encoding="utf-8"))
-    content["events"] = content.pop("counts")
-    (tmp_path / "law.json").write_text(json.dumps(content), encoding="utf-8")
-    assert read_law(tmp_path / "law.json", ENCOUNTERS) == LAW
+def joint_law(kind):
+    generator = np.random.default_rng(1)
+    return LAWS[kind].fit(generator.uniform(BOX.lower, BOX.upper, (50, 2)), BOX, generator)
+
+
+def strict(path):
+    """Return the content of a file of standard JSON, which has neither NaN nor infinity."""
+
+    def refuse(constant):
+        raise AssertionError(f"{constant} is no JSON")
+
+    return json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
+
+
+def read_again(law, folder):
+    """Write a law, read it, and check that it is written equally again; return it and the content."""
+    first, second = folder / "first.json", folder / "second.json"
+    write_law(first, law, ENCOUNTERS)
+    read = read_law(first, ENCOUNTERS)
+    write_law(second, read, ENCOUNTERS)
+    assert first.read_bytes() == second.read_bytes()
+    assert type(read) is type(law)
+    assert (read.description, read.box) == (law.description, law.box)
+    return read, strict(first)
+
+
+def test_every_kind_of_law_has_a_test_of_its_file():
+    smooth = {"dependent", "mean"}  # in the tests of these laws
+    assert {*LAWS} == {"independent", *JOINT} | smooth
 
 
 @pytest.mark.parametrize(
-    "law",
+    "distribution",
     [
         BoundedExponential(1 / 3, 0.1),
         BoundedExponential(-1e-300, 0.5, 1.0),
@@ -53,50 +80,70 @@ def test_a_file_whose_counts_are_called_events_is_read(tmp_path):
         PIECEWISE.accelerated((-3.7, 20.1), (0.01, 0.99)),
     ],
 )
-def test_every_kind_comes_back_equal(tmp_path, law):
-    written = replace(LAW, inverse_range=law, inverse_ttc=LAW.inverse_ttc | {"15-25": law})
-    write_law(tmp_path / "law.json", written)
-
-    def refuse(constant):
-        raise AssertionError(f"{constant} is no JSON")
-
-    json.loads((tmp_path / "law.json").read_text(encoding="utf-8"), parse_constant=refuse)
-    back = read_law(tmp_path / "law.json", ENCOUNTERS)
+def test_every_distribution_comes_back_equal(tmp_path, distribution):
+    inverse_ttc = LAW.inverse_ttc | {"15-25": distribution}
+    back, _ = read_again(replace(LAW, inverse_range=distribution, inverse_ttc=inverse_ttc), tmp_path)
     for same in (back.inverse_range, back.inverse_ttc["15-25"]):
-        assert same == law
-        assert type(same) is type(law)
+        assert same == distribution
+        assert type(same) is type(distribution)
 
 
 @pytest.mark.parametrize("cap", [23.49, math.inf])
-def test_a_law_comes_back_equal_and_is_written_equally(tmp_path, cap):
-    first, second = tmp_path / "first.json", tmp_path / "second.json"
+def test_a_law_of_cut_ins_comes_back_equal(tmp_path, cap):
     written = replace(LAW, closing_speed_max=cap)
-    write_law(first, written)
-    law = read_law(first, ENCOUNTERS)
+    law, content = read_again(written, tmp_path)
     assert law == written
+    assert law.digest == written.digest
     assert law != replace(written, closing_speed_max=22.0)
     assert law.segments == tuple(law.strata) == ("5-15", "15-25")
     assert law.shares == {"5-15": 75783 / 75786, "15-25": 3 / 75786}
     assert law.n_parameters == 1 + 5 + 1
     assert law.closing_speed_max == cap
-    write_law(second, law)
-    assert first.read_bytes() == second.read_bytes()
-
-
-def test_lead_speeds_are_those_of_the_encounters(tmp_path):
-    write_law(tmp_path / "law.json", LAW)
-    assert "lead_speed" not in (tmp_path / "law.json").read_text(encoding="utf-8")
-    law = read_law(tmp_path / "law.json", ENCOUNTERS)
-    assert {name: [speeds.lower, speeds.upper] for name, speeds in law.lead_speeds.items()} == {
-        "5-15": [6, 7],
-        "15-25": [20, 20],
+    assert content["version"] == 1
+    assert content["variables"][2] == {
+        "name": "closing_speed",
+        "lower": 0,
+        "upper": cap if cap < math.inf else None,
     }
+
+
+@pytest.mark.parametrize("kind", JOINT)
+def test_a_joint_law_comes_back_equal_and_needs_no_table(tmp_path, kind):
+    law = joint_law(kind)
+    read, content = read_again(law, tmp_path)
+    assert read.content() == law.content()
+    assert read.digest == law.digest
+    x = np.random.default_rng(2).uniform(BOX.lower, BOX.upper, (20, 2))
+    np.testing.assert_array_equal(read.log_density(x), law.log_density(x))
+    assert "records" not in content
+    assert read_law(tmp_path / "first.json").digest == law.digest
+
+
+def test_lead_speeds_are_those_of_the_table_and_of_no_other(tmp_path):
+    path = tmp_path / "law.json"
+    write_law(path, LAW, ENCOUNTERS)
+    assert "7.0" not in path.read_text(encoding="utf-8")
+    law = read_law(path, ENCOUNTERS)
+    speeds = {name: [speeds.lower, speeds.upper] for name, speeds in law.lead_speeds.items()}
+    assert speeds == {"5-15": [6, 7], "15-25": [20, 20]}
+    others = {
+        "seen no table; expected the table of the law": None,
+        "seen another table: 3 rows": ENCOUNTERS[1:],
+        "seen another table: 4 rows .*expected the table to which the law was fitted: 4 rows": (
+            ENCOUNTERS.assign(lead_speed=[20.0, 7.0, 6.0, 30.1])
+        ),
+        "seen another table: 4 rows with": ENCOUNTERS.assign(segment="5-15"),
+    }
+    for message, table in others.items():
+        with pytest.raises(InputError, match=message):
+            read_law(path, table)
+    write_law(path, LAW, ENCOUNTERS[1:])
     with pytest.raises(InputError, match=r"law\.json: seen .*no rows in segment 15-25"):
-        read_law(tmp_path / "law.json", ENCOUNTERS[1:])
+        read_law(path, ENCOUNTERS[1:])
 
 
-def changed(path, value):
-    """Return the content of the law's file with one place changed, or left out if the value is ``...``."""
+def changed(value, *path):
+    """Return the content of a law file with one place changed, or left out if the value is ``...``."""
 
     def change(content):
         *above, last = path
@@ -112,53 +159,54 @@ def changed(path, value):
     return change
 
 
-PIECE = ("inverse_ttc", "distributions", "5-15", "components", 1)
+PIECES = ("inverse_ttc", "distributions", "5-15")
+PIECE = (*PIECES, "components", 1)
+CAP = ("variables", 2, "upper")
+DAMAGES = [
+    *(changed(value, "version") for value in (0, 2, ...)),
+    changed("something else", "format"),
+    *(
+        changed(value, "kind")
+        for value in ("dependent", "truncated_normals", "unknown", ["independent"], ...)
+    ),
+    *(changed(value, "description") for value in (7, ...)),
+    *(changed(value, "variables") for value in ([], 23.49, ...)),
+    *(changed(value, *CAP) for value in ("fast", 0.0, -1.0, float("nan"), ...)),
+    changed("speed", "variables", 2, "name"),
+    changed(1.0, "variables", 2, "lower"),
+    changed(80.0, "variables", 1, "upper"),
+    *(changed(value, "records") for value in ({}, ...)),
+    changed(..., "inverse_range"),
+    changed("Weibull", "inverse_range", "distribution", "kind"),
+    *(changed(value, *PIECE, "kind") for value in (["bounded", "exponential"], ...)),
+    *(changed(value, *PIECE, "rate") for value in (..., "fast", None, -1.0)),
+    changed(0.2, *PIECE, "lower"),
+    changed(1.0, *PIECE, "colour"),
+    *(changed(value, *PIECES, "weights") for value in ([0.5, 0.6], [float("nan"), 1.0])),
+    changed([1, 2], "inverse_ttc", "distributions"),
+    changed(..., "inverse_ttc", "distributions", "15-25"),
+    *(changed(value, "counts", "15-25") for value in (..., 0, "many")),
+    changed({}, "counts"),
+    lambda content: json.dumps(content)[:-40],
+    *(lambda content, text=text: text for text in ("", "[]", "\x00\x01")),
+]
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        changed(("version",), 1),
-        changed(("version",), 3),
-        changed(("version",), ...),
-        changed(("format",), "something else"),
-        changed(("kind",), "dependent"),
-        changed(("kind",), ...),
-        changed(("kind",), ["independent"]),
-        changed(("description",), ...),
-        changed(("closing_speed_max",), ...),
-        changed(("closing_speed_max",), 23.49),
-        changed(("closing_speed_max", "value"), "fast"),
-        changed(("inverse_range",), ...),
-        changed(("inverse_range", "distribution", "kind"), "Weibull"),
-        changed((*PIECE, "kind"), ["bounded", "exponential"]),
-        changed((*PIECE, "kind"), ...),
-        changed((*PIECE, "rate"), ...),
-        changed((*PIECE, "rate"), "fast"),
-        changed((*PIECE, "rate"), None),
-        changed((*PIECE, "rate"), -1.0),
-        changed((*PIECE, "lower"), 0.2),
-        changed((*PIECE, "colour"), 1.0),
-        changed(("inverse_ttc", "distributions", "5-15", "weights"), [0.5, 0.6]),
-        changed(("inverse_ttc", "distributions", "5-15", "weights"), [float("nan"), 1.0]),
-        changed(("inverse_ttc", "distributions"), [1, 2]),
-        changed(("inverse_ttc", "distributions", "15-25"), ...),
-        changed(("counts", "15-25"), ...),
-        changed(("counts", "15-25"), 0),
-        changed(("counts", "15-25"), "many"),
-        changed(("counts",), {}),
-        lambda content: json.dumps(content)[:-40],
-        lambda content: "",
-        lambda content: "[]",
-        lambda content: "\x00\x01",
-    ],
-)
+@pytest.mark.parametrize("change", DAMAGES)
 def test_what_is_not_a_whole_law_is_refused(tmp_path, change):
     path = tmp_path / "law.json"
-    write_law(path, LAW)
-    path.write_text(change(json.loads(path.read_text(encoding="utf-8"))))
-    with pytest.raises(InputError, match=r"law\.json: seen .*; expected "):
+    write_law(path, LAW, ENCOUNTERS)
+    path.write_text(change(strict(path)))
+    with pytest.raises(InputError, match=r"law\.json.*: seen .*; expected "):
         read_law(path, ENCOUNTERS)
+
+
+def test_a_joint_law_without_a_density_is_refused(tmp_path):
+    path = tmp_path / "law.json"
+    write_law(path, joint_law("truncated_normals"))
+    path.write_text(changed(-1.0, "components", 0, "covariance", 0, 0)(strict(path)))
+    with pytest.raises(InputError, match="expected a complete law file"):
+        read_law(path)
 
 
 def test_a_missing_file_and_other_bytes_are_refused(tmp_path):
