@@ -1,5 +1,7 @@
 """A folder with a law file and the encounter table that it belongs to, as a study leaves them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 from accelerated_evaluation import cli
@@ -30,12 +32,10 @@ def write_law_folder(folder, closing_unit=1.0):
     scores = generator.permuted(
         norm.ppf((np.arange(len(SPEEDS)) + 0.5) / len(SPEEDS)) * np.ones((2, 1)), axis=1
     )
-    drawn = LAW.from_normal_scores(np.vstack([np.zeros(len(SPEEDS)), scores]).T)
-    closing_speed = closing_unit * drawn.inverse_ttc / drawn.inverse_range
-    speeds = generator.permutation(SPEEDS)
-    raw = pd.DataFrame(
-        {"lead_speed": speeds, "range": 1 / drawn.inverse_range, "closing_speed": closing_speed}
-    )
+    free = replace(LAW, closing_speed_max=np.inf)
+    _, range_, speed = free.from_normal_scores(np.vstack([np.zeros(len(SPEEDS)), scores]).T).T
+    columns = {"lead_speed": generator.permutation(SPEEDS), "range": range_}
+    raw = pd.DataFrame(columns | {"closing_speed": closing_unit * speed})
     encounters = complete(raw).assign(segment="5-15")
     write_encounters(folder / "encounters.parquet", encounters, "made up")
     write_law(folder / "law.json", LAW, encounters)

@@ -306,5 +306,5 @@ def test_the_tutorial_runs_as_it_is_written(tmp_path, monkeypatch):
 
 def _crude(size):
     """Return the crash probability by drawing from the law; its standard error is about a tenth."""
-    cut_ins, _ = LAW.draw(np.random.default_rng(5), size)
-    return Problem(CUT_IN, LAW, load_vehicle("acc_aeb")).simulate(cut_ins).crash.mean()
+    x = LAW.draw(size, np.random.default_rng(5))
+    return Problem(CUT_IN, LAW, load_vehicle("acc_aeb")).simulate(x).crash.mean()

@@ -56,8 +56,7 @@ def campaign(tmp_path, monkeypatch):
 
 
 def drawn(law, seed=5):
-    cut_ins, _ = law.draw(np.random.default_rng(seed), DRAWS)
-    return cut_ins.lead_speed, cut_ins.range_, law.capped(cut_ins.closing_speed)
+    return law.draw(DRAWS, np.random.default_rng(seed)).T
 
 
 def exact(limits):

@@ -7,36 +7,29 @@ import pytest
 from accelerated_evaluation import cli
 from accelerated_evaluation.answer.averaged import Course
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.distributions import BoundedExponential, Empirical
 from accelerated_evaluation.laws.files import write_law
-from accelerated_evaluation.laws.paper.independent import IndependentLaw
-from accelerated_evaluation.laws.smooth.dependent import DependentLaw
-from accelerated_evaluation.records.encounter_table import complete, write_encounters
+from accelerated_evaluation.records.encounter_table import write_encounters
 from accelerated_evaluation.track.campaign import Campaign
 from accelerated_evaluation.track.campaign_file import law_of, source_of, stopping, write_campaign
 from accelerated_evaluation.track.driven import DrivenOutcome
-from accelerated_evaluation.track.weighted_set import _places
 from accelerated_evaluation.track.whole import (
     ALONE,
     _reach,
-    log_density,
     read_draws,
     read_under,
     whole_in_words,
 )
 from accelerated_evaluation.vehicles.events import CRASH
-from scipy.stats import norm
-from test_mean_law import SUPPORT, encounters, law  # noqa: F401
+from mean_law import braking_probabilities, encounters_, law_, one_draw  # noqa: F401
 
 LIMIT = 6.0  # [m/s^2], constant deceleration from which a cut-in ends in a crash
 BATCHES = 11
 
 
-def drive(own, name, encounters, folder):  # noqa: F811
+def drive(own, name, encounters, folder):
     """Return a campaign under a law that was driven for some batches of 20 runs."""
-    table = complete(encounters).assign(segment=encounters["segment"])
-    write_encounters(folder / "encounters.parquet", table, "made up")
-    write_law(folder / name, own, table)
+    write_encounters(folder / "encounters.parquet", encounters, "made up")
+    write_law(folder / name, own, encounters)
     sources = source_of(folder / name), source_of(folder / "encounters.parquet")
     begun = Campaign.begin(*sources, CRASH, stopping(0.8, 0.2, anytime=False), batch_size=20, seed=3)
     for _ in range(BATCHES):
@@ -51,16 +44,8 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def campaign(law, encounters, folder):  # noqa: F811
+def campaign(law, encounters, folder):
     return drive(law.thinned(12), "law.json", encounters, folder)
-
-
-def single(law, number):  # noqa: F811
-    """Return one of the draws as a law of its own."""
-    draws, speeds = law.draws, law.draws.laws[number]
-    return DependentLaw(
-        "one", law.counts, draws.ranges[draws.shared[number]], speeds, law.lead_speeds, support=SUPPORT
-    )
 
 
 def driven(run):
@@ -69,62 +54,25 @@ def driven(run):
     return DrivenOutcome(bool(needed > LIMIT), {"min_ttc": float(LIMIT / (needed + 0.01))})
 
 
-def exact(few):
-    """P(C^2 / (2 R) > LIMIT) under every draw, over a lattice of lead speeds and ranges."""
-    draws, probabilities = few.draws, []
-    for shared, speeds in zip(draws.shared, draws.laws, strict=True):
-        one = DependentLaw("", few.counts, draws.ranges[shared], speeds, few.lead_speeds, support=SUPPORT)
-        places, _ = _places(one, np.random.default_rng(1))
-        speed = np.sqrt(2 * LIMIT * places.range_)
-        second = one.strata["5-15"].second(places.lead_speed, places.inverse_range, speed)
-        probabilities.append(np.exp(-second).mean())
-    return np.array(probabilities)
-
-
 def test_the_status_reports_the_answer_under_all_draws(campaign):
     lines = "\n".join(whole_in_words(campaign, law_of(campaign)))
     median = float(re.search(r"cut-in (\S+) \(median\)", lines)[1])
     low, high = map(float, re.search(r"80%: (\S+) to (\S+);", lines).groups())
-    known = exact(law_of(campaign))
+    known = braking_probabilities(law_of(campaign), LIMIT)
     assert abs(np.log(median / np.median(known))) < 0.6  # three relative errors of the sampling
     assert low < np.median(known) < high
     assert "only more records reduce" in lines
 
 
-def test_one_law_alone_says_how_to_read_it_under_all(campaign, law):  # noqa: F811
-    assert whole_in_words(campaign, single(law, 0)) == [ALONE]
+def test_one_law_alone_says_how_to_read_it_under_all(campaign, law):
+    assert whole_in_words(campaign, one_draw(law, 0)) == [ALONE]
 
 
-def test_the_density_of_one_law_is_that_of_the_draw(law):  # noqa: F811
-    few, z = law.thinned(6), np.random.default_rng(5).normal(size=(80, 3)) * [1, 1.5, 1.5]
-    for number in range(few.draws.size):
-        one = single(few, number)
-        densities = few.log_densities(one.from_normal_scores(z))
-        np.testing.assert_allclose(log_density(one, z), densities[number], rtol=1e-6, atol=1e-6)
-    densities = few.log_densities(few.from_normal_scores(z))
-    np.testing.assert_allclose(log_density(few, z), np.log(np.exp(densities).mean(axis=0)), atol=1e-6)
-
-
-def test_the_density_of_the_papers_law_is_normalised():
-    """The mean of g / f over draws of f is 1 for every density g of log R and C: here a narrow normal one."""
-    segments = {"slow": Empirical(np.linspace(5, 15, 50)), "fast": Empirical(np.linspace(15, 25, 50))}
-    tails = {name: BoundedExponential(rate) for name, rate in (("slow", 8.0), ("fast", 5.0))}
-    counts = {"slow": 60, "fast": 40}
-    paper = IndependentLaw("", counts, BoundedExponential(20.0, 0.0125), tails, segments)
-    z = np.random.default_rng(6).normal(size=(40_000, 3))
-    cut_ins = paper.from_normal_scores(z)
-    other = norm.logpdf(np.log(cut_ins.range_), 2.5, 0.3) + norm.logpdf(cut_ins.closing_speed, 2.0, 0.5)
-    weights = np.exp(other - log_density(paper, z))
-    assert abs(weights.mean() - 1) < 4.5 * weights.std() / 200
-    wrong = np.exp(other - log_density(paper, z) + np.log(cut_ins.inverse_range))  # one slope forgotten
-    assert abs(wrong.mean() - 1) > 4.5 * wrong.std() / 200
-
-
-def test_a_campaign_under_one_law_is_read_under_all(campaign, law, encounters, folder, capsys):  # noqa: F811
+def test_a_campaign_under_one_law_is_read_under_all(campaign, law, encounters, folder, capsys):
     few = law_of(campaign)
-    known = exact(few)
+    known = braking_probabilities(few, LIMIT)
     middle = int(np.argsort(known)[-3])  # crashes often, so that its runs reach those of the others
-    other = drive(single(few, middle), "one.json", encounters, folder)
+    other = drive(one_draw(few, middle), "one.json", encounters, folder)
     draws = read_draws(folder / "law.json", other)
     found = read_under(other, law_of(other), draws).refined().probabilities
     assert abs(np.log(found[middle] / known[middle])) < 0.6  # three relative errors of the sampling
@@ -145,6 +93,17 @@ def test_a_law_with_draws_read_under_itself_is_unchanged(campaign):
     np.testing.assert_allclose(itself, Course.of(few, campaign.sampler).refined().probabilities, rtol=1e-6)
 
 
+def test_runs_at_the_cap_count_for_all_speeds_from_the_cap_on(campaign, law):
+    """The ratios average to one under each draw, although the draws have another cap."""
+    few, own = law.thinned(6), one_draw(law, 30, cap=6.0)
+    x = own.draw(20_000, np.random.default_rng(7))
+    ratios = np.exp(read_under(campaign, own, few).reweighting._ratios(x))
+    apart = np.abs(ratios.mean(axis=1) - 1) / ratios.std(axis=1) * np.sqrt(len(x))
+    assert apart.max() < 4.5
+    wrong = np.exp(few.log_densities(x) - own.log_density(x))  # densities at the cap, but not under its law
+    assert np.min(np.abs(wrong.mean(axis=1) - 1) / wrong.std(axis=1) * np.sqrt(len(x))) > 9
+
+
 def test_runs_that_do_not_reach_other_laws_are_warned_of():
     assert len(_reach(np.r_[np.full(96, 30.0), np.full(4, 3.0)])) == 1
     (line, warning) = _reach(np.r_[np.full(80, 30.0), np.full(20, 3.0)])
@@ -152,8 +111,7 @@ def test_runs_that_do_not_reach_other_laws_are_warned_of():
     assert "fewer than 10 effective events under 20% of the draws" in warning
 
 
-def test_a_single_law_cannot_be_read_under(campaign, law, encounters, folder):  # noqa: F811
-    table = complete(encounters).assign(segment=encounters["segment"])
-    write_law(folder / "single.json", single(law, 0), table)
+def test_a_single_law_cannot_be_read_under(campaign, law, encounters, folder):
+    write_law(folder / "single.json", one_draw(law, 0), encounters)
     with pytest.raises(InputError, match=r"--under: seen the single law .*; expected a law with draws"):
         read_draws(folder / "single.json", campaign)

@@ -195,19 +195,10 @@ def test_a_law_is_refused_or_gives_cut_ins(law_folder, data):
         assert re.search(r"odd\.json(?:, the encounter table of this law)?: seen", str(error))  # noqa: PT017
         return
     with np.errstate(all="ignore"):
-        cut_ins, _ = law.draw(np.random.default_rng(1), 200)
+        x = law.draw(200, np.random.default_rng(1))
     assert law.closing_speed_max > 0
-    assert (cut_ins.inverse_range > 0).all()
-    assert (cut_ins.inverse_ttc >= 0).all()
-
-
-@pytest.mark.parametrize("cap", [-5, 0, float("nan"), "fast"])
-def test_a_law_without_a_possible_cap_is_refused(law_folder, cap):
-    folder, content, encounters = law_folder
-    content = changed(content, ("closing_speed_max", "value"), cap)
-    (folder / "cap.json").write_text(json.dumps(content))
-    with pytest.raises(InputError, match="expected a complete law file"):
-        read_law(folder / "cap.json", encounters)
+    assert (x[:, 1] > 0).all()
+    assert (x[:, 2] >= 0).all()
 
 
 @pytest.mark.parametrize("speed", [np.nan, np.inf, -1.0, "fast", None])

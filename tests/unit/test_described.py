@@ -26,6 +26,7 @@ from accelerated_evaluation.laws.paper.independent import IndependentLaw
 from accelerated_evaluation.laws.paper.pieces import EXPONENTIAL, PieceFamily, piece_kinds
 from accelerated_evaluation.laws.paper.piecewise import fit_piecewise
 from accelerated_evaluation.publishing.tables.models import parameter_table
+from accelerated_evaluation.records.encounter_table import complete
 
 KINDS = {
     "bounded exponential": BoundedExponential,
@@ -129,11 +130,12 @@ def test_a_new_distribution_is_fitted_stored_and_tabulated_without_another_chang
     law = fit_piecewise(x, 0.0, [0.05], [PieceFamily("toy exponential"), EXPONENTIAL])
     assert law.components[0] == ToyExponential(law.components[0].rate, 0.0, 0.05)
     assert PieceFamily.of(law.components[0]) == PieceFamily("toy exponential")
-    encounters = pd.DataFrame({"segment": ["5-15"], "lead_speed": [10.0]})
+    one = pd.DataFrame({"lead_speed": [10.0], "range": [20.0], "closing_speed": [1.0]})
+    encounters = complete(one).assign(segment="5-15")
     model = IndependentLaw(
         "made up for a test", {"5-15": 500}, law, {"5-15": law}, {"5-15": Empirical([10.0])}
     )
-    write_law(tmp_path / "law.json", model)
+    write_law(tmp_path / "law.json", model, encounters)
     assert read_law(tmp_path / "law.json", encounters) == model
     assert parameter_table(model)[["family", "parameter", "value_unit"]].to_numpy().tolist() == [
         ["toy exponential", "rate", "m"],

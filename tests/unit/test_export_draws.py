@@ -5,17 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from accelerated_evaluation.laws.smooth.dependent import DependentLaw
 from accelerated_evaluation.track.export import page, table_of
-from accelerated_evaluation.track.weighted_set import _places, draw_weighted_set
-from test_mean_law import SUPPORT, encounters, law  # noqa: F401
+from accelerated_evaluation.track.weighted_set import draw_weighted_set
+from mean_law import braking_probabilities, encounters_, law_  # noqa: F401
 
 CRASH = 4.0  # [m/s^2], constant deceleration from which a cut-in ends in a crash
 SETS = 8
 
 
 @pytest.fixture(scope="module")
-def few(law):  # noqa: F811
+def few(law):
     return replace(law.thinned(8), closing_speed_max=np.inf)
 
 
@@ -28,22 +27,10 @@ def crashes(drawn):
     return drawn.table["closing_speed"] ** 2 / (2 * drawn.table["range"]) > CRASH
 
 
-def exact(few, draw):
-    """P(C^2 / (2 R) > CRASH) under one draw, over a lattice of lead speeds and ranges."""
-    draws = few.draws
-    one = DependentLaw(
-        "", few.counts, draws.ranges[draws.shared[draw]], draws.laws[draw], few.lead_speeds, support=SUPPORT
-    )
-    places, _ = _places(one, np.random.default_rng(1))
-    speed = np.sqrt(2 * CRASH * places.range_)
-    stratum = one.strata["5-15"]
-    return np.exp(-stratum.second(places.lead_speed, places.inverse_range, speed)).mean()
-
-
 def test_the_weights_of_each_draw_give_its_probability(few, sets):
     found = np.array([drawn.draws.loc[crashes(drawn)].drop(columns="scenario").sum() for drawn in sets])
     error = found.std(axis=0) / np.sqrt(SETS)
-    known = np.array([exact(few, draw) for draw in range(8)])
+    known = braking_probabilities(few, CRASH)
     assert np.all(np.abs(found.mean(axis=0) - known) < 6 * error)  # eight sets
     under_the_mean = np.array([drawn.table.loc[crashes(drawn), "weight"].sum() for drawn in sets]).mean()
     assert np.abs((under_the_mean - known) / error).max() > 12  # the wrong weights

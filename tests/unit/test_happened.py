@@ -155,8 +155,7 @@ def test_ways_to_crash_share_the_whole_probability_and_are_not_copies(shown, law
 
 
 def test_normal_scores_of_drawn_cut_ins_are_standard_normal(law):
-    cut_ins, _ = law.draw(np.random.default_rng(10), 4000)
-    z = normal_scores(law, cut_ins.lead_speed, cut_ins.range_, cut_ins.closing_speed)
+    z = normal_scores(law, *law.draw(4000, np.random.default_rng(10)).T)
     np.testing.assert_allclose(z.mean(axis=0), 0, atol=4 / 4000**0.5)
     np.testing.assert_allclose(np.cov(z.T), np.eye(3), atol=6 / 4000**0.5)
 

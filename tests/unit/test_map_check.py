@@ -30,10 +30,8 @@ class Striped:
 
 def striped_truth(law, draws=2_000_000):
     """Return the crash probability of `Striped` by crude Monte Carlo, and its standard error."""
-    scores = np.random.default_rng(1).standard_normal((draws, 3))
-    cut_ins = law.from_normal_scores(scores)
-    closing = np.minimum(cut_ins.inverse_ttc / cut_ins.inverse_range, law.closing_speed_max)
-    crash = Striped().simulate(cut_ins.lead_speed, 1 / cut_ins.inverse_range, closing).crash
+    x = law.from_normal_scores(np.random.default_rng(1).standard_normal((draws, 3)))
+    crash = Striped().simulate(*x.T).crash
     return crash.mean(), crash.std() / np.sqrt(draws)
 
 

@@ -9,48 +9,22 @@ from accelerated_evaluation.answer.averaged import AveragedSurrogate
 from accelerated_evaluation.answer.emphasis import Emphasis
 from accelerated_evaluation.answer.references import Reference
 from accelerated_evaluation.answer.reweighting import SampledPosterior
-from accelerated_evaluation.answer.scored_family import score_family
 from accelerated_evaluation.crash_map.mapping import map_crashes
 from accelerated_evaluation.crash_map.maps import Grid
 from accelerated_evaluation.laws.files import read_law, write_law
 from accelerated_evaluation.laws.smooth.conditional import Places, range_grid, speed_grid
-from accelerated_evaluation.laws.smooth.dependent import DependentLaw
-from accelerated_evaluation.laws.smooth.draws import LawDraws
-from accelerated_evaluation.laws.smooth.family import DistinctRecords, Member
-from accelerated_evaluation.laws.smooth.mean import MeanLaw
-from accelerated_evaluation.laws.smooth.support import Support
+from accelerated_evaluation.laws.smooth.family import DistinctRecords
 from accelerated_evaluation.methods.estimate import Stopping
 from accelerated_evaluation.problem import Problem
-from accelerated_evaluation.records.encounter_table import complete
 from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.vehicles import Outcomes
 from accelerated_evaluation.vehicles.events import CRASH
+from mean_law import DRAWS, SUPPORT, encounters_, law_, one_draw  # noqa: F401
 from scipy.special import log_ndtr
 from scipy.stats import norm
 
-SUPPORT = Support((5.0, 25.0), 60.0, 20.0, (15.0,))
-MEMBERS = (Member(), *(Member(0.9, shape) for shape in ("exponential", "generalised", "two kinds")))
 LEVELS = np.arange(0.0005, 1, 0.001)
-DRAWS = 60  # ten more than share a body
 CAP = 6.0  # m/s, which many closing speeds exceed
-
-
-@pytest.fixture(scope="module")
-def encounters():
-    generator = np.random.default_rng(5)
-    lead_speed, range_ = generator.uniform(5, 25, 3000), 60 * generator.beta(2, 1.2, 3000)
-    closing_speed = generator.exponential(0.5 + 0.03 * range_).clip(0, 19.9)
-    segment = np.where(lead_speed < 15, "5-15", "15-25")
-    columns = {"lead_speed": lead_speed, "range": range_, "closing_speed": closing_speed}
-    return complete(pd.DataFrame(columns)).assign(segment=segment)
-
-
-@pytest.fixture(scope="module")
-def law(encounters):
-    scored = score_family(DistinctRecords.of(encounters, SUPPORT), MEMBERS, 3)
-    weights = np.full((DRAWS, len(MEMBERS)), 1 / len(MEMBERS))
-    draws = LawDraws.of(scored.family, MEMBERS, weights, SUPPORT, np.random.default_rng(2))
-    return MeanLaw.fitted(draws, encounters, "mean of draws", 40.0)
 
 
 @pytest.fixture(scope="module")
@@ -166,8 +140,7 @@ def test_densities_integrate_to_one_with_the_atom_at_the_cap(law, lead_speed):
     free = np.exp(law.log_densities(x))
     assert np.all(np.abs(free @ weight - 1) > 1e-3)  # the density at the cap in place of its probability
     for k in (0, 20, 40, DRAWS - 1):
-        draw = law.draws.ranges[law.draws.shared[k]], law.draws.laws[k], law.lead_speeds
-        alone = DependentLaw("one draw", law.counts, *draw, CAP, SUPPORT)
+        alone = one_draw(law, k, CAP)
         np.testing.assert_allclose(np.exp(alone.log_density(x)), densities[k], rtol=1e-9)
     outside = np.array([[lead_speed, 60.1, 1.0], [lead_speed, 20.0, CAP + 1e-9], [lead_speed, 20.0, -0.1]])
     assert np.isneginf(capped.log_density(outside)).all()

@@ -5,24 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from accelerated_evaluation.base.errors import InputError
-from accelerated_evaluation.laws.joint import Box
-from accelerated_evaluation.laws.joint.truncated import Normals
-from accelerated_evaluation.laws.joint.truncated_normals import TruncatedNormalMixture
+from accelerated_evaluation.laws import Box
+from accelerated_evaluation.laws.files import write_law
+from accelerated_evaluation.laws.joint.folding import folded
 from accelerated_evaluation.methods import METHODS, Stopping
 from accelerated_evaluation.methods.normal_mixture import DEFENSIVE, NormalMixture
 from accelerated_evaluation.methods.study import study_method
-from accelerated_evaluation.problem import Problem
+from accelerated_evaluation.problem import Problem, read_law_of
+from accelerated_evaluation.scenarios.cut_in import CUT_IN
 from accelerated_evaluation.scenarios.left_turn import LEFT_TURN
+from accelerated_evaluation.scenarios.pedestrian import PEDESTRIAN
 from accelerated_evaluation.study.configuration import load
+from law_folder import LAW as CUT_INS
+from normal_law import left_turn_law, normal_law
 from scipy.stats import binom, truncnorm
 
-MEAN, DEVIATION = np.array([14.0, 7.0, 60.0]), np.array([5.0, 3.0, 25.0])
 LIMIT = 15.5  # m/s, the turning speed from which on the toy crashes
-
-
-def law_within(upper=LEFT_TURN.limits[:, 1]):
-    box = Box(LEFT_TURN.names, (0.0, 0.0, 0.0), tuple(map(float, upper)))
-    return TruncatedNormalMixture(np.ones(1), Normals(MEAN[None], np.diag(DEVIATION**2)[None], box))
 
 
 class Fast:
@@ -36,8 +34,8 @@ class Fast:
         return LEFT_TURN.outcome_type(**columns | flags)
 
 
-PROBLEM = Problem(LEFT_TURN, law_within(), Fast(), LEFT_TURN.events[0])
-EXACT = truncnorm(-MEAN[1] / DEVIATION[1], (60 - MEAN[1]) / DEVIATION[1], MEAN[1], DEVIATION[1]).sf(LIMIT)
+PROBLEM = Problem(LEFT_TURN, left_turn_law(), Fast())
+EXACT = truncnorm((0 - 7) / 3, (60 - 7) / 3, 7, 3).sf(LIMIT)  # turning speeds of the law
 METHODS_OF_SCORES = ("crude", "normal_mixture", "surrogate")
 
 
@@ -99,17 +97,46 @@ def test_runs_are_listed_by_the_variables_of_the_scenario():
     assert ((runs["turning_speed_mps"] >= LIMIT) == runs["event"]).all()
 
 
-def test_a_law_beyond_the_limits_or_of_other_variables_is_refused():
-    with pytest.raises(InputError, match=r"sdv_speed_mps from 0 to 99, .*expected limits within"):
-        replace(PROBLEM, law=law_within([99, 60, 150]))
-    other = Normals(MEAN[None], np.eye(3)[None], Box(("a", "b", "c"), (0, 0, 0), (30, 60, 150)))
-    with pytest.raises(InputError, match="a from 0 to 30"):
-        replace(PROBLEM, law=TruncatedNormalMixture(np.ones(1), other))
+BEYOND = left_turn_law(upper=[99, 60, 150])
+OTHER = normal_law((14, 7, 60), np.eye(3), Box(("a", "b", "c"), (0, 0, 0), (30, 60, 150)))
+
+
+@pytest.mark.parametrize(
+    ("scenario", "law", "message"),
+    [
+        (
+            LEFT_TURN,
+            BEYOND,
+            "sdv_speed_mps from 0 to 99, .*expected limits within sdv_speed_mps from 0 to 35",
+        ),
+        (LEFT_TURN, OTHER, "left_turn: seen a from 0 to 30"),
+        (LEFT_TURN, CUT_INS, "left_turn: seen lead_speed from 0 to inf, range from 0 to 75"),
+        (CUT_IN, left_turn_law(), "cut_in: seen sdv_speed_mps from 0 to 35"),
+        (PEDESTRIAN, left_turn_law(), "pedestrian: seen sdv_speed_mps from 0 to 35"),
+    ],
+)
+def test_a_law_beyond_the_limits_or_of_another_scenario_is_refused(scenario, law, message, tmp_path):
+    with pytest.raises(InputError, match=message):
+        Problem(scenario, law, Fast())
+    if law is not CUT_INS:
+        write_law(tmp_path / "law.json", law)
+        with pytest.raises(InputError, match=message):
+            read_law_of(scenario, tmp_path / "law.json")
+
+
+def test_a_law_of_both_directions_is_read_as_one_of_absolute_values(tmp_path):
+    box = Box(PEDESTRIAN.names, *(tuple(map(float, ends)) for ends in PEDESTRIAN.limits.T))
+    law = normal_law((8, 1, 20), np.diag([4, 4, 50]), box)
+    write_law(tmp_path / "law.json", law)
+    read = read_law_of(PEDESTRIAN, tmp_path / "law.json")
+    assert read.box.lower[1] == 0 > law.box.lower[1]
+    x = law.draw(20, np.random.default_rng(2))
+    np.testing.assert_allclose(read.log_density(np.abs(x)), folded(law, 1).log_density(np.abs(x)), 1e-12)
 
 
 def test_the_fingerprint_names_every_part():
     others = [
-        replace(PROBLEM, law=law_within([30, 60, 150])),
+        replace(PROBLEM, law=left_turn_law(upper=[30, 60, 150])),
         replace(PROBLEM, event=LEFT_TURN.events[-1]),
         replace(PROBLEM, graded=False),
     ]

@@ -52,7 +52,7 @@ def runs():
         for replicate in range(3)
         for run, phase in enumerate(20 * ["search"] + 50 * ["learn"] + 30 * ["estimate"], 1)
     ]
-    names = ["scope", "replicate", "run", "phase", "z_inverse_range", "z_inverse_ttc", "segment", "event"]
+    names = ["scope", "replicate", "run", "phase", "z_range", "z_closing_speed", "segment", "event"]
     return pd.DataFrame(rows, columns=names)
 
 

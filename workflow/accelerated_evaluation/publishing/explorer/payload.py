@@ -19,6 +19,7 @@ from accelerated_evaluation.answer.weighted_family import WeightedLaws
 from accelerated_evaluation.base.arrays import Array
 from accelerated_evaluation.crash_map.maps import CrashMap
 from accelerated_evaluation.laws.smooth.family import DistinctRecords
+from accelerated_evaluation.laws.strata import VARIABLES
 
 RATIO_STEP = 0.05  # step to which the logarithms of ratios are rounded
 SPEED_STEP = 1 / 256  # [m/s], step to which closing speeds are rounded
@@ -186,9 +187,8 @@ def add_runs(payload: Payload, runs: pd.DataFrame) -> None:
         Table ``sampled/runs.csv``. Repeated simulations of the same cut-in are left out.
     """
     once = runs[runs["phase"] != "repeat"]
-    payload.add("run_lead_speed", once["lead_speed"], "f4")
-    payload.add("run_range", 1 / once["inverse_range"], "f4")
-    payload.add("run_closing_speed", once["inverse_ttc"] / once["inverse_range"], "f4")
+    for name in VARIABLES:
+        payload.add(f"run_{name}", once[name], "f4")
     payload.add("run_crash", once["event"], "u1")
 
 

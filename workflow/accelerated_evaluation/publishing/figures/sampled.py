@@ -79,9 +79,7 @@ def fig36_crashes_among_runs(
         and share.
     """
     near = encounters[encounters["inverse_ttc"] > NEAR]
-    safe = sampled_runs.loc[~sampled_runs["event"], ["lead_speed", "inverse_range", "inverse_ttc"]]
-    safe = safe.assign(range=1 / safe["inverse_range"], outcome="no crash", share=0.0)
-    safe["closing_speed"] = safe["inverse_ttc"] * safe["range"]
+    safe = sampled_runs[~sampled_runs["event"]].assign(outcome="no crash", share=0.0)
     crashes = sampled_crashes.assign(outcome="crash")
     columns = ["outcome", "lead_speed", "range", "closing_speed", "share"]
     data = pd.concat([safe[columns], crashes[columns]] if len(crashes) else [safe[columns]])

@@ -28,7 +28,7 @@ from accelerated_evaluation.publishing.tables.formats import readable
 from accelerated_evaluation.publishing.tables.surrogate import PHASES, side_by_side
 
 MARGIN = 0.5  # margin around the crashes in figure 19 (b), in units of the normal scores
-SCORES = {"z_inverse_range": "$R^{-1}$", "z_inverse_ttc": "$TTC^{-1}$"}
+SCORES = {"z_range": "$R^{-1}$", "z_closing_speed": "$TTC^{-1}$"}
 PHASE_LOOKS = {
     "search": {"color": "#8c8c8c", "marker": "^"},
     "learn": {"color": "#2b8cbe", "marker": "s"},
@@ -60,7 +60,7 @@ def fig19_surrogate_runs(
     figure, data
         Panel (a) shows every simulation of the first replicate over all segments. Panel (b) enlarges the part
         with the crashes of the phases learn and estimate. Their data are run, phase, segment,
-        z_inverse_range, z_inverse_ttc and event. Panel (c) shows, for each segment, the shares of lane
+        z_range, z_closing_speed and event. Panel (c) shows, for each segment, the shares of lane
         changes, simulations of all replicates, and crashes: segment, quantity and share.
     """
     runs = runs[runs["scope"] == "all"]
@@ -81,7 +81,7 @@ def fig19_surrogate_runs(
         if not core.empty:
             low, high = core.min() - MARGIN, core.max() + MARGIN
             panels["b"].set(**{f"{axis}lim": (low[z], high[z]) for axis, z in zip("xy", SCORES, strict=True)})
-        panels["a"].set_ylabel(f"score of {SCORES['z_inverse_ttc']}")
+        panels["a"].set_ylabel(f"score of {SCORES['z_closing_speed']}")
         _draw_shares(panels["c"], spread, y)
         signs = panels["a"].get_legend_handles_labels()
         drawn.legend(*signs, loc="outside upper center", ncols=3, columnspacing=1, handletextpad=0.3)
@@ -167,7 +167,7 @@ def _draw_scores(axes: Axes, shown: pd.DataFrame) -> None:
             rows = shown[(shown["phase"] == phase) & (shown["event"] == event)]
             how = {"fillstyle": "full" if event else "none", "zorder": 3 if event else 2}
             axes.plot(*(rows[z] for z in SCORES), label=f"{phase}, {outcome}", **style, **how, **look)
-    axes.set_xlabel(f"score of {SCORES['z_inverse_range']}")
+    axes.set_xlabel(f"score of {SCORES['z_range']}")
 
 
 def _draw_shares(axes: Axes, spread: pd.DataFrame, y: Array) -> None:

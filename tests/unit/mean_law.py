@@ -1,0 +1,54 @@
+"""A mean law of 60 draws, and the probability under each draw that a cut-in needs hard braking."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from accelerated_evaluation.answer.scored_family import score_family
+from accelerated_evaluation.laws.smooth.dependent import DependentLaw
+from accelerated_evaluation.laws.smooth.draws import LawDraws
+from accelerated_evaluation.laws.smooth.family import DistinctRecords, Member
+from accelerated_evaluation.laws.smooth.mean import MeanLaw
+from accelerated_evaluation.laws.smooth.support import Support
+from accelerated_evaluation.records.encounter_table import complete
+from accelerated_evaluation.track.weighted_set import _places
+
+SUPPORT = Support((5.0, 25.0), 60.0, 20.0, (15.0,))
+MEMBERS = (Member(), *(Member(0.9, shape) for shape in ("exponential", "generalised", "two kinds")))
+DRAWS = 60  # ten more than share a body
+
+
+@pytest.fixture(scope="module", name="encounters")
+def encounters_():
+    generator = np.random.default_rng(5)
+    lead_speed, range_ = generator.uniform(5, 25, 3000), 60 * generator.beta(2, 1.2, 3000)
+    closing_speed = generator.exponential(0.5 + 0.03 * range_).clip(0, 19.9)
+    segment = np.where(lead_speed < 15, "5-15", "15-25")
+    columns = {"lead_speed": lead_speed, "range": range_, "closing_speed": closing_speed}
+    return complete(pd.DataFrame(columns)).assign(segment=segment)
+
+
+@pytest.fixture(scope="module", name="law")
+def law_(encounters):
+    scored = score_family(DistinctRecords.of(encounters, SUPPORT), MEMBERS, 3)
+    weights = np.full((DRAWS, len(MEMBERS)), 1 / len(MEMBERS))
+    draws = LawDraws.of(scored.family, MEMBERS, weights, SUPPORT, np.random.default_rng(2))
+    return MeanLaw.fitted(draws, encounters, "mean of draws", 40.0)
+
+
+def one_draw(law, k, cap=np.inf):
+    """Return draw k of a mean law as a law of its own."""
+    draws = law.draws
+    parts = draws.ranges[draws.shared[k]], draws.laws[k], law.lead_speeds
+    return DependentLaw(f"draw {k}", law.counts, *parts, cap, SUPPORT)
+
+
+def braking_probabilities(law, deceleration):
+    """P(C^2 / (2 R) > deceleration [m/s^2]) under every draw, over a lattice of lead speeds and ranges."""
+    found = []
+    for k in range(law.draws.size):
+        one = one_draw(law, k)
+        places, _ = _places(one, np.random.default_rng(1))
+        lead_speed, range_, _ = places.T
+        second = one.strata["5-15"].second(lead_speed, 1 / range_, np.sqrt(2 * deceleration * range_))
+        found.append(np.exp(-second).mean())
+    return np.array(found)
